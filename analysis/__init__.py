@@ -1,0 +1,1 @@
+"""What an analyst makes of a dataset on disk: tables, tests, figures, one report."""

@@ -1,0 +1,1 @@
+"""Devices behind small ports, and their drivers; each driver imports its library inside."""

@@ -1,0 +1,112 @@
+"""One small Protocol per device. A driver is one file that implements one of these."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A run of foot positions, in the order the device sent them.
+
+    Attributes:
+        device_us: device time of each sample, microseconds, int64, shape (n,), strictly rising.
+        height_mm: height of the sole above the panel, mm, float64, shape (n,).
+        raw: the bytes from which they were decoded, damaged frames included.
+    """
+
+    device_us: NDArray[np.int64]
+    height_mm: NDArray[np.float64]
+    raw: bytes
+
+
+@dataclass(frozen=True)
+class LinkCounts:
+    """What a serial link did since it was opened, in frames."""
+
+    received: int = 0
+    lost: int = 0
+    damaged: int = 0
+    repeated: int = 0
+
+    def since(self, earlier: LinkCounts) -> LinkCounts:
+        """Counts from `earlier` until now."""
+        return LinkCounts(
+            self.received - earlier.received,
+            self.lost - earlier.lost,
+            self.damaged - earlier.damaged,
+            self.repeated - earlier.repeated,
+        )
+
+
+class Tracker(Protocol):
+    """Where the foot is. Time is the device's own counter."""
+
+    @property
+    def counts(self) -> LinkCounts:
+        """Frames received, lost, damaged and repeated since the port was opened."""
+        ...
+
+    def drain(self) -> None:
+        """Throw away what arrived before now; the gap this leaves is not counted as lost."""
+        ...
+
+    def read(self) -> Samples:
+        """Wait for the next samples, at least one. Raises `TrackerStopped` within 200 ms of silence."""
+        ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Played:
+    """What an actuator accepted.
+
+    Attributes:
+        samples: how many were handed to the device.
+        limited: how many the limiter changed.
+        peak_m_s2: largest magnitude after the limiter, m/s^2.
+    """
+
+    samples: int
+    limited: int
+    peak_m_s2: float
+
+
+class Actuator(Protocol):
+    """What shakes the panel."""
+
+    @property
+    def rate_hz(self) -> int:
+        """Samples a second that `play` expects."""
+        ...
+
+    def play(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+        """Play a whole stimulus from its first sample on. Raises `ActuatorError`."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class Console(Protocol):
+    """What the experimenter sees and keys. It never decides what comes next."""
+
+    def show(self, text: str) -> None:
+        """Put a line before the experimenter."""
+        ...
+
+    def arm(self, *, trial: int, attempt: int, trials: int, place: str | None) -> None:
+        """The next step starts trial `trial` of `trials`; `place` is the real object to lay out, if any."""
+        ...
+
+    def ask(self, *, trial: int, keys: dict[str, str]) -> str:
+        """Wait for one of `keys` (key -> what it stands for) and return it."""
+        ...
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        """The answer is on disk."""
+        ...

@@ -1,0 +1,58 @@
+"""Time as the session sees it: integer nanoseconds since 1970, never going back.
+
+Two clocks: `MonotonicClock` for a participant in the room, `ManualClock` for a rehearsal in simulated
+time. Nothing else in palpate asks the operating system for the time.
+"""
+
+from __future__ import annotations
+
+import time
+from datetime import UTC, datetime
+from typing import Protocol
+
+
+class Clock(Protocol):
+    """What the session needs of time."""
+
+    def now_ns(self) -> int:
+        """Nanoseconds since 1970-01-01T00:00Z, monotonic within a process."""
+        ...
+
+    def sleep_ns(self, duration_ns: int) -> None:
+        """Let `duration_ns` pass."""
+        ...
+
+
+class MonotonicClock:
+    """The machine's monotonic clock, anchored once to the wall clock."""
+
+    def __init__(self) -> None:
+        self._anchor_ns = time.time_ns() - time.monotonic_ns()
+
+    def now_ns(self) -> int:
+        return self._anchor_ns + time.monotonic_ns()
+
+    def sleep_ns(self, duration_ns: int) -> None:
+        time.sleep(max(duration_ns, 0) / 1e9)
+
+
+class ManualClock:
+    """Simulated time: it moves only when somebody lets time pass."""
+
+    def __init__(self, start_ns: int) -> None:
+        self._now_ns = start_ns
+
+    def now_ns(self) -> int:
+        return self._now_ns
+
+    def sleep_ns(self, duration_ns: int) -> None:
+        self._now_ns += max(duration_ns, 0)
+
+
+def utc(now_ns: int) -> str:
+    """ISO 8601 text of a clock reading, to the second.
+
+    Args:
+        now_ns: reading of a `Clock`, ns.
+    """
+    return datetime.fromtimestamp(now_ns // 1_000_000_000, tz=UTC).isoformat()

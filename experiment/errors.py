@@ -1,0 +1,106 @@
+"""Every error that palpate raises on purpose; each says what it got, what is allowed and what to do.
+
+    PalpateError                exit code 2, one line for the experimenter
+    ├── ProtocolError           a protocol file that cannot be used; holds every problem at once
+    ├── ScheduleError           an order that no arrangement of trials satisfies
+    ├── RosterError             an unknown participant, or one that may not run
+    ├── RigError                a rig file that cannot be used
+    ├── RecordingError          a recording or manifest that cannot be used
+    ├── SynthesisError          input that no equation of synthesis/ accepts
+    ├── TrackerError            the foot's serial port
+    │   └── TrackerStopped      no frame within the limit, or the port has gone
+    ├── ActuatorError           the stimulus could not be handed to the device
+    ├── JournalError            a journal that cannot be trusted or continued
+    │   └── SessionLocked       another runner holds this participant
+    ├── SessionError            a step that the session's state does not allow
+    └── DatasetError            a dataset that cannot be read, or would be overwritten
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+class PalpateError(Exception):
+    """Base of all; `str()` is the line shown to the experimenter."""
+
+    exit_code = 2
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing wrong in a file: where it stands, what was got, what is allowed."""
+
+    path: str
+    line: int | None
+    got: str
+    allowed: str
+
+    def __str__(self) -> str:
+        where = f"line {self.line}: " if self.line is not None else ""
+        return f"{where}{self.path}: got {self.got}; allowed: {self.allowed}"
+
+
+class ProtocolError(PalpateError):
+    """A protocol file that cannot be used.
+
+    Args:
+        file: the protocol file, as the user named it.
+        problems: every problem found, in the order of their lines.
+    """
+
+    def __init__(self, file: str, problems: Sequence[Problem]) -> None:
+        self.file = file
+        self.problems = tuple(problems)
+        count = len(self.problems)
+        head = f"{file}: {count} error{'s' if count != 1 else ''}"
+        super().__init__("\n".join([head, *(f"  {p}" for p in self.problems)]))
+
+
+class ScheduleError(PalpateError):
+    """An order that no arrangement of trials satisfies."""
+
+
+class RosterError(PalpateError):
+    """An unknown participant, or one that may not run."""
+
+
+class RigError(PalpateError):
+    """A rig file that cannot be used."""
+
+
+class RecordingError(PalpateError):
+    """A recording or a manifest that cannot be used."""
+
+
+class SynthesisError(PalpateError):
+    """Input that no equation of synthesis/ accepts."""
+
+
+class TrackerError(PalpateError):
+    """The foot's serial port cannot be opened or read."""
+
+
+class TrackerStopped(TrackerError):
+    """No frame came within the limit, or the port has gone."""
+
+
+class ActuatorError(PalpateError):
+    """The stimulus could not be handed to the device."""
+
+
+class JournalError(PalpateError):
+    """A journal that cannot be trusted or continued."""
+
+
+class SessionLocked(JournalError):
+    """Another runner holds this participant."""
+
+
+class SessionError(PalpateError):
+    """A step that the session's present state does not allow."""
+
+
+class DatasetError(PalpateError):
+    """A dataset that cannot be read, or that would be overwritten."""

@@ -1,0 +1,179 @@
+"""Models of every journal entry, and the columns of the tables made from them; shared with analysis.
+
+A journal is one session (one participant doing one task): a `Header`, then entries, then a `Footer`.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter
+
+NO_ANSWER = "(none)"
+"""How a trial without an answer stands in tables."""
+
+
+class Entry(BaseModel):
+    """Base of every entry; the journal adds number, time and the hash of the line before."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+
+class PlannedTrial(Entry):
+    """One place in the realised order: trial number from 1, and the material presented there."""
+
+    trial: int
+    presented: str
+
+
+class Header(Entry):
+    """What this session is; written before the first trial, never again."""
+
+    kind: Literal["header"] = "header"
+    study: str
+    protocol_sha256: str
+    software: str
+    rig: str
+    rig_sha256: str
+    seed: int
+    participant: str
+    task: str
+    task_position: int
+    rehearsal: bool
+    started_utc: str
+    order: tuple[PlannedTrial, ...]
+
+
+class TrackerOpened(Entry):
+    """The tracker's port was opened: which device time is which session time (of its first frame)."""
+
+    kind: Literal["tracker"] = "tracker"
+    port: str
+    device_us: int
+    t_ns: int
+
+
+class Phase(Entry):
+    """The session entered a state of its transition table."""
+
+    kind: Literal["phase"] = "phase"
+    state: str
+    detail: str = ""
+
+
+class Stimulus(Entry):
+    """What was synthesised and handed to the actuator.
+
+    `sha256` is that of the samples as float64, little-endian. `floored_bins` counts the bins that
+    extrapolation would have made negative.
+    """
+
+    sha256: str
+    samples: int
+    rate_hz: int
+    floored_bins: int
+    extrapolated: bool
+    limited: int
+    peak_m_s2: float
+
+
+class Link(Entry):
+    """Frames of the tracker between arming and contact."""
+
+    received: int
+    lost: int
+    damaged: int
+    repeated: int
+
+
+class Trace(Entry):
+    """Where the raw frames of a step stand in the session's foot file."""
+
+    offset: int
+    length: int
+    sha256: str
+
+
+class FootStep(Entry):
+    """One step of the foot, in device time, with the stimulus it set off."""
+
+    kind: Literal["step"] = "step"
+    trial: int
+    attempt: int
+    presented: str
+    gate_top_us: float
+    gate_bottom_us: float
+    contact_us: float
+    speed_mm_s: float
+    link: Link
+    trace: Trace
+    stimulus: Stimulus | None
+
+
+class Answer(Entry):
+    """A confirmed answer; `answered` is None where the participant gave none."""
+
+    kind: Literal["answer"] = "answer"
+    trial: int
+    attempt: int
+    presented: str
+    answered: str | None
+    key: str
+    response_time_s: float
+
+
+class Redo(Entry):
+    """An attempt that does not count, and why; the trial is run again as the next attempt."""
+
+    kind: Literal["redo"] = "redo"
+    trial: int
+    attempt: int
+    reason: str
+
+
+class Resumed(Entry):
+    """A runner took the session up again; `torn` is what stood after the last whole line."""
+
+    kind: Literal["resumed"] = "resumed"
+    torn: str
+    remaining: tuple[int, ...]
+
+
+class Footer(Entry):
+    """Why the session ended. Only `paused` and `error` can be resumed."""
+
+    kind: Literal["footer"] = "footer"
+    reason: Literal["complete", "withdrawn", "paused", "error"]
+    detail: str = ""
+    answered: int
+
+
+AnyEntry = Annotated[
+    Header | TrackerOpened | Phase | FootStep | Answer | Redo | Resumed | Footer,
+    Field(discriminator="kind"),
+]
+ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
+
+
+EVENT_COLUMNS: dict[str, dict[str, object]] = {
+    "onset": {
+        "Description": "Contact of the foot with the panel, from the first frame of the session's tracker. "
+        "n/a where no clock ran.",
+        "Units": "s",
+    },
+    "duration": {"Description": "Length of the stimulus. n/a where none was played by the rig.", "Units": "s"},
+    "trial": {"Description": "Place of the trial in the realised order, from 1."},
+    "attempt": {"Description": "1 for the first attempt at this trial, 2 after one redo, and so on."},
+    "counted": {
+        "Description": "Whether this attempt is the one that counts.",
+        "Levels": {"1": "the attempt that counts", "0": "done again: see redo_reason"},
+    },
+    "presented": {"Description": "Material presented."},
+    "answered": {"Description": f"Material the participant named; {NO_ANSWER} where none was named."},
+    "response_time": {"Description": "From contact to the confirmed answer. n/a where no clock ran.", "Units": "s"},
+    "foot_speed": {"Description": "10 mm divided by the time from 20 mm to 10 mm above the panel.", "Units": "mm/s"},
+    "frames_lost": {"Description": "Tracker frames lost or damaged between arming and contact."},
+    "floored_bins": {"Description": "Bins of the synthesised spectrum floored at zero. n/a without synthesis."},
+    "redo_reason": {"Description": "Why this attempt was done again. n/a where it counts."},
+}
+"""Columns of `_events.tsv` in their order, as the sidecar describes them."""

@@ -1,0 +1,1 @@
+"""REHEARSAL: simulated participants and materials that drive the real ports, never a shortcut."""

@@ -1,0 +1,1 @@
+"""One participant doing one task: states, journal, runner, resume."""

@@ -1,0 +1,1 @@
+"""Pure numerics, no hardware: spectra of recordings and the stimuli made from them."""
