@@ -1,19 +1,19 @@
 """Every error that palpate raises on purpose; each says what it got, what is allowed and what to do.
 
-    PalpateError                exit code 2, one line for the experimenter
-    ├── ProtocolError           a protocol file that cannot be used; holds every problem at once
-    ├── ScheduleError           an order that no arrangement of trials satisfies
-    ├── RosterError             an unknown participant, or one that may not run
-    ├── RigError                a rig file that cannot be used
-    ├── RecordingError          a recording or manifest that cannot be used
-    ├── SynthesisError          input that no equation of synthesis/ accepts
-    ├── TrackerError            the foot's serial port
-    │   └── TrackerStopped      no frame within the limit, or the port has gone
-    ├── ActuatorError           the stimulus could not be handed to the device
-    ├── JournalError            a journal that cannot be trusted or continued
-    │   └── SessionLocked       another runner holds this participant
-    ├── SessionError            a step that the session's state does not allow
-    └── DatasetError            a dataset that cannot be read, or would be overwritten
+PalpateError                exit code 2, one line for the experimenter
+├── ProtocolError           a protocol file that cannot be used; holds every problem at once
+├── ScheduleError           an order that no arrangement of trials satisfies
+├── RosterError             an unknown participant, or one that may not run
+├── RigError                a rig file that cannot be used
+├── RecordingError          a recording or manifest that cannot be used
+├── SynthesisError          input that no equation of synthesis/ accepts
+├── TrackerError            the foot's serial port
+│   └── TrackerStopped      no frame within the limit, or the port has gone
+├── ActuatorError           the stimulus could not be handed to the device
+├── JournalError            a journal that cannot be trusted or continued
+│   └── SessionLocked       another runner holds this participant
+├── SessionError            a step that the session's state does not allow
+└── DatasetError            a dataset that cannot be read, or would be overwritten
 """
 
 from __future__ import annotations

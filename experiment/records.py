@@ -175,5 +175,13 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
     "frames_lost": {"Description": "Tracker frames lost or damaged between arming and contact."},
     "floored_bins": {"Description": "Bins of the synthesised spectrum floored at zero. n/a without synthesis."},
     "redo_reason": {"Description": "Why this attempt was done again. n/a where it counts."},
+    "origin": {
+        "Description": "What produced this row.",
+        "Levels": {
+            "PARTICIPANT": "a participant in the room",
+            "REHEARSAL": "simulated participants, simulated materials",
+            "RECONSTRUCTION": "consistent with printed tables, no original data",
+        },
+    },
 }
 """Columns of `_events.tsv` in their order, as the sidecar describes them."""

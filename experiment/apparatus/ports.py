@@ -16,7 +16,8 @@ class Samples:
     Attributes:
         device_us: device time of each sample, microseconds, int64, shape (n,), strictly rising.
         height_mm: height of the sole above the panel, mm, float64, shape (n,).
-        raw: the bytes from which they were decoded, damaged frames included.
+        raw: the bytes taken from the line since the samples before, damaged frames included. Joined in order
+            they decode to the same samples; a frame may be torn between two of them.
     """
 
     device_us: NDArray[np.int64]
@@ -26,12 +27,28 @@ class Samples:
 
 @dataclass(frozen=True)
 class LinkCounts:
-    """What a serial link did since it was opened, in frames."""
+    """What a serial link did since it was opened, in frames.
+
+    Attributes:
+        received: good frames, repeated ones not among them.
+        lost: missing sequence numbers that left no damaged frame behind, so that a frame is never counted twice.
+        damaged: stretches of the stream that are no frame.
+        repeated: frames that came twice; the second was dropped.
+    """
 
     received: int = 0
     lost: int = 0
     damaged: int = 0
     repeated: int = 0
+
+    def plus(self, more: LinkCounts) -> LinkCounts:
+        """Counts of both."""
+        return LinkCounts(
+            self.received + more.received,
+            self.lost + more.lost,
+            self.damaged + more.damaged,
+            self.repeated + more.repeated,
+        )
 
     def since(self, earlier: LinkCounts) -> LinkCounts:
         """Counts from `earlier` until now."""
@@ -56,7 +73,12 @@ class Tracker(Protocol):
         ...
 
     def read(self) -> Samples:
-        """Wait for the next samples, at least one. Raises `TrackerStopped` within 200 ms of silence."""
+        """Wait for the next samples, at least one.
+
+        Raises:
+            TrackerStopped: within 200 ms of silence, or when the port has gone.
+            TrackerError: the device's clock is no longer the one it was.
+        """
         ...
 
     def close(self) -> None: ...
@@ -97,6 +119,10 @@ class Console(Protocol):
 
     def show(self, text: str) -> None:
         """Put a line before the experimenter."""
+        ...
+
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        """Wait while the participant handles the real materials; returns when the experimenter ends it."""
         ...
 
     def arm(self, *, trial: int, attempt: int, trials: int, place: str | None) -> None:

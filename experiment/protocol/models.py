@@ -1,24 +1,57 @@
 """Frozen models of a protocol file: what a study is, as its ethics board approved it.
 
 Unknown keys are refused. Units stand in the names. Text that a board reads is kept word for word.
+What must hold between fields stands in `rules`; each model names its own.
 """
 
 from __future__ import annotations
 
 from datetime import date
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic_core import PydanticCustomError
 
-Text = Annotated[str, Field(min_length=1)]
-Label = Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*$", description="BIDS label: lower-case letters and digits")]
-Key = Annotated[str, Field(min_length=1, max_length=1)]
+from experiment.protocol import rules
+
+BROKEN_RULE = "broken_rule"
+"""Type of the validation error that stands for broken rules."""
+
+Text = Annotated[str, Field(pattern=r"\S", description="text, not blank")]
+Label = Annotated[
+    str,
+    Field(
+        pattern=r"^[a-z][a-z0-9]{0,31}$",
+        description="up to 32 lower-case letters and digits, a letter first (it names files)",
+    ),
+]
+Name = Annotated[
+    str,
+    Field(
+        pattern=r"^[^\s\p{Cc}]([^\p{Cc}]{0,38}[^\s\p{Cc}])?$",
+        description="one line of 1 to 40 characters, no blank at either end",
+    ),
+]
+Key = Annotated[
+    str,
+    Field(pattern=r"^[!-@\[-~]$", description="one ASCII character, neither a capital letter nor a blank"),
+]
 
 
 class Confined(BaseModel):
     """Base of every model: frozen, strict, no unknown key."""
 
     model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+    RULES: ClassVar[rules.Rules] = rules.none
+
+    @model_validator(mode="after")
+    def _rules_hold(self) -> Self:
+        broken = tuple(type(self).RULES(self.model_dump()))
+        if broken:
+            text = "; ".join(f"{rules.written(one.path)}: allowed: {one.allowed}" for one in broken)
+            raise PydanticCustomError(BROKEN_RULE, "{text}", {"text": text})
+        return self
 
 
 class Study(Confined):
@@ -33,18 +66,14 @@ class Study(Confined):
 class Ethics(Confined):
     """Who approved the study. The fields of a lab's own approval stay empty in a published protocol."""
 
+    RULES: ClassVar[rules.Rules] = rules.ethics
+
     board: Text
     statement: Text
     approval_number: str = ""
     approved_on: date | None = None
     expires_on: date | None = None
     contact: str = ""
-
-    @model_validator(mode="after")
-    def _in_order(self) -> Ethics:
-        if self.approved_on and self.expires_on and self.expires_on <= self.approved_on:
-            raise ValueError(f"expires_on must be after approved_on ({self.approved_on})")
-        return self
 
 
 class Eligibility(Confined):
@@ -61,8 +90,17 @@ class Consent(Confined):
     voice_recordings: bool = False
 
 
+class Duration(Confined):
+    """How long one participant's visit takes, all tasks and breaks included, as participants are told before."""
+
+    RULES: ClassVar[rules.Rules] = rules.duration
+
+    shortest_min: Annotated[float, Field(gt=0)]
+    longest_min: Annotated[float, Field(gt=0)]
+
+
 class Exposure(Confined):
-    """Limits that protect the participant; never pruned."""
+    """Limits that protect the participant; never pruned. A session is one task of one participant."""
 
     vibration_peak_m_s2: Annotated[float, Field(gt=0, le=100)]
     masker_level_db_a: Annotated[float, Field(gt=0, le=85)]
@@ -80,14 +118,18 @@ class Masker(Confined):
 class Material(Confined):
     """One of the materials a participant tells apart, and how its name is said and keyed."""
 
-    id: Text
+    RULES: ClassVar[rules.Rules] = rules.material
+
+    id: Name
     key: Key
-    spoken: Annotated[tuple[Text, ...], Field(min_length=1)]
+    spoken: Annotated[tuple[Name, ...], Field(min_length=1)]
     description: Text
 
 
 class Synthesis(Confined):
     """Recordings from which virtual stimuli are made (section 3.1 of the source)."""
+
+    RULES: ClassVar[rules.Rules] = rules.synthesis
 
     rate_hz: Annotated[int, Field(ge=100, le=192_000)]
     samples: Annotated[int, Field(ge=2, le=1_000_000)]
@@ -95,52 +137,34 @@ class Synthesis(Confined):
     speeds_mm_s: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=2)]
     average: Literal["magnitude", "signed"] = "magnitude"
 
-    @model_validator(mode="after")
-    def _speeds_rise(self) -> Synthesis:
-        if any(b <= a for a, b in zip(self.speeds_mm_s, self.speeds_mm_s[1:], strict=False)):
-            raise ValueError(f"speeds_mm_s must rise strictly, got {list(self.speeds_mm_s)}")
-        return self
-
 
 class Step(Confined):
     """How a foot step is read: the gate, and the contact that ends it."""
+
+    RULES: ClassVar[rules.Rules] = rules.step
 
     gate_top_mm: Annotated[float, Field(gt=0)]
     gate_bottom_mm: Annotated[float, Field(gt=0)]
     contact_mm: Annotated[float, Field(ge=0)]
 
-    @model_validator(mode="after")
-    def _downwards(self) -> Step:
-        if not self.gate_top_mm > self.gate_bottom_mm > self.contact_mm:
-            raise ValueError("gate_top_mm > gate_bottom_mm > contact_mm must hold")
-        return self
-
 
 class Familiarisation(Confined):
     """Free handling of the real materials before a task."""
+
+    RULES: ClassVar[rules.Rules] = rules.familiarisation
 
     min_s: Annotated[float, Field(ge=0)]
     max_s: Annotated[float, Field(gt=0)]
     instruction: Text
 
-    @model_validator(mode="after")
-    def _in_order(self) -> Familiarisation:
-        if self.max_s < self.min_s:
-            raise ValueError(f"max_s must be at least min_s ({self.min_s})")
-        return self
-
 
 class Order(Confined):
     """How the trials of a task are put in order."""
 
+    RULES: ClassVar[rules.Rules] = rules.order
+
     kind: Literal["full-random", "blocked-random", "max-run"]
     max_run: Annotated[int, Field(ge=1)] | None = None
-
-    @model_validator(mode="after")
-    def _run_length(self) -> Order:
-        if (self.kind == "max-run") != (self.max_run is not None):
-            raise ValueError("max_run is given with kind 'max-run' and only then")
-        return self
 
 
 class Task(Confined):
@@ -157,7 +181,10 @@ class Task(Confined):
 
 
 class TaskOrder(Confined):
-    """In which order a participant does the tasks, and the break between them."""
+    """In which order a participant does the tasks, and the break between them.
+
+    `fixed` is the order of the file; `counterbalanced` gives each order to as many participants, by permuted blocks.
+    """
 
     kind: Literal["counterbalanced", "fixed"]
     break_min_s: Annotated[float, Field(ge=0)]
@@ -175,28 +202,24 @@ class Answers(Confined):
 class ExclusionRule(Confined):
     """One rule that leaves out a trial or a participant, and says so.
 
-    `when` is one of: `frames-lost` (more than `limit` frames lost or damaged between gate and contact),
+    `when` is one of: `frames-lost` (more than `limit` frames lost or damaged between arming and contact),
     `speed-below` / `speed-above` (foot speed, mm/s, against `limit`), `answers-below` (fewer than `limit`
     answered trials in a task), `withdrawn`.
     """
 
-    id: Text
+    RULES: ClassVar[rules.Rules] = rules.exclusion_rule
+
+    id: Name
     when: Literal["frames-lost", "speed-below", "speed-above", "answers-below", "withdrawn"]
-    limit: float | None = None
+    limit: Annotated[float, Field(ge=0)] | None = None
     action: Literal["repeat-trial", "exclude-trial", "exclude-participant"]
     reason: Text
-
-    @model_validator(mode="after")
-    def _limit_and_action(self) -> ExclusionRule:
-        if (self.when == "withdrawn") == (self.limit is not None):
-            raise ValueError("limit is given with every rule but 'withdrawn'")
-        if (self.when in ("answers-below", "withdrawn")) != (self.action == "exclude-participant"):
-            raise ValueError("'answers-below' and 'withdrawn' exclude a participant, the others a trial")
-        return self
 
 
 class PlannedTest(Confined):
     """One test of the planned analysis, by name."""
+
+    RULES: ClassVar[rules.Rules] = rules.planned_test
 
     test: Literal["t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"]
     tasks: Annotated[tuple[Label, ...], Field(min_length=1)]
@@ -205,23 +228,18 @@ class PlannedTest(Confined):
     form: Text | None = None
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
 
-    @model_validator(mode="after")
-    def _completely_named(self) -> PlannedTest:
-        if (self.test == "t against chance") != (self.chance is not None):
-            raise ValueError("chance is given with 't against chance' and only then")
-        if (self.test == "ICC") != (self.form is not None):
-            raise ValueError("form is given with 'ICC' and only then")
-        return self
-
 
 class Protocol(Confined):
     """A whole study. Names are unique and every reference between parts holds."""
+
+    RULES: ClassVar[rules.Rules] = rules.protocol
 
     format: Literal[1]
     study: Study
     ethics: Ethics
     eligibility: Eligibility
     consent: Consent
+    duration: Duration | None = None
     exposure: Exposure
     masker: Masker
     answers: Answers

@@ -1,0 +1,189 @@
+"""From foot heights to the gate's crossings, the foot's speed and its contact with the panel.
+
+A crossing of a level is where the straight line between a sample above it and the next one at or below it meets the
+level, in device time. Three of them matter:
+
+- the last downward crossing of the gate's top before contact;
+- the last downward crossing of its bottom after that;
+- contact.
+
+So the speed is that of the passage which leads to contact. A foot that goes back above the top starts anew. One that
+hesitates or turns inside the gate is as slow as it was from top to bottom; one that comes back up through the bottom
+gives a second `Gate`, which replaces the first. A foot that lands without having passed the whole gate gives nothing:
+it must be lifted above the top again. Nothing is given after contact, bounces included, until the foot has done so.
+
+A `Gate` is given when a sample lies `SETTLED_MM` below the bottom, so that noise cannot take it back.
+
+Contact cannot be read off as a crossing: a foot at rest is near contact height, and noise decides when it crosses. It
+is the root of a straight line, fitted by least squares to the samples between `NEAR_MM` and `FAR_MM` above contact in
+the last `APPROACH_US` before a sample lies at `NEAR_MM` or lower; that sample gives the `Contact`, so its time may be a
+few milliseconds ahead. Where frames are missing and fewer than three samples are left, the line runs from the bottom of
+the gate to that sample. A foot that slows down lands later than the line says by about d^2 |a| / (3 v^3), with d =
+FAR_MM, speed v and deceleration a there: 0.3 ms at 200 mm/s and 1000 mm/s^2. Contact is never put more than
+`LATEST_US` after its sample.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus.ports import Samples
+from experiment.protocol.models import Step
+
+SETTLED_MM = 0.5
+"""Five standard deviations of a noisy sensor (0.1 mm), mm."""
+
+NEAR_MM = 0.5
+"""Height above contact below which the foot counts as landing, mm; a panel may rest that much too high."""
+
+FAR_MM = 3.0
+"""Height above contact from which the approach is taken for straight, mm."""
+
+APPROACH_US = 40_000
+"""How far back the approach is looked at, microseconds."""
+
+LATEST_US = 20_000.0
+"""Contact is at most this long after the sample that gave it, microseconds."""
+
+
+@dataclass(frozen=True)
+class Gate:
+    """The foot passed through the gate; a later one replaces an earlier one.
+
+    Attributes:
+        top_us: crossing of the gate's top, device time, microseconds.
+        bottom_us: crossing of its bottom.
+        speed_mm_s: height of the gate divided by the time between, mm/s.
+    """
+
+    top_us: float
+    bottom_us: float
+    speed_mm_s: float
+
+
+@dataclass(frozen=True)
+class Contact:
+    """The foot met the panel, after the last `Gate` given.
+
+    Attributes:
+        us: device time, microseconds.
+    """
+
+    us: float
+
+
+def _none_us() -> NDArray[np.int64]:
+    return np.empty(0, dtype=np.int64)
+
+
+def _none_mm() -> NDArray[np.float64]:
+    return np.empty(0)
+
+
+@dataclass(frozen=True)
+class GateState:
+    """What was seen so far.
+
+    Attributes:
+        us: device time of the last samples, as far back as contact may need, microseconds.
+        mm: their heights, mm.
+        top_us: last downward crossing of the gate's top.
+        bottom_us: last downward crossing of its bottom since.
+        given: the gate that was given last for this passage.
+    """
+
+    us: NDArray[np.int64] = field(default_factory=_none_us)
+    mm: NDArray[np.float64] = field(default_factory=_none_mm)
+    top_us: float | None = None
+    bottom_us: float | None = None
+    given: Gate | None = None
+
+
+class GateDetector:
+    """Follows a foot; immutable, all memory is in the state."""
+
+    def __init__(self, step: Step) -> None:
+        """Take the levels of a protocol.
+
+        Args:
+            step: gate and contact, mm.
+        """
+        self._step = step
+        self._levels_mm = (
+            step.gate_top_mm,
+            step.gate_bottom_mm,
+            step.gate_bottom_mm - min(SETTLED_MM, (step.gate_bottom_mm - step.contact_mm) / 2),
+            step.contact_mm + min(NEAR_MM, (step.gate_bottom_mm - step.contact_mm) / 4),
+        )
+
+    def init(self) -> GateState:
+        """Before the first sample."""
+        return GateState()
+
+    def step(self, state: GateState, samples: Samples) -> tuple[GateState, tuple[Gate | Contact, ...]]:
+        """Take the next samples; however they are cut into pieces, the events are the same.
+
+        Args:
+            state: from `init` or the step before.
+            samples: what the tracker read.
+
+        Returns:
+            The state for the next step, and what happened, in order.
+        """
+        us = np.concatenate([state.us, samples.device_us])
+        mm = np.concatenate([state.mm, samples.height_mm])
+        first = max(state.us.size, 1)
+        above, below = mm[first - 1 : -1, None], mm[first:, None]
+        events: list[Gate | Contact] = []
+        for row, level in zip(*np.nonzero((above > self._levels_mm) & (below <= self._levels_mm)), strict=True):
+            state, event = self._crossed(state, us, mm, first + int(row), int(level))
+            if event is not None:
+                events.append(event)
+        if us.size:
+            keep = int(np.searchsorted(us, us[-1] - APPROACH_US))
+            us, mm = us[keep:], mm[keep:]
+        return replace(state, us=us, mm=mm), tuple(events)
+
+    def _crossed(
+        self, state: GateState, us: NDArray[np.int64], mm: NDArray[np.float64], i: int, level: int
+    ) -> tuple[GateState, Gate | Contact | None]:
+        """Sample `i` is the first at or below one of the levels."""
+        if level == 0:
+            return replace(state, top_us=self._crossing_us(us, mm, i, level), bottom_us=None), None
+        if state.top_us is None:
+            return state, None
+        if level == 1:
+            return replace(state, bottom_us=self._crossing_us(us, mm, i, level)), None
+        if level == 2 and state.bottom_us is not None:
+            height_mm = self._step.gate_top_mm - self._step.gate_bottom_mm
+            gate = Gate(state.top_us, state.bottom_us, height_mm * 1e6 / (state.bottom_us - state.top_us))
+            return replace(state, given=gate), gate if gate != state.given else None
+        if level == 3 and state.given is not None:
+            contact = Contact(self._contact_us(us, mm, i, state.given.bottom_us))
+            return replace(state, top_us=None, bottom_us=None, given=None), contact
+        return state, None
+
+    def _crossing_us(self, us: NDArray[np.int64], mm: NDArray[np.float64], i: int, level: int) -> float:
+        part = (mm[i - 1] - self._levels_mm[level]) / (mm[i - 1] - mm[i])
+        return float(us[i - 1] + part * (us[i] - us[i - 1]))
+
+    def _contact_us(self, us: NDArray[np.int64], mm: NDArray[np.float64], i: int, bottom_us: float) -> float:
+        contact_mm = self._step.contact_mm
+        since = int(np.searchsorted(us, us[i] - APPROACH_US))
+        far = np.nonzero(mm[since:i] > contact_mm + FAR_MM)[0]
+        begin = since + int(far[-1]) + 1 if far.size else since
+        near = slice(begin, i)
+        t_us, h_mm = (us[near] - us[i]).astype(np.float64), mm[near] - contact_mm
+        straight = h_mm > self._levels_mm[3] - contact_mm
+        t_us, h_mm = t_us[straight], h_mm[straight]
+        if t_us.size >= 3:
+            slope, height_mm = np.polyfit(t_us, h_mm, 1)
+            root_us = -height_mm / slope if slope < 0 else np.inf
+        else:
+            left_mm = mm[i] - contact_mm
+            root_us = (us[i] - bottom_us) * left_mm / (self._step.gate_bottom_mm - contact_mm - left_mm)
+        latest_us = LATEST_US if mm[i] > contact_mm else 0.0
+        return float(us[i] + np.clip(root_us, us[i - 1] - us[i], latest_us))

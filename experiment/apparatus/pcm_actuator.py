@@ -1,0 +1,109 @@
+"""An actuator behind a raw PCM port: one TCP connection a stimulus.
+
+The connection carries mono samples as little-endian float32, 1.0 being the device's full scale, and ends with the
+stimulus; the server reads to the end and then closes its side, which is the sign that it took all of it. PulseAudio
+is such a server: `module-simple-protocol-tcp playback=true record=false format=float32le channels=1 rate=... port=...`.
+The stream is neither encrypted nor authenticated: keep the server on the loopback interface.
+"""
+
+from __future__ import annotations
+
+import socket
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus.limiter import limit
+from experiment.apparatus.ports import Played
+from experiment.errors import ActuatorError
+
+CONNECT_S = 1.0
+"""How long a server may take to accept, s."""
+
+TAKE_S = 2.0
+"""How long a server may take beyond the length of the stimulus until it has read all of it, s."""
+
+
+class PcmActuator:
+    """Implements `Actuator`."""
+
+    def __init__(self, address: str, *, rate_hz: int, full_scale_m_s2: float, limit_m_s2: float) -> None:
+        """Prepare; the first connection is made by the first stimulus.
+
+        Args:
+            address: `host:port` of the server.
+            rate_hz: sampling rate of the device, Hz.
+            full_scale_m_s2: acceleration of a sample of 1.0, m/s^2.
+            limit_m_s2: the protocol's limit; the limiter holds to it, or to full scale where that is lower.
+
+        Raises:
+            ActuatorError: `address` is no `host:port`, or the limit is no limit.
+        """
+        host, _, port = address.rpartition(":")
+        if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
+            raise ActuatorError(f"actuator address '{address}': allowed is host:port, such as 127.0.0.1:4711")
+        limit((), limit_m_s2)
+        self._address = address
+        self._peer = (host.strip("[]"), int(port))
+        self._rate_hz = rate_hz
+        self._full_scale_m_s2 = full_scale_m_s2
+        self._peak_m_s2 = min(limit_m_s2, full_scale_m_s2)
+
+    @property
+    def rate_hz(self) -> int:
+        return self._rate_hz
+
+    def play(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+        """Hand a whole stimulus to the device.
+
+        Args:
+            waveform_m_s2: samples at `rate_hz`, m/s^2, shape (n,), n at least 1.
+
+        Raises:
+            ActuatorError: no server, it went away, it did not take all of it, or there is nothing to play.
+        """
+        if np.ndim(waveform_m_s2) != 1 or np.size(waveform_m_s2) == 0:
+            raise ActuatorError(
+                f"actuator: got a stimulus of shape {np.shape(waveform_m_s2)}; allowed: one channel, one sample or more"
+            )
+        bounded_m_s2, limited = limit(waveform_m_s2, self._peak_m_s2)
+        samples = self._scaled(bounded_m_s2)
+        self._send(samples.tobytes(), TAKE_S + samples.size / self._rate_hz)
+        peak_m_s2 = float(np.max(np.abs(samples.astype(np.float64)))) * self._full_scale_m_s2
+        return Played(samples=samples.size, limited=limited, peak_m_s2=peak_m_s2)
+
+    def close(self) -> None:
+        """Nothing stays open between stimuli."""
+
+    def _scaled(self, bounded_m_s2: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Samples as the device takes them; rounding to float32 must not lift one over the limit."""
+        ceiling = np.float32(self._peak_m_s2 / self._full_scale_m_s2)
+        if float(ceiling) * self._full_scale_m_s2 > self._peak_m_s2:
+            ceiling = np.nextafter(ceiling, np.float32(0))
+        return np.clip((bounded_m_s2 / self._full_scale_m_s2).astype(np.float32), -ceiling, ceiling).astype("<f4")
+
+    def _send(self, data: bytes, timeout_s: float) -> None:
+        try:
+            connection = socket.create_connection(self._peer, timeout=CONNECT_S)
+        except OSError as error:
+            raise ActuatorError(
+                f"actuator at {self._address}: nothing answers there ({error.strerror or error}); "
+                "start its server, or correct actuator.address in the rig file"
+            ) from error
+        try:
+            with connection:
+                connection.settimeout(timeout_s)
+                connection.sendall(data)
+                connection.shutdown(socket.SHUT_WR)
+                while connection.recv(4096):
+                    pass
+        except TimeoutError as error:
+            raise ActuatorError(
+                f"actuator at {self._address}: the server did not take the stimulus within {timeout_s:.1f} s; "
+                "see that it reads to the end of the connection and then closes it"
+            ) from error
+        except OSError as error:
+            raise ActuatorError(
+                f"actuator at {self._address}: the connection broke ({error.strerror or error}); "
+                "see that its server runs, then do the trial again"
+            ) from error

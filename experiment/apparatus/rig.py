@@ -1,0 +1,235 @@
+"""Rig files: which devices stand in this laboratory, at which ports, with which calibration.
+
+A sensor's reading becomes a height by straight lines between the calibrated points. It is never extrapolated: a
+reading beyond the outermost points stands for the height of the nearest one. `check` therefore asks for points
+so far beyond gate and panel that a reading held at either end can decide neither a crossing nor a contact, and that
+the noise of a foot at rest on the panel stays inside.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+import rfc8785
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+
+from experiment.apparatus.frames import FRAME_BYTES
+from experiment.apparatus.ports import Actuator, Tracker
+from experiment.errors import ActuatorError, ProtocolError, RigError, TrackerError
+from experiment.protocol import load as files
+from experiment.protocol.models import Confined, Name, Step, Text
+from experiment.protocol.rules import Broken, Rules
+
+REHEARSAL = "rehearsal"
+"""Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
+
+ABOVE_GATE_MM = 5.0
+"""How far above the gate the calibration must reach, mm: more than a fast foot moves in several samples."""
+
+BELOW_CONTACT_MM = 1.0
+"""How far below contact the calibration must reach, mm: the sole gives way and a sensor is noisy."""
+
+_LINE_BITS = 10 * FRAME_BYTES
+"""Bits of a frame on the line: start, eight data and stop for each byte."""
+
+
+def _tracker_rules(table: Any) -> Iterator[Broken]:
+    baud, rate_hz = table.get("baud"), table.get("rate_hz")
+    if isinstance(baud, int) and isinstance(rate_hz, int) and baud < _LINE_BITS * rate_hz:
+        yield Broken(("baud",), f"at least {_LINE_BITS * rate_hz}: {rate_hz} frames of {FRAME_BYTES} bytes a second")
+    points = table.get("calibration")
+    if not isinstance(points, list | tuple):
+        return
+    counts = [point.get("counts") if isinstance(point, dict) else None for point in points]
+    mm = [point.get("mm") if isinstance(point, dict) else None for point in points]
+    for i, (before, after) in enumerate(pairwise(counts), start=1):
+        if isinstance(before, int) and isinstance(after, int) and after <= before:
+            yield Broken(("calibration", i, "counts"), f"more than at the point before it ({before})")
+    if len(mm) < 2 or not all(isinstance(height, int | float) for height in mm):
+        return
+    rises = mm[1] > mm[0]
+    for i, (before, after) in enumerate(pairwise(mm), start=1):
+        if before == after or (after > before) != rises:
+            way = "more" if rises else "less"
+            yield Broken(("calibration", i, "mm"), f"{way} than at the point before it ({before}), as heights began")
+
+
+def _actuator_rules(table: Any) -> Iterator[Broken]:
+    address = table.get("address")
+    if isinstance(address, str) and address.rpartition(":")[2].isdecimal():
+        if not 1 <= int(address.rpartition(":")[2]) <= 65535:
+            yield Broken(("address",), "host:port with a port from 1 to 65535")
+
+
+def _rig_rules(table: Any) -> Iterator[Broken]:
+    rig = table.get("rig")
+    if not isinstance(rig, dict) or rig.get("simulated") is not False:
+        return
+    for device, key in (("tracker", "port"), ("actuator", "address")):
+        settings = table.get(device)
+        if isinstance(settings, dict) and settings.get(key) == REHEARSAL:
+            yield Broken((device, key), f"a real {key}: '{REHEARSAL}' is for rigs with simulated = true")
+
+
+class Identity(Confined):
+    """What the rig is called, and whether it is simulated."""
+
+    name: Name
+    simulated: bool
+
+
+class CalibrationPoint(Confined):
+    """A reading, and the height at which it was taken."""
+
+    counts: Annotated[int, Field(ge=0, le=65535)]
+    mm: float
+
+
+class TrackerRig(Confined):
+    """The foot's sensor, and the serial port that it speaks through.
+
+    `port` is a device path, or a URL that pyserial opens such as `socket://127.0.0.1:4711`. After `stall_ms` without a
+    frame the tracker counts as stopped. `calibration` has two points or more, both columns strictly monotone.
+    """
+
+    RULES: ClassVar[Rules] = _tracker_rules
+
+    port: Text
+    baud: Annotated[int, Field(ge=9600, le=12_000_000)]
+    rate_hz: Annotated[int, Field(ge=1000, le=5000)]
+    stall_ms: Annotated[int, Field(ge=50, le=200)]
+    calibration: Annotated[tuple[CalibrationPoint, ...], Field(min_length=2)]
+
+    def height_mm(self, counts: ArrayLike) -> NDArray[np.float64]:
+        """Height above the panel of each reading, mm; beyond the outermost points that of the nearest one.
+
+        Args:
+            counts: readings, shape (n,).
+        """
+        return np.interp(counts, [p.counts for p in self.calibration], [p.mm for p in self.calibration])
+
+    def counts(self, height_mm: ArrayLike) -> NDArray[np.int64]:
+        """The reading that stands for each height, as the sensor would give it; the inverse of `height_mm`.
+
+        Args:
+            height_mm: heights above the panel, mm, shape (n,).
+        """
+        points = sorted(self.calibration, key=lambda point: point.mm)
+        return np.rint(np.interp(height_mm, [p.mm for p in points], [p.counts for p in points])).astype(np.int64)
+
+
+class ActuatorRig(Confined):
+    """What shakes the panel. Samples go out divided by `full_scale_m_s2`, so that 1.0 is the device's full scale."""
+
+    RULES: ClassVar[Rules] = _actuator_rules
+
+    driver: Literal["pcm-tcp"]
+    address: Annotated[
+        str,
+        Field(
+            pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
+            description="host:port, such as 127.0.0.1:4711",
+        ),
+    ]
+    rate_hz: Annotated[int, Field(ge=1000, le=192_000)]
+    full_scale_m_s2: Annotated[float, Field(gt=0, le=1000)]
+
+
+class Rig(Confined):
+    """A whole rig."""
+
+    RULES: ClassVar[Rules] = _rig_rules
+
+    format: Literal[1]
+    rig: Identity
+    tracker: TrackerRig
+    actuator: ActuatorRig
+
+
+def load(path: Path) -> Rig:
+    """Read the rig file at `path`.
+
+    Raises:
+        RigError: with every problem of the file, one a line; of its syntax, the first.
+    """
+    try:
+        return files.read(path, Rig)
+    except ProtocolError as error:
+        raise RigError(str(error)) from error
+
+
+def sha256(rig: Rig) -> str:
+    """SHA-256 of the rig's RFC 8785 JSON, 64 hexadecimal digits."""
+    return hashlib.sha256(rfc8785.dumps(rig.model_dump(mode="json"))).hexdigest()
+
+
+def check(rig: Rig, step: Step) -> None:
+    """Refuse a calibration that does not reach past the gate and the panel of a protocol.
+
+    Args:
+        rig: the rig.
+        step: gate and contact of the protocol.
+
+    Raises:
+        RigError: the calibrated heights do not reach far enough.
+    """
+    heights = [point.mm for point in rig.tracker.calibration]
+    lowest, highest = step.contact_mm - BELOW_CONTACT_MM, step.gate_top_mm + ABOVE_GATE_MM
+    if min(heights) > lowest or max(heights) < highest:
+        raise RigError(
+            f"rig '{rig.rig.name}': tracker.calibration reaches from {min(heights):g} to {max(heights):g} mm; this "
+            f"protocol needs {lowest:g} to {highest:g} mm, because readings are never extrapolated; calibrate further"
+        )
+
+
+def open_tracker(rig: Rig, *, port: str | None = None) -> Tracker:
+    """Open the rig's tracker.
+
+    Args:
+        rig: the rig.
+        port: used instead of the one that the rig names.
+
+    Raises:
+        TrackerError: the port cannot be opened.
+    """
+    from experiment.apparatus.serial_tracker import SerialTracker
+
+    if port is None and rig.tracker.port == REHEARSAL:
+        raise TrackerError(_simulated_only(rig, "tracker.port"))
+    return SerialTracker(port or rig.tracker.port, rig.tracker)
+
+
+def open_actuator(rig: Rig, *, limit_m_s2: float, address: str | None = None) -> Actuator:
+    """Open the rig's actuator.
+
+    Args:
+        rig: the rig.
+        limit_m_s2: the protocol's limit for the magnitude of any sample, m/s^2.
+        address: used instead of the one that the rig names.
+
+    Raises:
+        ActuatorError: the address or the limit cannot be used.
+    """
+    from experiment.apparatus.pcm_actuator import PcmActuator
+
+    if address is None and rig.actuator.address == REHEARSAL:
+        raise ActuatorError(_simulated_only(rig, "actuator.address"))
+    return PcmActuator(
+        address or rig.actuator.address,
+        rate_hz=rig.actuator.rate_hz,
+        full_scale_m_s2=rig.actuator.full_scale_m_s2,
+        limit_m_s2=limit_m_s2,
+    )
+
+
+def _simulated_only(rig: Rig, key: str) -> str:
+    return (
+        f"rig '{rig.rig.name}' is simulated: its devices exist only inside `palpate rehearse`; "
+        f"give a rig file whose {key} names a real one"
+    )

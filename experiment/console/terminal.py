@@ -1,0 +1,51 @@
+"""The experimenter's screen as lines of text; works over any terminal, and in a pipe."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TextIO
+
+
+class TerminalConsole:
+    """Implements `Console` on a text stream. Answers are keyed, shown, and confirmed with Enter."""
+
+    def __init__(self, *, write: TextIO, ask: Callable[[str], str], heading: str) -> None:
+        """Set up the screen.
+
+        Args:
+            write: where lines go.
+            ask: shows a prompt and returns the line that was typed; `input` on a terminal.
+            heading: stands at the start of every trial's line, and says REHEARSAL where it is one.
+        """
+        self._write = write
+        self._ask = ask
+        self._heading = heading
+
+    def show(self, text: str) -> None:
+        self._write.write(text + "\n")
+        self._write.flush()
+
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        self.show(f"{self._heading}  Familiarisation, {min_s / 60:.1f} to {max_s / 60:.1f} min. {instruction}")
+        self._ask("Press Enter when the participant is familiar with the materials: ")
+
+    def arm(self, *, trial: int, attempt: int, trials: int, place: str | None) -> None:
+        again = f", attempt {attempt}" if attempt > 1 else ""
+        if place is not None:
+            self._ask(
+                f"{self._heading}  Trial {trial} of {trials}{again}. Lay out: {place}. Press Enter when it lies: "
+            )
+        self.show(f"{self._heading}  Trial {trial} of {trials}{again}. Armed: the participant may step.")
+
+    def ask(self, *, trial: int, keys: dict[str, str]) -> str:
+        offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
+        while True:
+            key = self._ask(f"Trial {trial}, the participant said:  {offered}\nKey: ").strip().lower()
+            if key not in keys:
+                self.show(f"'{key}' is no key of this protocol; use one of: {' '.join(keys)}")
+                continue
+            if not self._ask(f"{keys[key]} - Enter confirms, anything else asks again: ").strip():
+                return key
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        self.show(f"Trial {trial}: {answer or 'no answer'} is on disk.")

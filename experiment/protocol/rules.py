@@ -1,0 +1,254 @@
+"""What must hold between the fields of a protocol file, beyond the type of each.
+
+Every rule reads plain tables (arrays as tuples) and passes over what is missing or of the wrong type. So a file with
+a wrong type in one place still has all its rules checked, and every error is reported at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+from itertools import pairwise
+from typing import Any
+
+from experiment.records import NO_ANSWER
+
+Table = Mapping[str, Any]
+Path = tuple[str | int, ...]
+
+MAX_COUNTERBALANCED = 6
+"""Tasks that may be counterbalanced; more have over 720 orders, and no study balances those."""
+
+MAX_COUNTED = 400
+"""Trials of a task whose orders are counted exactly: up to here that takes seconds."""
+
+
+@dataclass(frozen=True)
+class Broken:
+    """One rule that does not hold: the field to mend, from the table that was checked, and what it may be."""
+
+    path: Path
+    allowed: str
+
+
+Rules = Callable[[Table], Iterable[Broken]]
+
+
+def none(_table: Table) -> Iterable[Broken]:
+    """No rule."""
+    return ()
+
+
+def ethics(table: Table) -> Iterator[Broken]:
+    """An approval expires after it was given."""
+    approved, expires = table.get("approved_on"), table.get("expires_on")
+    if isinstance(approved, date) and isinstance(expires, date) and expires <= approved:
+        yield Broken(("expires_on",), f"a date after approved_on ({approved})")
+
+
+def duration(table: Table) -> Iterator[Broken]:
+    """The longest visit is no shorter than the shortest."""
+    yield from _in_order(table, "shortest_min", "longest_min")
+
+
+def material(table: Table) -> Iterator[Broken]:
+    """A material is named unlike what tables write for a missing answer or value."""
+    if table.get("id") in (NO_ANSWER, "n/a"):
+        yield Broken(("id",), f"any name but '{NO_ANSWER}' and 'n/a', which stand for what is missing")
+
+
+def synthesis(table: Table) -> Iterator[Broken]:
+    """Recorded speeds rise."""
+    for i, (slower, faster) in enumerate(pairwise(_list(table, "speeds_mm_s")), start=1):
+        if _is_number(slower) and _is_number(faster) and faster <= slower:
+            yield Broken(("speeds_mm_s", i), f"a number greater than the one before it ({slower})")
+
+
+def step(table: Table) -> Iterator[Broken]:
+    """The foot passes the top of the gate, then its bottom, then lands."""
+    for higher, lower in pairwise(("gate_top_mm", "gate_bottom_mm", "contact_mm")):
+        above, below = _number(table, higher), _number(table, lower)
+        if above is not None and below is not None and below >= above:
+            yield Broken((lower,), f"a number less than {higher} ({above})")
+
+
+def familiarisation(table: Table) -> Iterator[Broken]:
+    """The longest familiarisation is no shorter than the shortest."""
+    yield from _in_order(table, "min_s", "max_s")
+
+
+def order(table: Table) -> Iterator[Broken]:
+    """`max_run` belongs to orders of that kind."""
+    kind, limit = table.get("kind"), table.get("max_run")
+    if kind == "max-run" and limit is None:
+        yield Broken(("max_run",), "a whole number, at least 1: kind 'max-run' needs it")
+    if kind in ("full-random", "blocked-random") and limit is not None:
+        yield Broken(("max_run",), f"no value: only kind 'max-run' has this key, kind '{kind}' does not")
+
+
+def exclusion_rule(table: Table) -> Iterator[Broken]:
+    """Every rule has the limit and the action that its condition needs."""
+    when, limit, action = table.get("when"), table.get("limit"), table.get("action")
+    if when == "withdrawn" and limit is not None:
+        yield Broken(("limit",), "no value: 'withdrawn' needs no limit")
+    if when in ("frames-lost", "speed-below", "speed-above", "answers-below") and limit is None:
+        yield Broken(("limit",), f"a number, at least 0: '{when}' needs it")
+    if when in ("withdrawn", "answers-below") and action in ("repeat-trial", "exclude-trial"):
+        yield Broken(("action",), f"exclude-participant: '{when}' is about a participant")
+    if when in ("frames-lost", "speed-below", "speed-above") and action == "exclude-participant":
+        yield Broken(("action",), f"one of: repeat-trial, exclude-trial: '{when}' is about a trial")
+
+
+def planned_test(table: Table) -> Iterator[Broken]:
+    """Every test is completely named."""
+    test, tasks = table.get("test"), _list(table, "tasks")
+    for key, owner, what in (
+        ("chance", "t against chance", "a number between 0 and 1"),
+        ("form", "ICC", "the name of one form of the coefficient"),
+    ):
+        given = table.get(key) is not None
+        if test == owner and not given:
+            yield Broken((key,), f"{what}: '{owner}' needs it")
+        if isinstance(test, str) and test != owner and given:
+            yield Broken((key,), f"no value: only '{owner}' has this key")
+    yield from (Broken(("tasks", i), "each task once") for i, task in enumerate(tasks) if task in tasks[:i])
+    if test == "two-way ANOVA" and len(tasks) == 1:
+        yield Broken(("tasks",), "at least 2 tasks: 'two-way ANOVA' compares them")
+
+
+def protocol(table: Table) -> Iterator[Broken]:
+    """Names are unique, and every reference between the parts of a protocol holds."""
+    yield from _unique(_tables(table, "materials"), "materials", "id")
+    yield from _unique(_tables(table, "tasks"), "tasks", "id")
+    yield from _unique(_tables(table, "exclusion"), "exclusion", "id")
+    yield from _keys(table)
+    yield from _spoken(table)
+    yield from _participants(table)
+    yield from _planned_tasks(table)
+    yield from _limits(table)
+    tasks = _tables(table, "tasks")
+    if _table(table, "task_order").get("kind") == "counterbalanced" and len(tasks) > MAX_COUNTERBALANCED:
+        allowed = f"fixed, or at most {MAX_COUNTERBALANCED} tasks: the orders of {len(tasks)} cannot be balanced"
+        yield Broken(("task_order", "kind"), allowed)
+
+
+def _keys(table: Table) -> Iterator[Broken]:
+    answers = _table(table, "answers")
+    places: list[tuple[Path, object]] = [
+        *((("materials", i, "key"), material.get("key")) for i, material in _tables(table, "materials")),
+        *((("answers", name), answers.get(name)) for name in ("no_answer_key", "redo_key", "pause_key")),
+    ]
+    yield from _seen_once(places, "a key of its own")
+
+
+def _spoken(table: Table) -> Iterator[Broken]:
+    places: list[tuple[Path, object]] = [
+        (("materials", i, "spoken", j), said)
+        for i, material in _tables(table, "materials")
+        for j, said in enumerate(_list(material, "spoken"))
+    ]
+    yield from _seen_once(places, "a phrase of its own")
+
+
+def _participants(table: Table) -> Iterator[Broken]:
+    enrolled = _number(_table(table, "study"), "participants")
+    wanted = [(i, _number(task, "participants")) for i, task in _tables(table, "tasks")]
+    counts = [count for _, count in wanted if count is not None]
+    if enrolled is None or not counts:
+        return
+    for i, count in wanted:
+        if count is not None and count > enrolled:
+            yield Broken(("tasks", i, "participants"), f"at most study.participants ({enrolled})")
+    if len(counts) == len(wanted) and max(counts) < enrolled:
+        allowed = f"{max(counts)}, as many as the largest task has: the others would do nothing"
+        yield Broken(("study", "participants"), allowed)
+
+
+def _planned_tasks(table: Table) -> Iterator[Broken]:
+    known = [task["id"] for _, task in _tables(table, "tasks") if isinstance(task.get("id"), str)]
+    for i, test in _tables(table, "analysis"):
+        for j, task in enumerate(_list(test, "tasks")):
+            if isinstance(task, str) and task not in known:
+                yield Broken(("analysis", i, "tasks", j), f"a task of this protocol, one of: {', '.join(known)}")
+
+
+def _limits(table: Table) -> Iterator[Broken]:
+    tasks, exclusion = _tables(table, "tasks"), _tables(table, "exclusion")
+    session_min = _number(_table(table, "exposure"), "session_min")
+    for i, task in tasks:
+        longest_s = _number(_table(task, "familiarisation"), "max_s")
+        count = _number(task, "repetitions")
+        most = MAX_COUNTED // max(len(_tables(table, "materials")), 1)
+        if _table(task, "order").get("kind") == "max-run" and count is not None and count > most:
+            allowed = f"at most {most} with order 'max-run': no more than {MAX_COUNTED} trials in all"
+            yield Broken(("tasks", i, "repetitions"), allowed)
+        if session_min is not None and longest_s is not None and longest_s >= session_min * 60:
+            path = ("tasks", i, "familiarisation", "max_s")
+            yield Broken(path, f"less than the longest session (exposure.session_min, {session_min * 60} s)")
+    repetitions = [_number(task, "repetitions") for _, task in tasks]
+    trials = min((count for count in repetitions if count is not None), default=0) * len(_tables(table, "materials"))
+    slowest = [_number(rule, "limit") for _, rule in exclusion if rule.get("when") == "speed-below"]
+    for i, rule in exclusion:
+        limit = _number(rule, "limit")
+        if limit is None:
+            continue
+        if rule.get("when") == "answers-below" and limit > trials > 0:
+            yield Broken(("exclusion", i, "limit"), f"at most {trials}, the trials of the shortest task")
+        if rule.get("when") == "speed-above" and any(slow is not None and limit <= slow for slow in slowest):
+            yield Broken(("exclusion", i, "limit"), "greater than the limit of the rule 'speed-below'")
+
+
+def _unique(tables: list[tuple[int, Table]], name: str, key: str) -> Iterator[Broken]:
+    places: list[tuple[Path, object]] = [((name, i, key), table.get(key)) for i, table in tables]
+    yield from _seen_once(places, "a name of its own")
+
+
+def _seen_once(places: Iterable[tuple[Path, object]], what: str) -> Iterator[Broken]:
+    first: dict[str, Path] = {}
+    for path, value in places:
+        if isinstance(value, str):
+            earlier = first.setdefault(" ".join(value.casefold().split()), path)
+            if earlier != path:
+                yield Broken(path, f"{what}: {written(earlier)} has it already")
+
+
+def written(path: Path) -> str:
+    """A path as users read it: `tasks[0].order.kind`."""
+    text = ""
+    for part in path:
+        if isinstance(part, int):
+            text += f"[{part}]"
+        else:
+            bare = part.isascii() and part.replace("_", "a").replace("-", "a").isalnum()
+            text += ("." if text else "") + (part if bare else f'"{part}"')
+    return text
+
+
+def _in_order(table: Table, low: str, high: str) -> Iterator[Broken]:
+    least, most = _number(table, low), _number(table, high)
+    if least is not None and most is not None and most < least:
+        yield Broken((high,), f"a number, at least {low} ({least})")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _number(table: Table, key: str) -> float | None:
+    value = table.get(key)
+    return value if _is_number(value) else None
+
+
+def _list(table: Table, key: str) -> Sequence[Any]:
+    found = table.get(key)
+    return found if isinstance(found, tuple) else ()
+
+
+def _table(table: Table, key: str) -> Table:
+    found = table.get(key)
+    return found if isinstance(found, Mapping) else {}
+
+
+def _tables(table: Table, key: str) -> list[tuple[int, Table]]:
+    return [(i, entry) for i, entry in enumerate(_list(table, key)) if isinstance(entry, Mapping)]

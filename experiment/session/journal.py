@@ -1,0 +1,178 @@
+"""The journal of one session: append-only JSON lines, each on disk before the session moves on.
+
+A line is `{"n": 3, "t_ns": ..., "prev": "<SHA-256 of line 2>", "entry": {...}}`. The hash chain makes any later
+change to a line visible. What stands after the last newline is torn: a write that never finished, so nothing
+that was confirmed. It is reported and dropped; anything else that does not fit is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from filelock import FileLock, Timeout
+from pydantic import ValidationError
+
+from experiment.clock import Clock
+from experiment.errors import JournalError, SessionLocked
+from experiment.records import ENTRY, AnyEntry, Header
+
+GENESIS = "0" * 64
+"""`prev` of the first line."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One entry with the session time at which it was written, ns."""
+
+    t_ns: int
+    entry: AnyEntry
+
+
+@dataclass(frozen=True)
+class Contents:
+    """A journal as read from disk.
+
+    Attributes:
+        lines: the whole lines, oldest first; empty when not even the header was finished.
+        torn: the bytes after the last newline.
+        size: bytes up to and including the last newline.
+        last_hash: SHA-256 of the last whole line, the `prev` of the next one.
+    """
+
+    lines: tuple[Line, ...]
+    torn: bytes
+    size: int
+    last_hash: str
+
+    @property
+    def entries(self) -> tuple[AnyEntry, ...]:
+        """The entries alone."""
+        return tuple(line.entry for line in self.lines)
+
+    @property
+    def header(self) -> Header:
+        """The header. Raises `JournalError` when there is none."""
+        if not self.lines or not isinstance(self.lines[0].entry, Header):
+            raise JournalError("the journal has no header: the session never started; run it again")
+        return self.lines[0].entry
+
+
+def read(path: Path) -> Contents:
+    """Read and verify a journal.
+
+    Args:
+        path: the journal file.
+
+    Raises:
+        JournalError: the file cannot be read, or a whole line is broken, missing or changed.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise JournalError(f"{path}: cannot read the journal ({error.strerror}); give the path of a journal") from error
+    size = data.rfind(b"\n") + 1
+    lines: list[Line] = []
+    last_hash = GENESIS
+    for n, line in enumerate(data[:size].splitlines()):
+        lines.append(_verified(path, n, line, last_hash))
+        last_hash = hashlib.sha256(line).hexdigest()
+    return Contents(tuple(lines), data[size:], size, last_hash)
+
+
+def _verified(path: Path, n: int, line: bytes, last_hash: str) -> Line:
+    where = f"{path}: line {n + 1}"
+    remedy = "keep the file as it is and restore the journal from a backup"
+    try:
+        document = json.loads(line)
+        number, t_ns, prev = document["n"], document["t_ns"], document["prev"]
+        entry = ENTRY.validate_json(json.dumps(document["entry"]))
+    except (ValueError, KeyError, TypeError, ValidationError) as error:
+        raise JournalError(f"{where} is no journal entry ({type(error).__name__}); {remedy}") from error
+    if number != n or prev != last_hash:
+        raise JournalError(f"{where} does not follow the line before it: a line was changed or is missing; {remedy}")
+    if not isinstance(t_ns, int):
+        raise JournalError(f"{where} has no time; {remedy}")
+    if isinstance(entry, Header) != (n == 0):
+        raise JournalError(f"{where}: a journal holds one header, in its first line; {remedy}")
+    return Line(t_ns, entry)
+
+
+class Journal:
+    """A journal open for appending; `append` returns when the entry is on disk."""
+
+    def __init__(self, path: Path, clock: Clock, contents: Contents) -> None:
+        """Continue `path` after `contents`, dropping its torn end.
+
+        Args:
+            path: the journal file; created with its folder when it does not exist.
+            clock: gives the time of each entry.
+            contents: what `read` returned, or `EMPTY` for a new journal.
+        """
+        self._clock = clock
+        self._count = len(contents.lines)
+        self._last_hash = contents.last_hash
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file: BinaryIO = path.open("ab")
+        self._file.truncate(contents.size)
+        os.fsync(self._file.fileno())
+        if hasattr(os, "O_DIRECTORY"):
+            folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
+            os.fsync(folder)
+            os.close(folder)
+
+    def append(self, entry: AnyEntry) -> int:
+        """Write one entry and wait until it is on disk.
+
+        Returns:
+            The session time written with it, ns.
+        """
+        t_ns = self._clock.now_ns()
+        document = {
+            "n": self._count,
+            "t_ns": t_ns,
+            "prev": self._last_hash,
+            "entry": entry.model_dump(mode="json"),
+        }
+        line = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+        self._file.write(line + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._count += 1
+        self._last_hash = hashlib.sha256(line).hexdigest()
+        return t_ns
+
+    def close(self) -> None:
+        """Close the file; nothing is pending."""
+        self._file.close()
+
+
+EMPTY = Contents((), b"", 0, GENESIS)
+"""A journal of which nothing is written yet."""
+
+
+@contextmanager
+def locked(folder: Path, participant: str) -> Iterator[None]:
+    """Hold a participant for this runner; the operating system lets go when the process ends, however it ends.
+
+    Raises:
+        SessionLocked: another runner holds the participant.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder / f".sub-{participant}.lock")
+    try:
+        lock.acquire(blocking=False)
+    except Timeout as error:
+        raise SessionLocked(
+            f"participant {participant} is being run by another runner; end it there, or wait until it ends"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()

@@ -1,0 +1,61 @@
+"""A journal as lines that people read."""
+
+from __future__ import annotations
+
+from experiment.clock import utc
+from experiment.records import Answer, AnyEntry, Footer, FootStep, Header, Phase, Redo, Resumed, TrackerOpened
+from experiment.session.journal import Contents
+from experiment.session.resume import progress
+
+
+def text(contents: Contents) -> str:
+    """The whole journal: what the session is, each entry with its time, and what remains.
+
+    Args:
+        contents: a journal that was read, and so verified.
+    """
+    header = contents.header
+    zero_ns = contents.lines[0].t_ns
+    done = progress(contents.entries)
+    lines = [
+        *(["REHEARSAL - simulated participant"] if header.rehearsal else []),
+        f"Study {header.study}, participant {header.participant}, task {header.task} (number {header.task_position})",
+        f"Begun {header.started_utc} with {header.software}, rig {header.rig}, seed {header.seed}",
+        f"Protocol SHA-256 {header.protocol_sha256}",
+        f"{len(contents.lines)} lines, each carrying the hash of the one before: verified",
+        "",
+    ]
+    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_said(line.entry)}" for line in contents.lines[1:]]
+    lines += ["", f"Answered {len(done.answered)} of {len(header.order)}; last entry {utc(contents.lines[-1].t_ns)}"]
+    if contents.torn:
+        lines.append(f"A torn last line of {len(contents.torn)} bytes was left out: it was never confirmed.")
+    if done.footer is None:
+        lines.append("The session has no footer: its runner ended without saying why. It can be resumed.")
+    return "\n".join(lines)
+
+
+def _said(entry: AnyEntry) -> str:
+    match entry:
+        case Header():
+            return "header"
+        case TrackerOpened():
+            return f"tracker opened at {entry.port}, device time {entry.device_us} us"
+        case Phase():
+            return f"{entry.state} {entry.detail}".rstrip()
+        case FootStep():
+            link = entry.link
+            played = "a stimulus played" if entry.stimulus else "no stimulus"
+            return (
+                f"trial {entry.trial}.{entry.attempt}: {entry.presented}, {entry.speed_mm_s:.1f} mm/s, {played}; "
+                f"frames {link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated"
+            )
+        case Answer():
+            answered = entry.answered or "no answer"
+            return f"trial {entry.trial}.{entry.attempt}: answered {answered} after {entry.response_time_s:.2f} s"
+        case Redo():
+            return f"trial {entry.trial}.{entry.attempt} does not count: {entry.reason}"
+        case Resumed():
+            torn = f"; dropped a torn line of {len(entry.torn)} characters" if entry.torn else ""
+            return f"resumed with {len(entry.remaining)} trials left{torn}"
+        case Footer():
+            return f"ended: {entry.reason} {entry.detail}".rstrip()

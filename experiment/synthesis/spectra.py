@@ -1,0 +1,207 @@
+"""Spectra of accelerations and the way back, equations (1), (5) and (6) of Okamoto et al.
+
+Erratum: the paper puts bin k at F k / N. The basis cos(pi k (i + 1/2) / N) of (1) oscillates at F k / (2 N),
+which at F = 5000 Hz and N = 2500 is one bin a hertz. That is used here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import ceil, gcd
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import fft
+
+from experiment.errors import SynthesisError
+
+BAND_HZ = (0.0, 500.0)
+"""Where equation (6) sums: above 500 Hz accelerations of crinkles are below the threshold of touch (section 2)."""
+
+LONGEST_TRANSFORM = 2**26
+"""Longest inverse DCT (512 MiB); only incommensurate rates of very long recordings need more."""
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """A waveform made from a spectrum.
+
+    Attributes:
+        samples: acceleration at the times (i + 1/2) / output rate, unit of the spectrum, float64, shape (n,).
+        dropped_bins: bins at or above half the output rate, which this rate cannot carry.
+    """
+
+    samples: NDArray[np.float64]
+    dropped_bins: int
+
+
+def finite(values: ArrayLike, *, what: str) -> NDArray[np.float64]:
+    """`values` as float64 with at least one number on the last axis, all of them finite.
+
+    Args:
+        values: any shape (..., N), N >= 1.
+        what: how an error names them.
+
+    Raises:
+        SynthesisError: no values, or one that is NaN or infinite.
+    """
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.size == 0:
+        raise SynthesisError(f"{what}: got shape {array.shape}; allowed: at least one sample; check the recording")
+    bad = int(array.size - np.count_nonzero(np.isfinite(array)))
+    if bad:
+        raise SynthesisError(f"{what}: got {bad} NaN or infinite values; allowed: finite numbers; record again")
+    return array
+
+
+def spectrum(samples: ArrayLike) -> NDArray[np.float64]:
+    """Amplitude of each frequency element: C_k = (2/N) sum_i y_i cos(pi k (i + 1/2) / N).
+
+    Args:
+        samples: accelerations y_i, m/s^2, shape (..., N).
+
+    Returns:
+        C_k with its sign, m/s^2, shape (..., N); bin k stands at `bin_frequencies_hz`.
+
+    Raises:
+        SynthesisError: no samples, or one that is NaN or infinite.
+
+    Source: Okamoto et al., equation (1).
+    """
+    y = finite(samples, what="samples")
+    coefficients: NDArray[np.float64] = fft.dct(y, type=2, axis=-1) / y.shape[-1]
+    return coefficients
+
+
+def bin_frequencies_hz(*, bins: int, rate_hz: float) -> NDArray[np.float64]:
+    """Frequency of each bin of `spectrum`: F k / (2 N), not the printed F k / N (see the module's erratum).
+
+    Args:
+        bins: N.
+        rate_hz: sampling rate F of the recording, Hz.
+
+    Returns:
+        Hz, shape (N,).
+    """
+    return np.arange(bins, dtype=np.float64) * np.float64(rate_hz / (2 * bins))
+
+
+def inverse(coefficients: ArrayLike) -> NDArray[np.float64]:
+    """Accelerations at the recording's own rate: y_i = sum_{k=1}^{N-1} C_k cos(pi k (i + 1/2) / N).
+
+    The sum leaves out k = 0, so `inverse(spectrum(y))` is y without its mean.
+
+    Args:
+        coefficients: C_k with its sign, m/s^2, shape (..., N).
+
+    Returns:
+        m/s^2, shape (..., N).
+
+    Raises:
+        SynthesisError: no coefficients, or one that is NaN or infinite.
+
+    Source: Okamoto et al., equation (5).
+    """
+    halved = finite(coefficients, what="coefficients") / 2
+    halved[..., 0] = 0.0
+    samples: NDArray[np.float64] = fft.dct(halved, type=3, axis=-1)
+    return samples
+
+
+def inverse_at_rate(coefficients: ArrayLike, *, rate_hz: int, output_rate_hz: int) -> Waveform:
+    """The sum of equation (5) at the times (i' + 1/2) / F' of another rate: exact and band-limited.
+
+    With N F' / F = p / q in lowest terms, the phase pi k (i' + 1/2) F / (N F') is pi (k q) (i' + 1/2) / p: an inverse
+    DCT of length p whose coefficient k stands at place k q, and zero elsewhere.
+
+    Args:
+        coefficients: C_k with its sign, m/s^2, shape (N,).
+        rate_hz: sampling rate F of the recording, Hz.
+        output_rate_hz: sampling rate F' of the waveform, Hz.
+
+    Returns:
+        The samples whose times lie within the recording's N / F seconds. Bins at or above F'/2 are dropped and counted.
+
+    Raises:
+        SynthesisError: a rate below 1 Hz, a rate too low for one sample, or coefficients that are not finite.
+
+    Source: Okamoto et al., equation (5).
+    """
+    c = finite(coefficients, what="coefficients")
+    if c.ndim != 1:
+        raise SynthesisError(f"coefficients: got shape {c.shape}; allowed: one spectrum, shape (N,); pass just one")
+    for name, rate in (("rate_hz", rate_hz), ("output_rate_hz", output_rate_hz)):
+        if rate < 1:
+            raise SynthesisError(f"{name}: got {rate}; allowed: 1 Hz or more; correct the rig file or the manifest")
+    divisor = gcd(c.size * output_rate_hz, rate_hz)
+    p, q = c.size * output_rate_hz // divisor, rate_hz // divisor
+    count = ceil(p / q - 0.5)
+    if count < 1:
+        raise SynthesisError(
+            f"output_rate_hz: got {output_rate_hz} for {c.size} samples at {rate_hz} Hz; "
+            "allowed: a rate at which the waveform has a sample; raise the rate"
+        )
+    carried = min(c.size, ceil(p / q))
+    if p > LONGEST_TRANSFORM:
+        raise SynthesisError(
+            f"output_rate_hz: got {output_rate_hz} for {c.size} samples at {rate_hz} Hz; "
+            f"allowed: rates whose ratio needs at most {LONGEST_TRANSFORM} points, not {p}; use a rounder rate"
+        )
+    padded = np.zeros(p)
+    padded[q : carried * q : q] = c[1:carried] / 2
+    return Waveform(samples=fft.dct(padded, type=3)[:count], dropped_bins=c.size - carried)
+
+
+def dissimilarity(
+    a: ArrayLike, b: ArrayLike, *, frequencies_hz: ArrayLike, band_hz: tuple[float, float] = BAND_HZ
+) -> NDArray[np.float64]:
+    """Sum over a band of the differences of two spectra: d = sum_{f} | |S_a(f)| - |S_b(f)| |.
+
+    Args:
+        a: spectrum, m/s^2, shape (..., N); signs do not count.
+        b: spectrum, m/s^2, shape (..., N), broadcast against `a`.
+        frequencies_hz: frequency of each bin, Hz, shape (N,).
+        band_hz: lowest and highest frequency that count, both included, Hz.
+
+    Returns:
+        m/s^2, shape (...).
+
+    Raises:
+        SynthesisError: spectra that are not finite, or of another length than `frequencies_hz`.
+
+    Source: Okamoto et al., equation (6).
+    """
+    first, second = finite(a, what="first spectrum"), finite(b, what="second spectrum")
+    f = finite(frequencies_hz, what="frequencies_hz")
+    if not first.shape[-1] == second.shape[-1] == f.size:
+        raise SynthesisError(
+            f"spectra: got {first.shape[-1]} and {second.shape[-1]} bins for {f.size} frequencies; "
+            "allowed: equal numbers; compare spectra of one length and rate"
+        )
+    within = (f >= band_hz[0]) & (f <= band_hz[1])
+    differences: NDArray[np.float64] = np.abs(np.abs(first[..., within]) - np.abs(second[..., within]))
+    return np.asarray(differences.sum(axis=-1))
+
+
+def dissimilarity_matrix(
+    spectra: ArrayLike, *, frequencies_hz: ArrayLike, band_hz: tuple[float, float] = BAND_HZ
+) -> NDArray[np.float64]:
+    """Dissimilarity of each pair of spectra, divided by the highest, as in Table 3.
+
+    Args:
+        spectra: one a row, m/s^2, shape (M, N).
+        frequencies_hz: frequency of each bin, Hz, shape (N,).
+        band_hz: lowest and highest frequency that count, both included, Hz.
+
+    Returns:
+        Symmetric, zero on the diagonal, highest value 1, shape (M, M); all zero where no pair differs.
+
+    Raises:
+        SynthesisError: as `dissimilarity`.
+
+    Source: Okamoto et al., section 6.1 and Table 3.
+    """
+    rows = finite(spectra, what="spectra")
+    matrix = dissimilarity(rows[:, None, :], rows[None, :, :], frequencies_hz=frequencies_hz, band_hz=band_hz)
+    highest = matrix.max()
+    return matrix / highest if highest > 0 else matrix

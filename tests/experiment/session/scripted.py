@@ -1,0 +1,96 @@
+"""Scripted devices for sessions in memory: every port fails a test that asks it for more than was scripted."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus.ports import LinkCounts, Played, Samples
+from experiment.clock import ManualClock
+from experiment.errors import PalpateError, TrackerStopped
+
+START_NS = 10**18
+
+
+def step_samples(start_us: int, speed_mm_s: float) -> Samples:
+    """A foot that comes down from 30 mm at one speed and stays on the panel for 0.2 s, at 1 kHz."""
+    seconds = np.arange(0, 30 / speed_mm_s + 0.2, 1e-3)
+    height = np.maximum(30 - speed_mm_s * seconds, 0)
+    return Samples((start_us + seconds * 1e6).astype(np.int64), height, b"frames")
+
+
+class ScriptedTracker:
+    """Implements `Tracker`: one scripted step after each `drain`."""
+
+    def __init__(self, steps: Iterable[Samples | PalpateError], lost: Iterable[int] = ()) -> None:
+        self._steps = deque(steps)
+        self._lost = deque(lost)
+        self.counts = LinkCounts()
+
+    def drain(self) -> None:
+        pass
+
+    def read(self) -> Samples:
+        if not self._steps:
+            raise TrackerStopped("the script is over")
+        step = self._steps.popleft()
+        if isinstance(step, PalpateError):
+            raise step
+        lost = self._lost.popleft() if self._lost else 0
+        self.counts = self.counts.plus(LinkCounts(received=len(step.device_us), lost=lost))
+        return step
+
+    def close(self) -> None:
+        pass
+
+
+class ScriptedActuator:
+    """Implements `Actuator`: keeps what it was asked to play."""
+
+    rate_hz = 5000
+
+    def __init__(self) -> None:
+        self.played: list[NDArray[np.float64]] = []
+
+    def play(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+        self.played.append(waveform_m_s2)
+        return Played(samples=len(waveform_m_s2), limited=0, peak_m_s2=float(np.abs(waveform_m_s2).max()))
+
+    def close(self) -> None:
+        pass
+
+
+class ScriptedConsole:
+    """Implements `Console`: gives the scripted keys, and lets a second pass for each."""
+
+    def __init__(self, clock: ManualClock, keys: Iterable[str], before_ask: Callable[[], None] = lambda: None) -> None:
+        self._clock = clock
+        self._keys = deque(keys)
+        self._before_ask = before_ask
+        self.armed: list[tuple[int, int, str | None]] = []
+        self.shown: list[str] = []
+        self.confirmations: list[tuple[int, str | None]] = []
+        self.familiarised = 0
+
+    def show(self, text: str) -> None:
+        self.shown.append(text)
+
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        self.familiarised += 1
+        self._clock.sleep_ns(100 * 10**9)
+
+    def arm(self, *, trial: int, attempt: int, trials: int, place: str | None) -> None:
+        self.armed.append((trial, attempt, place))
+
+    def ask(self, *, trial: int, keys: dict[str, str]) -> str:
+        self._before_ask()
+        self._clock.sleep_ns(10**9)
+        key = self._keys.popleft()
+        assert key in keys
+        return key
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        self.confirmations.append((trial, answer))

@@ -1,0 +1,124 @@
+"""The journal against torn ends, changed bytes and second runners."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from experiment.clock import ManualClock
+from experiment.errors import JournalError, SessionLocked
+from experiment.records import Answer, AnyEntry, Footer, Header, Phase, PlannedTrial
+from experiment.session import journal
+
+HEADER = Header(
+    study="s",
+    protocol_sha256="0" * 64,
+    software="palpate 0",
+    rig="r",
+    rig_sha256="1" * 64,
+    seed=1,
+    participant="01",
+    task="virtual",
+    task_position=1,
+    rehearsal=True,
+    started_utc="2000-01-01T00:00:00+00:00",
+    order=(PlannedTrial(trial=1, presented="Papier à lettres"), PlannedTrial(trial=2, presented="foil")),
+)
+ANSWER = Answer(trial=1, attempt=1, presented="foil", answered=None, key="n", response_time_s=0.25)
+ENTRIES: tuple[AnyEntry, ...] = (
+    HEADER,
+    Phase(state="familiarising"),
+    ANSWER,
+    Footer(reason="complete", answered=1),
+)
+
+
+def write(path: Path, entries: tuple[AnyEntry, ...] = ENTRIES) -> bytes:
+    clock = ManualClock(10)
+    opened = journal.Journal(path, clock, journal.EMPTY)
+    for entry in entries:
+        opened.append(entry)
+        clock.sleep_ns(5)
+    opened.close()
+    return path.read_bytes()
+
+
+def test_what_was_written_is_read_back(tmp_path: Path) -> None:
+    write(tmp_path / "j")
+    contents = journal.read(tmp_path / "j")
+    assert contents.entries == ENTRIES
+    assert [line.t_ns for line in contents.lines] == [10, 15, 20, 25]
+    assert contents.torn == b""
+
+
+def test_each_line_carries_the_hash_of_the_one_before(tmp_path: Path) -> None:
+    lines = write(tmp_path / "j").splitlines()
+    previous = [hashlib.sha256(line).hexdigest() for line in lines]
+    assert [json.loads(line)["prev"] for line in lines] == ["0" * 64, *previous[:-1]]
+
+
+def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: Path) -> None:
+    data = write(tmp_path / "whole")
+    path = tmp_path / "cut"
+    for length in range(len(data) + 1):
+        path.write_bytes(data[:length])
+        contents = journal.read(path)
+        kept = data[:length].count(b"\n")
+        assert contents.entries == ENTRIES[:kept]
+        assert len(contents.torn) == length - contents.size
+        opened = journal.Journal(path, ManualClock(0), contents)
+        opened.append(ANSWER if kept else HEADER)
+        opened.close()
+        assert journal.read(path).entries == (*ENTRIES[:kept], ANSWER if kept else HEADER)
+
+
+@given(position=st.integers(min_value=0), bit=st.integers(min_value=0, max_value=7))
+@settings(max_examples=150, deadline=None)
+def test_no_flipped_bit_passes_unless_in_the_last_line(position: int, bit: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "j"
+        data = bytearray(write(path))
+        last = data.rstrip(b"\n").rfind(b"\n") + 1
+        data[position % last] ^= 1 << bit
+        path.write_bytes(data)
+        with pytest.raises(JournalError, match=r"line \d"):
+            journal.read(path)
+
+
+def test_a_missing_or_doubled_line_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    lines = write(path).splitlines(keepends=True)
+    for changed in ([lines[0], *lines[2:]], [*lines[:2], lines[1], *lines[2:]], lines[1:]):
+        path.write_bytes(b"".join(changed))
+        with pytest.raises(JournalError, match="restore the journal from a backup"):
+            journal.read(path)
+
+
+def test_a_broken_last_line_with_its_newline_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    data = write(path)
+    path.write_bytes(data[:-10] + b"\n")
+    with pytest.raises(JournalError, match="line 4 is no journal entry"):
+        journal.read(path)
+
+
+def test_a_missing_journal_is_named(tmp_path: Path) -> None:
+    with pytest.raises(JournalError, match="give the path of a journal"):
+        journal.read(tmp_path / "none")
+
+
+def test_a_participant_is_held_by_one_runner(tmp_path: Path) -> None:
+    with (
+        journal.locked(tmp_path, "01"),
+        pytest.raises(SessionLocked, match="participant 01 is being run by another runner"),
+        journal.locked(tmp_path, "01"),
+    ):
+        pass
+    with journal.locked(tmp_path, "01"):
+        pass

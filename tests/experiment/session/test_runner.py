@@ -1,0 +1,208 @@
+"""The runner from familiarisation to the footer, with scripted devices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiment.apparatus.ports import Samples
+from experiment.clock import ManualClock
+from experiment.errors import JournalError, TrackerStopped
+from experiment.protocol import load
+from experiment.protocol.models import Protocol
+from experiment.records import Answer, Footer, FootStep, Header, Phase, PlannedTrial, Redo, Resumed, TrackerOpened
+from experiment.session import journal, runner
+from experiment.synthesis.crinkle import Synthesised
+from tests.experiment.session.scripted import (
+    START_NS,
+    ScriptedActuator,
+    ScriptedConsole,
+    ScriptedTracker,
+    step_samples,
+)
+from tests.experiment.session.test_journal import HEADER
+
+ORDER = ("copy paper", "polypropylene", "copy paper")
+
+
+@pytest.fixture(scope="module")
+def protocol(repository_root: Path) -> Protocol:
+    return load.load(repository_root / "protocols" / "okamoto2012.toml")
+
+
+def header(task: str) -> Header:
+    order = tuple(PlannedTrial(trial=n, presented=material) for n, material in enumerate(ORDER, start=1))
+    return HEADER.model_copy(update={"order": order, "task": task})
+
+
+@dataclass
+class Bench:
+    """One set of scripted devices; `rendered` is what synthesis was asked for."""
+
+    tracker: ScriptedTracker
+    console: ScriptedConsole
+    actuator: ScriptedActuator
+    clock: ManualClock
+    rendered: list[tuple[str, float]]
+
+    def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
+        def render(material: str, speed_mm_s: float, rate_hz: int) -> Synthesised:
+            self.rendered.append((material, speed_mm_s))
+            return Synthesised(np.full(rate_hz // 2, 1.5), floored_bins=3, extrapolated=False, dropped_bins=0)
+
+        virtual = asked.task == "virtual"
+        devices = runner.Devices(
+            self.tracker,
+            "scripted",
+            self.actuator if virtual else None,
+            render if virtual else None,
+            self.console,
+            self.clock,
+        )
+        return runner.run(protocol=protocol, header=asked, devices=devices, dataset=dataset)
+
+
+def bench(keys: str, steps: list[Samples | TrackerStopped] | None = None, lost: tuple[int, ...] = ()) -> Bench:
+    clock = ManualClock(START_NS)
+    if steps is None:
+        steps = [step_samples(5_000_000 * n, 100.0 * n) for n in range(1, len(keys) + 1)]
+    return Bench(ScriptedTracker(steps, lost), ScriptedConsole(clock, keys), ScriptedActuator(), clock, [])
+
+
+def entries(dataset: Path, task: str) -> tuple[object, ...]:
+    return journal.read(runner.journal_path(dataset, "01", task)).entries
+
+
+def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    one = bench("cpn")
+    footer = one.run(protocol, header("virtual"), tmp_path)
+    assert footer == Footer(reason="complete", answered=3)
+    assert [material for material, _ in one.rendered] == list(ORDER)
+    assert [speed for _, speed in one.rendered] == pytest.approx([100.0, 200.0, 300.0], rel=1e-9)
+    assert len(one.actuator.played) == 3
+    assert one.console.armed == [(1, 1, None), (2, 1, None), (3, 1, None)]
+    assert one.console.confirmations == [(1, "copy paper"), (2, "polypropylene"), (3, None)]
+    kinds = [type(entry) for entry in entries(tmp_path, "virtual")]
+    assert kinds == [Header, Phase, Phase, TrackerOpened, FootStep, Answer, FootStep, Answer, FootStep, Answer, Footer]
+    step = entries(tmp_path, "virtual")[4]
+    assert isinstance(step, FootStep)
+    assert step.contact_us == pytest.approx(5_000_000 + 300_000, abs=1)
+    assert step.stimulus is not None
+    assert (step.stimulus.samples, step.stimulus.floored_bins, step.stimulus.peak_m_s2) == (2500, 3, 1.5)
+
+
+def test_a_real_session_names_the_object_to_lay_out_and_plays_nothing(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.run(protocol, header("real"), tmp_path)
+    assert [place for _, _, place in one.console.armed] == list(ORDER)
+    assert one.actuator.played == []
+    assert all(e.stimulus is None for e in entries(tmp_path, "real") if isinstance(e, FootStep))
+
+
+def test_familiarisation_lasts_as_long_as_the_protocol_asks(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.run(protocol, header("real"), tmp_path)
+    assert one.console.familiarised == 2, "100 s a time, 180 s wanted"
+
+
+def test_response_time_runs_from_contact_in_device_time(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.run(protocol, header("real"), tmp_path)
+    first = next(e for e in entries(tmp_path, "real") if isinstance(e, Answer))
+    assert first.response_time_s == pytest.approx(1.0 - 0.3, abs=1e-6)
+
+
+def test_the_raw_frames_of_every_step_are_kept(protocol: Protocol, tmp_path: Path) -> None:
+    bench("cpt").run(protocol, header("real"), tmp_path)
+    path = runner.foot_path(runner.journal_path(tmp_path, "01", "real"))
+    traces = [e.trace for e in entries(tmp_path, "real") if isinstance(e, FootStep)]
+    data = path.read_bytes()
+    assert [data[t.offset : t.offset + t.length] for t in traces] == [b"frames"] * 3
+
+
+def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("crpt")
+    one.run(protocol, header("real"), tmp_path)
+    assert [(trial, attempt) for trial, attempt, _ in one.console.armed] == [(1, 1), (2, 1), (2, 2), (3, 1)]
+    redone = [e for e in entries(tmp_path, "real") if isinstance(e, Redo)]
+    assert redone == [Redo(trial=2, attempt=1, reason="asked for by the experimenter")]
+
+
+def test_the_protocols_rule_repeats_a_step_that_lost_frames(protocol: Protocol, tmp_path: Path) -> None:
+    steps = [step_samples(5_000_000 * n, 150.0) for n in range(1, 5)]
+    one = bench("cpt", steps, lost=(21, 20, 0, 0))
+    one.run(protocol, header("real"), tmp_path)
+    assert [(trial, attempt) for trial, attempt, _ in one.console.armed] == [(1, 1), (1, 2), (2, 1), (3, 1)]
+    assert [e.reason for e in entries(tmp_path, "real") if isinstance(e, Redo)] == [
+        "lost frames: too much of the foot's movement is missing for its speed to be trusted"
+    ]
+
+
+def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(protocol: Protocol, tmp_path: Path) -> None:
+    assert bench("cq").run(protocol, header("real"), tmp_path).reason == "paused"
+    second = bench("pt")
+    assert second.run(protocol, header("real"), tmp_path).reason == "complete"
+    assert second.console.armed == [(2, 2, "polypropylene"), (3, 1, "copy paper")]
+    assert second.console.familiarised == 0
+    assert [e.remaining for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == [(2, 3)]
+
+
+def test_a_stopped_tracker_ends_the_session_with_a_footer_and_loses_nothing(protocol: Protocol, tmp_path: Path) -> None:
+    steps = [step_samples(0, 150.0), TrackerStopped("tracker at scripted: no frame for 200 ms")]
+    with pytest.raises(TrackerStopped, match="no frame for 200 ms"):
+        bench("c", steps).run(protocol, header("real"), tmp_path)
+    assert entries(tmp_path, "real")[-1] == Footer(
+        reason="error", detail="tracker at scripted: no frame for 200 ms", answered=1
+    )
+    assert bench("pt").run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+
+
+def test_an_interrupt_at_the_keyboard_pauses(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    one.console = ScriptedConsole(one.clock, "c", before_ask=interrupt)
+    assert one.run(protocol, header("real"), tmp_path).detail == "interrupted at the keyboard"
+    assert bench("cpt").run(protocol, header("real"), tmp_path).reason == "complete"
+    assert [e.reason for e in entries(tmp_path, "real") if isinstance(e, Redo)] == [
+        "the session was interrupted before the answer"
+    ]
+
+
+def test_a_complete_session_is_left_as_it_is(protocol: Protocol, tmp_path: Path) -> None:
+    bench("cpt").run(protocol, header("real"), tmp_path)
+    path = runner.journal_path(tmp_path, "01", "real")
+    before = path.read_bytes()
+    again = bench("")
+    assert again.run(protocol, header("real"), tmp_path).reason == "complete"
+    assert path.read_bytes() == before
+    assert again.console.armed == []
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [({"protocol_sha256": "f" * 64}, "protocol_sha256"), ({"seed": 2}, "seed"), ({"order": ()}, "order")],
+)
+def test_a_session_goes_on_only_as_it_was_begun(
+    protocol: Protocol, tmp_path: Path, change: dict[str, object], named: str
+) -> None:
+    bench("cq").run(protocol, header("real"), tmp_path)
+    with pytest.raises(JournalError, match=f"begun with another {named}"):
+        bench("pt").run(protocol, header("real").model_copy(update=change), tmp_path)
+
+
+def test_a_torn_line_is_reported_on_screen_and_in_the_journal(protocol: Protocol, tmp_path: Path) -> None:
+    bench("cq").run(protocol, header("real"), tmp_path)
+    path = runner.journal_path(tmp_path, "01", "real")
+    path.write_bytes(path.read_bytes() + b'{"n":9,"t_')
+    second = bench("pt")
+    second.run(protocol, header("real"), tmp_path)
+    assert second.console.shown == ['A torn last line of the journal was dropped: \'{"n":9,"t_\'']
+    assert [e.torn for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == ['{"n":9,"t_']
