@@ -1,17 +1,351 @@
-"""The one command, `palpate`; imports each part on use, so that --help stays light."""
+"""The one command, `palpate`; the only place that knows every part, and imports each part on use."""
 
 from __future__ import annotations
 
+import json
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
 import typer
 
-app = typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, no_args_is_help=True)
+from experiment import __version__
+from experiment.errors import PalpateError
+
+app = typer.Typer(
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    no_args_is_help=True,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+ProtocolFile = Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML).")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Names every random draw.")]
+Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")]
+StudyFolder = Annotated[
+    Path | None, typer.Option("--dataset", help="Folder of the study's dataset; participants/STUDY by default.")
+]
+Day = Annotated[datetime, typer.Option(formats=["%Y-%m-%d"], metavar="YYYY-MM-DD")]
+
+
+def _version(value: bool) -> None:
+    if value:
+        typer.echo(f"palpate {__version__}")
+        raise typer.Exit
 
 
 @app.callback()
-def palpate() -> None:
+def palpate(
+    version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it.")] = False,
+) -> None:
     """Run vibrotactile psychophysics: from an ethics-reviewed protocol to published tables."""
 
 
+@app.command(epilog="Example: palpate check protocols/okamoto2012.toml")
+def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
+    """Show a protocol to an ethics board.
+
+    Prints a page that states the whole study, or every error at once with path, line, what was got and what is
+    allowed.
+    """
+    from experiment.errors import ProtocolError
+    from experiment.protocol import canonical, load, page
+
+    try:
+        protocol = load.load(protocol_file)
+    except ProtocolError as error:
+        if as_json:
+            from dataclasses import asdict
+
+            _json({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
+            raise typer.Exit(error.exit_code) from None
+        raise
+    if as_json:
+        document = json.loads(canonical.canonical(protocol))
+        _json({"file": str(protocol_file), "valid": True, "sha256": canonical.sha256(protocol), "protocol": document})
+    else:
+        typer.echo(page.page(protocol))
+
+
+@app.command(epilog="Example: palpate schedule protocols/okamoto2012.toml --participant 03 --seed 1")
+def schedule(protocol_file: ProtocolFile, participant: Participant, seed: Seed = 1, as_json: Json = False) -> None:
+    """Print the trials of one participant, in order."""
+    from experiment import roster
+    from experiment import schedule as schedules
+    from experiment.protocol import load
+
+    protocol = load.load(protocol_file)
+    allocation = roster.find(roster.allocate(protocol, seed), participant)
+    orders = {
+        task: schedules.schedule(protocol=protocol, participant=allocation.participant, task_id=task, seed=seed)
+        for task in allocation.tasks
+    }
+    if as_json:
+        tasks = [{"task": task, "order": [t.model_dump() for t in order]} for task, order in orders.items()]
+        _json({"participant": allocation.participant, "seed": seed, "tasks": tasks})
+        return
+    for position, (task, order) in enumerate(orders.items(), start=1):
+        typer.echo(f"Participant {allocation.participant}, task {position}: {task} (seed {seed})")
+        for planned in order:
+            typer.echo(f"{planned.trial:4d}  {planned.presented}")
+
+
+@app.command(
+    epilog="Example: palpate seal study.toml --approval-number 2026-17 --approved-on 2026-04-01 --expires-on 2027-03-31"
+)
+def seal(
+    protocol_file: ProtocolFile,
+    approval_number: Annotated[str, typer.Option("--approval-number", help="As on the board's letter.")],
+    approved_on: Day,
+    expires_on: Day,
+    replace: Annotated[bool, typer.Option("--replace", help="Of an earlier form of the protocol.")] = False,
+) -> None:
+    """Record the board's approval of a protocol.
+
+    Writes STUDY.seal.toml beside the protocol, with the SHA-256 of what was approved. `palpate run` refuses a
+    protocol that is not sealed, was changed since, or whose approval has expired.
+    """
+    from experiment.protocol import load
+    from experiment.protocol import seal as seals
+
+    protocol = load.load(protocol_file)
+    sealed = seals.write(
+        protocol_file,
+        protocol,
+        approval_number=approval_number,
+        board=protocol.ethics.board,
+        approved_on=approved_on.date(),
+        expires_on=expires_on.date(),
+        replace=replace,
+    )
+    typer.echo(f"Sealed {sealed.protocol_sha256}: {seals.seal_path(protocol_file)}")
+
+
+@app.command(epilog="Example: palpate enrol study.toml --participant 01 --consent-on 2026-05-04")
+def enrol(
+    protocol_file: ProtocolFile,
+    participant: Participant,
+    consent_on: Annotated[
+        datetime | None, typer.Option(formats=["%Y-%m-%d"], metavar="YYYY-MM-DD", help="Day of consent.")
+    ] = None,
+    dataset: StudyFolder = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Of the study; drawn if left out.")] = None,
+) -> None:
+    """Enrol the next participant of a study."""
+    from experiment import study
+
+    path = study.enrol(protocol_file, participant, consent_on.date() if consent_on else None, root=dataset, seed=seed)
+    typer.echo(f"Participant {participant} is enrolled: {path}")
+
+
+@app.command(epilog="Example: palpate withdraw study.toml --participant 01 --reason 'asked to stop'")
+def withdraw(
+    protocol_file: ProtocolFile,
+    participant: Participant,
+    reason: Annotated[str, typer.Option("--reason", help="One line that names no person and no state of health.")],
+    dataset: StudyFolder = None,
+) -> None:
+    """Record that a participant withdrew."""
+    from experiment import study
+
+    path = study.withdraw(protocol_file, participant, reason, root=dataset)
+    typer.echo(f"Participant {participant} has withdrawn: {path}")
+
+
+@app.command(epilog="Example: palpate run study.toml --participant 01 --task real --rig our-rig.toml")
+def run(
+    protocol_file: ProtocolFile,
+    participant: Participant,
+    task: Annotated[str, typer.Option("--task", help="One of the participant's tasks.")],
+    rig: Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")],
+    recordings: Annotated[
+        Path | None, typer.Option("--recordings", help="Folder of recordings; stimuli/recordings in the dataset.")
+    ] = None,
+    dataset: StudyFolder = None,
+) -> None:
+    """Run one session with a participant, or what remains of it.
+
+    The protocol must be sealed and the participant enrolled. Ctrl-C pauses; the same command goes on.
+    """
+    from experiment import study
+    from experiment.console.terminal import TerminalConsole
+
+    console = TerminalConsole(write=sys.stdout, ask=input, heading=f"Participant {participant}, task {task}.")
+    footer = study.run(
+        protocol_file=protocol_file,
+        rig_file=rig,
+        participant=participant,
+        task_id=task,
+        root=dataset,
+        recordings=recordings,
+        console=console,
+    )
+    typer.echo(f"The session is {footer.reason}: {footer.answered} answers. {footer.detail}".rstrip())
+
+
+@app.command(epilog="Example: palpate rehearse protocols/okamoto2012.toml --participants 3 --seed 7 --out trial-run")
+def rehearse(
+    protocol_file: Annotated[
+        Path | None, typer.Argument(metavar="[PROTOCOL]", help="Protocol file; the footstep study by default.")
+    ] = None,
+    participants: Annotated[
+        int | None, typer.Option("--participants", min=1, help="How many; all of the study's by default.")
+    ] = None,
+    seed: Seed = 1,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder of the dataset; participants/rehearsal-... by default.")
+    ] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file of a simulated rig.")] = None,
+    control: Annotated[
+        Literal["none", "silence"], typer.Option("--control", help="'silence' replaces every stimulus by zeros.")
+    ] = "none",
+    jobs: Annotated[int, typer.Option("--jobs", min=0, help="Participants at a time; 0: one a core.")] = 0,
+    real_time: Annotated[bool, typer.Option("--real-time", help="Pace it by the wall clock, and show it.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Run a whole study with simulated participants.
+
+    REHEARSAL: a simulated foot speaks through a real serial port, a simulated observer judges what the actuator
+    was sent, answers pass the journal, and the tables come from the dataset on disk. The same command goes on with a
+    rehearsal that was interrupted.
+    """
+    from experiment.console.terminal import TerminalConsole
+    from experiment.protocol.shipped import shipped
+    from experiment.rehearsal import study
+
+    screen = TerminalConsole(write=sys.stderr, ask=input, heading="REHEARSAL") if real_time and not as_json else None
+    with _progress("REHEARSAL", quiet=as_json or screen is not None) as (total, tick):
+        dataset = study.rehearse(
+            protocol_file=protocol_file or shipped("okamoto2012.toml"),
+            rig_file=rig or shipped("rigs/rehearsal.toml"),
+            out=out,
+            participants=participants,
+            seed=seed,
+            control=control,
+            real_time=real_time,
+            jobs=jobs,
+            total=total,
+            tick=tick,
+            screen=screen,
+        )
+    _analyse(dataset, None, as_json=as_json, figures=True)
+
+
+@app.command(epilog="Example: palpate analyse participants/okamoto2012 --out tables")
+def analyse(
+    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a BIDS dataset.")],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for tables, figures and report; inside DATASET by default.")
+    ] = None,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
+    as_json: Json = False,
+) -> None:
+    """Make the tables and the report of a dataset.
+
+    Confusion matrices, tests, ANOVAs, ICCs, figures and one HTML report; a study that was published is compared
+    with its paper, value by value.
+    """
+    _analyse(dataset, out, as_json=as_json, figures=figures)
+
+
+@app.command(epilog="Example: palpate spectrum recording.lvm --plot spectrum.svg")
+def spectrum(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="WAV, text columns with time, or LabVIEW .lvm.")],
+    channel: Annotated[str | None, typer.Option("--channel", help="Name or number (from 1) of the channel.")] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="Where to draw it (.png or .svg).")] = None,
+    as_json: Json = False,
+) -> None:
+    """Print and plot the spectrum of a recording.
+
+    Lists the peaks of the amplitude spectrum. The sampling rate of text and LabVIEW columns is that of their time
+    column, not that of a header.
+    """
+    from experiment.recordings import spectrum as spectra
+
+    result = spectra.of_file(file, channel=channel)
+    drawn = spectra.plot(result, plot or Path(f"{file.stem}_spectrum.png"))
+    if as_json:
+        _json({**result.as_dict(), "plot": str(drawn)})
+    else:
+        typer.echo(f"{result.text()}\nPlot: {drawn}")
+
+
+@app.command(
+    "import-counts",
+    epilog="Example: palpate import-counts --task virtual=virtual.csv --task real=real.csv --study okamoto2012 "
+    "--source 'Okamoto et al., Tables 1 and 2' --out participants/okamoto2012",
+)
+def import_counts(
+    task: Annotated[list[str], typer.Option("--task", help="TASK=CSV: participant,presented,answered,count.")],
+    study: Annotated[str, typer.Option("--study", help="Id of the study.")],
+    source: Annotated[str, typer.Option("--source", help="Where the counts come from.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the new dataset.")],
+) -> None:
+    """Make a dataset from printed counts.
+
+    The dataset is labelled a reconstruction: no original data.
+    """
+    from experiment import reconstruction
+
+    pairs = dict(reconstruction.parse_task(text) for text in task)
+    typer.echo(f"Dataset: {reconstruction.import_counts(pairs, study=study, source=source, out=out)}")
+
+
+@app.command(epilog="Example: palpate journal participants/study/sourcedata/sub-01/sub-01_task-virtual_journal.jsonl")
+def journal(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Journal of a session (.jsonl).")],
+    as_json: Json = False,
+) -> None:
+    """Verify a journal and tell its story."""
+    from experiment.session import journal as journals
+    from experiment.session import story
+
+    contents = journals.read(file)
+    if as_json:
+        entries = [{"t_ns": line.t_ns, **line.entry.model_dump(mode="json")} for line in contents.lines]
+        _json({"file": str(file), "torn_bytes": len(contents.torn), "entries": entries})
+    else:
+        typer.echo(story.text(contents))
+
+
+def _analyse(dataset: Path, out: Path | None, *, as_json: bool, figures: bool) -> None:
+    from analysis import analyse as analyses
+
+    result = analyses.analyse(dataset, out, figures=figures)
+    if as_json:
+        _json(result.as_dict())
+    else:
+        typer.echo(result.text())
+
+
+def _json(document: object) -> None:
+    typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+
+
+@contextmanager
+def _progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
+    """A progress bar on standard error: what sets its total, and what moves it on."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(stderr=True), disable=quiet) as bar:
+        task = bar.add_task(label, total=None)
+        yield (lambda total: bar.update(task, total=total)), (lambda: bar.advance(task))
+
+
 def main() -> None:
-    """Entry point of the command."""
-    app()
+    """Entry point of the command: an error is one line (every line of it useful) and exit code 2."""
+    try:
+        app()
+    except PalpateError as error:
+        print(f"palpate: {error}", file=sys.stderr)  # noqa: T201
+        raise SystemExit(error.exit_code) from None
+    except BrokenPipeError:
+        sys.stderr.close()
+        raise SystemExit(1) from None

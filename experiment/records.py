@@ -143,7 +143,7 @@ class Footer(Entry):
     """Why the session ended. Only `paused` and `error` can be resumed."""
 
     kind: Literal["footer"] = "footer"
-    reason: Literal["complete", "withdrawn", "paused", "error"]
+    reason: Literal["complete", "paused", "error"]
     detail: str = ""
     answered: int
 

@@ -56,11 +56,12 @@ def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path) -> Rende
     from experiment.recordings import manifest
     from experiment.synthesis import crinkle
 
-    loaded = manifest.load(recordings, protocol.synthesis, scene.materials)
+    loaded = manifest.load(recordings, synthesis=protocol.synthesis, material_ids=scene.materials)
     spectra = {
         material: crinkle.subtract(
             speeds_mm_s=protocol.synthesis.speeds_mm_s,
-            panel_object_takes=loaded.takes[material],
+            rate_hz=protocol.synthesis.rate_hz,
+            panel_object_takes=loaded.objects[material],
             panel_takes=loaded.panel,
             average=protocol.synthesis.average,
         )
@@ -68,11 +69,6 @@ def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path) -> Rende
     }
 
     def render(material: str, speed_mm_s: float, output_rate_hz: int) -> crinkle.Synthesised:
-        return crinkle.synthesise(
-            spectra[material],
-            speed_mm_s=speed_mm_s,
-            recorded_rate_hz=protocol.synthesis.rate_hz,
-            output_rate_hz=output_rate_hz,
-        )
+        return crinkle.synthesise(spectra[material], speed_mm_s=speed_mm_s, output_rate_hz=output_rate_hz)
 
     return render

@@ -80,7 +80,8 @@ def encode(sequence: int, device_us: int, counts: int) -> bytes:
         counts: the sensor's reading, 0..65535.
     """
     sample = _SAMPLE.pack(sequence % _SEQUENCES, device_us % _CLOCK, counts)
-    return cobs.encode(sample + crc_hqx(sample, _CRC_START).to_bytes(2, "little")) + b"\0"
+    stuffed: bytes = cobs.encode(sample + crc_hqx(sample, _CRC_START).to_bytes(2, "little"))
+    return stuffed + b"\0"
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,8 @@ class Decoder:
     """Where reading stands. It never changes: `feed` gives the next one.
 
     Attributes:
-        near_us: the first time read is unwrapped to the one nearest to this, microseconds.
+        near_us: the first time read is unwrapped to the one nearest to this, microseconds; the default leaves it as
+            it was sent.
         sequence: of the last good frame; None before the first.
         device_us: unwrapped time of the last good frame.
         tail: bytes after the last 0x00.
@@ -98,7 +100,7 @@ class Decoder:
         restarted: the device restarted; nothing more is read.
     """
 
-    near_us: int = 0
+    near_us: int = _CLOCK // 2
     sequence: int | None = None
     device_us: int = 0
     tail: bytes = b""
@@ -174,7 +176,9 @@ class Decoder:
         restarted = self.restarted or bool(wrong.any())
         whole = 0 if self.restarted else int(np.argmax(wrong)) if restarted else sequence.size
         new = forward_us[:whole] > 0
-        missing = np.maximum((steps[:whole] - 1) % _SEQUENCES - np.array(damaged_before[:whole], dtype=np.int64), 0)[new]
+        missing = np.maximum((steps[:whole] - 1) % _SEQUENCES - np.array(damaged_before[:whole], dtype=np.int64), 0)[
+            new
+        ]
         if self.gap_expected and missing.size:
             missing[0] = 0
         device_us = last_us + np.cumsum(forward_us[:whole])

@@ -18,9 +18,9 @@ Contact cannot be read off as a crossing: a foot at rest is near contact height,
 is the root of a straight line, fitted by least squares to the samples between `NEAR_MM` and `FAR_MM` above contact in
 the last `APPROACH_US` before a sample lies at `NEAR_MM` or lower; that sample gives the `Contact`, so its time may be a
 few milliseconds ahead. Where frames are missing and fewer than three samples are left, the line runs from the bottom of
-the gate to that sample. A foot that slows down lands later than the line says by about d^2 |a| / (3 v^3), with d =
-FAR_MM, speed v and deceleration a there: 0.3 ms at 200 mm/s and 1000 mm/s^2. Contact is never put more than
-`LATEST_US` after its sample.
+the gate to that sample. A foot that slows down lands later than the line says, by at most d^2 a / (7 v^3) with d =
+FAR_MM, speed v and deceleration a at contact: 0.16 ms at 200 mm/s and 1000 mm/s^2. Noise of 0.1 mm rms at 1 kHz adds
+up to 0.12 mm / v rms: 0.6 ms at 200 mm/s. Contact is never put more than `LATEST_US` after its sample.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ from numpy.typing import NDArray
 from experiment.apparatus.ports import Samples
 from experiment.protocol.models import Step
 
-SETTLED_MM = 0.5
-"""Five standard deviations of a noisy sensor (0.1 mm), mm."""
+SETTLED_MM = 1.0
+"""Ten standard deviations of a noisy sensor (0.1 mm), so that no pair of samples spans it by chance, mm."""
 
 NEAR_MM = 0.5
 """Height above contact below which the foot counts as landing, mm; a panel may rest that much too high."""

@@ -125,8 +125,12 @@ class Console(Protocol):
         """Wait while the participant handles the real materials; returns when the experimenter ends it."""
         ...
 
-    def arm(self, *, trial: int, attempt: int, trials: int, place: str | None) -> None:
-        """The next step starts trial `trial` of `trials`; `place` is the real object to lay out, if any."""
+    def place(self, *, trial: int, material: str) -> None:
+        """Have the real object laid out; returns when it lies."""
+        ...
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+        """Say that the next step is trial `trial` of `trials`; returns at once, for the foot is watched from now on."""
         ...
 
     def ask(self, *, trial: int, keys: dict[str, str]) -> str:

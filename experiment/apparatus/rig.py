@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import rfc8785
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydantic import Field
 
 from experiment.apparatus.frames import FRAME_BYTES
@@ -51,10 +51,11 @@ def _tracker_rules(table: Any) -> Iterator[Broken]:
     for i, (before, after) in enumerate(pairwise(counts), start=1):
         if isinstance(before, int) and isinstance(after, int) and after <= before:
             yield Broken(("calibration", i, "counts"), f"more than at the point before it ({before})")
-    if len(mm) < 2 or not all(isinstance(height, int | float) for height in mm):
+    heights = [height for height in mm if isinstance(height, int | float)]
+    if len(heights) < max(len(mm), 2):
         return
-    rises = mm[1] > mm[0]
-    for i, (before, after) in enumerate(pairwise(mm), start=1):
+    rises = heights[1] > heights[0]
+    for i, (before, after) in enumerate(pairwise(heights), start=1):
         if before == after or (after > before) != rises:
             way = "more" if rises else "less"
             yield Broken(("calibration", i, "mm"), f"{way} than at the point before it ({before}), as heights began")
@@ -62,9 +63,9 @@ def _tracker_rules(table: Any) -> Iterator[Broken]:
 
 def _actuator_rules(table: Any) -> Iterator[Broken]:
     address = table.get("address")
-    if isinstance(address, str) and address.rpartition(":")[2].isdecimal():
-        if not 1 <= int(address.rpartition(":")[2]) <= 65535:
-            yield Broken(("address",), "host:port with a port from 1 to 65535")
+    port = address.rpartition(":")[2] if isinstance(address, str) else ""
+    if port.isdecimal() and not 1 <= int(port) <= 65535:
+        yield Broken(("address",), "host:port with a port from 1 to 65535")
 
 
 def _rig_rules(table: Any) -> Iterator[Broken]:
@@ -106,22 +107,26 @@ class TrackerRig(Confined):
     stall_ms: Annotated[int, Field(ge=50, le=200)]
     calibration: Annotated[tuple[CalibrationPoint, ...], Field(min_length=2)]
 
-    def height_mm(self, counts: ArrayLike) -> NDArray[np.float64]:
+    def height_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
         """Height above the panel of each reading, mm; beyond the outermost points that of the nearest one.
 
         Args:
             counts: readings, shape (n,).
         """
-        return np.interp(counts, [p.counts for p in self.calibration], [p.mm for p in self.calibration])
+        points = self.calibration
+        heights_mm: NDArray[np.float64] = np.interp(counts, [p.counts for p in points], [p.mm for p in points])
+        return heights_mm
 
-    def counts(self, height_mm: ArrayLike) -> NDArray[np.int64]:
+    def counts(self, height_mm: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
         """The reading that stands for each height, as the sensor would give it; the inverse of `height_mm`.
 
         Args:
             height_mm: heights above the panel, mm, shape (n,).
         """
         points = sorted(self.calibration, key=lambda point: point.mm)
-        return np.rint(np.interp(height_mm, [p.mm for p in points], [p.counts for p in points])).astype(np.int64)
+        readings = np.interp(height_mm, [p.mm for p in points], [p.counts for p in points])
+        whole: NDArray[np.int64] = np.rint(readings).astype(np.int64)
+        return whole
 
 
 class ActuatorRig(Confined):

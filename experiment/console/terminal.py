@@ -29,12 +29,11 @@ class TerminalConsole:
         self.show(f"{self._heading}  Familiarisation, {min_s / 60:.1f} to {max_s / 60:.1f} min. {instruction}")
         self._ask("Press Enter when the participant is familiar with the materials: ")
 
-    def arm(self, *, trial: int, attempt: int, trials: int, place: str | None) -> None:
+    def place(self, *, trial: int, material: str) -> None:
+        self._ask(f"{self._heading}  Trial {trial}. Lay out: {material}. Press Enter when it lies: ")
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
         again = f", attempt {attempt}" if attempt > 1 else ""
-        if place is not None:
-            self._ask(
-                f"{self._heading}  Trial {trial} of {trials}{again}. Lay out: {place}. Press Enter when it lies: "
-            )
         self.show(f"{self._heading}  Trial {trial} of {trials}{again}. Armed: the participant may step.")
 
     def ask(self, *, trial: int, keys: dict[str, str]) -> str:

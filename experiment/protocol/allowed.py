@@ -82,7 +82,7 @@ def _number(noun: str, schema: Schema) -> str:
         ("less than", schema.get("exclusiveMaximum")),
         ("at most", schema.get("maximum")),
     )
-    stated = " and ".join(f"{relation} {bound:g}" for relation, bound in bounds if bound is not None)
+    stated = " and ".join(f"{relation} {bound:.15g}" for relation, bound in bounds if bound is not None)
     return f"{noun} {stated}" if stated else noun
 
 

@@ -38,6 +38,9 @@ def _invalid_fields(model: type[Confined], document: Table) -> Iterator[tuple[Pa
     except ValidationError as error:
         for one in error.errors(include_url=False):
             path = one["loc"]
+            # Only valid elements are counted there: an array with a bad one is called too short though it is not.
+            if one["type"] == "too_short" and len(one["input"]) >= one["ctx"]["min_length"]:
+                continue
             if one["type"] == "extra_forbidden":
                 yield path, allowed.unknown_key(model, path)
             elif one["type"] != BROKEN_RULE:

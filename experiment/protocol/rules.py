@@ -82,7 +82,7 @@ def order(table: Table) -> Iterator[Broken]:
     """`max_run` belongs to orders of that kind."""
     kind, limit = table.get("kind"), table.get("max_run")
     if kind == "max-run" and limit is None:
-        yield Broken(("max_run",), "a whole number, at least 1: kind 'max-run' needs it")
+        yield Broken(("max_run",), "a whole number at least 1: kind 'max-run' needs it")
     if kind in ("full-random", "blocked-random") and limit is not None:
         yield Broken(("max_run",), f"no value: only kind 'max-run' has this key, kind '{kind}' does not")
 
@@ -93,7 +93,7 @@ def exclusion_rule(table: Table) -> Iterator[Broken]:
     if when == "withdrawn" and limit is not None:
         yield Broken(("limit",), "no value: 'withdrawn' needs no limit")
     if when in ("frames-lost", "speed-below", "speed-above", "answers-below") and limit is None:
-        yield Broken(("limit",), f"a number, at least 0: '{when}' needs it")
+        yield Broken(("limit",), f"a number at least 0: '{when}' needs it")
     if when in ("withdrawn", "answers-below") and action in ("repeat-trial", "exclude-trial"):
         yield Broken(("action",), f"exclude-participant: '{when}' is about a participant")
     if when in ("frames-lost", "speed-below", "speed-above") and action == "exclude-participant":
@@ -228,7 +228,7 @@ def written(path: Path) -> str:
 def _in_order(table: Table, low: str, high: str) -> Iterator[Broken]:
     least, most = _number(table, low), _number(table, high)
     if least is not None and most is not None and most < least:
-        yield Broken((high,), f"a number, at least {low} ({least})")
+        yield Broken((high,), f"a number at least {low} ({least})")
 
 
 def _is_number(value: object) -> bool:

@@ -50,6 +50,11 @@ def journal_path(dataset: Path, participant: str, task: str) -> Path:
     return dataset / "sourcedata" / f"sub-{participant}" / f"sub-{participant}_task-{task}_journal.jsonl"
 
 
+def rig_path(journal_file: Path) -> Path:
+    """Where the rig file of a session stands, beside its journal."""
+    return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_rig.toml"))
+
+
 def foot_path(journal_file: Path) -> Path:
     """Where the raw tracker frames of a session stand, beside its journal."""
     return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_foot.cobs"))
@@ -79,7 +84,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, dataset: Path) 
             _check_same_session(path, contents.header, header)
             header = contents.header
         done = progress(contents.entries or (header,))
-        if done.footer is not None and done.footer.reason in ("complete", "withdrawn"):
+        if done.footer is not None and done.footer.reason == "complete":
             return done.footer
         session = _Session(protocol, header, devices, journal.Journal(path, devices.clock, contents), foot_path(path))
         return session.run(contents, done)
@@ -117,7 +122,11 @@ class _Session:
         self._answered = len(done.answered)
         try:
             self._begin(contents, done)
+            ends_ns = self._devices.clock.now_ns() + int(self._protocol.exposure.session_min * 60e9)
             for planned in done.remaining:
+                if self._devices.clock.now_ns() > ends_ns:
+                    self._follow(Event.PAUSE)
+                    return self._end("paused", f"the protocol's {self._protocol.exposure.session_min:g} min are over")
                 attempt = done.attempts.get(planned.trial, 0) + 1
                 while (event := self._attempt(planned, attempt)) is Event.REDONE:
                     attempt += 1
@@ -180,12 +189,10 @@ class _Session:
 
     def _attempt(self, planned: PlannedTrial, attempt: int) -> Event:
         devices = self._devices
-        devices.console.arm(
-            trial=planned.trial,
-            attempt=attempt,
-            trials=len(self._header.order),
-            place=planned.presented if self._scene.place else None,
-        )
+        if self._scene.place:
+            devices.console.place(trial=planned.trial, material=planned.presented)
+        devices.tracker.drain()
+        devices.console.arm(trial=planned.trial, attempt=attempt, trials=len(self._header.order))
         seen = watch(
             tracker=devices.tracker,
             detector=self._detector,

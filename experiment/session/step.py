@@ -61,7 +61,6 @@ def watch(
         TrackerStopped: the tracker fell silent.
         ActuatorError: the stimulus could not be handed over.
     """
-    tracker.drain()
     before = tracker.counts
     state = detector.init()
     samples = tracker.read()

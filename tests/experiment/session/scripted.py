@@ -70,7 +70,8 @@ class ScriptedConsole:
         self._clock = clock
         self._keys = deque(keys)
         self._before_ask = before_ask
-        self.armed: list[tuple[int, int, str | None]] = []
+        self.placed: list[tuple[int, str]] = []
+        self.armed: list[tuple[int, int]] = []
         self.shown: list[str] = []
         self.confirmations: list[tuple[int, str | None]] = []
         self.familiarised = 0
@@ -82,8 +83,11 @@ class ScriptedConsole:
         self.familiarised += 1
         self._clock.sleep_ns(100 * 10**9)
 
-    def arm(self, *, trial: int, attempt: int, trials: int, place: str | None) -> None:
-        self.armed.append((trial, attempt, place))
+    def place(self, *, trial: int, material: str) -> None:
+        self.placed.append((trial, material))
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+        self.armed.append((trial, attempt))
 
     def ask(self, *, trial: int, keys: dict[str, str]) -> str:
         self._before_ask()

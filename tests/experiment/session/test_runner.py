@@ -85,7 +85,8 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
     assert [material for material, _ in one.rendered] == list(ORDER)
     assert [speed for _, speed in one.rendered] == pytest.approx([100.0, 200.0, 300.0], rel=1e-9)
     assert len(one.actuator.played) == 3
-    assert one.console.armed == [(1, 1, None), (2, 1, None), (3, 1, None)]
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
+    assert one.console.placed == []
     assert one.console.confirmations == [(1, "copy paper"), (2, "polypropylene"), (3, None)]
     kinds = [type(entry) for entry in entries(tmp_path, "virtual")]
     assert kinds == [Header, Phase, Phase, TrackerOpened, FootStep, Answer, FootStep, Answer, FootStep, Answer, Footer]
@@ -99,7 +100,7 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
 def test_a_real_session_names_the_object_to_lay_out_and_plays_nothing(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("cpt")
     one.run(protocol, header("real"), tmp_path)
-    assert [place for _, _, place in one.console.armed] == list(ORDER)
+    assert one.console.placed == list(enumerate(ORDER, start=1))
     assert one.actuator.played == []
     assert all(e.stimulus is None for e in entries(tmp_path, "real") if isinstance(e, FootStep))
 
@@ -128,7 +129,7 @@ def test_the_raw_frames_of_every_step_are_kept(protocol: Protocol, tmp_path: Pat
 def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("crpt")
     one.run(protocol, header("real"), tmp_path)
-    assert [(trial, attempt) for trial, attempt, _ in one.console.armed] == [(1, 1), (2, 1), (2, 2), (3, 1)]
+    assert one.console.armed == [(1, 1), (2, 1), (2, 2), (3, 1)]
     redone = [e for e in entries(tmp_path, "real") if isinstance(e, Redo)]
     assert redone == [Redo(trial=2, attempt=1, reason="asked for by the experimenter")]
 
@@ -137,7 +138,7 @@ def test_the_protocols_rule_repeats_a_step_that_lost_frames(protocol: Protocol, 
     steps = [step_samples(5_000_000 * n, 150.0) for n in range(1, 5)]
     one = bench("cpt", steps, lost=(21, 20, 0, 0))
     one.run(protocol, header("real"), tmp_path)
-    assert [(trial, attempt) for trial, attempt, _ in one.console.armed] == [(1, 1), (1, 2), (2, 1), (3, 1)]
+    assert one.console.armed == [(1, 1), (1, 2), (2, 1), (3, 1)]
     assert [e.reason for e in entries(tmp_path, "real") if isinstance(e, Redo)] == [
         "lost frames: too much of the foot's movement is missing for its speed to be trusted"
     ]
@@ -147,7 +148,7 @@ def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(prot
     assert bench("cq").run(protocol, header("real"), tmp_path).reason == "paused"
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path).reason == "complete"
-    assert second.console.armed == [(2, 2, "polypropylene"), (3, 1, "copy paper")]
+    assert second.console.armed == [(2, 2), (3, 1)]
     assert second.console.familiarised == 0
     assert [e.remaining for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == [(2, 3)]
 

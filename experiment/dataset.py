@@ -1,0 +1,211 @@
+"""Journals to the study's BIDS dataset: events, foot traces, participants. Reads only what is on disk."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from experiment import __version__
+from experiment import dataset_files as files
+from experiment.apparatus import frames
+from experiment.apparatus import rig as rigs
+from experiment.errors import DatasetError
+from experiment.protocol import load
+from experiment.protocol.models import Protocol, Task
+from experiment.records import NO_ANSWER, Answer, FootStep, Redo, TrackerOpened
+from experiment.roster import Roster
+from experiment.session import journal
+from experiment.session.runner import foot_path, journal_path, rig_path
+
+RECORDINGS = Path("stimuli") / "recordings"
+"""Where the recordings stand that a study's stimuli are made from."""
+
+README = {
+    "REHEARSAL": """
+Everything in this dataset was made by simulated participants, on simulated materials, with a simulated foot
+behind real ports. It shows that the study's whole path works. It says nothing about any participant or material.
+""",
+    "PARTICIPANT": """
+Recorded with palpate. The journals under sourcedata/ are the record of what happened: every line carries the
+hash of the one before it.
+""",
+}
+
+
+def roster_path(root: Path) -> Path:
+    """Where the roster of a dataset stands."""
+    return root / "sourcedata" / "roster.jsonl"
+
+
+def journals(root: Path) -> list[Path]:
+    """The journals of a dataset, by participant and task."""
+    return sorted((root / "sourcedata").glob("sub-*/sub-*_journal.jsonl"))
+
+
+def keep_rig(root: Path, rig_file: Path, participant: str, task: str) -> None:
+    """Keep the rig file beside the journal of a session that is about to begin, unless it is kept already."""
+    kept = rig_path(journal_path(root, participant, task))
+    if not kept.exists():
+        files.write_bytes(kept, rig_file.read_bytes())
+
+
+@dataclass(frozen=True)
+class _Session:
+    contents: journal.Contents
+    steps: tuple[tuple[FootStep, float], ...]
+    """Each step with its contact, s from the first frame of the session's tracker."""
+
+
+def build(root: Path) -> None:
+    """Write the BIDS files of every journal under `root/sourcedata`, replacing earlier ones.
+
+    Args:
+        root: the dataset; `sourcedata/` holds `protocol.toml`, the journals, and beside each its rig file.
+
+    Raises:
+        DatasetError: a part is missing, or a foot trace is not the one its journal names.
+        JournalError: a journal is broken.
+    """
+    protocol = load.load(root / "sourcedata" / "protocol.toml")
+    found = journals(root)
+    if not found:
+        raise DatasetError(f"{root}: holds no journal yet; run a session first")
+    first_tasks: dict[str, str] = {}
+    withdrawn = Roster.load(roster_path(root)).withdrawn
+    origin: files.Origin = "PARTICIPANT"
+    for path in found:
+        session = _read(path)
+        header = session.contents.header
+        origin = "REHEARSAL" if header.rehearsal else "PARTICIPANT"
+        first_tasks.setdefault(header.participant, files.MISSING)
+        if header.task_position == 1:
+            first_tasks[header.participant] = header.task
+        task = _task_text(protocol, protocol.task(header.task), origin)
+        files.write_events(root, header.participant, task, _rows(session, origin))
+        _write_foot(root, session, path, origin)
+    files.write_participants(
+        root,
+        [
+            {"participant_id": f"sub-{who}", "first_task": first, "withdrawn": who in withdrawn}
+            for who, first in first_tasks.items()
+        ],
+        origin=origin,
+    )
+    files.write_description(root, _text(protocol, origin))
+
+
+def _read(path: Path) -> _Session:
+    contents = journal.read(path)
+    zero: TrackerOpened | None = None
+    opened: TrackerOpened | None = None
+    steps: list[tuple[FootStep, float]] = []
+    for entry in contents.entries:
+        if isinstance(entry, TrackerOpened):
+            zero, opened = zero or entry, entry
+        elif isinstance(entry, FootStep):
+            if zero is None or opened is None:
+                raise DatasetError(f"{path}: a step stands before its tracker was opened; restore it from a backup")
+            steps.append((entry, (opened.t_ns - zero.t_ns) / 1e9 + (entry.contact_us - opened.device_us) / 1e6))
+    return _Session(contents, tuple(steps))
+
+
+def _rows(session: _Session, origin: files.Origin) -> list[dict[str, object]]:
+    answers: dict[tuple[int, int], Answer] = {}
+    redone: dict[tuple[int, int], str] = {}
+    for entry in session.contents.entries:
+        if isinstance(entry, Answer):
+            answers[entry.trial, entry.attempt] = entry
+        elif isinstance(entry, Redo):
+            redone[entry.trial, entry.attempt] = entry.reason
+    rows: list[dict[str, object]] = []
+    for step, contact_s in session.steps:
+        attempt = step.trial, step.attempt
+        answer = answers.get(attempt)
+        stimulus = step.stimulus
+        rows.append(
+            {
+                "onset": round(contact_s, 6),
+                "duration": stimulus.samples / stimulus.rate_hz if stimulus else None,
+                "trial": step.trial,
+                "attempt": step.attempt,
+                "counted": answer is not None and attempt not in redone,
+                "presented": step.presented,
+                "answered": None if answer is None else answer.answered or NO_ANSWER,
+                "response_time": round(answer.response_time_s, 6) if answer else None,
+                "foot_speed": round(step.speed_mm_s, 3),
+                "frames_lost": step.link.lost + step.link.damaged,
+                "floored_bins": stimulus.floored_bins if stimulus else None,
+                "redo_reason": redone.get(attempt, None if answer else "no answer was confirmed"),
+                "origin": origin,
+            }
+        )
+    return rows
+
+
+def _write_foot(root: Path, session: _Session, journal_file: Path, origin: files.Origin) -> None:
+    """The foot's height on the device's own time grid; between the steps nothing was recorded."""
+    if not session.steps:
+        return
+    header = session.contents.header
+    rig = rigs.load(rig_path(journal_file))
+    if rigs.sha256(rig) != header.rig_sha256:
+        raise DatasetError(f"{rig_path(journal_file)}: is not the rig that the session was run with; restore the file")
+    path = foot_path(journal_file)
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
+    times: list[np.ndarray] = []
+    heights: list[np.ndarray] = []
+    for step, contact_s in session.steps:
+        part = raw[step.trace.offset : step.trace.offset + step.trace.length]
+        if hashlib.sha256(part).hexdigest() != step.trace.sha256:
+            raise DatasetError(
+                f"{path}: the frames of trial {step.trial} are not those that the journal names; restore the file"
+            )
+        _, decoded = frames.Decoder(near_us=int(step.contact_us)).feed(part)
+        times.append(contact_s + (decoded.device_us - step.contact_us) / 1e6)
+        heights.append(rig.tracker.height_mm(decoded.counts))
+    time_s, height_mm = np.concatenate(times), np.concatenate(heights)
+    rate_hz = rig.tracker.rate_hz
+    place = np.rint((time_s - time_s[0]) * rate_hz).astype(np.int64)
+    grid = np.full(int(place.max()) + 1, np.nan)
+    grid[place] = height_mm
+    files.write_physio(
+        files.beh_path(root, header.participant, header.task, "recording-foot_physio.tsv.gz"),
+        {"foot_height": files.PhysioColumn(grid, "Height of the sole above the panel.", "mm", 3)},
+        rate_hz=rate_hz,
+        start_s=round(float(time_s[0]), 6),
+        task=header.task,
+        description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
+        origin=origin,
+    )
+
+
+def _text(protocol: Protocol, origin: files.Origin) -> files.DatasetText:
+    return files.DatasetText(
+        study=protocol.study.id,
+        name=protocol.study.title,
+        origin=origin,
+        license="CC0-1.0" if origin == "REHEARSAL" else "n/a: ask the laboratory",
+        authors=("palpate, simulated",) if origin == "REHEARSAL" else ("The laboratory named in the protocol",),
+        tasks=tuple(task.id for task in protocol.tasks),
+        references=(protocol.study.source,),
+        readme=README[origin],
+        software_version=__version__,
+    )
+
+
+def _task_text(protocol: Protocol, task: Task, origin: files.Origin) -> files.TaskText:
+    return files.TaskText(
+        id=task.id,
+        title=task.title,
+        description=f"{task.title}. {len(protocol.materials)} materials, {task.repetitions} trials each.",
+        instructions=task.instruction,
+        materials={m.id: m.description for m in protocol.materials},
+        stimulus_presentation={"SoftwareName": "palpate", "SoftwareVersion": __version__},
+        origin=origin,
+    )

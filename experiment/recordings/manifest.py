@@ -1,0 +1,266 @@
+"""Recordings of materials on disk: one float WAV a take, and a `manifest.toml` that says what each is.
+
+```toml
+format = 1
+label = "SIMULATED crackling noise"
+note = "..."
+simulated = true
+rate_hz = 5000
+samples = 2500
+unit = "m/s^2"
+
+[[takes]]
+file = "000_panel_50_1.wav"     # a take without material is one of the bare panel
+speed_mm_s = 50.0
+number = 1
+sha256 = "..."
+```
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+from scipy.io import wavfile
+
+from experiment.errors import RecordingError
+from experiment.protocol.models import Confined, Synthesis
+from experiment.recordings.wav import wav_samples
+
+MANIFEST = "manifest.toml"
+
+
+@dataclass(frozen=True)
+class Take:
+    """One recording.
+
+    Attributes:
+        material: on the panel; None for the bare panel.
+        speed_mm_s: of the foot, mm/s.
+        number: from 1, among takes of one condition.
+        samples_m_s2: acceleration, m/s^2, shape (N,).
+    """
+
+    material: str | None
+    speed_mm_s: float
+    number: int
+    samples_m_s2: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recordings:
+    """What `crinkle.subtract` needs, for the materials asked for.
+
+    Attributes:
+        label: as the manifest gives it.
+        simulated: whether any of this was made by a simulation.
+        rate_hz: of every take, Hz.
+        speeds_mm_s: shape (S,).
+        panel: takes of the bare panel, m/s^2, shape (S, T, N).
+        objects: takes of each material on the panel, m/s^2, shape (S, T, N).
+    """
+
+    label: str
+    simulated: bool
+    rate_hz: int
+    speeds_mm_s: NDArray[np.float64]
+    panel: NDArray[np.float64]
+    objects: Mapping[str, NDArray[np.float64]]
+
+
+class _Take(Confined):
+    file: Annotated[str, Field(pattern=r"^[^/\\]+\.wav$")]
+    material: Annotated[str, Field(min_length=1)] | None = None
+    speed_mm_s: Annotated[float, Field(gt=0)]
+    number: Annotated[int, Field(ge=1)]
+    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class _Manifest(Confined):
+    format: Literal[1]
+    label: str
+    note: str = ""
+    simulated: bool
+    rate_hz: Annotated[int, Field(ge=1)]
+    samples: Annotated[int, Field(ge=1)]
+    unit: Literal["m/s^2"]
+    takes: list[_Take]
+
+
+def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bool, label: str, note: str = "") -> Path:
+    """Write takes as float32 WAV files with their manifest.
+
+    Args:
+        directory: to make; it may exist if it is empty.
+        takes: all of one length.
+        rate_hz: sampling rate of every take, Hz.
+        simulated: whether any take was made by a simulation.
+        label: what these recordings are, in a few words.
+        note: anything more.
+
+    Returns:
+        The manifest's path. It is written last: a directory without one was not finished.
+
+    Raises:
+        RecordingError: the directory holds anything, the takes differ in length, or a sample is not finite.
+    """
+    takes = list(takes)
+    lengths = sorted({take.samples_m_s2.size for take in takes})
+    if len(lengths) != 1:
+        raise RecordingError(f"{directory}: got takes of {lengths} samples; allowed: one length; cut them alike")
+    if directory.exists() and any(directory.iterdir()):
+        raise RecordingError(f"{directory}: holds files already; allowed: a new or empty directory; choose another")
+    directory.mkdir(parents=True, exist_ok=True)
+    lines = [
+        "format = 1",
+        f"label = {_toml(label)}",
+        f"note = {_toml(note)}",
+        f"simulated = {'true' if simulated else 'false'}",
+        f"rate_hz = {rate_hz}",
+        f"samples = {lengths[0]}",
+        'unit = "m/s^2"',
+    ]
+    for place, take in enumerate(takes):
+        if not np.all(np.isfinite(take.samples_m_s2)):
+            raise RecordingError(f"take {take.number} of {take.material or 'the panel'}: NaN or infinite; record again")
+        slug = re.sub(r"[^a-z0-9]+", "_", (take.material or "panel").lower())
+        file = f"{place:03d}_{slug}_{take.speed_mm_s:g}_{take.number}.wav"
+        buffer = io.BytesIO()
+        wavfile.write(buffer, rate_hz, take.samples_m_s2.astype(np.float32))
+        (directory / file).write_bytes(buffer.getvalue())
+        lines += ["", "[[takes]]", f"file = {_toml(file)}"]
+        if take.material is not None:
+            lines.append(f"material = {_toml(take.material)}")
+        lines += [
+            f"speed_mm_s = {take.speed_mm_s!r}",
+            f"number = {take.number}",
+            f'sha256 = "{hashlib.sha256(buffer.getvalue()).hexdigest()}"',
+        ]
+    manifest = directory / MANIFEST
+    manifest.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return manifest
+
+
+def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) -> Recordings:
+    """Read and check the takes of the materials asked for, and those of the bare panel; no others are opened.
+
+    Args:
+        directory: which holds the manifest.
+        synthesis: the protocol's rate, length, speeds and number of takes.
+        material_ids: materials whose takes are wanted.
+
+    Raises:
+        RecordingError: naming the file, what it got, what is allowed and what to do: no or a malformed manifest, a
+            rate or length other than the protocol's, a take that is missing, twice there or changed since, a WAV
+            file that is damaged, not float, not mono or not finite.
+    """
+    path = directory / MANIFEST
+    manifest = _read(path)
+    for name, got, allowed in (
+        ("rate_hz", manifest.rate_hz, synthesis.rate_hz),
+        ("samples", manifest.samples, synthesis.samples),
+    ):
+        if got != allowed:
+            raise RecordingError(
+                f"{path}: {name}: got {got}; allowed: {allowed}, as in the protocol; record again or change it"
+            )
+    by_condition: dict[tuple[str | None, float, int], _Take] = {}
+    for take in manifest.takes:
+        condition = (take.material, take.speed_mm_s, take.number)
+        if condition in by_condition:
+            raise RecordingError(
+                f"{path}: got {take.file} and {by_condition[condition].file} for {_condition(*condition)}; "
+                "allowed: one file; remove one of them from the manifest"
+            )
+        by_condition[condition] = take
+
+    def takes_of(material: str | None) -> NDArray[np.float64]:
+        loaded = np.empty((len(synthesis.speeds_mm_s), synthesis.takes, synthesis.samples))
+        for i, speed_mm_s in enumerate(synthesis.speeds_mm_s):
+            for j in range(synthesis.takes):
+                take = by_condition.get((material, speed_mm_s, j + 1))
+                if take is None:
+                    raise RecordingError(
+                        f"{path}: got no {_condition(material, speed_mm_s, j + 1)}; "
+                        f"allowed: {synthesis.takes} takes at each of {list(synthesis.speeds_mm_s)} mm/s; "
+                        "record what is missing"
+                    )
+                loaded[i, j] = _samples(directory / take.file, take=take, manifest=manifest)
+        return loaded
+
+    return Recordings(
+        label=manifest.label,
+        simulated=manifest.simulated,
+        rate_hz=manifest.rate_hz,
+        speeds_mm_s=np.array(synthesis.speeds_mm_s),
+        panel=takes_of(None),
+        objects={material: takes_of(material) for material in material_ids},
+    )
+
+
+def _condition(material: str | None, speed_mm_s: float, number: int) -> str:
+    return f"take {number} of {material or 'the bare panel'} at {speed_mm_s:g} mm/s"
+
+
+def _toml(text: str) -> str:
+    """A TOML basic string; JSON escapes all that TOML wants escaped, but for DEL."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _read(path: Path) -> _Manifest:
+    try:
+        return _Manifest.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: cannot be read ({error.strerror}); allowed: a folder of recordings with its {MANIFEST}; "
+            "name another folder"
+        ) from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise RecordingError(
+            f"{path}: got no TOML ({error}); allowed: a TOML file; restore it from its copy"
+        ) from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        where = ".".join(str(part) for part in first["loc"]) or "manifest"
+        raise RecordingError(
+            f"{path}: {where}: got {first['input']!r:.80}; allowed: {first['msg']}; correct the manifest"
+        ) from error
+
+
+def _samples(path: Path, *, take: _Take, manifest: _Manifest) -> NDArray[np.float64]:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: cannot be read ({error.strerror}); allowed: the file that the manifest names; restore it"
+        ) from error
+    rate_hz, samples = wav_samples(content, file=str(path))
+
+    def refuse(got: str, allowed: str, remedy: str) -> RecordingError:
+        return RecordingError(f"{path}: got {got}; allowed: {allowed}; {remedy}")
+
+    if rate_hz != manifest.rate_hz:
+        raise refuse(f"{rate_hz} Hz", f"{manifest.rate_hz} Hz, as the manifest says", "record or resample it anew")
+    if samples.dtype.kind != "f":
+        raise refuse(f"{samples.dtype} samples", "float samples in m/s^2", "save it as a float WAV")
+    if samples.ndim != 1:
+        raise refuse(f"{samples.shape[1]} channels", "one channel", "save the accelerometer's channel alone")
+    if samples.size != manifest.samples:
+        raise refuse(f"{samples.size} samples", f"{manifest.samples}, as the manifest says", "cut or record it anew")
+    if not np.all(np.isfinite(samples)):
+        raise refuse("NaN or infinite samples", "finite numbers", "record it anew")
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != take.sha256:
+        raise refuse(f"sha256 {digest[:12]}...", f"{take.sha256[:12]}... of the manifest", "restore the file")
+    return samples.astype(np.float64)

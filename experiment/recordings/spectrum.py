@@ -1,0 +1,202 @@
+"""The amplitude spectrum of a recording, its peaks, and a plot of both: what `palpate spectrum` shows.
+
+Method: the mean is removed and the magnitude of the discrete Fourier transform of the whole record, scaled by 2/n, is
+the amplitude of a sinusoid at that frequency. No window is laid over it: the recordings at hand are transients that
+begin with the record, where a window would hide what matters. (Equation (1) of Okamoto et al. is a cosine transform,
+which makes stimuli; its coefficients depend on phase, and split one ringing into several peaks.)
+
+A peak is a local maximum that stands out of its surroundings (prominence) by `PROMINENCE` of the highest amplitude or
+more. Its frequency and amplitude are those of the maximum of the continuous spectrum between the neighbouring bins.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, optimize, signal
+
+from experiment.errors import RecordingError
+from experiment.recordings.files import Recording, read
+
+PROMINENCE = 0.1
+MOST_PEAKS = 10
+FEWEST_SAMPLES = 8
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A maximum of the spectrum.
+
+    Attributes:
+        frequency_hz: Hz.
+        amplitude: of the sinusoid, in the recording's unit.
+    """
+
+    frequency_hz: float
+    amplitude: float
+
+
+@dataclass(frozen=True)
+class AmplitudeSpectrum:
+    """The spectrum of one channel.
+
+    Attributes:
+        recording: of which this is the spectrum.
+        frequencies_hz: from 0 to half the sampling rate, Hz, shape (K,).
+        amplitudes: in the recording's unit, shape (K,).
+        peaks: strongest first, at most `MOST_PEAKS`.
+    """
+
+    recording: Recording
+    frequencies_hz: NDArray[np.float64]
+    amplitudes: NDArray[np.float64]
+    peaks: tuple[Peak, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """All but the spectrum itself, for JSON."""
+        recording = self.recording
+        return {
+            "file": recording.file,
+            "channel": recording.channel,
+            "channels": list(recording.channels),
+            "unit": recording.unit,
+            "samples": recording.samples.size,
+            "rate_hz": recording.rate_hz,
+            "rate_source": recording.rate_source,
+            "header_rate_hz": recording.header_rate_hz,
+            "jitter_steps": recording.jitter,
+            "segments": recording.segments,
+            "resolution_hz": recording.rate_hz / recording.samples.size,
+            "peaks_hz": [peak.frequency_hz for peak in self.peaks],
+            "peak_amplitudes": [peak.amplitude for peak in self.peaks],
+        }
+
+    def text(self) -> str:
+        """The same for a reader, a few lines."""
+        recording = self.recording
+        seconds = recording.samples.size / recording.rate_hz
+        unit = f" {recording.unit}" if recording.unit else ""
+        lines = [
+            f"{recording.file}: {recording.channel}, {recording.samples.size} samples, {seconds:.6g} s",
+            f"sampling rate {recording.rate_hz:.6g} Hz, from the {recording.rate_source}",
+            f"resolution {1 / seconds:.4g} Hz",
+        ]
+        if len(recording.channels) > 1:
+            lines.insert(1, f"channels: {', '.join(recording.channels)}")
+        if recording.segments > 1:
+            lines.insert(1, f"segment 1 of {recording.segments}; the others were not read")
+        claimed = recording.header_rate_hz
+        if claimed is not None and abs(claimed / recording.rate_hz - 1) > 1e-3:
+            lines.append(f"the header claims {claimed:.6g} Hz: not believed")
+        if recording.jitter > 1e-3:
+            lines.append(f"samples stand up to {recording.jitter:.2g} steps off an even grid")
+        lines.append("peaks:" if self.peaks else "no peak stands out")
+        lines += [f"  {peak.frequency_hz:10.2f} Hz  {peak.amplitude:.4g}{unit}" for peak in self.peaks]
+        return "\n".join(lines)
+
+
+def of_file(path: Path, *, channel: str | None = None) -> AmplitudeSpectrum:
+    """Spectrum of one channel of a file.
+
+    Args:
+        path: WAV, text columns or .lvm.
+        channel: name, or number from 1; None for the first.
+
+    Raises:
+        RecordingError: as `files.read` and `amplitude_spectrum`.
+    """
+    return amplitude_spectrum(read(path, channel=channel))
+
+
+def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:
+    """Amplitude spectrum and peaks by the method above.
+
+    Args:
+        recording: `FEWEST_SAMPLES` samples or more.
+
+    Raises:
+        RecordingError: too few samples, or samples so large that their sum overflows.
+    """
+    n = recording.samples.size
+    if n < FEWEST_SAMPLES:
+        raise RecordingError(
+            f"{recording.file}: got {n} samples; allowed: {FEWEST_SAMPLES} or more for a spectrum; record longer"
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        centred = recording.samples - recording.samples.mean()
+        amplitudes = np.abs(fft.rfft(centred)) * (2 / n)
+    if not np.all(np.isfinite(amplitudes)):
+        raise RecordingError(
+            f"{recording.file}: got samples up to {np.abs(recording.samples).max():g}; allowed: numbers whose sum does "
+            "not overflow; check the unit"
+        )
+    bin_hz = recording.rate_hz / n
+    return AmplitudeSpectrum(
+        recording=recording,
+        frequencies_hz=np.arange(amplitudes.size) * bin_hz,
+        amplitudes=amplitudes,
+        peaks=_peaks(centred, amplitudes, bin_hz=bin_hz),
+    )
+
+
+def _peaks(centred: NDArray[np.float64], amplitudes: NDArray[np.float64], *, bin_hz: float) -> tuple[Peak, ...]:
+    highest = amplitudes.max()
+    # Rounding alone leaves a spectrum of this size where the recording is constant.
+    if highest <= 1e-12 * np.abs(centred).max():
+        return ()
+    places, _ = signal.find_peaks(amplitudes, prominence=PROMINENCE * highest)
+    found = [_refined(centred, int(place), bin_hz=bin_hz) for place in places]
+    return tuple(sorted(found, key=lambda peak: -peak.amplitude)[:MOST_PEAKS])
+
+
+def _refined(centred: NDArray[np.float64], place: int, *, bin_hz: float) -> Peak:
+    """The maximum of the continuous spectrum between the bins beside `place`."""
+    turns = -2j * np.pi * np.arange(centred.size) / centred.size
+
+    def negative(at: float) -> float:
+        return -float(np.abs(np.exp(turns * at) @ centred))
+
+    best = optimize.minimize_scalar(negative, bounds=(place - 1, place + 1), method="bounded", options={"xatol": 1e-6})
+    return Peak(frequency_hz=float(best.x) * bin_hz, amplitude=-float(best.fun) * 2 / centred.size)
+
+
+def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
+    """Draw the spectrum with its peaks.
+
+    Args:
+        spectrum: what to draw.
+        path: where to; the suffix decides the format, .png or .svg.
+
+    Returns:
+        `path`.
+
+    Raises:
+        RecordingError: another suffix, or a path that cannot be written.
+    """
+    if path.suffix.lower() not in (".png", ".svg"):
+        raise RecordingError(f"{path}: got suffix {path.suffix!r}; allowed: .png, .svg; name the plot otherwise")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    recording = spectrum.recording
+    figure = Figure(figsize=(8, 4.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.plot(spectrum.frequencies_hz[1:], spectrum.amplitudes[1:], linewidth=0.8)
+    for peak in spectrum.peaks:
+        axes.annotate(f"{peak.frequency_hz:.1f} Hz", (peak.frequency_hz, peak.amplitude), fontsize=8)
+    axes.plot([p.frequency_hz for p in spectrum.peaks], [p.amplitude for p in spectrum.peaks], "v", markersize=5)
+    axes.set_xscale("log")
+    axes.set_xlabel("frequency (Hz)")
+    axes.set_ylabel(f"amplitude ({recording.unit})" if recording.unit else "amplitude")
+    axes.set_title(f"{Path(recording.file).name}: {recording.channel}", parse_math=False)
+    try:
+        figure.savefig(path, dpi=150)
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: cannot be written ({error.strerror}); allowed: a place to write to; name the plot otherwise"
+        ) from error
+    return path

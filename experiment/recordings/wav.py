@@ -1,0 +1,45 @@
+"""The samples of a WAV file as they are stored."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import wavfile
+
+from experiment.errors import RecordingError
+
+
+def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
+    """Decode a WAV file.
+
+    Args:
+        content: the file's bytes.
+        file: how an error names it.
+
+    Returns:
+        Sampling rate in Hz, and the samples in their own type, shape (n,) or (n, channels).
+
+    Raises:
+        RecordingError: no WAV file, a damaged or truncated one, or one without samples.
+    """
+    try:
+        with warnings.catch_warnings():
+            # A file shorter than its header says is only warned about; a chunk of metadata is harmless.
+            warnings.simplefilter("error")
+            warnings.filterwarnings("ignore", message=r"Chunk \(non-data\) not understood")
+            rate_hz, samples = wavfile.read(io.BytesIO(content))
+    except Exception as error:
+        # scipy meets a damaged header with whatever the broken number leads to: ZeroDivisionError, TypeError, ...
+        detail = " ".join(str(error).split()).rstrip(".")
+        raise RecordingError(
+            f"{file}: got a WAV file that cannot be decoded ({detail}); allowed: whole PCM or float; export it again"
+        ) from error
+    if rate_hz < 1 or samples.size == 0:
+        raise RecordingError(
+            f"{file}: got {samples.size} samples at {rate_hz} Hz; allowed: one or more at 1 Hz or more; export it again"
+        )
+    return int(rate_hz), np.asarray(samples)

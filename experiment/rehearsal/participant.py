@@ -1,0 +1,135 @@
+"""REHEARSAL: a simulated participant with an experimenter at the keys, behind the console's port.
+
+It sees what the experimenter's screen shows, steps with a foot that speaks through the tracker's port, feels
+what the panel received from the actuator's port, and answers with a key. In the task `virtual` nothing but the
+delivered waveform tells it which material was meant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus.ports import Console
+from experiment.clock import Clock
+from experiment.protocol.models import Protocol
+from experiment.rehearsal.foot import Foot
+from experiment.rehearsal.materials import SimulatedMaterials
+from experiment.rehearsal.observer import Observer
+from experiment.rehearsal.panel import Panel
+
+Tick = Callable[[], None]
+"""Called after each confirmed answer."""
+
+FELT_TIMEOUT_S = 2.0
+"""How long a participant waits for a stimulus before it says what it felt, wall-clock time."""
+
+SPEED_MEDIAN_MM_S = 180.0
+SPEED_SIGMA = 0.35
+"""Foot speeds are log-normal about the natural steps of section 3.1: most within 50-300 mm/s."""
+
+READY_S = (0.3, 1.2)
+"""From arming to the beginning of a step, s."""
+
+SPEAKS_LOG_S = (0.3, 0.3)
+"""From contact to the keyed answer: mean and standard deviation of the logarithm of seconds; median 1.3 s."""
+
+
+class SimulatedParticipant:
+    """Implements `Console`."""
+
+    def __init__(
+        self,
+        *,
+        protocol: Protocol,
+        materials: SimulatedMaterials,
+        who: tuple[str, str],
+        entropy: tuple[int, ...],
+        foot: Foot,
+        panel: Panel | None,
+        actuator_rate_hz: int,
+        clock: Clock,
+        tick: Tick,
+        screen: Console | None,
+    ) -> None:
+        """Set a participant before the panel.
+
+        Args:
+            protocol: the study.
+            materials: the simulated materials that lie beside the panel.
+            who: label of the participant, and id of the task.
+            entropy: names this participant's random draws in this task.
+            foot: the foot, at the device's end of the tracker's port.
+            panel: the panel, at the device's end of the actuator's port; None where the task has no actuator.
+            actuator_rate_hz: samples a second of what the panel receives.
+            clock: the session's clock; thinking and speaking let its time pass.
+            tick: called after each confirmed answer.
+            screen: shows what the experimenter would see; None for no screen.
+        """
+        self.who = who
+        self._materials = materials
+        self._entropy = entropy
+        self._foot = foot
+        self._panel = panel
+        self._rate_hz = actuator_rate_hz
+        self._clock = clock
+        self._tick = tick
+        self._screen = screen
+        self._origin_ns = clock.now_ns()
+        self._observer = Observer(materials, tuple(m.id for m in protocol.materials), rng=self._rng(0))
+        self._observer.familiarise(rng=self._rng(0, 1))
+        self._under_foot: str | None = None
+        self._attempt = 0
+
+    def _rng(self, *keys: int) -> np.random.Generator:
+        return np.random.default_rng([*self._entropy, *keys])
+
+    def show(self, text: str) -> None:
+        if self._screen is not None:
+            self._screen.show(text)
+
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        if self._screen is not None:
+            self._screen.show(f"Familiarisation: {instruction}")
+        wanted_s = self._rng(0, 2).uniform(min_s, max(max_s, min_s))
+        self._clock.sleep_ns(int(wanted_s * 1e9))
+
+    def place(self, *, trial: int, material: str) -> None:
+        self.show(f"Trial {trial}: {material} is laid out")
+        self._under_foot = material
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+        if self._screen is not None:
+            self._screen.arm(trial=trial, attempt=attempt, trials=trials)
+        self._attempt = attempt
+        rng = self._rng(trial, attempt, 0)
+        speed_mm_s = float(np.clip(rng.lognormal(np.log(SPEED_MEDIAN_MM_S), SPEED_SIGMA), 55.0, 390.0))
+        self._clock.sleep_ns(int(rng.uniform(*READY_S) * 1e9))
+        start_us = (self._clock.now_ns() - self._origin_ns) // 1000
+        self._foot.step(self._foot.trajectory(rng, speed_mm_s), start_us)
+
+    def ask(self, *, trial: int, keys: dict[str, str]) -> str:
+        rng = self._rng(trial, self._attempt, 1)
+        speed_mm_s = self._foot.true_speed_mm_s
+        if self._under_foot is not None:
+            crinkle = self._materials.crinkle_take(self._under_foot, speed_mm_s=speed_mm_s, rng=rng)
+            answer = self._observer.judge_real(crinkle, speed_mm_s=speed_mm_s, rng=rng)
+        else:
+            landing = self._materials.panel_take(speed_mm_s=speed_mm_s, rng=rng)
+            answer = self._observer.judge_virtual(
+                landing, self._delivered(), rate_hz=self._rate_hz, speed_mm_s=speed_mm_s, rng=rng
+            )
+        self._foot.finish()
+        spoken_ns = self._origin_ns + int(self._foot.true_contact_us * 1e3) + int(rng.lognormal(*SPEAKS_LOG_S) * 1e9)
+        self._clock.sleep_ns(spoken_ns - self._clock.now_ns())
+        return next(key for key, meaning in keys.items() if meaning.startswith(answer))
+
+    def _delivered(self) -> NDArray[np.float64] | None:
+        return self._panel.felt(FELT_TIMEOUT_S) if self._panel is not None else None
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        self._tick()
+        if self._screen is not None:
+            self._screen.confirmed(trial=trial, answer=answer)

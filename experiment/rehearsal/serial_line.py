@@ -1,0 +1,165 @@
+"""A serial line with both ends on this machine: pyserial opens one, the simulated device writes to the other.
+
+On POSIX it is a pseudo-terminal in raw mode; where there is none (Windows) a TCP server on the loopback interface.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import threading
+from contextlib import suppress
+from types import TracebackType
+from typing import Literal, Protocol, Self
+
+Kind = Literal["pty", "tcp"]
+
+HERE: Kind = "pty" if os.name == "posix" else "tcp"
+"""What this system has."""
+
+_PATIENCE_S = 0.05
+"""How long a full line is given to make room before whoever writes looks again, s."""
+
+
+class UnpluggedError(OSError):
+    """The device's end of the line is gone."""
+
+
+class _End(Protocol):
+    """The device's end: takes bytes without waiting, or waits for room."""
+
+    url: str
+
+    def take(self, data: memoryview) -> int: ...
+
+    def wait(self, timeout_s: float) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class SerialLine:
+    """A line that stays usable from one opening of its port to the next, until it is unplugged."""
+
+    def __init__(self, kind: Kind = HERE) -> None:
+        """Lay the line.
+
+        Args:
+            kind: `pty` for a pseudo-terminal, `tcp` for a server on the loopback interface.
+        """
+        self._end: _End = _PseudoTerminal() if kind == "pty" else _Server()
+        self._lock = threading.Lock()
+        self._unplugged = False
+        self.url = self._end.url
+        """What pyserial opens."""
+
+    def offer(self, data: bytes | memoryview, *, wait: bool) -> int:
+        """Write from the device's end as much as goes.
+
+        Args:
+            data: the bytes.
+            wait: give a full line a moment to make room; otherwise return at once.
+
+        Returns:
+            How many bytes the line took, from none to all.
+
+        Raises:
+            UnpluggedError: the line was unplugged.
+        """
+        with self._lock:
+            if self._unplugged:
+                raise UnpluggedError("the line is unplugged")
+            taken = self._end.take(memoryview(data))
+            if taken < len(data) and wait:
+                self._end.wait(_PATIENCE_S)
+            return taken
+
+    def write(self, data: bytes) -> None:
+        """Write all of it from the device's end, however long the reader takes.
+
+        Raises:
+            UnpluggedError: the line was unplugged before it had taken everything.
+        """
+        left = memoryview(data)
+        while left:
+            left = left[self.offer(left, wait=True) :]
+
+    def unplug(self) -> None:
+        """The device's end goes away: the port vanishes under whoever reads it."""
+        with self._lock:
+            if not self._unplugged:
+                self._unplugged = True
+                self._end.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self.unplug()
+
+
+class _PseudoTerminal:
+    def __init__(self) -> None:
+        import pty
+        import tty
+
+        self._device, self._port = pty.openpty()
+        # Held open, so that the line outlives each reader and keeps raw mode.
+        tty.setraw(self._port)
+        os.set_blocking(self._device, False)
+        self.url = os.ttyname(self._port)
+
+    def take(self, data: memoryview) -> int:
+        with suppress(BlockingIOError):
+            return os.write(self._device, data)
+        return 0
+
+    def wait(self, timeout_s: float) -> None:
+        select.select([], [self._device], [], timeout_s)
+
+    def close(self) -> None:
+        os.close(self._device)
+        os.close(self._port)
+
+
+class _Server:
+    def __init__(self) -> None:
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self._server.setblocking(False)
+        self._reader: socket.socket | None = None
+        self.url = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
+
+    def take(self, data: memoryview) -> int:
+        self._accept()
+        if self._reader is None:
+            return 0
+        try:
+            return self._reader.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            self._reader.close()
+            self._reader = None
+            return 0
+
+    def wait(self, timeout_s: float) -> None:
+        if self._reader is None:
+            select.select([self._server], [], [], timeout_s)
+        else:
+            select.select([self._server], [self._reader], [], timeout_s)
+
+    def close(self) -> None:
+        for end in (self._reader, self._server):
+            if end is not None:
+                end.close()
+
+    def _accept(self) -> None:
+        with suppress(BlockingIOError):
+            connection, _ = self._server.accept()
+            if self._reader is not None:
+                self._reader.close()
+            connection.setblocking(False)
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._reader = connection

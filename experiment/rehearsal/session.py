@@ -1,0 +1,132 @@
+"""REHEARSAL of one participant: opens the ports of each task, with the simulated world at their far ends."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from experiment import dataset, scene, study
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.ports import Actuator, Console
+from experiment.clock import ManualClock, MonotonicClock
+from experiment.protocol import load
+from experiment.protocol.models import Protocol
+from experiment.rehearsal.control import SilentActuator
+from experiment.rehearsal.foot import Foot
+from experiment.rehearsal.materials import SimulatedMaterials
+from experiment.rehearsal.panel import Panel
+from experiment.rehearsal.participant import SimulatedParticipant, Tick
+from experiment.rehearsal.serial_line import SerialLine
+from experiment.session import journal, runner
+
+SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
+"""When simulated time begins, so that the same seed writes the same files."""
+
+TASK_NS = 2 * 3600 * 10**9
+"""In simulated time each task of a participant starts this long after the one before, break included."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One participant of a rehearsal.
+
+    Attributes:
+        dataset: folder of the rehearsal, prepared.
+        participant: label.
+        tasks: ids of the participant's tasks, in their order.
+        seed: the rehearsal's seed.
+        control: `none` or `silence`.
+        real_time: paced by the wall clock.
+    """
+
+    dataset: Path
+    participant: str
+    tasks: tuple[str, ...]
+    seed: int
+    control: str
+    real_time: bool
+
+
+def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
+    """Run every task of one participant, or what remains of them.
+
+    Args:
+        job: who and what.
+        tick: called after each confirmed answer.
+        screen: shows what an experimenter would see, if anybody looks.
+
+    Raises:
+        PalpateError: a part failed.
+    """
+    protocol = load.load(job.dataset / "sourcedata" / "protocol.toml")
+    rig = rigs.load(job.dataset / "sourcedata" / "rig.toml")
+    materials = SimulatedMaterials(protocol.synthesis.rate_hz, protocol.synthesis.samples)
+    for position, task_id in enumerate(job.tasks, start=1):
+        _rehearse_task(job, protocol, rig, materials, task_id, position, tick, screen)
+
+
+def _rehearse_task(
+    job: Job,
+    protocol: Protocol,
+    rig: rigs.Rig,
+    materials: SimulatedMaterials,
+    task_id: str,
+    position: int,
+    tick: Tick,
+    screen: Console | None,
+) -> None:
+    planned = scene.plan(protocol=protocol, task_id=task_id)
+    clock = MonotonicClock() if job.real_time else ManualClock(_simulated_now_ns(job, task_id, position))
+    header = study.header(
+        protocol=protocol,
+        rig=rig,
+        participant=job.participant,
+        task_id=task_id,
+        position=position,
+        seed=job.seed,
+        rehearsal=True,
+        clock=clock,
+    )
+    dataset.keep_rig(job.dataset, job.dataset / "sourcedata" / "rig.toml", job.participant, task_id)
+    with ExitStack() as opened:
+        line = opened.enter_context(SerialLine())
+        foot = Foot(line, rig.tracker, real_time=job.real_time)
+        opened.callback(foot.close)
+        tracker = rigs.open_tracker(rig, port=line.url)
+        opened.callback(tracker.close)
+        panel: Panel | None = None
+        actuator: Actuator | None = None
+        render: scene.Render | None = None
+        if planned.synthesis:
+            recordings = job.dataset / dataset.RECORDINGS
+            render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings)
+        if planned.actuator:
+            panel = Panel(rig.actuator)
+            opened.callback(panel.close)
+            actuator = rigs.open_actuator(rig, address=panel.address, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
+            opened.callback(actuator.close)
+            if job.control == "silence":
+                actuator = SilentActuator(actuator)
+        participant = SimulatedParticipant(
+            protocol=protocol,
+            materials=materials,
+            who=(job.participant, task_id),
+            entropy=(job.seed, int(job.participant), [task.id for task in protocol.tasks].index(task_id)),
+            foot=foot,
+            panel=panel,
+            actuator_rate_hz=rig.actuator.rate_hz,
+            clock=clock,
+            tick=tick,
+            screen=screen,
+        )
+        devices = runner.Devices(tracker, line.url, actuator, render, participant, clock)
+        runner.run(protocol=protocol, header=header, devices=devices, dataset=job.dataset)
+
+
+def _simulated_now_ns(job: Job, task_id: str, position: int) -> int:
+    """Where simulated time stands: after the journal's last entry, or at the task's start."""
+    path = runner.journal_path(job.dataset, job.participant, task_id)
+    lines = journal.read(path).lines if path.exists() else ()
+    return lines[-1].t_ns if lines else SIMULATED_START_NS + (position - 1) * TASK_NS

@@ -1,0 +1,200 @@
+"""REHEARSAL of a whole study: every participant, every task, through the ports, the journal and the dataset."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+from experiment import dataset, roster
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.ports import Console
+from experiment.errors import DatasetError
+from experiment.protocol import canonical, load
+from experiment.protocol.models import Protocol
+from experiment.rehearsal import materials as simulated
+from experiment.rehearsal.session import Job, rehearse_participant
+from experiment.session import journal, runner
+from experiment.session.resume import progress
+
+PLAN = "rehearsal.json"
+"""Beside the journals; a folder without it is no rehearsal's and is never written to."""
+
+Control = Literal["none", "silence"]
+
+Tick = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is rehearsed; kept on disk, so that an interrupted rehearsal goes on as it was begun.
+
+    Attributes:
+        label: REHEARSAL, for whoever opens the file.
+        protocol_sha256: canonical hash of the protocol.
+        participants: how many of the study's participants, from the first.
+        seed: names every random draw of the rehearsal.
+        control: `silence` replaces every stimulus by zeros.
+        real_time: paced by the wall clock instead of simulated time.
+    """
+
+    label: str
+    protocol_sha256: str
+    participants: int
+    seed: int
+    control: Control
+    real_time: bool
+
+
+def rehearse(
+    *,
+    protocol_file: Path,
+    rig_file: Path,
+    out: Path | None,
+    participants: int | None,
+    seed: int,
+    control: Control = "none",
+    real_time: bool = False,
+    jobs: int = 1,
+    total: Callable[[int], None] = lambda _: None,
+    tick: Tick = lambda: None,
+    screen: Console | None = None,
+) -> Path:
+    """Rehearse a study, or what remains of an interrupted rehearsal.
+
+    Args:
+        protocol_file: the study's protocol.
+        rig_file: a rig file whose rig is simulated.
+        out: folder of the rehearsal's dataset; made, or continued where it holds the same rehearsal. None for one
+            under `participants/` that is named after the study and the seed.
+        participants: how many participants, from the first; None for all of the study's.
+        seed: names every random draw.
+        control: the control condition, or `none`.
+        real_time: pace by the wall clock.
+        jobs: how many participants are rehearsed at a time, each in a process of its own; 0 for one a core.
+        total: called with the number of answers that remain.
+        tick: called after each confirmed answer.
+        screen: shows what an experimenter would see, one participant after another.
+
+    Returns:
+        The dataset's folder, complete.
+
+    Raises:
+        DatasetError: `out` holds anything but this rehearsal.
+        PalpateError: a part failed; the same call goes on where it stopped.
+    """
+    protocol = load.load(protocol_file)
+    rig = rigs.load(rig_file)
+    count = protocol.study.participants if participants is None else participants
+    if not 1 <= count <= protocol.study.participants:
+        raise DatasetError(
+            f"--participants {count}: the protocol has {protocol.study.participants}; give 1 to "
+            f"{protocol.study.participants}"
+        )
+    if not rig.rig.simulated:
+        raise DatasetError(f"{rig_file}: a rehearsal needs a simulated rig; give one that says simulated = true")
+    if out is None:
+        out = Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}"
+    plan = Plan("REHEARSAL", canonical.sha256(protocol), count, seed, control, real_time)
+    if not _is_begun(out, plan):
+        _prepare(out, plan, protocol_file, rig_file)
+    allocations = roster.allocate(protocol, seed)[:count]
+    todo = [Job(out, one.participant, one.tasks, seed, control, real_time) for one in allocations]
+    total(sum(_remaining(out, protocol, job) for job in todo))
+    jobs = jobs or os.cpu_count() or 1
+    if jobs == 1 or screen is not None:
+        for job in todo:
+            rehearse_participant(job, tick, screen)
+    else:
+        _in_processes(todo, jobs, tick)
+    dataset.build(out)
+    return out
+
+
+def _remaining(out: Path, protocol: Protocol, job: Job) -> int:
+    """How many answers of one participant are not on disk yet."""
+    left = 0
+    for task in job.tasks:
+        path = runner.journal_path(out, job.participant, task)
+        entries = journal.read(path).entries if path.exists() else ()
+        trials = len(protocol.materials) * protocol.task(task).repetitions
+        left += len(progress(entries).remaining) if entries else trials
+    return left
+
+
+def _is_begun(out: Path, plan: Plan) -> bool:
+    """Whether `out` already holds this rehearsal."""
+    if not out.exists() or (out.is_dir() and not any(out.iterdir())):
+        return False
+    try:
+        found = json.loads((out / "sourcedata" / PLAN).read_text("utf-8"))
+    except (OSError, ValueError):
+        raise DatasetError(
+            f"{out}: is no rehearsal, and a rehearsal never writes into anything else; choose another folder with --out"
+        ) from None
+    wanted = asdict(plan)
+    differing = [
+        f"{name} {found.get(name)} there, {wanted[name]} asked for"
+        for name in wanted
+        if found.get(name) != wanted[name]
+    ]
+    if differing:
+        raise DatasetError(f"{out}: holds another rehearsal ({'; '.join(differing)}); choose another folder with --out")
+    return True
+
+
+def _prepare(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> None:
+    """Make the folder with all that stands before the first participant, whole or not at all."""
+    partial = out.with_name(f".{out.name}.partial")
+    shutil.rmtree(partial, ignore_errors=True)
+    source = partial / "sourcedata"
+    source.mkdir(parents=True)
+    shutil.copyfile(protocol_file, source / "protocol.toml")
+    shutil.copyfile(rig_file, source / "rig.toml")
+    protocol = load.load(source / "protocol.toml")
+    simulated.make_recordings(partial / dataset.RECORDINGS, protocol=protocol, seed=plan.seed)
+    (source / PLAN).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")
+    if out.exists():
+        out.rmdir()
+    partial.replace(out)
+
+
+_queue: multiprocessing.SimpleQueue[None] | None = None
+
+
+def _in_processes(todo: list[Job], jobs: int, tick: Tick) -> None:
+    context = multiprocessing.get_context("spawn")
+    queue: multiprocessing.SimpleQueue[None] = context.SimpleQueue()
+    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_share, initargs=(queue,)) as pool:
+        futures: set[Future[None]] = {pool.submit(_rehearse_shared, job) for job in todo}
+        try:
+            while futures:
+                done, futures = wait(futures, timeout=0.1, return_when=FIRST_EXCEPTION)
+                for _ in _drained(queue):
+                    tick()
+                for future in done:
+                    future.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+
+
+def _drained(queue: multiprocessing.SimpleQueue[None]) -> Iterator[None]:
+    while not queue.empty():
+        yield queue.get()
+
+
+def _share(queue: multiprocessing.SimpleQueue[None]) -> None:
+    global _queue
+    _queue = queue
+
+
+def _rehearse_shared(job: Job) -> None:
+    queue = _queue
+    rehearse_participant(job, (lambda: queue.put(None)) if queue is not None else (lambda: None), None)

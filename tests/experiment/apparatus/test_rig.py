@@ -1,0 +1,169 @@
+"""Rig files: what is read, what is refused and in which words, and what a calibration does."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
+from experiment.errors import ActuatorError, RigError, TrackerError
+from experiment.protocol.models import Step
+
+STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
+
+GOOD = """\
+format = 1
+
+[rig]
+name = "bench 2"
+simulated = false
+
+[tracker]
+port = "/dev/ttyACM0"
+baud = 600_000
+rate_hz = 5000
+stall_ms = 150
+calibration = [
+  { counts = 100, mm = 60.0 },
+  { counts = 400, mm = 20.0 },
+  { counts = 900, mm = -2.0 },
+]
+
+[actuator]
+driver = "pcm-tcp"
+address = "127.0.0.1:4711"
+rate_hz = 48000
+full_scale_m_s2 = 60.0
+"""
+
+Write = Callable[[str], Path]
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Write:
+    def written(text: str) -> Path:
+        path = tmp_path / "rig.toml"
+        path.write_text(text, "utf-8")
+        return path
+
+    return written
+
+
+@pytest.fixture(scope="session")
+def rehearsal(repository_root: Path) -> Rig:
+    return rigs.load(repository_root / "protocols" / "rigs" / "rehearsal.toml")
+
+
+def test_a_rig_is_read(write: Write) -> None:
+    rig = rigs.load(write(GOOD))
+    assert (rig.rig.name, rig.rig.simulated) == ("bench 2", False)
+    assert (rig.tracker.rate_hz, rig.tracker.calibration[1]) == (5000, CalibrationPoint(counts=400, mm=20.0))
+    assert rig.actuator.address == "127.0.0.1:4711"
+
+
+@pytest.mark.parametrize(
+    ("line", "instead", "problem"),
+    [
+        (
+            "rate_hz = 5000",
+            "rate_hz = 9000",
+            "line 10: tracker.rate_hz: got 9000; allowed: a whole number at least 1000",
+        ),
+        ("stall_ms = 150", "stall_ms = 250", "line 11: tracker.stall_ms: got 250; allowed: .* at most 200"),
+        ("baud = 600_000", "baud = 599_999", "line 9: tracker.baud: got 599999; allowed: at least 600000"),
+        ("counts = 400", "counts = 100", "line 14: .*counts: got 100; allowed: more than at the point before it"),
+        ("mm = -2.0", "mm = 20.0", "line 15: .*mm: got 20.0; allowed: less than at the point before it"),
+        ("mm = -2.0", "mm = 70.0", "line 15: .*mm: got 70.0; allowed: less than at the point before it"),
+        ("mm = -2.0", "mm = nan", "line 15: .*mm: got nan; allowed: a number"),
+        ("4711", "471100", "line 20: actuator.address: got '127.0.0.1:471100'; allowed: host:port"),
+        ("4711", "70000", "line 20: actuator.address: got .*; allowed: host:port with a port from 1 to 65535"),
+        ("127.0.0.1:4711", "rehearsal", "line 20: .*got 'rehearsal'; allowed: a real address"),
+        ("/dev/ttyACM0", "rehearsal", "line 8: tracker.port: got 'rehearsal'; allowed: a real port"),
+        ('driver = "pcm-tcp"', 'driver = "jack"', "line 19: actuator.driver: got 'jack'; allowed: pcm-tcp"),
+        ("[rig]", "[rigg]", "line 3: rigg: got a table; allowed: no such key; did you mean 'rig'"),
+        ("format = 1", "format = ", "line 1: column 10"),
+    ],
+)
+def test_a_wrong_value_is_named_with_its_line_and_what_is_allowed(
+    write: Write, line: str, instead: str, problem: str
+) -> None:
+    assert line in GOOD
+    with pytest.raises(RigError, match=problem):
+        rigs.load(write(GOOD.replace(line, instead)))
+
+
+def test_every_problem_is_reported_at_once_one_a_line(write: Write) -> None:
+    text = GOOD.replace("stall_ms = 150", "stall_ms = 250").replace("mm = 20.0", "mm = 60.0").replace("4711", "0")
+    with pytest.raises(RigError, match="3 errors") as caught:
+        rigs.load(write(text))
+    assert [line.split(":")[0].strip() for line in str(caught.value).splitlines()[1:]] == [
+        "line 11",
+        "line 14",
+        "line 20",
+    ]
+
+
+def test_a_missing_file_is_an_error_that_says_so(tmp_path: Path) -> None:
+    with pytest.raises(RigError, match="no such file"):
+        rigs.load(tmp_path / "rig.toml")
+
+
+def test_the_hash_is_that_of_the_rig_and_not_of_its_file(write: Write) -> None:
+    rig = rigs.load(write(GOOD))
+    reworded = "# bench\n" + GOOD.replace("600_000", "600000").replace("60.0", "6e1")
+    assert rigs.sha256(rigs.load(write(reworded))) == rigs.sha256(rig)
+    assert rigs.sha256(rigs.load(write(GOOD.replace("mm = 20.0", "mm = 20.1")))) != rigs.sha256(rig)
+    assert len(rigs.sha256(rig)) == 64
+
+
+def test_the_rehearsals_rig_serves_the_published_gate(rehearsal: Rig) -> None:
+    assert rehearsal.rig.simulated
+    rigs.check(rehearsal, STEP)
+    counts = np.arange(64, 4096)
+    assert np.max(np.diff(rehearsal.tracker.height_mm(counts))) < 0.03
+
+
+@pytest.mark.parametrize(("line", "instead"), [("mm = 60.0", "mm = 24.9"), ("mm = -2.0", "mm = -0.9")])
+def test_a_calibration_must_reach_past_gate_and_panel(write: Write, line: str, instead: str) -> None:
+    rigs.check(rigs.load(write(GOOD)), STEP)
+    with pytest.raises(RigError, match=r"tracker\.calibration reaches from .* calibrate further"):
+        rigs.check(rigs.load(write(GOOD.replace(line, instead))), STEP)
+
+
+def test_a_reading_between_points_lies_on_a_straight_line_and_none_beyond_them_is_extrapolated(write: Write) -> None:
+    tracker = rigs.load(write(GOOD)).tracker
+    counts = np.array([0, 99, 100, 250, 400, 650, 900, 901, 65535])
+    assert tracker.height_mm(counts).tolist() == pytest.approx([60, 60, 60, 40, 20, 9, -2, -2, -2])
+
+
+@given(st.data())
+def test_counts_are_the_inverse_of_heights_to_half_a_count(data: st.DataObject) -> None:
+    size = data.draw(st.integers(2, 6))
+    counts = sorted(data.draw(st.sets(st.integers(0, 65535), min_size=size, max_size=size)))
+    mm = sorted(
+        data.draw(st.sets(st.integers(-20, 200), min_size=size, max_size=size)), reverse=data.draw(st.booleans())
+    )
+    tracker = TrackerRig(
+        port="x",
+        baud=1_000_000,
+        rate_hz=1000,
+        stall_ms=200,
+        calibration=tuple(CalibrationPoint(counts=c, mm=float(h)) for c, h in zip(counts, mm, strict=True)),
+    )
+    readings = np.arange(counts[0], counts[-1] + 1)
+    heights = tracker.height_mm(readings)
+    assert np.array_equal(tracker.counts(heights), readings)
+    assert np.all(np.diff(heights) < 0) or np.all(np.diff(heights) > 0)
+
+
+def test_simulated_ports_exist_only_in_a_rehearsal(rehearsal: Rig) -> None:
+    with pytest.raises(TrackerError, match=r"only inside `palpate rehearse`; give a rig file whose tracker\.port"):
+        rigs.open_tracker(rehearsal)
+    with pytest.raises(ActuatorError, match=r"only inside `palpate rehearse`; .* actuator\.address"):
+        rigs.open_actuator(rehearsal, limit_m_s2=10.0)

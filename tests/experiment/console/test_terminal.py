@@ -1,0 +1,57 @@
+"""The experimenter's screen in a pipe."""
+
+from __future__ import annotations
+
+import io
+from collections import deque
+
+from experiment.console.terminal import TerminalConsole
+
+KEYS = {"c": "copy paper", "n": "no answer"}
+
+
+def console(*typed: str) -> tuple[TerminalConsole, io.StringIO, list[str]]:
+    lines, screen, prompts = deque(typed), io.StringIO(), list[str]()
+
+    def ask(prompt: str) -> str:
+        prompts.append(prompt)
+        return lines.popleft()
+
+    return TerminalConsole(write=screen, ask=ask, heading="Participant 01."), screen, prompts
+
+
+def test_an_answer_is_keyed_shown_and_confirmed() -> None:
+    one, _, prompts = console("C ", "")
+    assert one.ask(trial=3, keys=KEYS) == "c"
+    assert "[c] copy paper  [n] no answer" in prompts[0]
+    assert prompts[1].startswith("copy paper - Enter confirms")
+
+
+def test_a_wrong_key_is_named_and_asked_again() -> None:
+    one, screen, _ = console("x", "n", "")
+    assert one.ask(trial=3, keys=KEYS) == "n"
+    assert screen.getvalue() == "'x' is no key of this protocol; use one of: c n\n"
+
+
+def test_an_answer_that_is_not_confirmed_is_asked_again() -> None:
+    one, _, prompts = console("c", "no", "n", "")
+    assert one.ask(trial=3, keys=KEYS) == "n"
+    assert len(prompts) == 4
+
+
+def test_the_real_object_is_laid_out_before_the_participant_may_step() -> None:
+    one, screen, prompts = console("")
+    one.place(trial=2, material="copy paper")
+    one.arm(trial=2, attempt=3, trials=40)
+    assert prompts == ["Participant 01.  Trial 2. Lay out: copy paper. Press Enter when it lies: "]
+    assert screen.getvalue() == "Participant 01.  Trial 2 of 40, attempt 3. Armed: the participant may step.\n"
+
+
+def test_what_is_on_disk_is_said() -> None:
+    one, screen, _ = console("")
+    one.familiarise(instruction="Crinkle them.", min_s=180, max_s=300)
+    one.confirmed(trial=1, answer=None)
+    assert screen.getvalue().splitlines() == [
+        "Participant 01.  Familiarisation, 3.0 to 5.0 min. Crinkle them.",
+        "Trial 1: no answer is on disk.",
+    ]

@@ -1,0 +1,101 @@
+"""The canonical form depends on what a file states, never on how."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import tomllib
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from experiment.protocol import load
+from experiment.protocol.canonical import canonical, sha256
+from experiment.protocol.models import Protocol
+from tests.experiment.protocol.small import SMALL, changed, document, leaves, protocol
+
+
+def loaded(tmp_path: Path, text: str) -> Protocol:
+    file = tmp_path / "study.toml"
+    file.write_text(text, encoding="utf-8")
+    return load.load(file)
+
+
+def plain(value: Any) -> Any:
+    """What RFC 8785 makes of numbers: those without a fraction are written without one."""
+    if isinstance(value, dict):
+        return {key: plain(held) for key, held in value.items()}
+    if isinstance(value, list):
+        return [plain(held) for held in value]
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
+def test_form_is_that_of_rfc_8785() -> None:
+    # For ASCII keys and numbers of few digits, Python's own JSON with sorted keys is the same form.
+    expected = json.dumps(
+        plain(json.loads(protocol().model_dump_json())), sort_keys=True, separators=(",", ":"), ensure_ascii=False
+    )
+    assert canonical(protocol()) == expected.encode()
+    assert sha256(protocol()) == hashlib.sha256(expected.encode()).hexdigest()
+
+
+def test_every_value_of_the_file_stands_in_the_form() -> None:
+    form = json.loads(canonical(protocol()))
+    for path, value in leaves(document()):
+        found = form
+        for part in path:
+            found = found[part]
+        assert found == (value.isoformat() if isinstance(value, date) else value), path
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("\n[masker]", "\n# a comment\n\n[masker]   # another"),
+        ("gate_top_mm = 18", "gate_top_mm = 1.8e1"),
+        ("samples = 1000", "samples = 0x3e8"),
+        ('title = "The first"', "'title' = '''The first'''"),
+        ('order = { kind = "max-run", max_run = 2 }', "order.max_run = 2\norder.kind = 'max-run'"),
+        ('noise = "pink"\nlevel_set_by = "participant"', 'level_set_by = "participant"\nnoise = "pink"'),
+        ("alpha = 0.01", "alpha = 0.01\n[ethics.more]\n".partition("\n")[0]),
+        ('reason = "they left"', 'reason = "they\\u0020left"'),
+    ],
+)
+def test_the_way_of_writing_does_not_matter(tmp_path: Path, old: str, new: str) -> None:
+    assert SMALL.count(old) == 1
+    assert sha256(loaded(tmp_path, SMALL.replace(old, new))) == sha256(protocol())
+
+
+def test_the_order_of_tables_does_not_matter(tmp_path: Path) -> None:
+    head, *tables = re.split(
+        r"(?m)^(?=\[(?:ethics|duration|exposure|masker|answers|synthesis|step|task_order)\]$)", SMALL
+    )
+    last = tables.pop()
+    moved = head + "".join(reversed(tables)) + last
+    assert moved != SMALL
+    assert tomllib.loads(moved) == tomllib.loads(SMALL)
+    assert sha256(loaded(tmp_path, moved)) == sha256(protocol())
+
+
+def test_a_default_that_is_written_down_changes_nothing(tmp_path: Path) -> None:
+    stated = SMALL.replace('question = "Better than chance?"', 'question = "Better than chance?"\nalpha = 0.05')
+    assert sha256(loaded(tmp_path, stated)) == sha256(protocol())
+
+
+def test_any_other_value_changes_the_hash() -> None:
+    hashes = {sha256(protocol())}
+    tried = 0
+    for path, value in leaves(document()):
+        other = {str: f"{value}x", date: date(2020, 5, 5), bool: not value}.get(type(value), value)
+        other = value + 1 if other == value else other
+        try:
+            hashes.add(sha256(Protocol.model_validate(changed(document(), path, other))))
+            tried += 1
+        except ValidationError:
+            continue
+    assert tried > 50
+    assert len(hashes) == tried + 1

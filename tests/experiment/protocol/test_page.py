@@ -1,0 +1,157 @@
+"""A board reads every fact of the file, and nothing runs over the edge."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from datetime import date, timedelta
+from typing import Any, Literal, get_args, get_origin
+
+import pytest
+from pydantic import BaseModel
+
+from experiment.protocol.canonical import sha256
+from experiment.protocol.models import Protocol
+from experiment.protocol.page import page
+from tests.experiment.protocol.small import changed, document, leaves, okamoto2012, protocol
+
+
+def words(text: str) -> str:
+    return " ".join(text.split())
+
+
+def fields(model: BaseModel, at: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], Any, Any]]:
+    """Path, annotation and value of every field, stated or default; where there is None, no value belongs."""
+    for name, field in type(model).model_fields.items():
+        held = getattr(model, name)
+        if isinstance(held, BaseModel):
+            yield from fields(held, (*at, name))
+        elif isinstance(held, tuple):
+            for i, element in enumerate(held):
+                if isinstance(element, BaseModel):
+                    yield from fields(element, (*at, name, i))
+                else:
+                    yield (*at, name, i), type(element), element
+        elif held is not None:
+            yield (*at, name), field.annotation, held
+
+
+def with_value(model: Any, path: tuple[str | int, ...], new: object) -> Any:
+    """A copy with `new` at `path`; unchecked, since the page has to show whatever a protocol holds."""
+    part, *rest = path
+    if isinstance(part, int):
+        return tuple(
+            (with_value(one, tuple(rest), new) if rest else new) if i == part else one for i, one in enumerate(model)
+        )
+    return model.model_copy(update={part: with_value(getattr(model, part), tuple(rest), new) if rest else new})
+
+
+def others(annotation: Any, value: Any) -> tuple[Any, ...]:
+    """Other values that a field of this type might hold."""
+    if get_origin(annotation) is Literal:
+        return tuple(option for option in get_args(annotation) if option != value)
+    match value:
+        case bool():
+            return (not value,)
+        case date():
+            return (value + timedelta(days=1),)
+        case str():
+            return ("Sentinel",)
+        case int():
+            return (value + 11,)
+        case float():
+            return (value + 0.125,)
+    raise NotImplementedError(f"{annotation} holding {value!r}")
+
+
+CASES = [(path, value, other) for path, kind, value in fields(protocol()) for other in others(kind, value)]
+
+
+@pytest.mark.parametrize(("path", "value", "other"), CASES, ids=str)
+def test_the_page_changes_with_every_value(path: tuple[str | int, ...], value: object, other: object) -> None:
+    before, after = protocol(), with_value(protocol(), path, other)
+    shown = page(after)
+    assert shown.replace(sha256(after), "") != page(before).replace(sha256(before), "")
+    if other == "Sentinel":
+        assert "Sentinel" in shown
+
+
+def test_every_kind_of_field_was_tried() -> None:
+    # But for these two, which have one value each.
+    tried = {path[-1] if isinstance(path[-1], str) else path[-2] for path, _, _ in CASES}
+    named = {name for model in _models(Protocol) for name, field in model.model_fields.items() if not _holds(field)}
+    assert named - tried == {"format", "mode"}
+
+
+def _models(model: type[BaseModel]) -> Iterator[type[BaseModel]]:
+    yield model
+    for field in model.model_fields.values():
+        for inner in _holds(field):
+            yield from _models(inner)
+
+
+def _holds(field: Any) -> list[type[BaseModel]]:
+    kinds = [field.annotation, *get_args(field.annotation)]
+    return [kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)]
+
+
+def test_every_value_of_the_published_study_can_be_read() -> None:
+    study = okamoto2012()
+    shown = words(page(Protocol.model_validate(study)))
+    for path, value in leaves(study):
+        if path in (("consent", "required"), ("consent", "voice_recordings")):
+            continue
+        if isinstance(value, str):
+            text = {"repeat-trial": "is repeated", "exclude-participant": "participant is left out"}.get(value, value)
+            text = {"frames-lost": "frames", "speed-below": "less than", "speed-above": "more than"}.get(text, text)
+            text = {"answers-below": "answers fewer than", "withdrawn": "withdraws"}.get(text, text)
+            assert words(text) in shown, path
+        else:
+            written = str(int(value)) if float(value).is_integer() else str(value)
+            assert re.search(rf"(?<![\d.]){re.escape(written)}(?![\d]|\.\d)", shown), path
+
+
+def test_sums_for_the_board() -> None:
+    # Section 5.1: 40 trials a participant in each task; 60 to 80 min for all procedures. 0.5 s a stimulus: section 3.1.
+    shown = words(page(Protocol.model_validate(okamoto2012())))
+    assert "virtual 15 4 x 10 = 40 600" in shown
+    assert "real 10 4 x 10 = 40 400" in shown
+    assert "breaks included: 60 to 80 min" in shown
+    assert "Task virtual vibrates for 20 s in all" in shown
+    # 80 min less two familiarisations of 3 min and a break of 5 min, over 80 trials.
+    assert "up to 52 s a trial" in shown
+    assert "take 11 min to 15 min" in shown
+
+
+def test_what_is_left_for_the_laboratory_is_listed() -> None:
+    _, left = page(Protocol.model_validate(okamoto2012())).split("12. Left for the laboratory")
+    named = re.findall(r"(?m)^  - (\S+)$", left)
+    assert named == ["ethics.approval_number", "ethics.approved_on", "ethics.expires_on", "ethics.contact"]
+
+
+def test_nothing_is_left_when_all_is_filled_in() -> None:
+    filled = changed(
+        changed(document(), ("ethics", "contact"), "board@example.org"), ("ethics", "approval_number"), "7"
+    )
+    assert "Nothing: every field is filled in." in page(Protocol.model_validate(filled))
+
+
+def test_a_protocol_without_duration_or_exclusion_says_so() -> None:
+    bare = {key: value for key, value in document().items() if key not in ("duration", "exclusion")}
+    shown = page(Protocol.model_validate(bare))
+    assert "Estimated duration of a visit: not stated." in shown
+    assert "None: every trial of every participant counts." in shown
+    assert "  - duration\n" in shown
+
+
+def test_lines_fit_a_printed_page() -> None:
+    long = changed(document(), ("ethics", "contact"), "https://example.org/" + "x" * 300)
+    for study in (okamoto2012(), document(), long):
+        shown = page(Protocol.model_validate(study))
+        assert max(map(len, shown.split("\n"))) <= 92
+        assert shown.endswith("\n")
+        assert not re.search(r"[ \t]\n", shown)
+
+
+def test_the_hash_stands_on_the_page() -> None:
+    assert sha256(protocol()) in page(protocol())

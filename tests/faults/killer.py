@@ -1,0 +1,93 @@
+"""Rehearses in a forked child, kills it with SIGKILL at random moments, and lets the next child go on.
+
+Run as a script of its own, so that the process that forks has no threads:
+`python -m tests.faults.killer FOLDER KILLS SEED` prints one JSON document.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import sys
+import time
+from pathlib import Path
+
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal import study
+from experiment.rehearsal.participant import SimulatedParticipant
+
+PARTICIPANTS = 2
+
+
+def rehearse(out: Path, seed: int) -> None:
+    """The whole rehearsal in this process, as `palpate rehearse --jobs 1` does it."""
+    study.rehearse(
+        protocol_file=shipped("okamoto2012.toml"),
+        rig_file=shipped("rigs/rehearsal.toml"),
+        out=out,
+        participants=PARTICIPANTS,
+        seed=seed,
+    )
+
+
+def tell_confirmations(pipe: int) -> None:
+    """Write every confirmation to a pipe, in one write, when the experimenter sees it."""
+    confirmed = SimulatedParticipant.confirmed
+
+    def told(self: SimulatedParticipant, *, trial: int, answer: str | None) -> None:
+        line = json.dumps([*self.who, trial, answer]) + "\n"
+        os.write(pipe, line.encode())
+        confirmed(self, trial=trial, answer=answer)
+
+    SimulatedParticipant.confirmed = told  # type: ignore[method-assign]
+
+
+def one_life(out: Path, seed: int, after_s: float | None) -> tuple[list[object], bool]:
+    """Fork, rehearse, and kill after `after_s`; returns what was confirmed, and whether the child lived to the end."""
+    read, write = os.pipe()
+    child = os.fork()
+    if child == 0:
+        os.close(read)
+        try:
+            tell_confirmations(write)
+            rehearse(out, seed)
+        except BaseException as error:
+            os.write(2, f"{type(error).__name__}: {error}\n".encode())
+            os._exit(1)
+        os._exit(0)
+    os.close(write)
+    if after_s is not None:
+        time.sleep(after_s)
+        os.kill(child, signal.SIGKILL)
+    with os.fdopen(read) as pipe:
+        confirmed = [json.loads(line) for line in pipe]
+    _, status = os.waitpid(child, 0)
+    if os.WIFEXITED(status) and os.WEXITSTATUS(status) != 0:
+        raise SystemExit("the rehearsal failed by itself; see standard error")
+    return confirmed, os.WIFEXITED(status)
+
+
+def main() -> None:
+    folder, kills, seed = Path(sys.argv[1]), int(sys.argv[2]), int(sys.argv[3])
+    moments = random.Random(seed)
+    rehearsals: list[dict[str, object]] = []
+    left = kills
+    while left > 0:
+        number = len(rehearsals)
+        out = folder / f"killed-{number}"
+        confirmed: list[object] = []
+        died = 0
+        ended = False
+        while not ended:
+            told, ended = one_life(out, seed + number, moments.uniform(0.0, 0.6) if left > 0 else None)
+            confirmed += told
+            died += not ended
+            left -= not ended
+        rehearsals.append({"out": str(out), "seed": seed + number, "kills": died, "confirmed": confirmed})
+    print(json.dumps(rehearsals))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,64 @@
+"""`kill -9` at 200 random moments of a rehearsal: nothing confirmed is lost or doubled, and no order changes."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from experiment import roster, schedule
+from experiment.protocol import load
+from experiment.protocol.shipped import shipped
+from experiment.records import Answer, Footer, Redo
+from experiment.session import journal, runner
+
+KILLS = 200
+
+
+@pytest.fixture(scope="module")
+def killed(tmp_path_factory: pytest.TempPathFactory, repository_root: Path) -> list[dict[str, object]]:
+    folder = tmp_path_factory.mktemp("kill")
+    run = subprocess.run(
+        [sys.executable, "-m", "tests.faults.killer", str(folder), str(KILLS), "20"],
+        cwd=repository_root,
+        capture_output=True,
+        text=True,
+        timeout=600,
+        check=False,
+        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
+    )
+    assert run.returncode == 0, run.stderr
+    return json.loads(run.stdout)
+
+
+def test_it_was_killed_as_often_as_asked(killed: list[dict[str, object]]) -> None:
+    assert sum(one["kills"] for one in killed) == KILLS
+
+
+def test_every_confirmed_answer_is_on_disk_once_and_every_order_is_the_planned_one(
+    killed: list[dict[str, object]],
+) -> None:
+    protocol = load.load(shipped("okamoto2012.toml"))
+    for one in killed:
+        confirmed = {tuple(c[:3]): c[3] for c in one["confirmed"]}
+        assert len(confirmed) == len(one["confirmed"]), "an answer was confirmed twice"
+        answered = {}
+        for who in roster.allocate(protocol, one["seed"])[:2]:
+            for task in who.tasks:
+                entries = journal.read(runner.journal_path(Path(one["out"]), who.participant, task)).entries
+                redone = {(e.trial, e.attempt) for e in entries if isinstance(e, Redo)}
+                counted = [e for e in entries if isinstance(e, Answer)]
+                assert not redone & {(e.trial, e.attempt) for e in counted}
+                order = schedule.schedule(
+                    protocol=protocol, participant=who.participant, task_id=task, seed=one["seed"]
+                )
+                assert [(e.trial, e.presented) for e in counted] == [(p.trial, p.presented) for p in order]
+                assert isinstance(entries[-1], Footer)
+                assert entries[-1].reason == "complete"
+                answered |= {(who.participant, task, e.trial): e.answered for e in counted}
+        assert confirmed.items() <= answered.items()
+        assert len(answered) - len(confirmed) <= one["kills"]

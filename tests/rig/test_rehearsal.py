@@ -1,0 +1,194 @@
+"""A whole rehearsal through real ports: what it makes, how it resumes, what it refuses, and the control condition."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from experiment import dataset
+from experiment.errors import DatasetError, JournalError, TrackerStopped
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal import study
+from experiment.rehearsal.foot import Faults, Foot
+from experiment.rehearsal.movement import Trajectory
+from experiment.session import journal, runner
+from experiment.session.resume import progress
+
+MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
+PUBLISHED = {
+    # Okamoto et al., Tables 1 and 2: answer ratios; rows presented, columns answered, in the order of MATERIALS.
+    "virtual": [
+        [0.79, 0.047, 0.053, 0.11],
+        [0.033, 0.39, 0.21, 0.36],
+        [0.013, 0.19, 0.65, 0.12],
+        [0.007, 0.48, 0.23, 0.29],
+    ],
+    "real": [[0.97, 0.01, 0.01, 0.01], [0.02, 0.51, 0.22, 0.25], [0, 0.15, 0.63, 0.22], [0.01, 0.36, 0.15, 0.48]],
+}
+
+Rehearse = Callable[..., Path]
+
+
+def rehearse(out: Path, **changed: object) -> Path:
+    asked: dict[str, object] = {"participants": 1, "seed": 1} | changed
+    return study.rehearse(
+        protocol_file=shipped("okamoto2012.toml"), rig_file=shipped("rigs/rehearsal.toml"), out=out, **asked
+    )
+
+
+def counted(root: Path, task: str) -> list[dict[str, str]]:
+    rows = []
+    for path in sorted(root.glob(f"sub-*/beh/*_task-{task}_events.tsv")):
+        with path.open() as file:
+            rows += [row for row in csv.DictReader(file, delimiter="\t") if row["counted"] == "1"]
+    return rows
+
+
+def ratios(root: Path, task: str) -> np.ndarray:
+    counts = np.zeros((4, 4))
+    for row in counted(root, task):
+        counts[MATERIALS.index(row["presented"]), MATERIALS.index(row["answered"])] += 1
+    return counts / counts.sum(axis=1, keepdims=True)
+
+
+@pytest.fixture(scope="module")
+def one(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return rehearse(tmp_path_factory.mktemp("one") / "rehearsal")
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_confusions_are_those_of_the_paper(tmp_path: Path, seed: int) -> None:
+    root = rehearse(tmp_path / "whole", participants=15, seed=seed, jobs=2)
+    assert len(counted(root, "virtual")) == 15 * 40
+    assert len(counted(root, "real")) == 10 * 40
+    virtual = np.corrcoef(ratios(root, "virtual").ravel(), np.ravel(PUBLISHED["virtual"]))[0, 1]
+    real = np.corrcoef(ratios(root, "real").ravel(), np.ravel(PUBLISHED["real"]))[0, 1]
+    assert virtual >= 0.85
+    assert real >= 0.95
+
+
+def test_silence_is_answered_at_chance_and_leaves_the_real_task_alone(tmp_path: Path, one: Path) -> None:
+    root = rehearse(tmp_path / "silent", participants=6, seed=1, control="silence", jobs=2)
+    rows = counted(root, "virtual")
+    correct = sum(row["presented"] == row["answered"] for row in rows)
+    low, high = stats.binom.ppf([0.0005, 0.9995], len(rows), 0.25)
+    assert low <= correct <= high
+    first = counted(root, "real")[:40]
+    assert [row["answered"] for row in first] == [row["answered"] for row in counted(one, "real")]
+
+
+def test_the_same_seed_gives_the_same_events_and_another_does_not(tmp_path: Path, one: Path) -> None:
+    again = rehearse(tmp_path / "again")
+    other = rehearse(tmp_path / "other", seed=2)
+    events = sorted(path.relative_to(one) for path in one.glob("sub-*/beh/*_events.tsv"))
+    assert events
+    for path in events:
+        assert (again / path).read_bytes() == (one / path).read_bytes()
+        assert (other / path).read_bytes() != (one / path).read_bytes()
+
+
+def test_the_rendered_speed_is_the_foots(one: Path) -> None:
+    rows = counted(one, "virtual") + counted(one, "real")
+    speeds = np.array([float(row["foot_speed"]) for row in rows])
+    assert np.all((speeds > 45) & (speeds < 440))
+    assert len(set(speeds)) == len(speeds)
+
+
+def test_every_file_says_rehearsal(one: Path) -> None:
+    for path in sorted(one.rglob("*")):
+        relative = path.relative_to(one)
+        if not path.is_file() or path.name == "protocol.toml" or path.suffix in (".lock", ".cobs", ".wav", ".gz"):
+            continue
+        text = path.read_text("utf-8").lower()
+        assert "rehearsal" in text or "simulated" in text, relative
+
+
+def test_the_foot_trace_is_the_frames_that_the_journal_names(one: Path) -> None:
+    sidecar = json.loads(next(one.glob("sub-01/beh/*virtual_recording-foot_physio.json")).read_text())
+    with gzip.open(next(one.glob("sub-01/beh/*virtual_recording-foot_physio.tsv.gz")), "rt") as file:
+        height = np.array([float("nan") if line.strip() == "n/a" else float(line) for line in file])
+    seconds = sidecar["StartTime"] + np.arange(len(height)) / sidecar["SamplingFrequency"]
+    for row in counted(one, "virtual"):
+        contact = float(row["onset"])
+        around = height[(seconds > contact - 0.012) & (seconds < contact - 0.004)]
+        assert np.all((around > -1) & (around < 6))
+        assert np.nanmin(height[(seconds > contact) & (seconds < contact + 0.05)]) < 0.3
+
+
+def test_it_goes_on_after_the_port_vanished_and_loses_nothing(
+    tmp_path: Path, one: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    steps = 0
+    step = Foot.step
+
+    def unplugged_at_the_thirtieth(self: Foot, trajectory: Trajectory, start_us: int) -> None:
+        nonlocal steps
+        steps += 1
+        step(self, trajectory, start_us, Faults(unplug_at=150) if steps == 30 else None)
+
+    monkeypatch.setattr(Foot, "step", unplugged_at_the_thirtieth)
+    with pytest.raises(TrackerStopped, match="plug the device in again, then resume the session"):
+        rehearse(tmp_path / "rehearsal")
+    root = rehearse(tmp_path / "rehearsal")
+    for task in ("virtual", "real"):
+        answers = [(row["trial"], row["presented"]) for row in counted(root, task)]
+        assert answers == [(row["trial"], row["presented"]) for row in counted(one, task)]
+
+
+def test_a_finished_rehearsal_is_not_run_again(tmp_path: Path) -> None:
+    root = rehearse(tmp_path / "rehearsal")
+    before = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
+    rehearse(tmp_path / "rehearsal")
+    assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == before
+
+
+def test_another_rehearsal_or_anything_else_in_the_folder_is_refused(tmp_path: Path, one: Path) -> None:
+    with pytest.raises(DatasetError, match=r"seed 1 there, 2 asked for.*choose another folder with --out"):
+        rehearse(one, seed=2)
+    (tmp_path / "study").mkdir()
+    (tmp_path / "study" / "data.tsv").write_text("precious")
+    with pytest.raises(DatasetError, match="a rehearsal never writes into anything else"):
+        rehearse(tmp_path / "study")
+    assert (tmp_path / "study" / "data.tsv").read_text() == "precious"
+
+
+def test_a_broken_journal_is_refused_and_nothing_is_overwritten(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
+    path = runner.journal_path(root, "01", "virtual")
+    lines = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines[:5] + lines[6:]))
+    before = path.read_bytes()
+    with pytest.raises(JournalError, match="line 6 does not follow the line before it"):
+        rehearse(root)
+    assert path.read_bytes() == before
+
+
+def test_a_truncated_journal_loses_only_what_was_cut_off(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
+    path = runner.journal_path(root, "01", "virtual")
+    path.write_bytes(path.read_bytes()[:-2000])
+    kept = progress(journal.read(path).entries).answered
+    assert 0 < len(kept) < 40
+    rehearse(root)
+    assert progress(journal.read(path).entries).answered == tuple(range(1, 41))
+
+
+def test_a_foot_trace_that_was_changed_is_refused(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
+    path = runner.foot_path(runner.journal_path(root, "01", "real"))
+    data = bytearray(path.read_bytes())
+    data[1000] ^= 1
+    path.write_bytes(data)
+    with pytest.raises(DatasetError, match="are not those that the journal names; restore the file"):
+        dataset.build(root)
