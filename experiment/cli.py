@@ -1,4 +1,4 @@
-"""The one command, `palpate`; the only place that knows every part, and imports each part on use."""
+"""The one command, `palpate`; with cli_lab.py the only place that knows every part. Each part is imported on use."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import json
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from experiment import __version__
+from experiment.cli_lab import Participant, ProtocolFile, lab
 from experiment.errors import PalpateError
 
 app = typer.Typer(
@@ -23,14 +23,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
-ProtocolFile = Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML).")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, help="Names every random draw.")]
-Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")]
-StudyFolder = Annotated[
-    Path | None, typer.Option("--dataset", help="Folder of the study's dataset; participants/STUDY by default.")
-]
-Day = Annotated[datetime, typer.Option(formats=["%Y-%m-%d"], metavar="YYYY-MM-DD")]
 
 
 def _version(value: bool) -> None:
@@ -93,99 +87,6 @@ def schedule(protocol_file: ProtocolFile, participant: Participant, seed: Seed =
         typer.echo(f"Participant {allocation.participant}, task {position}: {task} (seed {seed})")
         for planned in order:
             typer.echo(f"{planned.trial:4d}  {planned.presented}")
-
-
-@app.command(
-    epilog="Example: palpate seal study.toml --approval-number 2026-17 --approved-on 2026-04-01 --expires-on 2027-03-31"
-)
-def seal(
-    protocol_file: ProtocolFile,
-    approval_number: Annotated[str, typer.Option("--approval-number", help="As on the board's letter.")],
-    approved_on: Day,
-    expires_on: Day,
-    replace: Annotated[bool, typer.Option("--replace", help="Of an earlier form of the protocol.")] = False,
-) -> None:
-    """Record the board's approval of a protocol.
-
-    Writes STUDY.seal.toml beside the protocol, with the SHA-256 of what was approved. `palpate run` refuses a
-    protocol that is not sealed, was changed since, or whose approval has expired.
-    """
-    from experiment.protocol import load
-    from experiment.protocol import seal as seals
-
-    protocol = load.load(protocol_file)
-    sealed = seals.write(
-        protocol_file,
-        protocol,
-        approval_number=approval_number,
-        board=protocol.ethics.board,
-        approved_on=approved_on.date(),
-        expires_on=expires_on.date(),
-        replace=replace,
-    )
-    typer.echo(f"Sealed {sealed.protocol_sha256}: {seals.seal_path(protocol_file)}")
-
-
-@app.command(epilog="Example: palpate enrol study.toml --participant 01 --consent-on 2026-05-04")
-def enrol(
-    protocol_file: ProtocolFile,
-    participant: Participant,
-    consent_on: Annotated[
-        datetime | None, typer.Option(formats=["%Y-%m-%d"], metavar="YYYY-MM-DD", help="Day of consent.")
-    ] = None,
-    dataset: StudyFolder = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Of the study; drawn if left out.")] = None,
-) -> None:
-    """Enrol the next participant of a study."""
-    from experiment import study
-
-    path = study.enrol(protocol_file, participant, consent_on.date() if consent_on else None, root=dataset, seed=seed)
-    typer.echo(f"Participant {participant} is enrolled: {path}")
-
-
-@app.command(epilog="Example: palpate withdraw study.toml --participant 01 --reason 'asked to stop'")
-def withdraw(
-    protocol_file: ProtocolFile,
-    participant: Participant,
-    reason: Annotated[str, typer.Option("--reason", help="One line that names no person and no state of health.")],
-    dataset: StudyFolder = None,
-) -> None:
-    """Record that a participant withdrew."""
-    from experiment import study
-
-    path = study.withdraw(protocol_file, participant, reason, root=dataset)
-    typer.echo(f"Participant {participant} has withdrawn: {path}")
-
-
-@app.command(epilog="Example: palpate run study.toml --participant 01 --task real --rig our-rig.toml")
-def run(
-    protocol_file: ProtocolFile,
-    participant: Participant,
-    task: Annotated[str, typer.Option("--task", help="One of the participant's tasks.")],
-    rig: Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")],
-    recordings: Annotated[
-        Path | None, typer.Option("--recordings", help="Folder of recordings; stimuli/recordings in the dataset.")
-    ] = None,
-    dataset: StudyFolder = None,
-) -> None:
-    """Run one session with a participant, or what remains of it.
-
-    The protocol must be sealed and the participant enrolled. Ctrl-C pauses; the same command goes on.
-    """
-    from experiment import study
-    from experiment.console.terminal import TerminalConsole
-
-    console = TerminalConsole(write=sys.stdout, ask=input, heading=f"Participant {participant}, task {task}.")
-    footer = study.run(
-        protocol_file=protocol_file,
-        rig_file=rig,
-        participant=participant,
-        task_id=task,
-        root=dataset,
-        recordings=recordings,
-        console=console,
-    )
-    typer.echo(f"The session is {footer.reason}: {footer.answered} answers. {footer.detail}".rstrip())
 
 
 @app.command(epilog="Example: palpate rehearse protocols/okamoto2012.toml --participants 3 --seed 7 --out trial-run")
@@ -339,6 +240,9 @@ def _progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None
         yield (lambda total: bar.update(task, total=total)), (lambda: bar.advance(task))
 
 
+app.add_typer(lab)
+
+
 def main() -> None:
     """Entry point of the command: an error is one line (every line of it useful) and exit code 2."""
     try:
@@ -349,3 +253,20 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()
         raise SystemExit(1) from None
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        print(f"palpate: {where}{error.strerror or error}; mend that, then call again", file=sys.stderr)  # noqa: T201
+        raise SystemExit(2) from None
+    except Exception as error:
+        print(f"palpate: {_reported(error)}", file=sys.stderr)  # noqa: T201
+        raise SystemExit(70) from None
+
+
+def _reported(error: Exception) -> str:
+    """Write what a developer needs to a file, and return the line for the experimenter."""
+    import tempfile
+    import traceback
+
+    with tempfile.NamedTemporaryFile("w", prefix="palpate-", suffix=".txt", delete=False, encoding="utf-8") as file:
+        traceback.print_exception(error, file=file)
+    return f"a fault in palpate itself ({type(error).__name__}); nothing on disk was lost; please report {file.name}"

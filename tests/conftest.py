@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from pathlib import Path
 
 import pytest
@@ -49,3 +49,22 @@ def shared() -> Path:
     if not path.is_dir():
         pytest.skip("needs the folder `shared` beside the checkout")
     return path
+
+
+Palpate = Callable[..., tuple[int, str, str]]
+"""Calls the command with these arguments; returns exit code, standard output and standard error."""
+
+
+@pytest.fixture
+def palpate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Palpate:
+    """The command, in this process."""
+    from experiment import cli
+
+    def call(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        out, err = capsys.readouterr()
+        return int(end.value.code or 0), out, err
+
+    return call

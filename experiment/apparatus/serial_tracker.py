@@ -96,12 +96,11 @@ class SerialTracker:
             data = self._received()
             heard += len(data)
             self._raw += data
-            before = self._decoder
-            self._decoder, frames = before.feed(data)
+            self._decoder, frames = self._decoder.feed(data)
             self._counts = self._counts.plus(frames.link)
             if frames.restarted:
                 raise TrackerError(
-                    f"tracker at {self._name}: the device's clock no longer runs on from {before.device_us} us; "
+                    f"tracker at {self._name}: the device's clock no longer runs on from {self._decoder.device_us} us; "
                     "it restarted, or its firmware does not count microseconds; see to it, then resume the session"
                 )
             if frames.device_us.size:

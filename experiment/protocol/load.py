@@ -59,19 +59,17 @@ def checked(
 
 
 def _text(path: Path) -> str:
+    if path.is_dir():
+        raise ProtocolError(str(path), [Problem("file", None, "a folder", _existing(path / "protocol.toml"))])
     try:
         data = path.read_bytes()
     except FileNotFoundError as error:
         raise ProtocolError(str(path), [Problem("file", None, "no such file", _existing(path))]) from error
-    except IsADirectoryError as error:
-        raise ProtocolError(
-            str(path), [Problem("file", None, "a folder", _existing(path / "protocol.toml"))]
-        ) from error
     except OSError as error:
         got = f"a file that cannot be read ({error.strerror})"
         raise ProtocolError(str(path), [Problem("file", None, got, "a TOML file that you may read")]) from error
     try:
-        return data.decode("utf-8-sig").replace("\r\n", "\n")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         before = data[: error.start]
         column = error.start - (before.rfind(b"\n") + 1) + 1
@@ -100,13 +98,12 @@ def _parsed(path: Path, text: str) -> dict[str, Any]:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
         # Before Python 3.14 the position stands in the message alone; numbers of absurd length have none.
-        message, line, column = str(error), None, None
+        message, line, column, lines = str(error), None, None, text.split("\n")
         if place := re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", message):
             message = message[: place.start()]
-            lines = text.splitlines() or [""]
             line = int(place[1]) if place[1] else len(lines)
             column = int(place[2]) if place[2] else len(lines[-1]) + 1
-        got = f"'{text.split(chr(10))[line - 1].strip()[:60]}'" if line else "text that cannot be parsed"
+        got = f"'{lines[line - 1].strip()[:60]}'" if line else "text that cannot be parsed"
         where = f"column {column}" if column else "file"
         raise ProtocolError(str(path), [Problem(where, line, got, f"TOML; {message}; mend this first")]) from error
 

@@ -55,7 +55,7 @@ class _Locator:
         return self._lines
 
     def _line(self) -> int:
-        return bisect_right(self._newlines, self._at - 1) + 1
+        return bisect_right(self._newlines, self._at) + 1
 
     def _skip_blank(self) -> int:
         self._take(_BLANK)

@@ -84,7 +84,7 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
     """
     path = seal_path(protocol_path)
     if not path.exists():
-        allowed = "a protocol that was approved and sealed; have it approved, then seal it"
+        allowed = "a protocol that was approved and sealed; have it approved, then seal it (palpate seal)"
         _refuse(path, [Problem("seal", None, "no seal", allowed)])
     seal = load.read(path, Seal)
     found = canonical.sha256(protocol)
@@ -122,9 +122,7 @@ def _in_the_way(path: Path, seal: Seal, replace: bool) -> list[Problem]:
         allowed = "no seal: this very protocol is sealed already; to seal it anew, move that file away first"
         return [Problem("seal", None, "an existing seal", allowed)]
     if not replace:
-        allowed = (
-            "no seal: one of another form of this protocol stands there; ask for it to be replaced, or move it away"
-        )
+        allowed = "no seal: one of another form of this protocol stands there; replace it (--replace), or move it away"
         return [Problem("seal", None, "an existing seal", allowed)]
     return []
 

@@ -1,13 +1,14 @@
 """Numbers in text columns, separated by tabs, semicolons, commas or blanks, with decimal points or decimal commas.
 
 The first line that reads as two numbers or more decides how all later lines are read. Lines before it are headings;
-blank lines and comments (#, %, ;, //, ') may stand anywhere.
+blank lines and comments (#, %, ;, //) may stand anywhere.
 """
 
 from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ _SEPARATORS = ("\t", ";", ",", None)
 _DIALECTS = tuple(
     (separator, decimal) for separator in _SEPARATORS for decimal in (".", ",") if (separator, decimal) != (",", ",")
 )
-_COMMENT = re.compile(r"\s*(#|%|;|//|')")
+_COMMENT = re.compile(r"\s*(#|%|;|//)")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eEdD][+-]?\d+)?", re.ASCII)
 _UNIT = re.compile(r"(?P<name>.*?)\s*[\(\[](?P<unit>[^()\[\]]*)[\)\]]\s*")
 
@@ -52,7 +53,10 @@ def number(text: str, *, decimal: str = ".") -> float | None:
         if "." in text:
             return None
         text = text.replace(decimal, ".")
-    return float(text.replace("d", "e").replace("D", "e")) if _NUMBER.fullmatch(text) else None
+    if not _NUMBER.fullmatch(text):
+        return None
+    value = float(text.lower().replace("d", "e"))
+    return value if isfinite(value) else None
 
 
 def name_and_unit(heading: str) -> tuple[str, str]:

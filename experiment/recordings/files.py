@@ -6,6 +6,7 @@ rate in a header may lie, and is only reported beside it.
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,8 +21,11 @@ from experiment.recordings.wav import wav_samples
 LARGEST_STEP_ERROR = 0.5
 """How far a time step may be from the median step, and a sample from its place on an even grid, in steps."""
 
-_SECONDS = {"": 1.0, "s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
-_TIME_NAMES = ("t", "time", "times", "x_value", "zeit", "elapsed time")
+_SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
+_TIME = re.compile(r"(?:t|(?:.*[\s_.-])?(?:times?|timestamp|zeit|x_value))(?:[\s_.-].*)?", re.IGNORECASE)
+_UNIT_SUFFIX = re.compile(r".*[\s_](s|ms|us|ns)", re.IGNORECASE)
+_SAYS_NOTHING = ("", "x", "s", "sec", "seconds", "untitled")
+"""Headings under which a rising first column may be taken for times; LabVIEW calls nameless channels Untitled."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +106,7 @@ def _from_wav(content: bytes, *, file: str, channel: str | None) -> Recording:
 
 def _from_columns(text: str, *, file: str, channel: str | None) -> Recording:
     columns = parse_columns(text, file=file)
-    at = next((i for i, column in enumerate(columns) if column.name.lower() in _TIME_NAMES), None)
+    at = next((i for i, column in enumerate(columns) if _TIME.fullmatch(column.name)), None)
     if at is None:
         at = 0
         _look_like_times(columns[0], file=file)
@@ -110,49 +114,36 @@ def _from_columns(text: str, *, file: str, channel: str | None) -> Recording:
     place = _chosen(names, channel, file=file)
     chosen = [column for i, column in enumerate(columns) if i != at][place]
     rate_hz, jitter = _even(columns[at], file=file)
-    return Recording(
-        file,
-        names[place],
-        names,
-        chosen.values,
-        chosen.unit,
-        rate_hz,
-        f"time column {columns[at].name!r}",
-        None,
-        jitter,
-    )
+    source = f"time column {columns[at].name!r}" if columns[at].name else "first column"
+    return Recording(file, names[place], names, chosen.values, chosen.unit, rate_hz, source, None, jitter)
 
 
 def _from_lvm(text: str, *, file: str, channel: str | None) -> Recording:
     segments = parse_lvm(text, file=file)
     channels = segments[0]
-    # A file without X column may hold its times as a channel of that name.
-    named = [name_and_unit(found.samples.name) for found in channels]
-    at = next((i for i, (name, _) in enumerate(named) if name.lower() in _TIME_NAMES and len(channels) > 1), None)
+    at = _times_among(channels, file=file)
     signals = [found for i, found in enumerate(channels) if i != at]
     names = tuple(found.samples.name or f"channel {i + 1}" for i, found in enumerate(signals))
     place = _chosen(names, channel, file=file)
     chosen = signals[place]
     if chosen.dimension.lower() != "time":
         raise RecordingError(
-            f"{file}: channel {names[place]!r} stands over {chosen.dimension}; allowed: a channel over Time; choose another"
+            f"{file}: channel {names[place]!r} stands over {chosen.dimension}; allowed: Time; choose another channel"
         )
-    header_rate_hz = 1 / chosen.step if chosen.step else None
-    if at is not None:
-        times = Column(*named[at], values=channels[at].samples.values, lines=channels[at].samples.lines)
-    else:
-        times = chosen.times
-    if times is None:
-        if header_rate_hz is None or header_rate_hz <= 0:
-            raise RecordingError(
-                f"{file}: got neither an X column nor a Delta_X above zero; allowed: a column of times; "
-                "export the measurement with X_Columns One"
-            )
-        rate_hz, source, jitter = header_rate_hz, "header (Delta_X), no time column to check it against", 0.0
-        header_rate_hz = None
-    else:
+    claimed_hz = 1 / chosen.step if chosen.step is not None and chosen.step > 0 else np.inf
+    header_rate_hz = claimed_hz if np.isfinite(claimed_hz) else None
+    times = chosen.times if at is None else _heading_split(channels[at].samples)
+    if times is not None:
         rate_hz, jitter = _even(_cut(times, chosen, file=file), file=file)
         source = f"time column {times.name!r}"
+    elif header_rate_hz is not None:
+        rate_hz, jitter, header_rate_hz = header_rate_hz, 0.0, None
+        source = "header (Delta_X), no time column to check it against"
+    else:
+        raise RecordingError(
+            f"{file}: got neither an X column nor a Delta_X above zero; allowed: a column of times; "
+            "export the measurement with X_Columns One"
+        )
     return Recording(
         file,
         names[place],
@@ -165,6 +156,29 @@ def _from_lvm(text: str, *, file: str, channel: str | None) -> Recording:
         jitter,
         len(segments),
     )
+
+
+def _times_among(channels: list[Channel], *, file: str) -> int | None:
+    """Which channel holds times: one named so or, in a file without X column, a first one that rises in even steps."""
+    if len(channels) < 2:
+        return None
+    for i, found in enumerate(channels):
+        if _TIME.fullmatch(_heading_split(found.samples).name):
+            return i
+    first = channels[0]
+    if first.times is not None:
+        return None
+    try:
+        _look_like_times(first.samples, file=file)
+        _even(first.samples, file=file)
+    except RecordingError:
+        return None
+    return 0
+
+
+def _heading_split(column: Column) -> Column:
+    """A LabVIEW column with the unit taken out of its name: only times are named so there."""
+    return Column(*name_and_unit(column.name), values=column.values, lines=column.lines)
 
 
 def _cut(times: Column, chosen: Channel, *, file: str) -> Column:
@@ -191,10 +205,17 @@ def _chosen(names: tuple[str, ...], channel: str | None, *, file: str) -> int:
 
 
 def _look_like_times(first: Column, *, file: str) -> None:
-    """Refuse a first column that nothing calls a time and that is none: it falls, or only counts samples."""
-    steps = np.diff(first.values)
-    if np.any(steps <= 0) or (steps.size and np.all(steps == 1)):
-        what = "a counter of samples" if steps.size and np.all(steps == 1) else "values that do not rise"
+    """Refuse a first column that nothing calls a time and that is none."""
+    with np.errstate(over="ignore"):
+        steps = np.diff(first.values)
+    what = ""
+    if first.name.lower() not in _SAYS_NOTHING and first.unit.lower() not in _SECONDS:
+        what = f"{first.name!r}"
+    elif np.any(steps <= 0):
+        what = "values that do not rise"
+    elif steps.size and np.all(steps == 1):
+        what = "a counter of samples"
+    if what:
         raise RecordingError(
             f"{file}: line {first.lines[0]}: got {what} in the first column and no column named time; "
             "allowed: a column of times; write a heading such as 'time (s), acceleration (g)'"
@@ -203,28 +224,32 @@ def _look_like_times(first: Column, *, file: str) -> None:
 
 def _even(times: Column, *, file: str) -> tuple[float, float]:
     """Sampling rate in Hz from a column of times, and the largest departure from an even grid in steps."""
-    unit = times.unit.lower()
+    suffix = _UNIT_SUFFIX.fullmatch(times.name)
+    unit = (times.unit or (suffix[1] if suffix else "s")).lower()
     if unit not in _SECONDS:
         raise RecordingError(
-            f"{file}: got times in {times.unit!r}; allowed: {', '.join(filter(None, _SECONDS))}; correct the heading"
+            f"{file}: got times in {times.unit!r}; allowed: {', '.join(_SECONDS)}; correct the heading"
         )
     t = times.values * _SECONDS[unit]
     if t.size < 2:
         raise RecordingError(f"{file}: got {t.size} rows; allowed: two or more, for a sampling rate; record longer")
-    steps = np.diff(t)
-    median = float(np.median(steps))
-    worst = int(np.argmax(np.abs(steps - median)))
-    if not median > 0 or abs(steps[worst] - median) > LARGEST_STEP_ERROR * median:
-        raise RecordingError(
-            f"{file}: line {times.lines[worst + 1]}: got a time step of {steps[worst]:g} s; allowed: within "
-            f"{LARGEST_STEP_ERROR:.0%} of the median step, {median:g} s; record without gaps or resample it evenly"
-        )
-    mean = float((t[-1] - t[0]) / steps.size)
-    off = np.abs(t - (t[0] + mean * np.arange(t.size))) / mean
-    if off.max() > LARGEST_STEP_ERROR:
-        at = int(np.argmax(off))
+    with np.errstate(over="ignore", invalid="ignore"):
+        steps = np.diff(t)
+        median = float(np.median(steps))
+        worst = int(np.argmax(np.abs(steps - median)))
+        if not (0 < median < np.inf and abs(steps[worst] - median) <= LARGEST_STEP_ERROR * median):
+            raise RecordingError(
+                f"{file}: line {times.lines[worst + 1]}: got a time step of {steps[worst]:g} s; allowed: within "
+                f"{LARGEST_STEP_ERROR:.0%} of the median step, {median:g} s; record without gaps or resample it evenly"
+            )
+        mean = float((t[-1] - t[0]) / steps.size)
+        off = np.abs(t - (t[0] + mean * np.arange(t.size))) / mean
+    at = int(np.argmax(off))
+    if not off[at] <= LARGEST_STEP_ERROR:
         raise RecordingError(
             f"{file}: line {times.lines[at]}: got a sample {off[at]:.1f} steps away from an even grid; allowed: "
             f"{LARGEST_STEP_ERROR} steps; record at a steady rate or resample it evenly"
         )
-    return 1 / mean, float(off.max())
+    if not np.isfinite(1 / mean):
+        raise RecordingError(f"{file}: got time steps of {mean:g} s; allowed: longer ones; correct the unit of time")
+    return 1 / mean, float(off[at])

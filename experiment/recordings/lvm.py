@@ -118,7 +118,7 @@ def _file_header(lines: list[str], file: str) -> tuple[str, str, list[tuple[int,
             return separator, decimal, list(enumerate(lines, start=1))[place:]
         tags[tag] = value
     raise RecordingError(
-        f"{file}: got a LabVIEW header without its end; allowed: a line ***End_of_Header***; export the measurement again"
+        f"{file}: got a LabVIEW header without its end; allowed: a line ***End_of_Header***; export it again"
     )
 
 

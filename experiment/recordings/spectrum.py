@@ -138,14 +138,15 @@ def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:
         recording=recording,
         frequencies_hz=np.arange(amplitudes.size) * bin_hz,
         amplitudes=amplitudes,
-        peaks=_peaks(centred, amplitudes, bin_hz=bin_hz),
+        peaks=_peaks(centred, amplitudes, bin_hz=bin_hz, rounding=1e-12 * float(np.abs(recording.samples).max())),
     )
 
 
-def _peaks(centred: NDArray[np.float64], amplitudes: NDArray[np.float64], *, bin_hz: float) -> tuple[Peak, ...]:
+def _peaks(
+    centred: NDArray[np.float64], amplitudes: NDArray[np.float64], *, bin_hz: float, rounding: float
+) -> tuple[Peak, ...]:
     highest = amplitudes.max()
-    # Rounding alone leaves a spectrum of this size where the recording is constant.
-    if highest <= 1e-12 * np.abs(centred).max():
+    if highest <= rounding:
         return ()
     places, _ = signal.find_peaks(amplitudes, prominence=PROMINENCE * highest)
     found = [_refined(centred, int(place), bin_hz=bin_hz) for place in places]
@@ -191,7 +192,7 @@ def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
     axes.plot([p.frequency_hz for p in spectrum.peaks], [p.amplitude for p in spectrum.peaks], "v", markersize=5)
     axes.set_xscale("log")
     axes.set_xlabel("frequency (Hz)")
-    axes.set_ylabel(f"amplitude ({recording.unit})" if recording.unit else "amplitude")
+    axes.set_ylabel(f"amplitude ({recording.unit})" if recording.unit else "amplitude", parse_math=False)
     axes.set_title(f"{Path(recording.file).name}: {recording.channel}", parse_math=False)
     try:
         figure.savefig(path, dpi=150)

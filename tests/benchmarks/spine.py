@@ -73,9 +73,7 @@ def main() -> None:
         )
         jobs = os.cpu_count() or 1
         whole_s = seconds(lambda: rehearse(folder, 99, jobs, 15))
-        print(
-            f"whole study, {jobs} processes    {1000 / whole_s:8.1f} trials/s   (25 sessions, 1000 trials: {whole_s:.1f} s)"
-        )
+        print(f"whole study, {jobs} processes    {1000 / whole_s:8.1f} trials/s   (25 sessions: {whole_s:.1f} s)")
         planned = scene.plan(protocol=protocol, task_id="virtual")
         render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=folder / "0-1" / dataset.RECORDINGS)
         speeds = [60.0 + i for i in range(RENDERS)]

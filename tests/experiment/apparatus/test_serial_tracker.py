@@ -87,7 +87,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, clock: ManualClock) -> Open:
 
 
 def frames(first: int, count: int) -> bytes:
-    return b"".join(encode(i, 1000 * i, i) for i in range(first, first + count))
+    return b"".join(encode(i, 1000 * i, i % 4096) for i in range(first, first + count))
 
 
 def test_samples_are_those_of_the_frames_in_mm(scripted: Open) -> None:
@@ -144,15 +144,15 @@ def test_short_silences_are_none(scripted: Open) -> None:
     assert port.script == []
 
 
-def test_a_pause_of_the_whole_machine_is_not_a_silent_device(scripted: Open, clock: ManualClock) -> None:
+def test_a_pause_of_the_whole_machine_is_not_a_silent_device(scripted: Open) -> None:
     tracker, port = scripted([SILENCE, frames(0, 1)])
     port.timeout = 3600.0
     assert tracker.read().device_us.tolist() == [0]
 
 
-def test_bytes_that_are_no_frames_do_not_hide_silence(scripted: Open, clock: ManualClock) -> None:
+def test_bytes_that_are_no_frames_do_not_hide_silence(scripted: Open) -> None:
     tracker, port = scripted([b"noise\0", SILENCE, b"more noise\0", SILENCE, SILENCE, SILENCE])
-    with pytest.raises(TrackerStopped, match="17 bytes within 200 ms, but no good frame; .* at 1000000 baud"):
+    with pytest.raises(TrackerStopped, match=r"17 bytes within 200 ms, but no good frame; .* at 1000000 baud"):
         tracker.read()
     assert port.script == []
 
@@ -175,7 +175,7 @@ def test_a_port_that_vanishes_is_an_error_with_a_remedy(scripted: Open, error: E
 def test_a_restart_is_an_error_and_stays_one(scripted: Open) -> None:
     tracker, _ = scripted([frames(90_000, 10) + frames(0, 10), frames(10, 10)])
     for _ in range(2):
-        with pytest.raises(TrackerError, match=r"no longer runs on from .* us; it restarted"):
+        with pytest.raises(TrackerError, match=r"no longer runs on from 90009000 us; it restarted"):
             tracker.read()
 
 

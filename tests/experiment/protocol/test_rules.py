@@ -1,0 +1,95 @@
+"""Rules between fields, each broken alone; a model built without a file keeps them as well."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from experiment.protocol import problems
+from experiment.protocol.models import ExclusionRule, Familiarisation, Order, PlannedTest, Protocol, Step, Synthesis
+from tests.experiment.protocol.small import changed, document
+
+SLOW = {"id": "slow", "when": "speed-below", "limit": 30, "action": "exclude-trial", "reason": "x"}
+FAST = {"id": "fast", "when": "speed-above", "limit": 30, "action": "exclude-trial", "reason": "x"}
+FEW = {"id": "few", "when": "answers-below", "limit": 4, "action": "exclude-participant", "reason": "x"}
+GONE = {"id": "gone", "when": "withdrawn", "action": "exclude-participant", "reason": "x"}
+LOST = {"id": "lost", "when": "frames-lost", "limit": 0, "action": "repeat-trial", "reason": "x"}
+
+
+def with_rules(*rules: dict[str, Any]) -> dict[str, Any]:
+    return changed(document(), ("exclusion",), rules)
+
+
+def with_tasks(count: int) -> dict[str, Any]:
+    study = document()
+    tasks = tuple({**study["tasks"][0], "id": name} for name in ("one", "two", "c", "d", "e", "f", "g")[:count])
+    return changed(study, ("tasks",), tasks)
+
+
+BROKEN = [
+    (with_rules({**FEW, "limit": 5}), "exclusion[0].limit", "at most 4, the trials of the shortest task"),
+    (with_rules(SLOW, FAST), "exclusion[1].limit", "greater than the limit of the rule 'speed-below'"),
+    (with_rules({**GONE, "limit": 1}), "exclusion[0].limit", "no value: 'withdrawn' needs no limit"),
+    (with_rules({**LOST, "action": "exclude-participant"}), "exclusion[0].action", "one of: repeat-trial, exclude-tri"),
+    (with_rules({**FEW, "action": "repeat-trial"}), "exclusion[0].action", "'answers-below' is about a participant"),
+    (with_tasks(7), "task_order.kind", "fixed, or at most 6 tasks"),
+    (changed(document(), ("study", "participants"), 8), "study.participants", "6, as many as the largest task has"),
+    (changed(document(), ("tasks", 1, "order", "max_run"), 2), "tasks[1].order.max_run", "only kind 'max-run' has"),
+    (changed(document(), ("materials", 0, "id"), "(none)"), "materials[0].id", "any name but '(none)' and 'n/a'"),
+]
+KEPT = [
+    document(),
+    with_rules(FEW, GONE, LOST, SLOW, {**FAST, "limit": 31}),
+    with_tasks(6),
+    changed(with_tasks(7), ("task_order", "kind"), "fixed"),
+    changed(document(), ("tasks", 0, "repetitions"), 200),
+]
+
+
+@pytest.mark.parametrize(("study", "path", "allowed"), BROKEN, ids=[case[1] for case in BROKEN])
+def test_a_broken_rule_is_the_one_problem(study: dict[str, Any], path: str, allowed: str) -> None:
+    (problem,) = problems.find(Protocol, study, {})
+    assert problem.path == path
+    assert allowed in problem.allowed
+
+
+@pytest.mark.parametrize(("study", "path", "allowed"), BROKEN, ids=[case[1] for case in BROKEN])
+def test_a_protocol_made_without_a_file_keeps_the_rules(study: dict[str, Any], path: str, allowed: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Protocol.model_validate(study)
+    assert allowed in str(caught.value)
+
+
+@pytest.mark.parametrize("study", KEPT)
+def test_what_is_just_within_the_rules_is_accepted(study: dict[str, Any]) -> None:
+    assert problems.find(Protocol, study, {}) == ()
+    Protocol.model_validate(study)
+
+
+@pytest.mark.parametrize(
+    ("build", "match"),
+    [
+        (
+            lambda: Step(gate_top_mm=10, gate_bottom_mm=20, contact_mm=0),
+            r"gate_bottom_mm: .*less than gate_top_mm \(10",
+        ),
+        (lambda: Order(kind="max-run"), "max_run: .*kind 'max-run' needs it"),
+        (lambda: Familiarisation(min_s=3, max_s=2, instruction="x"), r"max_s: .*at least min_s \(3"),
+        (
+            lambda: Synthesis(rate_hz=5000, samples=10, takes=1, speeds_mm_s=(50, 50)),
+            r"speeds_mm_s\[1\]: .*greater than",
+        ),
+        (lambda: PlannedTest(test="ICC", tasks=("one",), question="x"), "form: .*'ICC' needs it"),
+        (lambda: ExclusionRule(id="x", when="frames-lost", action="repeat-trial", reason="x"), "limit: .*needs it"),
+    ],
+)
+def test_a_part_made_alone_keeps_its_own_rules(build: Any, match: str) -> None:
+    with pytest.raises(ValidationError, match=match):
+        build()
+
+
+def test_a_file_in_json_holds_the_same_protocol() -> None:
+    study = Protocol.model_validate(document())
+    assert Protocol.model_validate_json(study.model_dump_json()) == study

@@ -1,0 +1,360 @@
+"""Readers of WAV, text columns and LabVIEW files: what was written comes back, and nothing else ever gets through."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.io import wavfile
+
+from experiment.errors import RecordingError
+from experiment.recordings.files import read
+
+ON_DISK = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+SAMPLES = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30)
+
+
+def check_outcome(path: Path) -> None:
+    """A recording that can be used, or one line that says what to do."""
+    try:
+        made = read(path)
+    except RecordingError as error:
+        message = str(error)
+    else:
+        message = "allowed"
+        assert np.all(np.isfinite(made.samples))
+        assert 0 < made.rate_hz < np.inf
+    assert "allowed" in message
+    assert "\n" not in message
+
+
+def written(tmp_path: Path, text: str, name: str = "recording.txt") -> Path:
+    path = tmp_path / name
+    path.write_text(text, encoding="utf-8", newline="")
+    return path
+
+
+def lvm(
+    rows: list[str],
+    *,
+    headings: str = "X_Value\tAcceleration\tComment",
+    decimal: str = ".",
+    delta_x: str = "1.000000",
+    multi_headings: str = "No",
+    x_columns: str = "One",
+) -> str:
+    """A file laid out as the manufacturer's writer lays it out, with tabs."""
+    header = [
+        "LabVIEW Measurement\t",
+        "Writer_Version\t2",
+        "Reader_Version\t2",
+        "Separator\tTab",
+        f"Decimal_Separator\t{decimal}",
+        f"Multi_Headings\t{multi_headings}",
+        f"X_Columns\t{x_columns}",
+        "Time_Pref\tAbsolute",
+        "***End_of_Header***\t",
+        "\t",
+    ]
+    return "\r\n".join(header + segment(rows, headings=headings, delta_x=delta_x)) + "\r\n"
+
+
+def segment(rows: list[str], *, headings: str, delta_x: str) -> list[str]:
+    columns = headings.count("\t") - (1 if headings.endswith("Comment") else 0)
+    return [
+        f"Channels\t{columns}" + "\t" * columns,
+        "Notes\tX values guaranteed valid only for the first channel\t",
+        "Samples" + f"\t{len(rows)}" * columns,
+        "Y_Unit_Label" + "\tg" * columns,
+        "X_Dimension" + "\tTime" * columns,
+        "X0" + "\t0.0000000000000000E+0" * columns,
+        "Delta_X" + f"\t{delta_x}" * columns,
+        "***End_of_Header***" + "\t" * columns,
+        headings,
+        *rows,
+    ]
+
+
+# --- WAV
+
+
+@pytest.mark.parametrize(
+    ("stored", "expected", "unit"),
+    [
+        (np.array([0.5, -1.25], np.float32), [0.5, -1.25], ""),
+        (np.array([0.5, -1.25], np.float64), [0.5, -1.25], ""),
+        (np.array([-32768, 16384], np.int16), [-1.0, 0.5], "full scale"),
+        (np.array([-(2**31), 2**30], np.int32), [-1.0, 0.5], "full scale"),
+        (np.array([0, 192], np.uint8), [-1.0, 0.5], "full scale"),
+    ],
+)
+def test_wav_of_every_common_type(tmp_path: Path, stored: np.ndarray, expected: list[float], unit: str) -> None:
+    path = tmp_path / "named_like_nothing"
+    wavfile.write(path, 5000, stored)
+    made = read(path)
+    assert made.samples.tolist() == expected
+    assert (made.rate_hz, made.rate_source, made.unit) == (5000.0, "WAV header", unit)
+
+
+def test_wav_channels_by_name_and_number(tmp_path: Path) -> None:
+    path = tmp_path / "two.wav"
+    wavfile.write(path, 8000, np.array([[1, 2], [3, 4]], np.float32))
+    assert read(path).samples.tolist() == [1, 3]
+    assert read(path, channel="channel 2").samples.tolist() == [2, 4]
+    assert read(path, channel="2").channel == "channel 2"
+    with pytest.raises(
+        RecordingError, match=r"got channel '3'; allowed: channel 1, channel 2, or a number from 1 to 2"
+    ):
+        read(path, channel="3")
+
+
+def test_a_truncated_wav_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "cut.wav"
+    wavfile.write(path, 5000, np.zeros(100, np.float32))
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(RecordingError, match="cannot be decoded"):
+        read(path)
+
+
+def test_a_wav_with_nan_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "nan.wav"
+    wavfile.write(path, 5000, np.array([0, np.nan], np.float32))
+    with pytest.raises(RecordingError, match="sample 1: got nan"):
+        read(path)
+
+
+@ON_DISK
+@given(damage=st.lists(st.tuples(st.integers(0, 99), st.integers(0, 255)), min_size=1, max_size=6))
+def test_a_damaged_wav_gives_samples_or_one_error(tmp_path: Path, damage: list[tuple[int, int]]) -> None:
+    path = tmp_path / "damaged.wav"
+    wavfile.write(path, 5000, np.arange(24, dtype=np.int16))
+    content = bytearray(path.read_bytes())
+    for place, value in damage:
+        content[place % len(content)] = value
+    path.write_bytes(b"RIFF" + bytes(content[4:]))
+    check_outcome(path)
+
+
+# --- text columns
+
+
+@ON_DISK
+@given(
+    samples=SAMPLES,
+    rate_hz=st.sampled_from([100.0, 5000.0, 44_100.0, 50_000.0]),
+    dialect=st.sampled_from([("\t", "."), (";", "."), (",", "."), ("  ", "."), ("\t", ","), (";", ","), (" ", ",")]),
+    heading=st.sampled_from(["", "# time (s)\tacceleration (m/s^2)\n", "time [s], acceleration [m/s^2]\n"]),
+)
+def test_written_columns_come_back(
+    tmp_path: Path, samples: list[float], rate_hz: float, dialect: tuple[str, str], heading: str
+) -> None:
+    separator, decimal = dialect
+    rows = (f"{i / rate_hz!r}{separator}{value!r}".replace(".", decimal) for i, value in enumerate(samples))
+    made = read(written(tmp_path, heading + "\n".join(rows)))
+    assert made.samples.tolist() == samples
+    assert made.rate_hz == pytest.approx(rate_hz, rel=1e-9)
+    assert made.jitter < 1e-6
+    if heading:
+        assert (made.channel, made.unit) == ("acceleration", "m/s^2")
+
+
+@ON_DISK
+@given(text=st.text(st.sampled_from("0123456789.,;\t -+eE#\nats()m_XV*"), max_size=200))
+def test_any_text_gives_a_recording_or_one_error(tmp_path: Path, text: str) -> None:
+    check_outcome(written(tmp_path, text))
+
+
+@ON_DISK
+@given(content=st.binary(max_size=300))
+def test_any_bytes_give_a_recording_or_one_error(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "bytes"
+    path.write_bytes(content)
+    check_outcome(path)
+
+
+@pytest.mark.parametrize(
+    ("heading", "rate_hz"),
+    [
+        ("time (ms), a (g)", 1000.0),
+        ("time_ms, a", 1000.0),
+        ("t, a", 1.0),
+        ("Time [us], a", 1e6),
+        ("Elapsed Time (s), a", 1.0),
+    ],
+)
+def test_the_unit_of_time_is_read_from_the_heading(tmp_path: Path, heading: str, rate_hz: float) -> None:
+    made = read(written(tmp_path, f"{heading}\n0,5\n1,6\n2,7\n"))
+    assert made.rate_hz == pytest.approx(rate_hz)
+
+
+def test_the_time_column_may_stand_anywhere(tmp_path: Path) -> None:
+    made = read(written(tmp_path, "ax (g), time (s), ay (g)\n5,0,7\n6,0.5,8\n7,1.0,9\n"), channel="ay")
+    assert (made.samples.tolist(), made.rate_hz, made.channels) == ([7, 8, 9], 2.0, ("ax", "ay"))
+
+
+def test_rounded_times_are_tolerated_and_the_jitter_is_reported(tmp_path: Path) -> None:
+    """3 kHz in microseconds: steps of 333 and 334; the mean step gives the rate, the median one would be 0.1 % off."""
+    rows = "\n".join(f"{i / 3000:.6f} {i % 7}" for i in range(3001))
+    made = read(written(tmp_path, rows))
+    assert made.rate_hz == pytest.approx(3000, rel=1e-6)
+    assert 0 < made.jitter < 0.01
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("0 1\n0.1 2\n0.3 3\n0.4 3\n0.5 3\n", "line 3: got a time step of 0.2 s; allowed: within 50% of the median"),
+        ("t v\n0 1\n0.1 2\n0.1 3\n0.2 4\n0.3 5\n", "line 4: got a time step of 0 s"),
+        ("0.1 1\n0 2\n", "line 1: got values that do not rise"),
+        ("0 1\n1 2\n2 2\n", "got a counter of samples"),
+        ("frequency (Hz), gain\n10, 1\n20, 2\n", "got 'frequency' in the first column and no column named time"),
+        ("position, force\n10, 1\n20, 2\n", "got 'position' in the first column"),
+        ("time (fortnights), a\n0,1\n1,2\n", "got times in 'fortnights'"),
+        ("0 1\n0.1 two\n", r"line 2: got 'two'; allowed: a number in each of 2 columns"),
+        ("0 1\n0.1 nan\n", "line 2: got 'nan'"),
+        ("0 1\n0.1 1e999\n", "line 2: got '1e999'"),
+        ("0 1\n0.1\n", "line 2: got 1 numbers; allowed: 2, as in line 1"),
+        ("0.5 1\n", "got 1 rows; allowed: two or more"),
+        ("a text about nothing\n", "got no line of two or more numbers"),
+        ("", "got no line of two or more numbers"),
+    ],
+)
+def test_columns_that_are_no_recording_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(RecordingError, match=message):
+        read(written(tmp_path, text))
+
+
+def test_a_rate_that_drifts_is_refused(tmp_path: Path) -> None:
+    """Each step is near the median, but the samples wander off the grid."""
+    times = np.cumsum(np.linspace(0.8, 1.2, 101))
+    rows = "\n".join(f"{t:.6f} 1" for t in times)
+    with pytest.raises(RecordingError, match="steps away from an even grid"):
+        read(written(tmp_path, rows))
+
+
+@pytest.mark.parametrize("name", ["nothing_here.txt", "."])
+def test_a_file_that_cannot_be_read_is_refused(tmp_path: Path, name: str) -> None:
+    with pytest.raises(RecordingError, match="cannot be read"):
+        read(tmp_path / name)
+
+
+# --- LabVIEW
+
+
+@ON_DISK
+@given(samples=SAMPLES, decimal=st.sampled_from([".", ","]))
+def test_lvm_comes_back_at_the_rate_of_its_time_column(tmp_path: Path, samples: list[float], decimal: str) -> None:
+    """The header claims 1 Hz."""
+    rows = [f"{i / 5000!r}\t{value!r}".replace(".", decimal) for i, value in enumerate(samples)]
+    made = read(written(tmp_path, lvm(rows, decimal=decimal, delta_x=f"1{decimal}000000"), "x.lvm"))
+    assert made.samples.tolist() == samples
+    assert made.rate_hz == pytest.approx(5000, rel=1e-9)
+    assert (made.header_rate_hz, made.channel, made.unit) == (1.0, "Acceleration", "g")
+    assert made.rate_source == "time column 'X_Value'"
+
+
+def test_lvm_with_commas_between_cells(tmp_path: Path) -> None:
+    text = lvm(["0.0\t1.5", "0.5\t2.5"]).replace("Separator\tTab", "Separator\tComma", 1).replace("\t", ",")
+    assert read(written(tmp_path, text)).samples.tolist() == [1.5, 2.5]
+
+
+def test_lvm_with_an_x_column_for_each_channel(tmp_path: Path) -> None:
+    headings = "X_Value\tVoltage\tX_Value\tAcceleration\tComment"
+    rows = ["0.0\t1\t0.0\t5", "0.1\t2\t0.01\t6", "0.2\t3\t0.02\t7"]
+    text = lvm(rows, headings=headings, multi_headings="Yes", x_columns="Multi")
+    assert read(written(tmp_path, text), channel="Acceleration").rate_hz == pytest.approx(100)
+    assert read(written(tmp_path, text), channel="1").rate_hz == pytest.approx(10)
+
+
+def test_lvm_without_x_column_says_that_only_the_header_knows(tmp_path: Path) -> None:
+    text = lvm(["\t1\t4", "\t2\t3"], headings="X_Value\ta\tb\tComment", delta_x="0.001", x_columns="No")
+    made = read(written(tmp_path, text), channel="b")
+    assert (made.samples.tolist(), made.rate_hz) == ([4, 3], pytest.approx(1000))
+    assert "no time column to check it against" in made.rate_source
+
+
+@pytest.mark.parametrize("name", ["Time (s)", "Untitled"])
+def test_lvm_without_x_column_may_hold_its_times_as_a_channel(tmp_path: Path, name: str) -> None:
+    rows = [f"\t{i / 2000:.6f}\t{i}" for i in range(9)]
+    text = lvm(rows, headings=f"X_Value\t{name}\ta\tComment", x_columns="No").replace("Y_Unit_Label\tg\tg\r\n", "")
+    made = read(written(tmp_path, text))
+    assert (made.channel, made.rate_hz, made.header_rate_hz) == ("a", pytest.approx(2000), 1.0)
+
+
+def test_a_rising_signal_with_a_unit_of_its_own_is_not_taken_for_times(tmp_path: Path) -> None:
+    rows = [f"\t{i / 2000:.6f}\t{i}" for i in range(9)]
+    made = read(written(tmp_path, lvm(rows, headings="X_Value\tUntitled\ta\tComment", x_columns="No")))
+    assert (made.channel, made.unit, made.rate_hz) == ("Untitled", "g", 1.0)
+
+
+def test_lvm_cells_may_be_empty_at_the_end_and_comments_stand_beside(tmp_path: Path) -> None:
+    rows = ["0.0\t1\t4\tstarted", "0.1\t2\t5\t", "0.2\t3\t\t"]
+    path = written(tmp_path, lvm(rows, headings="X_Value\ta\tb\tComment"))
+    assert read(path, channel="a").samples.tolist() == [1, 2, 3]
+    assert read(path, channel="b").samples.tolist() == [4, 5]
+
+
+def test_lvm_channels_without_samples_are_left_out(tmp_path: Path) -> None:
+    path = written(tmp_path, lvm(["0.0\t\t4", "0.1\t\t5"], headings="X_Value\tempty\tb\tComment"))
+    assert read(path).channels == ("b",)
+
+
+def test_lvm_blocks_of_another_kind_are_passed_over(tmp_path: Path) -> None:
+    special = "***Start_Special***\r\nBinary_Data\r\n1\t2\r\n***End_Special***\r\n"
+    text = lvm(["0.0\t1", "0.5\t2"]).replace("Channels", special + "Channels", 1)
+    assert read(written(tmp_path, text)).samples.tolist() == [1, 2]
+
+
+def test_lvm_segments_are_counted_and_the_first_is_read(tmp_path: Path) -> None:
+    headings = "X_Value\tAcceleration\tComment"
+    text = lvm(["0.0\t1", "0.5\t2"], multi_headings="Yes")
+    text += "\r\n".join(["", *segment(["0.0\t8", "0.5\t9"], headings=headings, delta_x="1"), ""])
+    made = read(written(tmp_path, text))
+    assert (made.samples.tolist(), made.segments) == ([1, 2], 2)
+
+
+def test_lvm_of_version_1_has_no_decimal_separator(tmp_path: Path) -> None:
+    text = lvm(["0.0\t1.5", "0.5\t2.5"]).replace("Decimal_Separator\t.\r\n", "")
+    assert read(written(tmp_path, text)).samples.tolist() == [1.5, 2.5]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("0.5\t2", "0.5\tNaN", "line 21: got 'NaN' in column 'Acceleration'"),
+        ("0.5\t2", "NaN\t2", "line 21: got 'NaN' in column 'X_Value'"),
+        ("0.5\t2", "0.5\t\r\n0.6\t3", "line 22: got column 'Acceleration' empty in line 21"),
+        ("0.5\t2", "\t2", "line 21: got a sample without a time"),
+        ("0.5\t2", "broken\t2\r\n0.5\t3", "line 22: got numbers in a header; .*; line 21 began this header"),
+        ("0.5\t2", "broken\t2", "line 21: got a segment's header without rows"),
+        ("X_Value\t", "0.1\t", "line 19: got numbers in a header"),
+        ("Separator\tTab", "Separator\tSpace", "got Separator 'Space'"),
+        ("Decimal_Separator\t.", "Decimal_Separator\t!", "with Decimal_Separator '!'"),
+        ("***End_of_Header***", "***Start***", "without its end"),
+        ("0.0\t1\r\n0.5\t2\r\n", "", "got a LabVIEW header without samples"),
+        ("X_Dimension\tTime", "X_Dimension\tFrequency", "stands over Frequency"),
+    ],
+)
+def test_lvm_that_is_broken_is_refused(tmp_path: Path, old: str, new: str, message: str) -> None:
+    text = lvm(["0.0\t1", "0.5\t2"])
+    assert old in text
+    with pytest.raises(RecordingError, match=message):
+        read(written(tmp_path, text.replace(old, new)))
+
+
+def test_lvm_without_any_rate_is_refused(tmp_path: Path) -> None:
+    text = lvm(["\t1", "\t2"], delta_x="0.000000", x_columns="No")
+    with pytest.raises(RecordingError, match="got neither an X column nor a Delta_X above zero"):
+        read(written(tmp_path, text))
+
+
+@ON_DISK
+@given(noise=st.text(st.sampled_from("0123456789.,\t-eN\r\nX_Valuedrt*"), max_size=120))
+def test_any_body_of_an_lvm_gives_a_recording_or_one_error(tmp_path: Path, noise: str) -> None:
+    text = lvm(["0.0\t1", "0.5\t2"])
+    at = text.index("X_Value")
+    for body in (text[:at] + noise, text + noise, text[:at] + noise + text[at:]):
+        check_outcome(written(tmp_path, body))

@@ -1,0 +1,104 @@
+"""`palpate run` as a laboratory uses it: a tracker that streams in real time, a networked actuator, typed keys."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from datetime import date, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.serial_tracker import SerialTracker
+from experiment.protocol import load
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal import materials as simulated
+from experiment.rehearsal.foot import Foot
+from experiment.rehearsal.movement import trajectory
+from experiment.rehearsal.panel import Panel
+from experiment.rehearsal.serial_line import SerialLine
+from experiment.session import journal
+from tests.conftest import Palpate
+
+SPEED_MM_S = 200.0
+
+
+@pytest.fixture
+def laboratory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Palpate) -> Iterator[Panel]:
+    """A sealed study of one trial a material, a rig file, an enrolled participant; the foot steps when armed."""
+    simulated_rig = rigs.load(shipped("rigs/rehearsal.toml"))
+    panel = Panel(simulated_rig.actuator)
+    with SerialLine() as line:
+        text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
+        text = text.replace('port = "rehearsal"', f'port = "{line.url}"')
+        (tmp_path / "rig.toml").write_text(text.replace('address = "rehearsal"', f'address = "{panel.address}"'))
+        study = (
+            shipped("okamoto2012.toml")
+            .read_text("utf-8")
+            .replace("min_s = 180", "min_s = 0")
+            .replace("limit = 36", "limit = 4")
+        )
+        (tmp_path / "study.toml").write_text(study.replace("repetitions = 10", "repetitions = 1"), "utf-8")
+        foot = Foot(line, simulated_rig.tracker, real_time=True)
+        drain = SerialTracker.drain
+
+        def step_when_armed(self: SerialTracker) -> None:
+            drain(self)
+            foot.step(trajectory(np.random.default_rng(3), SPEED_MM_S, hesitation="none"), 0)
+
+        monkeypatch.setattr(SerialTracker, "drain", step_when_armed)
+        monkeypatch.chdir(tmp_path)
+        today = date.today()
+        approval = ["--approved-on", today, "--expires-on", today + timedelta(9)]
+        assert palpate("seal", "study.toml", "--approval-number", "17", *approval)[0] == 0
+        consent = ["--consent-on", today, "--dataset", "dataset", "--seed", 4]
+        assert palpate("enrol", "study.toml", "-p", "01", *consent)[0] == 0
+        yield panel
+        foot.close()
+    panel.close()
+
+
+@pytest.mark.parametrize("task", ["real", "virtual"])
+def test_a_session_from_the_experimenters_chair(
+    laboratory: Panel,
+    task: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    palpate: Palpate,
+) -> None:
+    protocol = load.load(tmp_path / "study.toml")
+    recordings = tmp_path / "recordings"
+    simulated.make_recordings(recordings, protocol=protocol, seed=1)
+    typed = iter(["c", "", "a", "", "n", "", "t", ""])
+    prompts = []
+
+    def ask(prompt: str) -> str:
+        prompts.append("Lay out" if "Lay out" in prompt else prompt)
+        return next(typed) if "Key" in prompt or "confirms" in prompt else ""
+
+    monkeypatch.setattr("builtins.input", ask)
+    where = ["--rig", "rig.toml", "--dataset", "dataset", "--recordings", recordings]
+    code, out, _ = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
+    assert code == 0
+    assert "The session is complete: 4 answers." in out
+    assert prompts.count("Lay out") == (4 if task == "real" else 0)
+    folder = tmp_path / "dataset" / "sourcedata" / "sub-01"
+    entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
+    answers = [e for e in entries if e.kind == "answer"]
+    assert [a.answered for a in answers] == ["copy paper", "aluminum foil", None, "typing paper"]
+    steps = [e for e in entries if e.kind == "step"]
+    assert [s.speed_mm_s for s in steps] == pytest.approx([SPEED_MM_S] * 4, rel=0.03)
+    assert [s.link.lost + s.link.damaged for s in steps] == [0, 0, 0, 0]
+    assert all(0 < a.response_time_s < 5 for a in answers)
+    delivered = [laboratory.felt(0) for _ in steps]
+    if task == "virtual":
+        assert [s.stimulus.samples for s in steps if s.stimulus] == [d.size for d in delivered if d is not None]
+        assert len({s.stimulus.sha256 for s in steps if s.stimulus}) == 4
+    else:
+        assert delivered == [None] * 4
+    description = json.loads((tmp_path / "dataset" / "dataset_description.json").read_text())
+    assert description["Palpate"]["Origin"] == "PARTICIPANT"
+    events = (tmp_path / "dataset" / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").read_text()
+    assert events.count("PARTICIPANT") == 4

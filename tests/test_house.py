@@ -1,0 +1,64 @@
+"""The house itself: layers, light start, style, and what may never be committed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "statsmodels", "psychopy", "serial", "rich")
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, *arguments], cwd=cwd, capture_output=True, text=True, check=False)
+
+
+def test_a_trial_flows_one_way(repository_root: Path) -> None:
+    linter = Path(sys.executable).with_name("lint-imports")
+    done = subprocess.run([linter, "--no-cache"], cwd=repository_root, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("command", [["--help"], ["--version"], ["rehearse", "--help"], ["analyse", "--help"]])
+def test_help_imports_nothing_heavy(repository_root: Path, command: list[str]) -> None:
+    code = f"""
+import sys
+from experiment.cli import app
+try:
+    app({command!r})
+except SystemExit as end:
+    assert not end.code, end.code
+print(sorted(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr)
+"""
+    done = run("-c", code, cwd=repository_root)
+    assert (done.returncode, done.stderr.strip()) == (0, "[]"), done.stdout
+
+
+@pytest.mark.parametrize("package", ["experiment", "analysis", "experiment.protocol", "experiment.rehearsal"])
+def test_packages_import_light(repository_root: Path, package: str) -> None:
+    done = run("-c", f"import sys, {package}; print(sorted(set({HEAVY!r}) & set(sys.modules)))", cwd=repository_root)
+    assert done.stdout.strip() == "[]", done.stderr
+
+
+@pytest.mark.parametrize(
+    "tool", [["ruff", "check", "."], ["ruff", "format", "--check", "."], ["mypy"]], ids=["ruff", "format", "mypy"]
+)
+def test_style(repository_root: Path, tool: list[str]) -> None:
+    done = run("-m", *tool, cwd=repository_root)
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+
+
+def test_every_command_has_help_with_an_example() -> None:
+    import typer
+
+    from experiment.cli import app
+
+    group = typer.main.get_command(app)
+    assert isinstance(group, typer.core.TyperGroup)
+    for name, command in group.commands.items():
+        assert command.help, name
+        assert (command.epilog or "").startswith(f"Example: palpate {name} "), name
+        for parameter in command.params:
+            assert getattr(parameter, "help", None), f"{name} {parameter.name}"
