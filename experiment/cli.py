@@ -184,8 +184,8 @@ def spectrum(
 def import_counts(
     task: Annotated[list[str], typer.Option("--task", help="TASK=CSV: participant,presented,answered,count.")],
     study: Annotated[str, typer.Option("--study", help="Id of the study.")],
-    source: Annotated[str, typer.Option("--source", help="Where the counts come from.")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the new dataset.")],
+    source: Annotated[str | None, typer.Option("--source", help="Where the counts come from.")] = None,
 ) -> None:
     """Make a dataset from printed counts.
 
@@ -193,8 +193,9 @@ def import_counts(
     """
     from experiment import reconstruction
 
-    pairs = dict(reconstruction.parse_task(text) for text in task)
-    typer.echo(f"Dataset: {reconstruction.import_counts(pairs, study=study, source=source, out=out)}")
+    pairs = dict(map(reconstruction.parse_task, task))
+    text = reconstruction.study_text(study, pairs, source)
+    typer.echo(f"Dataset: {reconstruction.import_counts(pairs, out, study=text)}")
 
 
 @app.command(epilog="Example: palpate journal participants/study/sourcedata/sub-01/sub-01_task-virtual_journal.jsonl")

@@ -1,9 +1,8 @@
 """Writing the files of a BIDS `beh` dataset: plain tables and sidecars, the same bytes for the same content.
 
-Both converters use it: journals to dataset, and printed counts to dataset. Every file is written beside its
-place and moved there whole, so that a dataset never holds half a file. The layout is that of the Brain Imaging
-Data Structure 1.10 (behavioural experiments without neural recordings); the keys `Palpate`, `Materials` and
-`Rows` are ours, and analysis reads them.
+Journals and printed counts are both converted with it. Every file is moved to its place whole. The layout is the
+Brain Imaging Data Structure 1.10 for behavioural experiments; the keys `Palpate`, `Materials` and `Rows` are ours,
+and analysis reads them.
 """
 
 from __future__ import annotations
@@ -45,24 +44,16 @@ PARTICIPANT_COLUMNS: dict[str, dict[str, object]] = {
         "Description": "Whether the participant withdrew from the study. n/a where that is not known.",
         "Levels": {"0": "took part to the end", "1": "withdrew: no data of theirs is analysed"},
     },
+    "origin": EVENT_COLUMNS["origin"],
 }
 """Columns of `participants.tsv` in their order."""
 
 
 @dataclass(frozen=True)
 class DatasetText:
-    """What a dataset says about itself.
+    """What a dataset says about itself: `study` is the study's id, `tasks` in the order in which tables show them.
 
-    Args:
-        study: the study's id, as in its protocol.
-        name: the dataset's title.
-        origin: what produced its rows, as in `records.EVENT_COLUMNS`.
-        license: an SPDX identifier, or who to ask.
-        authors: who answers for the dataset.
-        tasks: task ids, in the order in which tables show them.
-        references: where the study was published.
-        readme: the body of README, below the title and the label.
-        software_version: version of palpate that wrote it.
+    `origin` is what produced its rows, `authors` answer for it, `readme` is the body of README below title and label.
     """
 
     study: str
@@ -189,7 +180,8 @@ def write_description(root: Path, text: DatasetText) -> None:
 
 
 def write_participants(root: Path, rows: Iterable[Mapping[str, object]], *, origin: Origin) -> None:
-    """Write `participants.tsv` and its sidecar; the columns are `PARTICIPANT_COLUMNS`."""
+    """Write `participants.tsv` and its sidecar; columns as in `PARTICIPANT_COLUMNS`, `origin` the same in all rows."""
+    rows = ({**row, "origin": origin} for row in rows)
     write_table(root / "participants.tsv", tuple(PARTICIPANT_COLUMNS), rows)
     columns = {name: dict(text) for name, text in PARTICIPANT_COLUMNS.items()}
     columns["participant_id"]["Description"] = _labelled(str(columns["participant_id"]["Description"]), origin)
@@ -211,11 +203,7 @@ def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
 def write_events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[str, object]]) -> None:
     """Write the events of one session, and the sidecar that describes every column.
 
-    Args:
-        root: the dataset.
-        participant: label without `sub-`.
-        task: the texts of the sidecar.
-        rows: one mapping per attempt, keys from `records.EVENT_COLUMNS`.
+    `participant` is a label without `sub-`; a row is one attempt, its keys are those of `records.EVENT_COLUMNS`.
     """
     path = beh_path(root, participant, task.id, "events.tsv")
     count = write_table(path, tuple(EVENT_COLUMNS), rows)
@@ -252,7 +240,7 @@ def write_physio(
 
     Args:
         path: ends in `_physio.tsv.gz`; see `beh_path`.
-        columns: name to column; all of the same length.
+        columns: name -> column; all of the same length.
         rate_hz: samples a second.
         start_s: time of the first sample on the events' clock, s.
         task: the task's id.
@@ -280,8 +268,7 @@ def write_physio(
 
 
 def _labelled(text: str, origin: Origin) -> str:
-    label = LABELS[origin]
-    return f"{label}: {text}" if label else text
+    return f"{LABELS[origin]}: {text}" if LABELS[origin] else text
 
 
 def _physio_rows(columns: Sequence[PhysioColumn]) -> bytes:

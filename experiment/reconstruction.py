@@ -13,7 +13,7 @@ import re
 import textwrap
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from experiment import __version__
@@ -102,17 +102,62 @@ OKAMOTO2012 = StudyText(
 """Section 5 and Tables 1 and 2 of the paper; materials as section 2 gives them."""
 
 
+STUDIES = {OKAMOTO2012.id: OKAMOTO2012}
+"""Published studies whose texts are held here, by id."""
+
+
+def parse_task(text: str) -> tuple[str, Path]:
+    """`TASK=FILE` as task id and counts file.
+
+    Raises:
+        DatasetError: for any other text.
+    """
+    task, equals, file = text.partition("=")
+    if not (equals and file and re.fullmatch(r"[a-z][a-z0-9]*", task)):
+        raise DatasetError(f"got {text!r}; allowed: TASK=FILE, the task in lower-case letters and digits; mend it")
+    return task, Path(file)
+
+
+def study_text(study: str, counts: Mapping[str, Path], source: str | None = None) -> StudyText:
+    """Texts of a study: those held here, or for another study the little that its counts files tell.
+
+    Args:
+        study: the study's id.
+        counts: task id -> counts file.
+        source: where the counts come from; needed for a study that is not in `STUDIES`.
+
+    Raises:
+        DatasetError: for a bad id or file, or a study without texts and source.
+    """
+    if study in STUDIES:
+        return STUDIES[study] if source is None else replace(STUDIES[study], source=source)
+    if not re.fullmatch(r"[a-z][a-z0-9]*", study):
+        raise DatasetError(f"study: got {study!r}; allowed: lower-case letters and digits; choose another id")
+    if source is None:
+        raise DatasetError(f"no texts are held for study {study}; say with --source where its counts come from")
+    materials: dict[str, str] = {}
+    for path in counts.values():
+        rows = csv.DictReader(_text(path).splitlines())
+        materials |= {row["presented"]: row["presented"] for row in rows if row.get("presented")}
+    return StudyText(
+        id=study,
+        name=f"Counts of {study}",
+        source=source,
+        materials=materials,
+        tasks={task: (task, "As in the source.") for task in counts},
+        license="n/a",
+        authors=(f"Whoever made the counts of {study}",),
+        notes="Names and order of materials are those of the counts files.",
+    )
+
+
 def read_counts(path: Path, materials: Sequence[str]) -> Counts:
     """Read a counts file: CSV with the header of `COLUMNS`, answers from `materials` or `records.NO_ANSWER`.
 
     Raises:
         DatasetError: naming file and line, for anything that is not such a file.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of counts in UTF-8") from error
-    lines = csv.reader(text.splitlines(), strict=True)
+    lines = csv.reader(_text(path).splitlines(), strict=True)
     counts: dict[int, dict[tuple[str, str], int]] = {}
     try:
         header = next(lines, [])
@@ -133,8 +178,8 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
 
 def import_counts(
     counts: Mapping[str, Path], out: Path, *, study: StudyText, software_version: str = __version__
-) -> None:
-    """Build the dataset `out` from one counts file a task.
+) -> Path:
+    """Build the dataset `out` from one counts file a task, and return its folder.
 
     Args:
         counts: task id -> counts file; tasks in the order in which tables show them.
@@ -161,6 +206,14 @@ def import_counts(
                 write_events(root, labels[number], text, _trials(table[number], study.materials))
             write_bytes(root / "sourcedata" / counts[task].name, counts[task].read_bytes())
         write_bytes(root / "sourcedata" / "README", _source(study, counts).encode())
+    return out
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of counts in UTF-8") from error
 
 
 def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tuple[str, str], int]:

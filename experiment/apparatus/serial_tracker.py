@@ -26,7 +26,10 @@ USABLE = 0.9
 """Part of the silence allowed that is spent waiting; the rest is left to the operating system."""
 
 BACKLOG_S = 0.02
-"""Draining goes on while one look at the port finds more than the frames of this time, s."""
+"""A look at the port is calm if it finds no more than the frames of this time, s."""
+
+CALM_LOOKS = 2
+"""Draining ends after this many calm looks one after the other."""
 
 SETTLE_NS = 500_000
 """How long the operating system gets between two looks to pass on what it holds, ns."""
@@ -73,8 +76,11 @@ class SerialTracker:
         """
         backlog = max(FRAME_BYTES, round(self._settings.rate_hz * BACKLOG_S) * FRAME_BYTES)
         try:
+            # One look is not enough: what was sent may still be on its way through the operating system.
+            calm_looks = 0
             for _ in range(MOST_LOOKS):
-                if len(self._waiting()) <= backlog:
+                calm_looks = calm_looks + 1 if len(self._waiting()) <= backlog else 0
+                if calm_looks == CALM_LOOKS:
                     break
                 self._clock.sleep_ns(SETTLE_NS)
         except OSError as error:
@@ -118,7 +124,11 @@ class SerialTracker:
         )
 
     def close(self) -> None:
+        # pyserial leaves a socket open whose other end went away first.
+        connection = getattr(self._port, "_socket", None)
         self._port.close()
+        if connection is not None:
+            connection.close()
 
     def _received(self) -> bytes:
         """Whatever comes within one slice; returns as soon as anything has come."""

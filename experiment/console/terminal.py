@@ -47,4 +47,4 @@ class TerminalConsole:
                 return key
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self.show(f"Trial {trial}: {answer or 'no answer'} is on disk.")
+        self.show(f"{self._heading}  Trial {trial}: {answer or 'no answer'} is on disk.")

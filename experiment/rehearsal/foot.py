@@ -103,6 +103,7 @@ class Foot:
         self._free_sample = 0
         self._sequence = 0
         self._off = False
+        self._full = False
         self._last: _Step | None = None
         self._thread = threading.Thread(target=self._run, args=(real_time,), name="foot", daemon=True)
         self._thread.start()
@@ -132,17 +133,14 @@ class Foot:
             self._steps.append(self._last)
             self._changed.notify_all()
 
-    def finish(self, timeout_s: float = 10.0) -> bool:
-        """Wait until every step is on the line, landing and lift included.
-
-        Args:
-            timeout_s: wait no longer than this, s: a full line that nobody reads takes no more.
+    def finish(self) -> bool:
+        """Wait until the line has taken every step, landing and lift included, or is full.
 
         Returns:
-            Whether they are.
+            Whether it has. Where it is full, the rest follows as soon as somebody reads.
         """
         with self._changed:
-            self._changed.wait_for(lambda: not self._steps or self._off, timeout_s)
+            self._changed.wait_for(lambda: not self._steps or self._full or self._off)
             return not self._steps
 
     @property
@@ -232,15 +230,24 @@ class Foot:
             number = first - step.first
             fails = step.faults.end < number + len(frames)
             frames = _spoilt(frames[: max(int(step.faults.end) - number, 0)] if fails else frames, number, step.faults)
-        left = memoryview(b"".join(frames))
-        while left and not self._off:
-            left = left[self._line.offer(left, wait=wait) :]
-            if not wait:
-                break
+        self._write(b"".join(frames), wait=wait)
         if step is not None and fails:
             if step.faults.end == step.faults.unplug_at:
                 self._line.unplug()
             self._off = True
+
+    def _write(self, data: bytes, *, wait: bool) -> None:
+        left = memoryview(data)
+        while (left := left[self._line.offer(left) :]) and wait and not self._off:
+            self._set_full(True)
+            self._line.wait()
+        self._set_full(False)
+
+    def _set_full(self, full: bool) -> None:
+        if full != self._full:
+            with self._changed:
+                self._full = full
+                self._changed.notify_all()
 
 
 def _spoilt(frames: list[bytes], number: int, faults: Faults) -> list[bytes]:

@@ -88,11 +88,10 @@ class SimulatedParticipant:
 
     def show(self, text: str) -> None:
         if self._screen is not None:
-            self._screen.show(text)
+            self._screen.show(f"REHEARSAL  {text}")
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        if self._screen is not None:
-            self._screen.show(f"Familiarisation: {instruction}")
+        self.show(f"Familiarisation: {instruction}")
         wanted_s = self._rng(0, 2).uniform(min_s, max(max_s, min_s))
         self._clock.sleep_ns(int(wanted_s * 1e9))
 

@@ -53,12 +53,11 @@ class SerialLine:
         self.url = self._end.url
         """What pyserial opens."""
 
-    def offer(self, data: bytes | memoryview, *, wait: bool) -> int:
-        """Write from the device's end as much as goes.
+    def offer(self, data: bytes | memoryview) -> int:
+        """Write from the device's end what goes at once.
 
         Args:
             data: the bytes.
-            wait: give a full line a moment to make room; otherwise return at once.
 
         Returns:
             How many bytes the line took, from none to all.
@@ -67,12 +66,18 @@ class SerialLine:
             UnpluggedError: the line was unplugged.
         """
         with self._lock:
-            if self._unplugged:
-                raise UnpluggedError("the line is unplugged")
-            taken = self._end.take(memoryview(data))
-            if taken < len(data) and wait:
-                self._end.wait(_PATIENCE_S)
-            return taken
+            self._check()
+            return self._end.take(memoryview(data))
+
+    def wait(self) -> None:
+        """Give a full line a moment to make room.
+
+        Raises:
+            UnpluggedError: the line was unplugged.
+        """
+        with self._lock:
+            self._check()
+            self._end.wait(_PATIENCE_S)
 
     def write(self, data: bytes) -> None:
         """Write all of it from the device's end, however long the reader takes.
@@ -81,8 +86,8 @@ class SerialLine:
             UnpluggedError: the line was unplugged before it had taken everything.
         """
         left = memoryview(data)
-        while left:
-            left = left[self.offer(left, wait=True) :]
+        while left := left[self.offer(left) :]:
+            self.wait()
 
     def unplug(self) -> None:
         """The device's end goes away: the port vanishes under whoever reads it."""
@@ -90,6 +95,10 @@ class SerialLine:
             if not self._unplugged:
                 self._unplugged = True
                 self._end.close()
+
+    def _check(self) -> None:
+        if self._unplugged:
+            raise UnpluggedError("the line is unplugged")
 
     def __enter__(self) -> Self:
         return self

@@ -53,5 +53,5 @@ def test_what_is_on_disk_is_said() -> None:
     one.confirmed(trial=1, answer=None)
     assert screen.getvalue().splitlines() == [
         "Participant 01.  Familiarisation, 3.0 to 5.0 min. Crinkle them.",
-        "Trial 1: no answer is on disk.",
+        "Participant 01.  Trial 1: no answer is on disk.",
     ]

@@ -1,0 +1,209 @@
+"""The whole analysis of one dataset: read it, compute, compare with print, and write tables, figures and report."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+from analysis import published, report
+from analysis.comparison import Comparison, compare
+from analysis.dataset import Study, read
+from analysis.output import MANIFEST, publish
+from analysis.results import Results, TaskResult, compute
+from analysis.sections import sections
+from analysis.tables import WIDTH, Section, comma_separated, markdown, text
+from experiment.errors import DatasetError
+from experiment.records import NO_ANSWER
+
+DERIVATIVES = Path("derivatives") / "palpate"
+"""Where results go within a dataset when no other place is named."""
+
+REPORT = "report.html"
+
+FIRST_IN_TERMINAL = ("overview", "exclusions", "comparison")
+"""Sections that a terminal shows first, so that the matrices and tests are what is left on the screen."""
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """What was found, and the files it was written to."""
+
+    study: Study
+    results: Results
+    comparison: Comparison | None
+    sections: tuple[Section, ...]
+    out: Path
+    files: tuple[Path, ...]
+
+    @property
+    def report(self) -> Path:
+        """The HTML report."""
+        return self.out / REPORT
+
+    def text(self, width: int = WIDTH) -> str:
+        """Everything for a terminal, no line longer than `width`, save for the last one, the report's path."""
+        band = [self.study.label] if self.study.label else []
+        parts = sorted(map(self._in_terminal, self.sections), key=lambda section: section.slug not in FIRST_IN_TERMINAL)
+        return "\n\n\n".join([*band, *(text(part, width) for part in parts), *band, f"Report: {self.report}"])
+
+    def _in_terminal(self, section: Section) -> Section:
+        """The section; of answers that nobody expects to be the paper's, only what is said of them all."""
+        if section.slug != "comparison" or self.study.origin == "RECONSTRUCTION":
+            return section
+        where = "Number by number this stands in the report."
+        return replace(section, tables=(), paragraphs=(*section.paragraphs, where))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Everything for JSON: no NaN, no infinity; None where something is not defined."""
+        paths = {"out": str(self.out), "report": str(self.report), "files": [str(path) for path in self.files]}
+        return {**_numbers(self.study, self.results, self.comparison), **paths}
+
+
+def analyse(dataset: Path, out: Path | None = None, *, figures: bool = True) -> Analysis:
+    """Analyse the dataset in the folder `dataset` and write everything into `out`.
+
+    Args:
+        dataset: a BIDS dataset made by palpate.
+        out: folder of the results; `derivatives/palpate` in the dataset by default.
+        figures: whether to draw the figures, which takes most of the time.
+
+    Raises:
+        DatasetError: for a dataset that cannot be read or has no trial left, and for a file in the way.
+        ProtocolError: for a broken copy of the protocol in the dataset.
+    """
+    place = _place(dataset, out)
+    study = read(dataset)
+    if not study.attempts["included"].any():
+        reasons = "; ".join(dict.fromkeys(exclusion.reason for exclusion in study.exclusions))
+        raise DatasetError(f"{dataset}: every trial is left out ({reasons}); check the exclusion rules of the protocol")
+    printed = published.load(study.id)
+    results = compute(study, printed.pairs() if printed else {})
+    comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
+    parts = sections(study, results, comparison)
+    content = _content(study, results, comparison, parts, figures=figures)
+    return Analysis(study, results, comparison, parts, place, publish(place, content, study.label))
+
+
+def _place(dataset: Path, out: Path | None) -> Path:
+    if out is None:
+        return dataset / DERIVATIVES
+    inside = out.resolve()
+    root = dataset.resolve()
+    allowed = root / "derivatives"
+    if (inside == root or root in inside.parents) and allowed not in inside.parents:
+        raise DatasetError(
+            f"{out} lies within the dataset; results may stand there only below {dataset / 'derivatives'}"
+        )
+    return out
+
+
+def _content(
+    study: Study,
+    results: Results,
+    comparison: Comparison | None,
+    parts: tuple[Section, ...],
+    *,
+    figures: bool,
+) -> dict[str, bytes]:
+    files: dict[str, bytes] = {}
+    software = f"palpate {metadata.version('palpate')}"
+    title = study.name.removeprefix(f"{study.label}: ")
+    drawings: dict[str, bytes] = {}
+    if figures:
+        from analysis import figures as drawing
+
+        for name, figure in drawing.figures(results, study.label).items():
+            drawings[name] = files[f"figures/{name}.svg"] = drawing.svg(figure)
+            files[f"figures/{name}.png"] = drawing.png(figure)
+    for section in (*parts, _counts(results)):
+        if section.records:
+            files[f"tables/{section.slug}.csv"] = comma_separated(section, study.label).encode()
+        if section.tables or section.paragraphs:
+            files[f"tables/{section.slug}.md"] = markdown(section, study.label).encode()
+    numbers = _numbers(study, results, comparison)
+    files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
+    files[REPORT] = report.html(title, study.label, software, parts, drawings).encode()
+    files.update(_bids(study, software))
+    return files
+
+
+def _bids(study: Study, software: str) -> dict[str, bytes]:
+    """What makes the folder a BIDS derivative that a validator accepts."""
+    name, version = software.split(" ", 1)
+    description = {
+        "Name": f"{study.name}: analysis",
+        "BIDSVersion": "1.10.0",
+        "DatasetType": "derivative",
+        "GeneratedBy": [{"Name": name, "Version": version}],
+    }
+    readme = f"{study.label}\n\n" * bool(study.label) + "Tables, figures and report; made by palpate analyse.\n"
+    return {
+        "dataset_description.json": (json.dumps(description, indent=2, ensure_ascii=False) + "\n").encode(),
+        "README": readme.encode(),
+        ".bidsignore": f"# {study.label or study.name}\n{REPORT}\nresults.json\n{MANIFEST}\ntables\nfigures\n".encode(),
+    }
+
+
+def _counts(results: Results) -> Section:
+    """Every participant's counts, for who wants to compute something else."""
+    records = []
+    for task in results.tasks:
+        matrix = task.confusion
+        for p, participant in enumerate(matrix.participants):
+            for i, presented in enumerate(matrix.materials):
+                for j, answered in enumerate((*matrix.materials, NO_ANSWER)):
+                    records.append(
+                        {
+                            "task": task.task.id,
+                            "participant": participant,
+                            "presented": presented,
+                            "answered": answered,
+                            "count": int(matrix.counts[p, i, j]),
+                            "trials": int(matrix.trials[p, i]),
+                        }
+                    )
+    return Section("counts", "Counts", records=tuple(records))
+
+
+def _numbers(study: Study, results: Results, comparison: Comparison | None) -> dict[str, Any]:
+    return {
+        "study": study.id,
+        "name": study.name,
+        "origin": study.origin,
+        "label": study.label,
+        "materials": list(study.materials),
+        "participants": list(study.participants),
+        "tasks": [_task(task) for task in results.tasks],
+        "one_way": [asdict(pair) for pair in results.pairs],
+        "two_way": [asdict(anova) for anova in results.two_way],
+        "two_way_statement": results.two_way_statement,
+        "icc": [asdict(reliability) for reliability in results.reliabilities],
+        "variance_components": _plain(results.components),
+        "comparison": _plain(comparison),
+        "exclusions": [asdict(exclusion) for exclusion in study.exclusions],
+    }
+
+
+def _task(task: TaskResult) -> dict[str, Any]:
+    matrix = task.confusion
+    count = len(matrix.materials)
+    answers = range(count + 1)
+    return {
+        **asdict(task.task),
+        "chance": task.chance,
+        "participants": list(matrix.participants),
+        "counts": matrix.counts.tolist(),
+        "mean": [[matrix.mean(i, j) for j in answers] for i in range(count)],
+        "sd": [[matrix.sd(i, j) for j in answers] for i in range(count)],
+        "tests": [
+            {"material": test.material, **asdict(test.result), "stars": test.result.stars, "p_holm": test.p_holm}
+            for test in task.tests
+        ],
+    }
+
+
+def _plain(value: Any) -> Any:
+    return None if value is None else asdict(value)

@@ -1,0 +1,261 @@
+"""Dataset on disk -> tidy frame; lists every attempt and participant that the analysis leaves out, and why.
+
+Reads only the BIDS files: `dataset_description.json`, `participants.tsv`, `sub-*/beh/*_events.tsv` with their
+sidecars, and `sourcedata/protocol.toml` where there is one. Nothing here knows of journals.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from analysis.exclusions import Exclusion, exclude
+from experiment.errors import DatasetError
+from experiment.records import EVENT_COLUMNS, NO_ANSWER
+
+if TYPE_CHECKING:
+    from experiment.protocol.models import Protocol
+
+MISSING = "n/a"
+ORIGINS = ("PARTICIPANT", "REHEARSAL", "RECONSTRUCTION")
+
+
+@dataclass(frozen=True)
+class Task:
+    """One task of the study, as its sidecars describe it."""
+
+    id: str
+    title: str
+    instructions: str
+
+
+@dataclass(frozen=True)
+class Study:
+    """A dataset as read.
+
+    Args:
+        id: the study's id.
+        name: the dataset's title.
+        origin: PARTICIPANT, REHEARSAL or RECONSTRUCTION.
+        label: what must stand at the head of everything made from it; empty for a study's own data.
+        materials: in the order in which tables show them.
+        tasks: in the order in which tables show them.
+        participants: every participant of `participants.tsv`.
+        attempts: one row an attempt: participant, task, trial, attempt, counted, presented, answered,
+            response_time_s, foot_speed_mm_s, frames_lost, redo_reason, included.
+        exclusions: the reason for every row that is not included, and for participants without rows.
+        protocol: the protocol's copy, where the dataset holds one.
+    """
+
+    id: str
+    name: str
+    origin: str
+    label: str
+    materials: tuple[str, ...]
+    tasks: tuple[Task, ...]
+    participants: tuple[str, ...]
+    attempts: pd.DataFrame
+    exclusions: tuple[Exclusion, ...]
+    protocol: Protocol | None
+
+    def trials(self, task: str) -> pd.DataFrame:
+        """The trials of one task that the analysis counts."""
+        return self.attempts[self.attempts["included"] & (self.attempts["task"] == task)]
+
+
+def read(root: Path) -> Study:
+    """Read the dataset in the folder `root`.
+
+    Raises:
+        DatasetError: for a file that is missing, broken or truncated; it names the file and what to do.
+        ProtocolError: for a broken copy of the protocol.
+    """
+    description = _json(root / "dataset_description.json", "give the folder of a dataset made by palpate")
+    facts = _facts(description, root / "dataset_description.json")
+    withdrawn = _participants(root / "participants.tsv")
+    _no_strangers(root, set(withdrawn), tuple(facts["Tasks"]))
+    rows: list[dict[str, object]] = []
+    tasks: dict[str, Task] = {}
+    materials: tuple[str, ...] = ()
+    for participant in withdrawn:
+        for task in facts["Tasks"]:
+            path = root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_events.tsv"
+            if not path.exists():
+                continue
+            sidecar = _sidecar(path.with_suffix(".json"))
+            if materials and materials != tuple(sidecar["Materials"]):
+                raise DatasetError(
+                    f"{path.with_suffix('.json')}: Materials differ from those of other files; mend one of them"
+                )
+            materials = tuple(sidecar["Materials"])
+            tasks[task] = Task(task, str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", "")))
+            rows += _events(path, participant, task, materials, facts["Origin"], sidecar["Rows"])
+    if not rows:
+        raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
+    protocol = _protocol(root / "sourcedata" / "protocol.toml")
+    attempts = pd.DataFrame(rows)
+    exclusions = exclude(attempts, withdrawn, protocol.exclusion if protocol else ())
+    return Study(
+        id=str(facts["Study"]),
+        name=str(description.get("Name", facts["Study"])),
+        origin=str(facts["Origin"]),
+        label=str(facts["Label"]),
+        materials=materials,
+        tasks=tuple(tasks[task] for task in facts["Tasks"] if task in tasks),
+        participants=tuple(withdrawn),
+        attempts=attempts,
+        exclusions=exclusions,
+        protocol=protocol,
+    )
+
+
+def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
+    facts = description.get("Palpate")
+    if not isinstance(facts, dict) or not {"Study", "Origin", "Label", "Tasks"} <= set(facts):
+        raise DatasetError(f"{path}: key Palpate lacks Study, Origin, Label or Tasks; give a dataset made by palpate")
+    if facts["Origin"] not in ORIGINS:
+        raise DatasetError(f"{path}: Origin is {facts['Origin']!r}; allowed: {', '.join(ORIGINS)}; mend it")
+    tasks = facts["Tasks"]
+    if not (isinstance(tasks, list) and all(isinstance(task, str) for task in tasks)):
+        raise DatasetError(f"{path}: Tasks is {tasks!r}; allowed: a list of task ids; mend it")
+    return facts
+
+
+def _text(path: Path, remedy: str) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise DatasetError(f"{path} is missing; {remedy}") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise DatasetError(f"{path} cannot be read ({error}); {remedy}") from error
+
+
+def _json(path: Path, remedy: str) -> dict[str, Any]:
+    try:
+        content = json.loads(_text(path, remedy))
+    except json.JSONDecodeError as error:
+        raise DatasetError(f"{path}: line {error.lineno}: no JSON ({error.msg}); make the dataset again") from error
+    if not isinstance(content, dict):
+        raise DatasetError(f"{path}: got {type(content).__name__}; allowed: a JSON object; make the dataset again")
+    return content
+
+
+def _sidecar(path: Path) -> dict[str, Any]:
+    sidecar = _json(path, "make the dataset again, every events file has its sidecar")
+    materials, rows = sidecar.get("Materials"), sidecar.get("Rows")
+    if not (isinstance(materials, list) and len(materials) > 1 and all(isinstance(m, str) for m in materials)):
+        raise DatasetError(f"{path}: Materials is {materials!r}; allowed: a list of names; make the dataset again")
+    if not isinstance(rows, int):
+        raise DatasetError(f"{path}: Rows is {rows!r}; allowed: the number of rows; make the dataset again")
+    return sidecar
+
+
+def _table(path: Path) -> tuple[list[str], list[list[str]]]:
+    text = _text(path, "make the dataset again")
+    if not text.endswith("\n"):
+        raise DatasetError(f"{path} ends in the middle of a line; it is truncated: make the dataset again")
+    lines = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
+    for number, line in enumerate(lines, start=1):
+        if len(line) != len(lines[0]):
+            raise DatasetError(f"{path}: line {number}: {len(line)} cells under {len(lines[0])} columns; mend the line")
+    return lines[0], lines[1:]
+
+
+def _participants(path: Path) -> dict[str, bool]:
+    columns, rows = _table(path)
+    if "participant_id" not in columns:
+        raise DatasetError(f"{path}: no column participant_id; got {columns}; make the dataset again")
+    found: dict[str, bool] = {}
+    for number, row in enumerate(rows, start=2):
+        cells = dict(zip(columns, row, strict=True))
+        label = cells["participant_id"].removeprefix("sub-")
+        if label in found:
+            raise DatasetError(f"{path}: line {number}: participant {label} stands twice; keep one line")
+        found[label] = cells.get("withdrawn", MISSING) == "1"
+    return found
+
+
+def _protocol(path: Path) -> Protocol | None:
+    if not path.exists():
+        return None
+    from experiment.protocol import load
+
+    return load.load(path)
+
+
+def _no_strangers(root: Path, participants: set[str], tasks: tuple[str, ...]) -> None:
+    for path in sorted(root.glob("sub-*/beh/*_events.tsv")):
+        label = path.parent.parent.name.removeprefix("sub-")
+        if label not in participants:
+            raise DatasetError(f"{path}: participant {label} is not in participants.tsv; add the line or remove it")
+        if path.name not in {f"sub-{label}_task-{task}_events.tsv" for task in tasks}:
+            raise DatasetError(f"{path}: task not in dataset_description.json, which has {list(tasks)}; add it there")
+
+
+def _events(
+    path: Path, participant: str, task: str, materials: tuple[str, ...], origin: str, count: int
+) -> list[dict[str, object]]:
+    columns, lines = _table(path)
+    if missing := [column for column in EVENT_COLUMNS if column not in columns]:
+        raise DatasetError(f"{path}: no column {', '.join(missing)}; make the dataset again")
+    if len(lines) != count:
+        raise DatasetError(f"{path}: {len(lines)} rows, its sidecar says {count}; make the dataset again")
+    rows: list[dict[str, object]] = []
+    counted: set[object] = set()
+    for number, line in enumerate(lines, start=2):
+        row = _event(dict(zip(columns, line, strict=True)), f"{path}: line {number}", materials, origin)
+        if row["counted"]:
+            if row["trial"] in counted:
+                raise DatasetError(f"{path}: line {number}: trial {row['trial']} counts twice; one attempt may count")
+            counted.add(row["trial"])
+        rows.append({"participant": participant, "task": task, **row})
+    return rows
+
+
+def _event(cells: Mapping[str, str], where: str, materials: tuple[str, ...], origin: str) -> dict[str, object]:
+    counted = cells["counted"]
+    answers = (*materials, NO_ANSWER) if counted == "1" else (*materials, NO_ANSWER, MISSING)
+    for column, allowed in (
+        ("counted", ("0", "1")),
+        ("presented", materials),
+        ("answered", answers),
+        ("origin", (origin,)),
+    ):
+        if cells[column] not in allowed:
+            raise DatasetError(f"{where}: {column}: got {cells[column]!r}; allowed: {', '.join(allowed)}; mend the row")
+    return {
+        "trial": _whole(cells["trial"], f"{where}: trial"),
+        "attempt": _whole(cells["attempt"], f"{where}: attempt"),
+        "counted": counted == "1",
+        "presented": cells["presented"],
+        "answered": cells["answered"],
+        "response_time_s": _number(cells["response_time"], f"{where}: response_time"),
+        "foot_speed_mm_s": _number(cells["foot_speed"], f"{where}: foot_speed"),
+        "frames_lost": _number(cells["frames_lost"], f"{where}: frames_lost"),
+        "redo_reason": cells["redo_reason"],
+        "included": counted == "1",
+    }
+
+
+def _whole(cell: str, where: str) -> int:
+    if not (cell.isascii() and cell.isdigit() and len(cell) < 8 and int(cell) > 0):
+        raise DatasetError(f"{where}: got {cell!r}; allowed: a whole number from 1; mend the row")
+    return int(cell)
+
+
+def _number(cell: str, where: str) -> float:
+    if cell == MISSING:
+        return math.nan
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise DatasetError(f"{where}: got {cell!r}; allowed: a number, or {MISSING}; mend the row")
+    return value

@@ -1,0 +1,100 @@
+"""Which attempts and participants the analysis leaves out, and the reason for each.
+
+Left out always: attempts that were done again, and participants who withdrew. Left out by the protocol's rules:
+trials (`exclude-trial`) and participants (`exclude-participant`). Rules with `repeat-trial` were acted on in the
+session. Nothing is left out in silence.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import pandas as pd
+
+from experiment.records import NO_ANSWER
+
+if TYPE_CHECKING:
+    from experiment.protocol.models import ExclusionRule
+
+ALL_TASKS = "all"
+
+
+@dataclass(frozen=True)
+class Exclusion:
+    """One attempt left out, or with `trial` None a participant, in `task` or in every one (`ALL_TASKS`)."""
+
+    participant: str
+    task: str
+    trial: int | None
+    attempt: int | None
+    rule: str
+    reason: str
+
+
+def exclude(
+    attempts: pd.DataFrame, withdrawn: Mapping[str, bool], rules: Iterable[ExclusionRule]
+) -> tuple[Exclusion, ...]:
+    """Set the column `included` of `attempts` to False wherever a rule says so, and list why.
+
+    The order is: attempts done again, withdrawals, rules on trials, rules on participants; the last count only
+    what the others left. A participant left out by a rule is left out of every task.
+
+    Args:
+        attempts: one row an attempt, columns as in `analysis.dataset.Study`; changed in place.
+        withdrawn: every participant of the dataset, and whether they withdrew.
+        rules: the protocol's exclusion rules.
+    """
+    rules = tuple(rules)
+    found = [
+        _attempt(row, "done again", f"attempt {row['attempt']} was done again: {row['redo_reason']}")
+        for _, row in attempts[~attempts["counted"]].iterrows()
+    ]
+    present = set(attempts["participant"])
+    found += [_participant(label, "no data", "no events in the dataset") for label in withdrawn if label not in present]
+    gone = next((rule for rule in rules if rule.when == "withdrawn"), None)
+    for label in (label for label, left in withdrawn.items() if left and label in present):
+        attempts.loc[attempts["participant"] == label, "included"] = False
+        found.append(_participant(label, *((gone.id, gone.reason) if gone else ("withdrawn", "withdrew"))))
+    for rule in rules:
+        if rule.action == "exclude-trial":
+            found += _trials(attempts, rule)
+    for rule in rules:
+        if rule.when == "answers-below":
+            found += _few_answers(attempts, rule)
+    return tuple(found)
+
+
+def _attempt(row: pd.Series[Any], rule: str, reason: str) -> Exclusion:
+    return Exclusion(str(row["participant"]), str(row["task"]), int(row["trial"]), int(row["attempt"]), rule, reason)
+
+
+def _participant(label: str, rule: str, reason: str) -> Exclusion:
+    return Exclusion(label, ALL_TASKS, None, None, rule, reason)
+
+
+def _trials(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]:
+    column, unit = ("frames_lost", "frames lost") if rule.when == "frames-lost" else ("foot_speed_mm_s", "mm/s")
+    beyond = attempts[column] < rule.limit if rule.when == "speed-below" else attempts[column] > rule.limit
+    hit = attempts["included"] & beyond
+    found = [
+        _attempt(row, rule.id, f"{rule.reason} ({row[column]:.4g} {unit}, limit {rule.limit:g})")
+        for _, row in attempts[hit].iterrows()
+    ]
+    attempts.loc[hit, "included"] = False
+    return found
+
+
+def _few_answers(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]:
+    left = attempts[attempts["included"]]
+    answered = left[left["answered"] != NO_ANSWER].groupby(["participant", "task"]).size().to_dict()
+    sessions = dict.fromkeys(zip(attempts["participant"], attempts["task"], strict=True))
+    found: dict[str, Exclusion] = {}
+    for label, task in sessions:
+        count = answered.get((label, task), 0)
+        if label in set(left["participant"]) and label not in found and rule.limit is not None and count < rule.limit:
+            reason = f"{rule.reason} ({count} answered trials in {task}, limit {rule.limit:g})"
+            found[label] = _participant(label, rule.id, reason)
+            attempts.loc[attempts["participant"] == label, "included"] = False
+    return list(found.values())

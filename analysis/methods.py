@@ -1,0 +1,71 @@
+"""Every formula of the analysis by its name, as the report states them."""
+
+from __future__ import annotations
+
+METHODS: tuple[tuple[str, str], ...] = (
+    (
+        "Answer ratio",
+        "r = count of an answer / trials in which the material was presented, for one participant; trials without an "
+        "answer count among the trials.",
+    ),
+    (
+        "Mean and standard deviation",
+        "mean = Σ r / n; SD = √( Σ (r - mean)² / (n - 1) ), over the n participants to whom the material was "
+        "presented.",
+    ),
+    ("t against chance", "t = (mean - chance) / (SD / √n), n - 1 degrees of freedom, P two-tailed (Student)."),
+    ("Cohen's d", "d = (mean - chance) / SD."),
+    ("Stars", "*, **, ***: mean above chance and P < 0.05, 0.01, 0.001, P not adjusted."),
+    (
+        "Holm's correction",
+        "The i-th smallest of m values of P is multiplied by m - i + 1; no result is below that of a smaller P. The "
+        "family "
+        "is the materials of one task.",
+    ),
+    (
+        "One-way ANOVA",
+        "F = ( Σ nᵢ (meanᵢ - mean)² / (g - 1) ) / ( Σ Σ (r - meanᵢ)² / (N - g) ). The g = 4 groups are the ratios of "
+        "two "
+        "materials a and b: a answered to a, b to b, a's trials answered b, b's answered a.",
+    ),
+    (
+        "Two-way ANOVA",
+        "Fixed effects, with interaction, on the correct ratios; R( ) is a reduction in the sum of squares. Type I: "
+        "R(task), "
+        "R(material | task). Type II: R(task | material), R(material | task). Type III: each effect given all "
+        "others, with "
+        "sum-to-zero contrasts. The interaction is the same in all. Sums are formed in rational numbers.",
+    ),
+    (
+        "ICC, one-way random",
+        "ICC(1,1) = ICC(1) = (MSR - MSW) / (MSR + (k - 1) MSW); ICC(1,k) = ICC(k) = (MSR - MSW) / MSR.",
+    ),
+    (
+        "ICC, two-way, absolute agreement",
+        "ICC(2,1) = ICC(A,1) = (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n); ICC(2,k) = ICC(A,k) = (MSR - "
+        "MSE) / "
+        "(MSR + (MSC - MSE) / n).",
+    ),
+    (
+        "ICC, two-way, consistency",
+        "ICC(3,1) = ICC(C,1) = (MSR - MSE) / (MSR + (k - 1) MSE); ICC(3,k) = ICC(C,k) = (MSR - MSE) / MSR.",
+    ),
+    (
+        "ICC, names and intervals",
+        "MSR, MSC, MSE, MSW: mean squares of the n targets, of the k raters (participants), of their interaction, "
+        "and within "
+        "targets. Names: Shrout and Fleiss (1979) = McGraw and Wong (1996). F = MSR / MSW or MSR / MSE; intervals "
+        "from F, "
+        "for ICC(2,.) with Satterthwaite's degrees of freedom.",
+    ),
+    (
+        "Variance-component ICC",
+        "S / (S + residual / k), S = component of task + of material + of their interaction, by Henderson's method "
+        "III: "
+        "reductions in the sum of squares set equal to their expectations, all factors random. Negative components "
+        "count as "
+        "zero.",
+    ),
+    ("Correlation with the paper", "Pearson's r over the cells of one printed table."),
+)
+"""Name and formula, in the order in which the report needs them."""

@@ -1,0 +1,89 @@
+"""Small BIDS datasets for the tests, written by the project's own writer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from experiment.dataset_files import (
+    DatasetText,
+    Origin,
+    TaskText,
+    write_description,
+    write_events,
+    write_participants,
+)
+
+MATERIALS = ("glass", "sand", "snow")
+
+
+def trial(number: int, presented: str, answered: str, **cells: object) -> dict[str, object]:
+    """One counted attempt; `cells` replace or add columns."""
+    return {
+        "trial": number,
+        "attempt": 1,
+        "counted": True,
+        "presented": presented,
+        "answered": answered,
+        "origin": "PARTICIPANT",
+        **cells,
+    }
+
+
+def trials(answers: Iterable[tuple[str, str]], **cells: object) -> list[dict[str, object]]:
+    """Counted attempts of (presented, answered), numbered from 1."""
+    return [trial(number, shown, said, **cells) for number, (shown, said) in enumerate(answers, start=1)]
+
+
+def write_dataset(
+    root: Path,
+    sessions: Mapping[str, Mapping[str, Sequence[Mapping[str, object]]]],
+    *,
+    study: str = "lab",
+    origin: Origin = "PARTICIPANT",
+    materials: Sequence[str] = MATERIALS,
+    withdrawn: Sequence[str] = (),
+    tasks: Sequence[str] = ("virtual", "real"),
+) -> Path:
+    """A dataset of participant -> task -> rows of its events."""
+    write_description(
+        root,
+        DatasetText(
+            study=study,
+            name="A study",
+            origin=origin,
+            license="CC0-1.0",
+            authors=("Somebody", "Somebody else"),
+            tasks=tuple(tasks),
+            readme="A dataset for tests, made of answers that nobody gave. " * 4,
+            software_version="0",
+        ),
+    )
+    write_participants(
+        root,
+        ({"participant_id": f"sub-{label}", "withdrawn": label in withdrawn} for label in sessions),
+        origin=origin,
+    )
+    for label, by_task in sessions.items():
+        for task, rows in by_task.items():
+            text = TaskText(
+                id=task,
+                title=f"The {task} task",
+                description="A task.",
+                instructions="Say what it is.",
+                materials={material: f"some {material}" for material in materials},
+                stimulus_presentation={"SoftwareName": "palpate"},
+                origin=origin,
+            )
+            write_events(root, label, text, [{**row, "origin": origin} for row in rows])
+    return root
+
+
+def balanced(seed: int, repetitions: int = 4, materials: Sequence[str] = MATERIALS) -> list[dict[str, object]]:
+    """A session in which the right answer is more likely than the others, the same for the same seed."""
+    answers = []
+    for i, shown in enumerate(materials):
+        for k in range(repetitions):
+            right = (seed * 7 + i * 3 + k * 5) % 4 != 0
+            answers.append((shown, shown if right else materials[(i + 1 + k) % len(materials)]))
+    return trials(answers)

@@ -1,0 +1,300 @@
+"""The whole analysis: the published study regenerates, and odd datasets get statements instead of NaN."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from analysis.analyse import Analysis, analyse
+from experiment.dataset_files import LABELS
+from experiment.errors import DatasetError
+from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
+
+OKAMOTO = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
+
+
+@pytest.fixture(scope="module")
+def okamoto(repository_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Analysis:
+    return analyse(repository_root / "participants" / "okamoto2012", tmp_path_factory.mktemp("out"))
+
+
+def _p(value: float | None) -> str:
+    return f"{value:.2e}"
+
+
+def test_the_virtual_tasks_tests_are_as_printed(okamoto: Analysis) -> None:
+    """Okamoto, section 5.2."""
+    task = okamoto.results.task("virtual")
+    assert task is not None
+    found = [(t.material, t.result.df, round(t.result.t or 0, 2), _p(t.result.p), t.result.stars) for t in task.tests]
+    assert found == [
+        ("copy paper", 14, 8.71, "5.02e-07", "***"),
+        ("aluminum foil", 14, 2.75, "1.56e-02", "*"),
+        ("polypropylene", 14, 5.79, "4.64e-05", "***"),
+        ("typing paper", 14, 0.97, "3.46e-01", ""),
+    ]
+
+
+def test_the_real_tasks_tests_are_recomputed(okamoto: Analysis) -> None:
+    """Recomputed values as in the README of the reference data."""
+    task = okamoto.results.task("real")
+    assert task is not None
+    found = [(t.material, t.result.df, round(t.result.t or 0, 2), _p(t.result.p), t.result.stars) for t in task.tests]
+    assert found == [
+        ("copy paper", 9, 33.73, "8.72e-11", "***"),
+        ("aluminum foil", 9, 3.77, "4.44e-03", "**"),
+        ("polypropylene", 9, 4.81, "9.56e-04", "***"),
+        ("typing paper", 9, 3.66, "5.26e-03", "**"),
+    ]
+
+
+def test_the_anovas_are_as_printed(okamoto: Analysis) -> None:
+    pair = next(pair for pair in okamoto.results.pairs if pair.task == "virtual")
+    assert pair.anova is not None
+    effect = pair.anova.effects[0]
+    assert pair.pair == ("aluminum foil", "typing paper")
+    assert (effect.df, pair.anova.residual.df) == (3, 56)
+    assert (round(effect.f or 0, 2), round(effect.p or 0, 2)) == (2.12, 0.11)
+    assert [table.kind for table in okamoto.results.two_way] == [f"two-way, type {kind}" for kind in ("I", "II", "III")]
+    for table in okamoto.results.two_way:
+        task = table.effect("task")
+        assert (task.df, table.residual.df, round(task.f or 0, 2)) == (1, 92, 7.49)
+        assert task.p == pytest.approx(7.43e-3, abs=1e-5)
+
+
+def test_the_variance_component_icc_is_that_of_the_reference(okamoto: Analysis) -> None:
+    assert okamoto.results.components is not None
+    k, meaning, value = okamoto.results.components.by_k[0]
+    assert (k, round(value or 0, 3)) == (25, 0.968)
+    assert "15 + 10" in meaning
+
+
+def test_every_icc_says_which_matrix_it_is_of(okamoto: Analysis) -> None:
+    found = [(r.icc.targets, r.icc.raters) for r in okamoto.results.reliabilities if r.icc]
+    assert found == [(16, 15), (4, 15), (16, 10), (4, 10), (8, 10)]
+    assert "arbitrary in a reconstruction" in okamoto.results.reliabilities[-1].matrix
+    assert all(f"x {r.icc.raters} participants" in r.matrix for r in okamoto.results.reliabilities if r.icc)
+
+
+def test_the_terminal_ends_with_matrices_tests_and_the_report(okamoto: Analysis) -> None:
+    lines = okamoto.text().split("\n")
+    assert lines[0] == LABELS["RECONSTRUCTION"]
+    assert lines[-1] == f"Report: {okamoto.report}"
+    assert all(len(line) <= 100 for line in lines[:-1])
+    order = [lines.index(title) for title in ("Against the paper", "Answer ratios", "Tests against chance")]
+    assert order == sorted(order)
+    assert any(line.startswith("copy paper     0.787 ± 0.239***") for line in lines)
+    assert any(line.startswith("copy paper     0.970 ± 0.067***") for line in lines)
+
+
+def _floats(value: Any) -> Iterator[float]:
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, dict):
+        for item in value.values():
+            yield from _floats(item)
+    elif isinstance(value, list | tuple):
+        for item in value:
+            yield from _floats(item)
+
+
+def test_the_dictionary_is_json_without_nan(okamoto: Analysis) -> None:
+    document = okamoto.as_dict()
+    assert json.loads(json.dumps(document, allow_nan=False)) is not None
+    assert document["report"] == str(okamoto.report)
+    stored = json.loads((okamoto.out / "results.json").read_text())
+    assert stored["tasks"][0]["mean"][0][0] == pytest.approx(0.7867, abs=5e-5)
+    assert "out" not in stored
+
+
+def test_every_file_carries_the_label(okamoto: Analysis) -> None:
+    label = LABELS["RECONSTRUCTION"]
+    written = {str(path.relative_to(okamoto.out)) for path in okamoto.files}
+    assert {"figures/confusion.png", "figures/correct-ratios.svg", "tables/tests.csv", "report.html"} <= written
+    for path in sorted(path for path in okamoto.out.rglob("*") if path.is_file()):
+        if path.suffix == ".svg":
+            assert f"<!-- {label} -->" in path.read_text(encoding="utf-8"), path
+        elif path.suffix != ".png":
+            assert label in path.read_text(encoding="utf-8"), path
+
+
+class _Links(HTMLParser):
+    """Collects what an HTML page would load, and checks that its tags close."""
+
+    VOID = ("meta", "br", "link", "img", "use", "path", "rect", "stop", "hr")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.loads: list[str] = []
+        self.ids: list[str] = []
+        self.targets: list[str] = []
+        self.open: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self.handle_startendtag(tag, attrs)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name in ("src", "href", "xlink:href", "data", "action") and value is not None:
+                (self.targets if value.startswith("#") else self.loads).append(value)
+            elif name == "id" and value is not None:
+                self.ids.append(value)
+        assert tag not in ("script", "link", "iframe", "object")
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+
+def test_the_report_needs_nothing_else(okamoto: Analysis) -> None:
+    page = _Links()
+    text = okamoto.report.read_text(encoding="utf-8")
+    page.feed(text)
+    assert page.open == []
+    assert page.loads == []
+    assert {target.removeprefix("#") for target in page.targets} <= set(page.ids)
+    assert not re.search(r"@import|url\((?!#)", text)
+    assert text.count("<svg ") == 2
+
+
+def test_the_report_states_label_exclusions_and_formulas(okamoto: Analysis) -> None:
+    text = okamoto.report.read_text(encoding="utf-8")
+    body = text[text.index("<body>") :]
+    assert body.startswith(f'<body><div class="band" role="note">{LABELS["RECONSTRUCTION"]}')
+    assert "Nothing: every attempt in the dataset is analysed." in body
+    for name in ("Holm", "Henderson", "ICC(A,1)", "Type III", "Cohen"):
+        assert name in body
+
+
+def test_a_second_run_gives_the_same_bytes(repository_root: Path, okamoto: Analysis) -> None:
+    before = {path: path.read_bytes() for path in okamoto.files}
+    analyse(repository_root / "participants" / "okamoto2012", okamoto.out)
+    assert {path: path.read_bytes() for path in okamoto.files} == before
+
+
+def test_without_figures_earlier_figures_go(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path / "data", {"1": {"real": balanced(1)}, "2": {"real": balanced(2)}})
+    first = analyse(root)
+    assert first.out == root / "derivatives" / "palpate"
+    second = analyse(root, figures=False)
+    assert not list(second.out.glob("figures/*"))
+    assert "<svg" not in second.report.read_text()
+
+
+def test_results_never_stand_among_the_data(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path / "data", {"1": {"real": balanced(1)}, "2": {"real": balanced(2)}})
+    for out in (root, root / "sub-1", root / "sourcedata", root / "derivatives"):
+        with pytest.raises(DatasetError, match="lies within the dataset"):
+            analyse(root, out, figures=False)
+    assert not (root / "derivatives").exists()
+
+
+def _no_nan(found: Analysis) -> str:
+    assert json.dumps(found.as_dict(), allow_nan=False)
+    shown = found.text()
+    assert "nan" not in shown.replace("finance", "")
+    assert all(len(line) <= 100 for line in shown.split("\n")[:-1])
+    return shown
+
+
+def test_one_task(tmp_path: Path) -> None:
+    sessions = {str(k): {"virtual": balanced(k)} for k in range(1, 5)}
+    shown = _no_nan(analyse(write_dataset(tmp_path, sessions)))
+    assert "No two-way ANOVA: two-way ANOVA needs two levels of task, got 1." in shown
+    assert "Against the paper" not in shown
+
+
+def test_one_participant(tmp_path: Path) -> None:
+    shown = _no_nan(analyse(write_dataset(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})))
+    assert "one participant: SD, t and P are not defined" in shown
+    assert "an ICC needs two targets and two raters" in shown
+    assert "No two-way ANOVA: two-way ANOVA needs two participants in a cell" in shown
+
+
+def test_constant_answers(tmp_path: Path) -> None:
+    rows = trials([(material, MATERIALS[0]) for material in MATERIALS for _ in range(3)])
+    sessions = {str(k): {"virtual": rows, "real": rows} for k in range(1, 4)}
+    shown = _no_nan(analyse(write_dataset(tmp_path, sessions)))
+    assert "no variance, t and P are not defined" in shown
+    assert "Not defined: two-way, type III: no variance within the groups" in shown
+
+
+def test_the_same_answer_to_everything_by_everyone(tmp_path: Path) -> None:
+    rows = trials([(material, material) for material in MATERIALS for _ in range(3)])
+    shown = _no_nan(analyse(write_dataset(tmp_path, {str(k): {"real": rows} for k in range(1, 4)})))
+    assert "all ratings are the same: no ICC is defined" in shown
+
+
+def test_unequal_numbers_missing_answers_and_missing_materials(tmp_path: Path) -> None:
+    sessions = {str(k): {"virtual": balanced(k), "real": balanced(k + 1)} for k in range(1, 5)}
+    sessions["5"] = {"virtual": trials([("sand", "sand"), ("sand", "(none)"), ("snow", "snow")])}
+    found = analyse(write_dataset(tmp_path, sessions))
+    shown = _no_nan(found)
+    assert "glass: presented to 4 of 5 participants." in shown
+    assert "(none)" in shown
+    assert [r.icc.raters for r in found.results.reliabilities if r.icc] == [4, 4, 4, 4, 4]
+
+
+def test_two_materials_with_long_names_and_many_exclusions(tmp_path: Path) -> None:
+    names = ("a material whose name says much more than a name should ever say", "b")
+    rows = [trial(k, names[k % 2], names[k % 3 % 2], attempt=2) for k in range(1, 31)]
+    again = [trial(k, names[k % 2], "n/a", counted=False, redo_reason="slipped") for k in range(1, 31)]
+    found = analyse(write_dataset(tmp_path, {"1": {"real": again + rows}, "2": {"real": rows}}, materials=names))
+    shown = _no_nan(found)
+    assert re.search(r"done again +30", shown)
+    assert found.report.read_text().count("was done again: slipped") == 30
+
+
+def test_a_rehearsal_is_labelled_and_compared_in_its_own_words(tmp_path: Path) -> None:
+    sessions = {
+        str(k): {"virtual": balanced(k, 10, OKAMOTO), "real": balanced(k + 1, 10, OKAMOTO)} for k in range(1, 5)
+    }
+    root = write_dataset(tmp_path, sessions, study="okamoto2012", origin="REHEARSAL", materials=OKAMOTO)
+    shown = _no_nan(analyse(root))
+    assert shown.startswith("REHEARSAL - simulated participants")
+    assert "nothing about the paper's results" in " ".join(shown.split())
+    assert "the 16 cells of the printed table correlate" in " ".join(shown.split())
+    assert "agrees" not in shown
+
+
+def test_nothing_left_is_an_error_with_the_reason(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path, {"1": {"real": balanced(1)}}, withdrawn=["1"])
+    with pytest.raises(DatasetError, match=r"every trial is left out \(withdrew\)"):
+        analyse(root)
+
+
+def test_markup_in_a_dataset_stays_text(tmp_path: Path) -> None:
+    names = ("<script>alert(1)</script>", "snow & ice")
+    found = analyse(write_dataset(tmp_path, {"1": {"real": balanced(1, 4, names)}}, materials=names))
+    page = _Links()
+    page.feed(found.report.read_text())
+    assert page.loads == []
+
+
+def test_the_analysis_loads_no_oracle_and_prints_nothing(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path, {"1": {"real": balanced(1)}, "2": {"real": balanced(2)}})
+    code = (
+        "import sys; from pathlib import Path; from analysis.analyse import analyse\n"
+        f"analyse(Path({str(root)!r}), figures=False)\n"
+        "heavy = {'statsmodels', 'scipy.stats', 'matplotlib', 'psychopy', 'serial', 'experiment.session'}\n"
+        "sys.exit(sorted(heavy & set(sys.modules)) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_material_that_was_never_presented(tmp_path: Path) -> None:
+    sessions = {str(k): {"virtual": balanced(k, 4, MATERIALS[:2])} for k in range(1, 4)}
+    shown = _no_nan(analyse(write_dataset(tmp_path, sessions)))
+    assert "snow: nobody was presented this material." in shown
+    assert "snow: presented to 0 of 3 participants." in shown

@@ -1,0 +1,197 @@
+"""Counts to dataset: the committed reconstruction is rebuilt byte by byte, and bad counts are refused by line."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from analysis.dataset import read
+from experiment.dataset_files import LABELS
+from experiment.errors import DatasetError
+from experiment.reconstruction import OKAMOTO2012, StudyText, import_counts, parse_task, read_counts, study_text
+from experiment.records import NO_ANSWER
+
+HEADER = "participant,presented,answered,count\n"
+STUDY = StudyText(
+    id="lab",
+    name="A study",
+    source="a paper",
+    materials={"sand": "dry", "snow": "fresh"},
+    tasks={"one": ("Task one", "Say."), "two": ("Task two", "Say.")},
+    license="CC0-1.0",
+    authors=("Somebody",),
+    notes="Nothing to note.",
+)
+
+
+def _files(root: Path) -> dict[str, bytes]:
+    """Every file below `root` but the results of an analysis."""
+    paths = (path for path in root.rglob("*") if path.is_file())
+    relative = {str(path.relative_to(root)): path.read_bytes() for path in paths}
+    return {name: content for name, content in relative.items() if not name.startswith("derivatives/")}
+
+
+def _version(root: Path) -> str:
+    description = json.loads((root / "dataset_description.json").read_text())
+    return str(description["GeneratedBy"][0]["Version"])
+
+
+def test_the_committed_dataset_is_rebuilt_from_the_reference(
+    shared: Path, repository_root: Path, tmp_path: Path
+) -> None:
+    committed = repository_root / "participants" / "okamoto2012"
+    counts = {task: shared / "reference" / f"okamoto2012_counts_{task}.csv" for task in ("virtual", "real")}
+    import_counts(counts, tmp_path / "again", study=OKAMOTO2012, software_version=_version(committed))
+    assert _files(tmp_path / "again") == _files(committed)
+
+
+def test_the_committed_dataset_is_rebuilt_from_its_own_sources(repository_root: Path, tmp_path: Path) -> None:
+    committed = repository_root / "participants" / "okamoto2012"
+    counts = {task: committed / "sourcedata" / f"okamoto2012_counts_{task}.csv" for task in ("virtual", "real")}
+    import_counts(counts, tmp_path / "again", study=OKAMOTO2012, software_version=_version(committed))
+    assert _files(tmp_path / "again") == _files(committed)
+
+
+def test_the_committed_dataset_says_what_it_is(repository_root: Path) -> None:
+    committed = repository_root / "participants" / "okamoto2012"
+    label = LABELS["RECONSTRUCTION"]
+    for name in ("README", "dataset_description.json", "participants.json", "sourcedata/README"):
+        assert label in (committed / name).read_text(), name
+    for path in committed.glob("sub-*/beh/*.json"):
+        assert label in path.read_text(), path
+        assert "which participant of one task is which of another" in path.read_text(), path
+    study = read(committed)
+    assert (study.origin, len(study.participants)) == ("RECONSTRUCTION", 15)
+    assert study.materials == ("copy paper", "aluminum foil", "polypropylene", "typing paper")
+    assert [task.id for task in study.tasks] == ["virtual", "real"]
+    assert [len(study.trials(task)) for task in ("virtual", "real")] == [600, 400]
+    assert study.attempts["response_time_s"].isna().all()
+
+
+def _counts(tmp_path: Path, body: str, name: str = "counts.csv") -> Path:
+    path = tmp_path / name
+    path.write_text(HEADER + body)
+    return path
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.dictionaries(
+        st.tuples(st.integers(1, 12), st.sampled_from(["sand", "snow"]), st.sampled_from(["sand", "snow", NO_ANSWER])),
+        st.integers(0, 5),
+        min_size=1,
+    ).filter(lambda counts: any(counts.values()))
+)
+def test_every_count_becomes_as_many_trials(
+    tmp_path_factory: pytest.TempPathFactory, counts: dict[tuple[int, str, str], int]
+) -> None:
+    folder = tmp_path_factory.mktemp("counts")
+    path = _counts(folder, "".join(f"{p},{shown},{said},{n}\n" for (p, shown, said), n in counts.items()))
+    import_counts({"one": path}, folder / "out", study=STUDY)
+    study = read(folder / "out")
+    found = study.attempts.groupby(["participant", "presented", "answered"]).size().to_dict()
+    assert found == {(f"{p:02d}", shown, said): n for (p, shown, said), n in counts.items() if n}
+    for _, rows in study.attempts.groupby("participant"):
+        assert rows["trial"].tolist() == list(range(1, len(rows) + 1))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "line 1: got header ''; allowed: participant,presented,answered,count"),
+        ("a,b\n", "line 1: got header 'a,b'"),
+        (HEADER, "no counts below the header"),
+        (HEADER + "1,sand,snow\n", "line 2: got 3 fields; allowed: 4"),
+        (HEADER + "1,sand,snow,2\n0,sand,sand,1\n", "line 3: participant: got '0'; allowed: a whole number from 1"),
+        (HEADER + "x,sand,snow,2\n", "line 2: participant: got 'x'"),
+        (HEADER + "1,ice,snow,2\n", "line 2: presented: got 'ice'; allowed: sand, snow"),
+        (HEADER + "1,(none),snow,2\n", "line 2: presented: got '(none)'"),
+        (HEADER + "1,sand,ice,2\n", "line 2: answered: got 'ice'; allowed: sand, snow, (none)"),
+        (HEADER + "1,sand,snow,-1\n", "line 2: count: got '-1'; allowed: a whole number from 0"),
+        (HEADER + "1,sand,snow,1.5\n", "line 2: count: got '1.5'"),
+        (HEADER + "1,sand,snow,10001\n", "line 2: count: got '10001'"),
+        (HEADER + f"1,sand,snow,{'9' * 5000}\n", "line 2: count: got '999"),
+        (HEADER + "1,sand,snow,2\n1,sand,snow,2\n", "line 3: participant 1, ('sand', 'snow') stands twice"),
+        (HEADER + '1,"sand,snow,2\n', "line 2: unexpected end of data"),
+    ],
+)
+def test_a_bad_counts_file_is_refused_by_line(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "counts.csv"
+    path.write_text(content)
+    with pytest.raises(DatasetError, match=re.escape(message)) as error:
+        import_counts({"one": path}, tmp_path / "out", study=STUDY)
+    assert str(path) in str(error.value)
+    assert not (tmp_path / "out").exists()
+
+
+@given(st.binary(max_size=200))
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_bytes_are_counts_or_one_error(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "counts.csv"
+    path.write_bytes(HEADER.encode() + content)
+    error = ""
+    try:
+        counts = read_counts(path, ("sand", "snow"))
+    except DatasetError as refusal:
+        error, counts = str(refusal), {}
+    assert counts or str(path) in error
+
+
+def test_a_missing_counts_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=r"nowhere\.csv: cannot be read"):
+        import_counts({"one": tmp_path / "nowhere.csv"}, tmp_path / "out", study=STUDY)
+
+
+def test_an_unknown_task_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=r"no such tasks in lab: \['three'\]; allowed: \['one', 'two'\]"):
+        import_counts({"three": _counts(tmp_path, "1,sand,sand,1\n")}, tmp_path / "out", study=STUDY)
+
+
+def test_counts_files_of_one_name_are_refused(tmp_path: Path) -> None:
+    path = _counts(tmp_path, "1,sand,sand,1\n")
+    with pytest.raises(DatasetError, match="need different names"):
+        import_counts({"one": path, "two": path}, tmp_path / "out", study=STUDY)
+
+
+def test_a_dataset_is_never_overwritten(tmp_path: Path) -> None:
+    path = _counts(tmp_path, "1,sand,sand,1\n")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine").write_text("mine")
+    with pytest.raises(DatasetError, match="never overwritten"):
+        import_counts({"one": path}, tmp_path / "out", study=STUDY)
+    assert _files(tmp_path / "out") == {"mine": b"mine"}
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["counts.csv", "out"]
+
+
+def test_a_task_and_its_file_are_read_from_one_word() -> None:
+    assert parse_task("virtual=a=b.csv") == ("virtual", Path("a=b.csv"))
+
+
+@pytest.mark.parametrize("text", ["", "virtual", "virtual=", "=a.csv", "Task 1=a.csv"])
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(DatasetError, match="allowed: TASK=FILE"):
+        parse_task(text)
+
+
+def test_a_study_without_texts_takes_them_from_its_counts(tmp_path: Path) -> None:
+    counts = {"one": _counts(tmp_path, "1,snow,sand,1\n1,sand,sand,2\n")}
+    out = import_counts(counts, tmp_path / "out", study=study_text("lab", counts, "a table"))
+    study = read(out)
+    assert (study.id, study.materials, len(study.attempts)) == ("lab", ("snow", "sand"), 3)
+    assert "a table" in (out / "README").read_text()
+
+
+def test_texts_that_are_held_are_used() -> None:
+    assert study_text("okamoto2012", {}) == OKAMOTO2012
+    assert study_text("okamoto2012", {}, "elsewhere").source == "elsewhere"
+
+
+@pytest.mark.parametrize(("study", "message"), [("lab", "say with --source"), ("../lab", "allowed: lower-case")])
+def test_a_study_that_cannot_be_described_is_refused(study: str, message: str) -> None:
+    with pytest.raises(DatasetError, match=message):
+        study_text(study, {})

@@ -1,0 +1,83 @@
+"""The official BIDS validator on what we write: no error, and no warning but of keys that nobody can fill."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from analysis.analyse import analyse
+from experiment.dataset_files import PhysioColumn, beh_path, write_physio
+from tests.analysis.datasets import balanced, trial, write_dataset
+
+UNFILLED = {"JSON_KEY_RECOMMENDED", "SIDECAR_KEY_RECOMMENDED", "TOO_FEW_AUTHORS"}
+"""Warnings about recommended keys: ontology terms and institutions, which a reconstruction or a rehearsal lacks."""
+
+
+@pytest.fixture(scope="session")
+def validator() -> str:
+    found = shutil.which("bids-validator-deno", path=str(Path(sys.executable).parent))
+    if found is None:
+        pytest.skip("needs the BIDS validator (pip install bids-validator-deno)")
+    return found
+
+
+def _issues(validator: str, root: Path) -> list[dict[str, Any]]:
+    done = subprocess.run(
+        [validator, str(root), "--format", "json", "--max-rows", "-1"], capture_output=True, text=True, check=False
+    )
+    assert done.stdout, done.stderr
+    issues: list[dict[str, Any]] = json.loads(done.stdout)["issues"]["issues"]
+    assert (done.returncode == 0) == all(issue["severity"] != "error" for issue in issues)
+    return issues
+
+
+def _codes(issues: list[dict[str, Any]]) -> set[str]:
+    return {issue["code"] for issue in issues}
+
+
+def test_the_committed_reconstruction(validator: str, repository_root: Path) -> None:
+    issues = _issues(validator, repository_root / "participants" / "okamoto2012")
+    assert not [issue for issue in issues if issue["severity"] == "error"]
+    assert _codes(issues) <= UNFILLED
+
+
+def test_a_dataset_with_times_a_foot_trace_and_results(validator: str, tmp_path: Path) -> None:
+    rows = [
+        trial(1, "sand", "(none)", counted=False, onset=0.5, duration=0.5, redo_reason="slipped"),
+        trial(1, "sand", "snow", attempt=2, onset=3.25, duration=0.5, response_time=1.5, foot_speed=120.0),
+    ]
+    root = write_dataset(tmp_path, {"01": {"virtual": rows, "real": balanced(1)}, "02": {"real": balanced(2)}})
+    height_mm = np.concatenate([np.linspace(40, 0, 500), np.full(4000, np.nan), np.linspace(40, 0, 500)])
+    write_physio(
+        beh_path(root, "01", "virtual", "recording-foot_physio.tsv.gz"),
+        {"foot_height": PhysioColumn(height_mm, "Height of the sole above the panel.", "mm", 3)},
+        rate_hz=2000.0,
+        start_s=0.0,
+        task="virtual",
+        description="Foot height from the tracker.",
+        origin="PARTICIPANT",
+    )
+    found = analyse(root, figures=False)
+    assert found.out.parent == root / "derivatives"
+    issues = _issues(validator, root)
+    assert not [issue for issue in issues if issue["severity"] == "error"]
+    assert _codes(issues) <= UNFILLED
+
+
+def test_the_results_are_a_derivative_of_their_own(validator: str, tmp_path: Path) -> None:
+    root = write_dataset(tmp_path, {"01": {"real": balanced(1)}, "02": {"real": balanced(2)}})
+    issues = _issues(validator, analyse(root).out)
+    assert not [issue for issue in issues if issue["severity"] == "error"]
+
+
+def test_the_validator_sees_a_broken_dataset(validator: str, tmp_path: Path) -> None:
+    root = write_dataset(tmp_path, {"01": {"real": balanced(1)}})
+    (root / "dataset_description.json").unlink()
+    assert any(issue["severity"] == "error" for issue in _issues(validator, root))

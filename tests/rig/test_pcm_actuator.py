@@ -1,0 +1,242 @@
+"""A real TCP stream of samples: to the simulated panel, to servers that fail, and to PulseAudio."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import socket
+import subprocess
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from experiment.apparatus import pcm_actuator
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.pcm_actuator import PcmActuator
+from experiment.apparatus.rig import ActuatorRig
+from experiment.errors import ActuatorError
+from experiment.rehearsal.panel import Panel
+
+RIG = ActuatorRig(driver="pcm-tcp", address="rehearsal", rate_hz=5000, full_scale_m_s2=64.0)
+
+
+@pytest.fixture(scope="module")
+def panel() -> Iterator[Panel]:
+    opened = Panel(RIG)
+    yield opened
+    opened.close()
+
+
+def actuator(address: str, limit_m_s2: float = 20.0) -> PcmActuator:
+    return PcmActuator(address, rate_hz=RIG.rate_hz, full_scale_m_s2=RIG.full_scale_m_s2, limit_m_s2=limit_m_s2)
+
+
+def test_what_is_played_is_felt(panel: Panel) -> None:
+    wanted = np.random.default_rng(0).normal(0, 4, 2500)
+    played = actuator(panel.address).play(wanted)
+    felt = panel.felt(0)
+    assert felt is not None
+    # float32 carries 24 bits.
+    assert np.allclose(felt, wanted, rtol=2**-23, atol=0)
+    assert (played.samples, played.limited) == (2500, 0)
+    assert played.peak_m_s2 == np.max(np.abs(felt))
+
+
+@settings(max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    wanted=arrays.arrays(np.float64, st.integers(1, 40), elements=st.floats(allow_nan=True, allow_infinity=True)),
+    limit_m_s2=st.floats(1e-3, 100.0),
+)
+def test_nothing_above_the_limit_is_felt_whatever_was_asked_for(
+    panel: Panel, wanted: np.ndarray, limit_m_s2: float
+) -> None:
+    played = actuator(panel.address, limit_m_s2).play(wanted)
+    felt = panel.felt(0)
+    assert felt is not None
+    assert felt.size == wanted.size
+    assert np.max(np.abs(felt)) <= min(limit_m_s2, RIG.full_scale_m_s2)
+    assert played.peak_m_s2 == np.max(np.abs(felt))
+    assert played.limited == np.count_nonzero(~(np.abs(wanted) <= min(limit_m_s2, RIG.full_scale_m_s2)))
+
+
+def test_stimuli_are_felt_one_by_one_in_order(panel: Panel) -> None:
+    for value in (1.0, 2.0, 3.0):
+        actuator(panel.address).play(np.full(4, value))
+    felt = [panel.felt(0) for _ in range(4)]
+    assert [None if one is None else one.tolist() for one in felt] == [[1.0] * 4, [2.0] * 4, [3.0] * 4, None]
+
+
+def test_a_stimulus_whose_connection_broke_was_not_delivered(panel: Panel) -> None:
+    host, port = panel.address.split(":")
+    broken = socket.create_connection((host, int(port)))
+    broken.sendall(b"\0" * 4000)
+    broken.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+    broken.close()
+    actuator(panel.address).play(np.ones(3))
+    felt = panel.felt(0)
+    assert felt is not None
+    assert felt.tolist() == [1.0] * 3
+    assert panel.felt(0) is None
+
+
+def test_it_is_opened_from_a_rig(repository_root: Path) -> None:
+    rig = rigs.load(repository_root / "protocols" / "rigs" / "rehearsal.toml")
+    panel = Panel(rig.actuator)
+    opened = rigs.open_actuator(rig, address=panel.address, limit_m_s2=2.0)
+    assert opened.rate_hz == rig.actuator.rate_hz
+    assert opened.play(np.array([1.0, -5.0])).limited == 1
+    felt = panel.felt(0)
+    assert felt is not None
+    assert felt.tolist() == pytest.approx([1.0, -2.0])
+    opened.close()
+    panel.close()
+
+
+def test_nobody_listening_is_an_error_with_a_remedy() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        address = f"127.0.0.1:{server.getsockname()[1]}"
+    with pytest.raises(ActuatorError, match=f"actuator at {address}: nothing answers there .*start its server"):
+        actuator(address).play(np.ones(3))
+
+
+Serve = Callable[[Callable[[socket.socket], None]], str]
+
+
+@pytest.fixture
+def serve() -> Iterator[Serve]:
+    """A server that treats one connection as it is told."""
+    opened: list[tuple[socket.socket, threading.Thread]] = []
+
+    def begun(treat: Callable[[socket.socket], None]) -> str:
+        server = socket.create_server(("127.0.0.1", 0))
+
+        def run() -> None:
+            connection, _ = server.accept()
+            with connection:
+                treat(connection)
+
+        thread = threading.Thread(target=run)
+        thread.start()
+        opened.append((server, thread))
+        return f"127.0.0.1:{server.getsockname()[1]}"
+
+    yield begun
+    for server, thread in opened:
+        thread.join()
+        server.close()
+
+
+def test_a_server_that_breaks_off_is_an_error_with_a_remedy(serve: Serve) -> None:
+    def breaks_off(connection: socket.socket) -> None:
+        connection.recv(16)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
+
+    with pytest.raises(ActuatorError, match=r"the connection broke \(.*\); see that its server runs"):
+        actuator(serve(breaks_off)).play(np.ones(10**6))
+
+
+def test_a_server_that_never_ends_is_an_error_with_a_remedy(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pcm_actuator, "TAKE_S", 0.05)
+    over = threading.Event()
+
+    def hangs(_connection: socket.socket) -> None:
+        over.wait()
+
+    with pytest.raises(ActuatorError, match=r"did not take the stimulus within .* s; see that it reads to the end"):
+        actuator(serve(hangs)).play(np.ones(100))
+    over.set()
+
+
+@pytest.mark.parametrize("address", ["", "here", "127.0.0.1:", ":4711", "127.0.0.1:0", "127.0.0.1:99999", "a:b"])
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(ActuatorError, match=r"allowed is host:port, such as 127\.0\.0\.1:4711"):
+        actuator(address)
+
+
+@pytest.mark.parametrize("limit_m_s2", [np.nan, np.inf, -1.0])
+def test_what_is_no_limit_is_refused_before_anything_is_played(limit_m_s2: float) -> None:
+    with pytest.raises(ActuatorError, match="allowed: a finite number"):
+        actuator("127.0.0.1:4711", limit_m_s2)
+
+
+@pytest.mark.parametrize("wanted", [np.empty(0), np.ones((2, 3)), np.float64(1.0)])
+def test_what_is_no_stimulus_is_refused(wanted: np.ndarray) -> None:
+    with pytest.raises(ActuatorError, match=r"got a stimulus of shape .*; allowed: one channel, one sample or more"):
+        actuator("127.0.0.1:4711").play(wanted)
+
+
+@pytest.fixture
+def pulseaudio(tmp_path: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    """A PulseAudio of our own with a null sink at 48 kHz: the address of its raw port, and its clients' environment."""
+    if shutil.which("pulseaudio") is None or shutil.which("parec") is None:
+        pytest.skip("needs PulseAudio (packages pulseaudio, pulseaudio-utils)")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    runtime = tmp_path / "pulse"
+    runtime.mkdir(mode=0o700)
+    paths = ("HOME", "XDG_RUNTIME_DIR", "XDG_CONFIG_HOME", "PULSE_RUNTIME_PATH")
+    environment = {**os.environ, **dict.fromkeys(paths, str(runtime)), "PULSE_SERVER": f"unix:{runtime}/native"}
+    form = "rate=48000 format=float32le channels=1"
+    # The sink takes back what it mixed ahead when a stream begins, and its monitor misses that part: norewinds.
+    modules = [
+        f"module-null-sink sink_name=rig norewinds=1 {form}",
+        f"module-native-protocol-unix auth-anonymous=1 socket={runtime}/native",
+        f"module-simple-protocol-tcp playback=true record=false sink=rig {form} listen=127.0.0.1 port={port}",
+    ]
+    with (tmp_path / "log").open("w") as log:
+        server = subprocess.Popen(
+            ["pulseaudio", "-n", "--daemonize=no", "--use-pid-file=no", "--exit-idle-time=-1", "--log-target=stderr"]
+            + [word for module in modules for word in ("-L", module)],
+            env=environment,
+            stderr=log,
+        )
+        try:
+            _wait_until_it_listens(server, port)
+            yield f"127.0.0.1:{port}", environment
+        finally:
+            server.terminate()
+            server.wait(10)
+
+
+def _wait_until_it_listens(server: subprocess.Popen[bytes], port: int) -> None:
+    while server.poll() is None:
+        try:
+            socket.create_connection(("127.0.0.1", port), timeout=0.1).close()
+        except OSError:
+            continue
+        return
+    pytest.fail("PulseAudio did not start")
+
+
+def test_pulseaudio_plays_every_sample(pulseaudio: tuple[str, dict[str, str]]) -> None:
+    address, environment = pulseaudio
+    rng = np.random.default_rng(1)
+    wanted = rng.uniform(-30, 30, 9600)
+    wanted[[0, -1]] = 25.0
+    with subprocess.Popen(
+        ["parec", "--device=rig.monitor", "--raw", "--format=float32le", "--rate=48000", "--channels=1"],
+        env=environment,
+        stdout=subprocess.PIPE,
+    ) as recorder:
+        assert recorder.stdout is not None
+        recorded = recorder.stdout.read(4)
+        played = PcmActuator(address, rate_hz=48_000, full_scale_m_s2=64.0, limit_m_s2=16.0).play(wanted)
+        heard = np.zeros(0, dtype="<f4")
+        # The watchdog ends a recorder that would never hear the stimulus.
+        watchdog = threading.Timer(20.0, recorder.kill)
+        watchdog.start()
+        while np.count_nonzero(heard) < 9600 and (piece := recorder.stdout.read(19_200)):
+            recorded += piece
+            heard = np.frombuffer(recorded, "<f4")
+        watchdog.cancel()
+        recorder.kill()
+    begin = int(np.flatnonzero(heard)[0])
+    assert np.array_equal(heard[begin : begin + 9600], (np.clip(wanted, -16, 16) / 64).astype(np.float32))
+    assert np.count_nonzero(heard) == 9600
+    assert played.limited == np.count_nonzero(np.abs(wanted) > 16)
