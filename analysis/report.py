@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 
 from analysis.methods import METHODS
@@ -62,7 +63,33 @@ footer { color: var(--quiet); font-size: .875rem; border-top: 2px solid var(--li
 """
 
 
-def html(title: str, label: str, software: str, sections: Sequence[Section], figures: Mapping[str, bytes]) -> str:
+@dataclass(frozen=True)
+class Captions:
+    """What a report says around its figures and tables.
+
+    Args:
+        places: name of a figure -> slug of the section in which it stands.
+        captions: name of a figure -> what it shows.
+        methods: names and formulas, in the order in which the report needs them.
+    """
+
+    places: Mapping[str, str]
+    captions: Mapping[str, str]
+    methods: Sequence[tuple[str, str]]
+
+
+ANALYSIS = Captions(FIGURES, CAPTIONS, METHODS)
+"""Those of the analysis of a dataset."""
+
+
+def html(
+    title: str,
+    label: str,
+    software: str,
+    sections: Sequence[Section],
+    figures: Mapping[str, bytes],
+    captions: Captions = ANALYSIS,
+) -> str:
     """The whole report.
 
     Args:
@@ -70,13 +97,14 @@ def html(title: str, label: str, software: str, sections: Sequence[Section], fig
         label: of the dataset; stands at the top and at the end. Empty for a study's own data.
         software: name and version, for the foot.
         sections: in reading order.
-        figures: SVG by name, names as in `FIGURES`.
+        figures: SVG by name, names as in `captions.places`.
+        captions: of the figures, and the formulas at the end.
     """
     band = f'<div class="band" role="note">{escape(label)}</div>' if label else ""
     headed = f"{label}: {title}" if label else title
     links = "".join(f'<li><a href="#{section.slug}">{escape(section.title)}</a></li>' for section in sections)
-    body = "".join(_section(section, label, figures) for section in sections)
-    methods = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in METHODS)
+    body = "".join(_section(section, label, figures, captions) for section in sections)
+    methods = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in captions.methods)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -88,17 +116,17 @@ def html(title: str, label: str, software: str, sections: Sequence[Section], fig
     )
 
 
-def _section(section: Section, label: str, figures: Mapping[str, bytes]) -> str:
+def _section(section: Section, label: str, figures: Mapping[str, bytes], captions: Captions) -> str:
     parts = [f'<section id="{section.slug}"><h2>{escape(section.title)}</h2>']
     parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs]
-    for name, slug in FIGURES.items():
+    for name, slug in captions.places.items():
         if slug == section.slug and name in figures:
-            parts.append(_figure(name, label, figures[name]))
+            parts.append(_figure(name, label, figures[name], captions.captions[name]))
     parts += [_table(table) for table in section.tables]
     return "".join([*parts, "</section>\n"])
 
 
-def _figure(name: str, label: str, svg: bytes) -> str:
+def _figure(name: str, label: str, svg: bytes, caption: str) -> str:
     text = svg.decode("utf-8")
     drawing = text[text.index("<svg") :]
     width = re.search(r'width="([0-9.]+)pt"', drawing)
@@ -106,7 +134,7 @@ def _figure(name: str, label: str, svg: bytes) -> str:
     drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, count=1, flags=re.DOTALL)
     drawing = re.sub(r'(\bid="|xlink:href="#|url\(#)', rf"\g<1>{name}-", drawing)
     style = f"width:100%;max-width:{1.6 * points:.0f}px;min-width:{0.9 * points:.0f}px"
-    described = escape(f"{label}. {CAPTIONS[name]}" if label else CAPTIONS[name])
+    described = escape(f"{label}. {caption}" if label else caption)
     drawing = drawing.replace("<svg ", f'<svg role="img" aria-label="{described}" style="{style}" ', 1)
     return (
         f'<figure><div class="scroll" tabindex="0" role="region" aria-label="Figure {name}">{drawing}</div>'

@@ -61,11 +61,34 @@ class Phase(Entry):
     detail: str = ""
 
 
+class Shaping(Entry):
+    """What frequency shaping could not reach: bins by cause, and the sum over them of amplitude asked minus reached.
+
+    `saturated`: above the highest drive level measured. `outside`: beyond the measured frequencies. `bounded`: held
+    back by the rig's limit of volts per m/s^2.
+    """
+
+    saturated_bins: int
+    saturated_cost_m_s2: float
+    outside_bins: int
+    outside_cost_m_s2: float
+    bounded_bins: int
+    bounded_cost_m_s2: float
+
+
+class Driven(Entry):
+    """The voltages of a stimulus: what shaping did, samples that the limiter changed in volts, and its peak."""
+
+    shaping: Shaping
+    limited: int
+    peak_v: float
+
+
 class Stimulus(Entry):
     """What was synthesised and handed to the actuator.
 
     `sha256` is that of the samples as float64, little-endian. `floored_bins` counts the bins that
-    extrapolation would have made negative.
+    extrapolation would have made negative. `driven` is None where the actuator takes accelerations.
     """
 
     sha256: str
@@ -75,6 +98,7 @@ class Stimulus(Entry):
     extrapolated: bool
     limited: int
     peak_m_s2: float
+    driven: Driven | None = None
 
 
 class Link(Entry):

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,19 +43,22 @@ def plan(*, protocol: Protocol, task_id: str) -> Scene:
     return Scene(task_id, synthesis=virtual, actuator=virtual, place=not virtual, materials=materials)
 
 
-def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path) -> Render:
+def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_rates_hz: Sequence[int] = ()) -> Render:
     """Load the spectra that `scene` holds and return what renders a stimulus from them.
 
     Args:
         scene: a scene that needs synthesis.
         protocol: its protocol.
         recordings: folder with the recordings' manifest.
+        output_rates_hz: rates that will be asked for, Hz. What a rate needs is prepared here; any other rate costs some
+            milliseconds when it is first asked for.
 
     Raises:
         RecordingError: a recording is missing or unusable.
+        SynthesisError: no waveform can be made of the recordings at one of the rates.
     """
     from experiment.recordings import manifest
-    from experiment.synthesis import crinkle
+    from experiment.synthesis import crinkle, engine, methods
 
     loaded = manifest.load(recordings, synthesis=protocol.synthesis, material_ids=scene.materials)
     spectra = {
@@ -68,7 +72,16 @@ def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path) -> Rende
         for material in scene.materials
     }
 
+    @cache
+    def renderer(material: str, output_rate_hz: int) -> methods.Renderer:
+        choice = engine.choose(spectra[material], output_rate_hz=output_rate_hz)
+        return choice.prepare(spectra[material], output_rate_hz=output_rate_hz)
+
+    for output_rate_hz in output_rates_hz:
+        for material in scene.materials:
+            renderer(material, output_rate_hz)
+
     def render(material: str, speed_mm_s: float, output_rate_hz: int) -> crinkle.Synthesised:
-        return crinkle.synthesise(spectra[material], speed_mm_s=speed_mm_s, output_rate_hz=output_rate_hz)
+        return renderer(material, output_rate_hz)(speed_mm_s)
 
     return render

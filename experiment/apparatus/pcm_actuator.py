@@ -4,6 +4,11 @@ The connection carries mono samples as little-endian float32, 1.0 being the devi
 stimulus; the server reads to the end and then closes its side, which is the sign that it took all of it. PulseAudio
 is such a server: `module-simple-protocol-tcp playback=true record=false format=float32le channels=1 rate=... port=...`.
 The stream is neither encrypted nor authenticated: keep the server on the loopback interface.
+
+A device that takes accelerations gets the limited stimulus. One that takes volts gets what frequency shaping makes of
+the limited stimulus, limited once more to its full scale: the protocol's limit is one of acceleration, and the same
+voltage moves the panel far at one frequency and hardly at another, so it holds for what shaping is asked for; the limit
+last before the device bounds the voltage whatever shaping did.
 """
 
 from __future__ import annotations
@@ -14,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.limiter import limit
-from experiment.apparatus.ports import Played
+from experiment.apparatus.ports import Drive, Played
 from experiment.errors import ActuatorError
+from experiment.records import Driven
 
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""
@@ -27,14 +33,17 @@ TAKE_S = 2.0
 class PcmActuator:
     """Implements `Actuator`."""
 
-    def __init__(self, address: str, *, rate_hz: int, full_scale_m_s2: float, limit_m_s2: float) -> None:
+    def __init__(
+        self, address: str, *, rate_hz: int, full_scale: float, limit_m_s2: float, drive: Drive | None = None
+    ) -> None:
         """Prepare; the first connection is made by the first stimulus.
 
         Args:
             address: `host:port` of the server.
             rate_hz: sampling rate of the device, Hz.
-            full_scale_m_s2: acceleration of a sample of 1.0, m/s^2.
-            limit_m_s2: the protocol's limit; the limiter holds to it, or to full scale where that is lower.
+            full_scale: what a sample of 1.0 is: V where there is a `drive`, else m/s^2.
+            limit_m_s2: the protocol's limit; the limiter holds to it, or to full scale in m/s^2 where that is lower.
+            drive: frequency shaping, for a device that takes volts; None for one that takes accelerations.
 
         Raises:
             ActuatorError: `address` is no `host:port`, or the limit is no limit.
@@ -46,8 +55,9 @@ class PcmActuator:
         self._address = address
         self._peer = (host.strip("[]"), int(port))
         self._rate_hz = rate_hz
-        self._full_scale_m_s2 = full_scale_m_s2
-        self._peak_m_s2 = min(limit_m_s2, full_scale_m_s2)
+        self._full_scale = full_scale
+        self._peak_m_s2 = limit_m_s2 if drive else min(limit_m_s2, full_scale)
+        self._drive = drive
 
     @property
     def rate_hz(self) -> int:
@@ -67,20 +77,31 @@ class PcmActuator:
                 f"actuator: got a stimulus of shape {np.shape(waveform_m_s2)}; allowed: one channel, one sample or more"
             )
         bounded_m_s2, limited = limit(waveform_m_s2, self._peak_m_s2)
-        samples = self._scaled(bounded_m_s2)
+        driven: Driven | None = None
+        if self._drive is None:
+            samples = self._scaled(bounded_m_s2, self._peak_m_s2)
+            peak_m_s2 = self._peak(samples)
+        else:
+            waveform_v, shaping = self._drive(bounded_m_s2)
+            bounded_v, limited_v = limit(waveform_v, self._full_scale)
+            samples = self._scaled(bounded_v, self._full_scale)
+            driven = Driven(shaping=shaping, limited=limited_v, peak_v=self._peak(samples))
+            peak_m_s2 = float(np.max(np.abs(bounded_m_s2)))
         self._send(samples.tobytes(), TAKE_S + samples.size / self._rate_hz)
-        peak_m_s2 = float(np.max(np.abs(samples.astype(np.float64)))) * self._full_scale_m_s2
-        return Played(samples=samples.size, limited=limited, peak_m_s2=peak_m_s2)
+        return Played(samples=samples.size, limited=limited, peak_m_s2=peak_m_s2, driven=driven)
 
     def close(self) -> None:
         """Nothing stays open between stimuli."""
 
-    def _scaled(self, bounded_m_s2: NDArray[np.float64]) -> NDArray[np.float32]:
+    def _scaled(self, bounded: NDArray[np.float64], peak: float) -> NDArray[np.float32]:
         """Samples as the device takes them; rounding to float32 must not lift one over the limit."""
-        ceiling = np.float32(self._peak_m_s2 / self._full_scale_m_s2)
-        if float(ceiling) * self._full_scale_m_s2 > self._peak_m_s2:
+        ceiling = np.float32(peak / self._full_scale)
+        if float(ceiling) * self._full_scale > peak:
             ceiling = np.nextafter(ceiling, np.float32(0))
-        return np.clip((bounded_m_s2 / self._full_scale_m_s2).astype(np.float32), -ceiling, ceiling).astype("<f4")
+        return np.clip((bounded / self._full_scale).astype(np.float32), -ceiling, ceiling).astype("<f4")
+
+    def _peak(self, samples: NDArray[np.float32]) -> float:
+        return float(np.max(np.abs(samples.astype(np.float64)))) * self._full_scale
 
     def _send(self, data: bytes, timeout_s: float) -> None:
         try:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from experiment.records import Driven, Shaping
+
+Drive = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], Shaping]]
+"""Frequency shaping: accelerations, m/s^2, shape (n,), at the device's rate -> V, shape (n,); and what is lost."""
 
 
 @dataclass(frozen=True)
@@ -92,11 +98,13 @@ class Played:
         samples: how many were handed to the device.
         limited: how many the limiter changed.
         peak_m_s2: largest magnitude after the limiter, m/s^2.
+        driven: voltages, where the device takes volts.
     """
 
     samples: int
     limited: int
     peak_m_s2: float
+    driven: Driven | None = None
 
 
 class Actuator(Protocol):
@@ -109,6 +117,38 @@ class Actuator(Protocol):
 
     def play(self, waveform_m_s2: NDArray[np.float64]) -> Played:
         """Play a whole stimulus from its first sample on. Raises `ActuatorError`."""
+        ...
+
+    def close(self) -> None: ...
+
+
+@dataclass(frozen=True)
+class Window:
+    """A take as the accelerometer heard it.
+
+    Attributes:
+        samples_m_s2: from just before the vibration's beginning, m/s^2, shape (n,).
+        clipped: samples at or beyond full scale.
+    """
+
+    samples_m_s2: NDArray[np.float64]
+    clipped: int
+
+
+class Accelerometer(Protocol):
+    """What measures the panel's vibration."""
+
+    @property
+    def rate_hz(self) -> int:
+        """Samples a second."""
+        ...
+
+    def arm(self, samples: int) -> None:
+        """Listen from now on for a take of that length. Raises `RecordingError`."""
+        ...
+
+    def window(self) -> Window | None:
+        """The take, once the foot is down; None if nothing shook the panel. Raises `RecordingError`."""
         ...
 
     def close(self) -> None: ...

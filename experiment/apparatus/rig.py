@@ -12,7 +12,7 @@ import hashlib
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
 import rfc8785
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from experiment.apparatus.frames import FRAME_BYTES
-from experiment.apparatus.ports import Actuator, Tracker
+from experiment.apparatus.ports import Accelerometer, Actuator, Drive, Tracker
 from experiment.errors import ActuatorError, ProtocolError, RigError, TrackerError
 from experiment.protocol import load as files
 from experiment.protocol.models import Confined, Name, Step, Text
@@ -61,21 +61,41 @@ def _tracker_rules(table: Any) -> Iterator[Broken]:
             yield Broken(("calibration", i, "mm"), f"{way} than at the point before it ({before}), as heights began")
 
 
-def _actuator_rules(table: Any) -> Iterator[Broken]:
+def _port_rules(table: Any) -> Iterator[Broken]:
     address = table.get("address")
     port = address.rpartition(":")[2] if isinstance(address, str) else ""
     if port.isdecimal() and not 1 <= int(port) <= 65535:
         yield Broken(("address",), "host:port with a port from 1 to 65535")
 
 
+def _actuator_rules(table: Any) -> Iterator[Broken]:
+    yield from _port_rules(table)
+    takes = [key for key in ("full_scale_m_s2", "shaping") if table.get(key) is not None]
+    if len(takes) != 1:
+        yield Broken(
+            ("full_scale_m_s2",),
+            "this key for a device that takes accelerations, the table [actuator.shaping] for one that takes volts; "
+            "exactly one of them",
+        )
+
+
 def _rig_rules(table: Any) -> Iterator[Broken]:
     rig = table.get("rig")
     if not isinstance(rig, dict) or rig.get("simulated") is not False:
         return
-    for device, key in (("tracker", "port"), ("actuator", "address")):
+    for device, key in (("tracker", "port"), ("actuator", "address"), ("accelerometer", "address")):
         settings = table.get(device)
         if isinstance(settings, dict) and settings.get(key) == REHEARSAL:
             yield Broken((device, key), f"a real {key}: '{REHEARSAL}' is for rigs with simulated = true")
+
+
+Address = Annotated[
+    str,
+    Field(
+        pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
+        description="host:port, such as 127.0.0.1:4711",
+    ),
+]
 
 
 class Identity(Confined):
@@ -129,25 +149,72 @@ class TrackerRig(Confined):
         return whole
 
 
+class ShapingRig(Confined):
+    """How a device that takes volts moves the panel, as measured: frequency shaping (Okamoto et al., equation (7)).
+
+    `response` is a table of `experiment/recordings/response.py`, in the folder of the rig file; its hash stands here,
+    so that the rig's own hash names one measurement. No bin of a stimulus takes more than `gain_limit_v_per_m_s2`:
+    near a null of the response the voltage would grow without bound.
+    """
+
+    response: Annotated[
+        str, Field(pattern=r"^[^/\\\s]+\.csv$", description="the name of a .csv file in the folder of the rig file")
+    ]
+    response_sha256: Annotated[
+        str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints them")
+    ]
+    full_scale_v: Annotated[float, Field(gt=0, le=1000)]
+    gain_limit_v_per_m_s2: Annotated[float, Field(gt=0, le=1000)]
+
+
 class ActuatorRig(Confined):
-    """What shakes the panel. Samples go out divided by `full_scale_m_s2`, so that 1.0 is the device's full scale."""
+    """What shakes the panel.
+
+    A device that takes accelerations has `full_scale_m_s2`, one that takes volts has `shaping` with `full_scale_v`.
+    Samples go out divided by it, so that 1.0 is the device's full scale.
+    """
 
     RULES: ClassVar[Rules] = _actuator_rules
 
     driver: Literal["pcm-tcp"]
-    address: Annotated[
-        str,
-        Field(
-            pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
-            description="host:port, such as 127.0.0.1:4711",
-        ),
-    ]
+    address: Address
     rate_hz: Annotated[int, Field(ge=1000, le=192_000)]
-    full_scale_m_s2: Annotated[float, Field(gt=0, le=1000)]
+    full_scale_m_s2: Annotated[float, Field(gt=0, le=1000)] | None = None
+    shaping: ShapingRig | None = None
+
+    @property
+    def full_scale(self) -> float:
+        """What a sample of 1.0 is: V where there is `shaping`, else m/s^2."""
+        if self.shaping is not None:
+            return self.shaping.full_scale_v
+        # The rules refuse a rig with neither.
+        return cast("float", self.full_scale_m_s2)
+
+
+def _accelerometer_rules(table: Any) -> Iterator[Broken]:
+    yield from _port_rules(table)
+    full_scale, trigger = table.get("full_scale_m_s2"), table.get("trigger_m_s2")
+    if isinstance(full_scale, int | float) and isinstance(trigger, int | float) and trigger >= full_scale:
+        yield Broken(("trigger_m_s2",), f"less than full_scale_m_s2 ({full_scale})")
+
+
+class AccelerometerRig(Confined):
+    """What measures the panel while takes are recorded; a sample of 1.0 stands for `full_scale_m_s2`.
+
+    A take begins where a magnitude reaches `trigger_m_s2`: above the noise of the panel at rest, below what matters.
+    """
+
+    RULES: ClassVar[Rules] = _accelerometer_rules
+
+    driver: Literal["pcm-tcp"]
+    address: Address
+    rate_hz: Annotated[int, Field(ge=100, le=192_000)]
+    full_scale_m_s2: Annotated[float, Field(gt=0, le=10_000)]
+    trigger_m_s2: Annotated[float, Field(gt=0)]
 
 
 class Rig(Confined):
-    """A whole rig."""
+    """A whole rig; the accelerometer is needed by `palpate record` alone."""
 
     RULES: ClassVar[Rules] = _rig_rules
 
@@ -155,6 +222,7 @@ class Rig(Confined):
     rig: Identity
     tracker: TrackerRig
     actuator: ActuatorRig
+    accelerometer: AccelerometerRig | None = None
 
 
 def load(path: Path) -> Rig:
@@ -169,9 +237,35 @@ def load(path: Path) -> Rig:
         raise RigError(str(error)) from error
 
 
+def response_table(folder: Path, shaping: ShapingRig) -> bytes:
+    """The response table that a rig file names, as it stands on disk.
+
+    Args:
+        folder: which holds the rig file.
+        shaping: of the rig.
+
+    Raises:
+        RigError: it cannot be read, or is not the one whose hash the rig file states.
+    """
+    path = folder / shaping.response
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise RigError(
+            f"{path}: cannot be read ({error.strerror}); allowed: the response table of the rig file; restore it"
+        ) from error
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != shaping.response_sha256:
+        raise RigError(
+            f"{path}: got a table with sha256 {digest}; allowed: {shaping.response_sha256}, as the rig file says; "
+            "restore the table, or write its sha256 into the rig file after measuring anew"
+        )
+    return content
+
+
 def sha256(rig: Rig) -> str:
-    """SHA-256 of the rig's RFC 8785 JSON, 64 hexadecimal digits."""
-    return hashlib.sha256(rfc8785.dumps(rig.model_dump(mode="json"))).hexdigest()
+    """SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits."""
+    return hashlib.sha256(rfc8785.dumps(rig.model_dump(mode="json", exclude_none=True))).hexdigest()
 
 
 def check(rig: Rig, step: Step) -> None:
@@ -210,26 +304,78 @@ def open_tracker(rig: Rig, *, port: str | None = None) -> Tracker:
     return SerialTracker(port or rig.tracker.port, rig.tracker)
 
 
-def open_actuator(rig: Rig, *, limit_m_s2: float, address: str | None = None) -> Actuator:
+def open_actuator(rig: Rig, *, limit_m_s2: float, drive: Drive | None = None, address: str | None = None) -> Actuator:
     """Open the rig's actuator.
 
     Args:
         rig: the rig.
         limit_m_s2: the protocol's limit for the magnitude of any sample, m/s^2.
+        drive: frequency shaping, as `recordings.response.open_drive` opens it; for rigs with `actuator.shaping`.
         address: used instead of the one that the rig names.
 
     Raises:
         ActuatorError: the address or the limit cannot be used.
+        RigError: `drive` is missing, or there is one and the rig's actuator takes accelerations.
     """
     from experiment.apparatus.pcm_actuator import PcmActuator
 
     if address is None and rig.actuator.address == REHEARSAL:
         raise ActuatorError(_simulated_only(rig, "actuator.address"))
+    if (drive is None) != (rig.actuator.shaping is None):
+        got, allowed = ("no", "one") if drive is None else ("a", "none")
+        raise RigError(
+            f"rig '{rig.rig.name}': got {got} frequency shaping for its actuator; allowed: {allowed}, as the rig file "
+            "says; correct [actuator.shaping] there"
+        )
     return PcmActuator(
         address or rig.actuator.address,
         rate_hz=rig.actuator.rate_hz,
-        full_scale_m_s2=rig.actuator.full_scale_m_s2,
+        full_scale=rig.actuator.full_scale,
         limit_m_s2=limit_m_s2,
+        drive=drive,
+    )
+
+
+def accelerometer_of(rig: Rig) -> AccelerometerRig:
+    """The settings of the rig's accelerometer.
+
+    Raises:
+        RigError: the rig has none.
+    """
+    if rig.accelerometer is None:
+        raise RigError(
+            f"rig '{rig.rig.name}': got no table [accelerometer]; allowed: one, for recording needs it; add driver, "
+            "address, rate_hz, full_scale_m_s2 and trigger_m_s2 to the rig file"
+        )
+    return rig.accelerometer
+
+
+def open_accelerometer(rig: Rig, *, rate_hz: int, address: str | None = None) -> Accelerometer:
+    """Open the rig's accelerometer.
+
+    Args:
+        rig: the rig.
+        rate_hz: sampling rate that the protocol asks of recordings, Hz.
+        address: used instead of the one that the rig names.
+
+    Raises:
+        RigError: the rig has none, it samples at another rate, or it exists in simulation alone.
+    """
+    from experiment.apparatus.pcm_accelerometer import PcmAccelerometer
+
+    settings = accelerometer_of(rig)
+    if settings.rate_hz != rate_hz:
+        raise RigError(
+            f"rig '{rig.rig.name}': accelerometer.rate_hz: got {settings.rate_hz}; allowed: {rate_hz}, the protocol's "
+            "synthesis.rate_hz; set the device and the rig file to it"
+        )
+    if address is None and settings.address == REHEARSAL:
+        raise RigError(_simulated_only(rig, "accelerometer.address"))
+    return PcmAccelerometer(
+        address or settings.address,
+        rate_hz=settings.rate_hz,
+        full_scale_m_s2=settings.full_scale_m_s2,
+        trigger_m_s2=settings.trigger_m_s2,
     )
 
 

@@ -11,7 +11,8 @@ unit = "m/s^2"
 
 [[takes]]
 file = "000_panel_50_1.wav"     # a take without material is one of the bare panel
-speed_mm_s = 50.0
+speed_mm_s = 50.0               # the target
+achieved_mm_s = 51.3            # as the tracker saw the foot; left out where nothing saw it
 number = 1
 sha256 = "..."
 ```
@@ -47,15 +48,17 @@ class Take:
 
     Attributes:
         material: on the panel; None for the bare panel.
-        speed_mm_s: of the foot, mm/s.
+        speed_mm_s: target of the foot, mm/s.
         number: from 1, among takes of one condition.
         samples_m_s2: acceleration, m/s^2, shape (N,).
+        achieved_mm_s: speed of the foot through the gate, mm/s; None where no tracker saw it.
     """
 
     material: str | None
     speed_mm_s: float
     number: int
     samples_m_s2: NDArray[np.float64]
+    achieved_mm_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -82,8 +85,9 @@ class Recordings:
 class _Take(Confined):
     file: Annotated[str, Field(pattern=r"^[^/\\]+\.wav$")]
     material: Annotated[str, Field(min_length=1)] | None = None
-    speed_mm_s: Annotated[float, Field(gt=0)]
-    number: Annotated[int, Field(ge=1)]
+    speed_mm_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
+    achieved_mm_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    number: Annotated[int, Field(ge=1, le=1000)]
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -119,6 +123,9 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
     lengths = sorted({take.samples_m_s2.size for take in takes})
     if len(lengths) != 1:
         raise RecordingError(f"{directory}: got takes of {lengths} samples; allowed: one length; cut them alike")
+    for take in takes:
+        if not np.all(np.isfinite(take.samples_m_s2)):
+            raise RecordingError(f"take {take.number} of {take.material or 'the panel'}: NaN or infinite; record again")
     if directory.exists() and any(directory.iterdir()):
         raise RecordingError(f"{directory}: holds files already; allowed: a new or empty directory; choose another")
     directory.mkdir(parents=True, exist_ok=True)
@@ -132,8 +139,6 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
         'unit = "m/s^2"',
     ]
     for place, take in enumerate(takes):
-        if not np.all(np.isfinite(take.samples_m_s2)):
-            raise RecordingError(f"take {take.number} of {take.material or 'the panel'}: NaN or infinite; record again")
         slug = re.sub(r"[^a-z0-9]+", "_", (take.material or "panel").lower())
         file = f"{place:03d}_{slug}_{take.speed_mm_s:g}_{take.number}.wav"
         buffer = io.BytesIO()
@@ -142,8 +147,10 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
         lines += ["", "[[takes]]", f"file = {_toml(file)}"]
         if take.material is not None:
             lines.append(f"material = {_toml(take.material)}")
+        lines.append(f"speed_mm_s = {float(take.speed_mm_s)!r}")
+        if take.achieved_mm_s is not None:
+            lines.append(f"achieved_mm_s = {float(take.achieved_mm_s)!r}")
         lines += [
-            f"speed_mm_s = {take.speed_mm_s!r}",
             f"number = {take.number}",
             f'sha256 = "{hashlib.sha256(buffer.getvalue()).hexdigest()}"',
         ]
@@ -175,6 +182,41 @@ def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) 
             raise RecordingError(
                 f"{path}: {name}: got {got}; allowed: {allowed}, as in the protocol; record again or change it"
             )
+    return _loaded(
+        directory, manifest, speeds_mm_s=synthesis.speeds_mm_s, takes=synthesis.takes, material_ids=material_ids
+    )
+
+
+def load_all(directory: Path) -> Recordings:
+    """Read and check everything that a manifest names: every material, and as many takes at each speed for all.
+
+    Args:
+        directory: which holds the manifest.
+
+    Raises:
+        RecordingError: as `load`; or the manifest names no take of any material.
+    """
+    path = directory / MANIFEST
+    manifest = _read(path)
+    materials = dict.fromkeys(take.material for take in manifest.takes if take.material is not None)
+    if not materials:
+        raise RecordingError(
+            f"{path}: got {len(manifest.takes)} takes, none of a material; allowed: takes of one material or more and "
+            "of the bare panel; record them with palpate record"
+        )
+    return _loaded(
+        directory,
+        manifest,
+        speeds_mm_s=sorted({take.speed_mm_s for take in manifest.takes}),
+        takes=max(take.number for take in manifest.takes),
+        material_ids=tuple(materials),
+    )
+
+
+def _loaded(
+    directory: Path, manifest: _Manifest, *, speeds_mm_s: Sequence[float], takes: int, material_ids: Sequence[str]
+) -> Recordings:
+    path = directory / MANIFEST
     by_condition: dict[tuple[str | None, float, int], _Take] = {}
     for take in manifest.takes:
         condition = (take.material, take.speed_mm_s, take.number)
@@ -184,28 +226,29 @@ def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) 
                 "allowed: one file; remove one of them from the manifest"
             )
         by_condition[condition] = take
+    wanted = [
+        [(material, speed_mm_s, number) for speed_mm_s in speeds_mm_s for number in range(1, takes + 1)]
+        for material in (None, *material_ids)
+    ]
+    for condition in (condition for of_material in wanted for condition in of_material):
+        if condition not in by_condition:
+            raise RecordingError(
+                f"{path}: got no {_condition(*condition)}; allowed: {takes} takes at each of {list(speeds_mm_s)} mm/s; "
+                "record what is missing"
+            )
 
-    def takes_of(material: str | None) -> NDArray[np.float64]:
-        loaded = np.empty((len(synthesis.speeds_mm_s), synthesis.takes, synthesis.samples))
-        for i, speed_mm_s in enumerate(synthesis.speeds_mm_s):
-            for j in range(synthesis.takes):
-                take = by_condition.get((material, speed_mm_s, j + 1))
-                if take is None:
-                    raise RecordingError(
-                        f"{path}: got no {_condition(material, speed_mm_s, j + 1)}; "
-                        f"allowed: {synthesis.takes} takes at each of {list(synthesis.speeds_mm_s)} mm/s; "
-                        "record what is missing"
-                    )
-                loaded[i, j] = _samples(directory / take.file, take=take, manifest=manifest)
-        return loaded
+    def takes_of(conditions: list[tuple[str | None, float, int]]) -> NDArray[np.float64]:
+        found = [by_condition[condition] for condition in conditions]
+        samples = [_samples(directory / take.file, take=take, manifest=manifest) for take in found]
+        return np.reshape(samples, (len(speeds_mm_s), takes, manifest.samples))
 
     return Recordings(
         label=manifest.label,
         simulated=manifest.simulated,
         rate_hz=manifest.rate_hz,
-        speeds_mm_s=np.array(synthesis.speeds_mm_s),
-        panel=takes_of(None),
-        objects={material: takes_of(material) for material in material_ids},
+        speeds_mm_s=np.array(speeds_mm_s, dtype=np.float64),
+        panel=takes_of(wanted[0]),
+        objects={material: takes_of(of_it) for material, of_it in zip(material_ids, wanted[1:], strict=True)},
     )
 
 

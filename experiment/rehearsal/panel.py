@@ -1,4 +1,7 @@
-"""The simulated panel: the far end of the actuator's port. It keeps what was delivered, for whoever stands on it."""
+"""The simulated panel: the far end of the actuator's port. It keeps what was delivered, for whoever stands on it.
+
+A rig whose actuator takes volts has a panel that answers them as `response.py` says.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.rig import ActuatorRig
+from experiment.rehearsal import response
 
 _SAMPLE = np.dtype("<f4")
 _DEAF_S = 5.0
@@ -23,9 +27,9 @@ class Panel:
         """Listen at once.
 
         Args:
-            actuator: says what acceleration a sample of 1.0 is.
+            actuator: says what a sample of 1.0 is, and whether samples are volts.
         """
-        self._full_scale_m_s2 = actuator.full_scale_m_s2
+        self._actuator = actuator
         self._server = socket.create_server(("127.0.0.1", 0))
         self.address = f"127.0.0.1:{self._server.getsockname()[1]}"
         """Where it listens, `host:port`."""
@@ -70,7 +74,13 @@ class Panel:
                     # A stimulus whose connection broke was not delivered.
                     continue
                 data = data[: len(data) // _SAMPLE.itemsize * _SAMPLE.itemsize]
-                self._stimuli.put(np.frombuffer(data, _SAMPLE).astype(np.float64) * self._full_scale_m_s2)
+                self._stimuli.put(self._moved(np.frombuffer(data, _SAMPLE).astype(np.float64)))
+
+    def _moved(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        delivered = samples * self._actuator.full_scale
+        if self._actuator.shaping is None or not samples.size:
+            return delivered
+        return response.moved(delivered, rate_hz=self._actuator.rate_hz)
 
 
 def _whole(connection: socket.socket) -> bytes:

@@ -13,6 +13,7 @@ from experiment.apparatus.ports import Actuator, Console
 from experiment.clock import ManualClock, MonotonicClock
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
+from experiment.recordings.response import open_drive
 from experiment.rehearsal.control import SilentActuator
 from experiment.rehearsal.foot import Foot
 from experiment.rehearsal.materials import SimulatedMaterials
@@ -105,7 +106,12 @@ def _rehearse_task(
         if planned.actuator:
             panel = Panel(rig.actuator)
             opened.callback(panel.close)
-            actuator = rigs.open_actuator(rig, address=panel.address, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
+            actuator = rigs.open_actuator(
+                rig,
+                limit_m_s2=protocol.exposure.vibration_peak_m_s2,
+                drive=open_drive(job.dataset / "sourcedata", rig.actuator),
+                address=panel.address,
+            )
             opened.callback(actuator.close)
             if job.control == "silence":
                 actuator = SilentActuator(actuator)

@@ -98,4 +98,5 @@ def _play(rendered: Synthesised, actuator: Actuator) -> Stimulus:
         extrapolated=rendered.extrapolated,
         limited=played.limited,
         peak_m_s2=played.peak_m_s2,
+        driven=played.driven,
     )

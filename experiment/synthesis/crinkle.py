@@ -11,15 +11,22 @@ Two decisions where the paper leaves room or errs:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.spectra import finite, inverse_at_rate, spectrum
+from experiment.synthesis.spectra import Grid, finite, grid, inverse_on, spectrum
 
 Average = Literal["magnitude", "signed"]
+
+LOUDEST_M_S2 = 1e304
+"""Largest sum of the amplitudes at one measured speed, m/s^2; no sum of weighted spectra overflows below it."""
+
+FARTHEST = 1e3
+"""How many times `LOUDEST_M_S2` extrapolation may reach."""
 
 
 @dataclass(frozen=True)
@@ -29,14 +36,52 @@ class CrinkleSpectra:
     Attributes:
         speeds_mm_s: v_i, strictly rising, shape (S,), S >= 2.
         rate_hz: sampling rate of the recordings, Hz.
-        amplitudes: C'_k(v_i) >= 0, m/s^2, shape (S, N).
-        signs: sign of C_k,panel+object(v_i), +1 or -1, shape (S, N).
+        amplitudes: C'_k(v_i) >= 0, m/s^2, shape (S, K).
+        signs: sign of C_k,panel+object(v_i), +1 or -1, shape (S, K).
+        recorded: N of the recordings, at least K, where bins from K on are left out as silent; None where K is N.
     """
 
     speeds_mm_s: NDArray[np.float64]
     rate_hz: int
     amplitudes: NDArray[np.float64]
     signs: NDArray[np.float64]
+    recorded: int | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what no equation accepts, so that no method need look again. Raises `SynthesisError`."""
+        speeds = rising(self.speeds_mm_s)
+        amplitudes, signs = finite(self.amplitudes, what="amplitudes"), finite(self.signs, what="signs")
+        if amplitudes.ndim != 2 or len(amplitudes) != speeds.size or amplitudes.shape != signs.shape:
+            raise SynthesisError(
+                f"amplitudes: got shapes {amplitudes.shape} and {signs.shape} (signs) for {speeds.size} speeds; "
+                "allowed: (speeds, bins) for both; make them with `subtract`"
+            )
+        if amplitudes.min() < 0 or np.any(np.abs(signs) != 1):
+            raise SynthesisError(
+                f"amplitudes: got {amplitudes.min():g} at the lowest and signs from {signs.min():g} to "
+                f"{signs.max():g}; allowed: zero or more, and -1 or +1; make them with `subtract`"
+            )
+        loudest = float(np.max(np.sum(amplitudes / LOUDEST_M_S2, axis=1)))
+        if loudest > 1:
+            raise SynthesisError(
+                f"amplitudes: got a sum of {loudest:g} times {LOUDEST_M_S2:g} m/s^2 at one speed; "
+                "allowed: less, so that no stimulus overflows; check the recordings' unit"
+            )
+        if self.samples < amplitudes.shape[1]:
+            raise SynthesisError(
+                f"recorded: got {self.samples} samples for {amplitudes.shape[1]} bins; "
+                "allowed: as many samples as bins, or more; make them with `subtract`"
+            )
+
+    def grid(self, output_rate_hz: int) -> Grid:
+        """The times of a stimulus at an output rate, Hz. Raises as `spectra.grid`."""
+        bins = self.amplitudes.shape[1]
+        return grid(samples=self.samples, bins=bins, rate_hz=self.rate_hz, output_rate_hz=output_rate_hz)
+
+    @property
+    def samples(self) -> int:
+        """N of the recordings."""
+        return self.amplitudes.shape[1] if self.recorded is None else self.recorded
 
 
 @dataclass(frozen=True)
@@ -71,6 +116,24 @@ class Synthesised:
     dropped_bins: int
 
 
+def rising(speeds_mm_s: ArrayLike) -> NDArray[np.float64]:
+    """Measured speeds, mm/s, shape (S,). Raises `SynthesisError` unless at least two, finite and strictly rising."""
+    speeds = finite(speeds_mm_s, what="speeds_mm_s")
+    if speeds.ndim != 1 or speeds.size < 2 or np.any(np.diff(speeds) <= 0):
+        raise SynthesisError(
+            f"speeds_mm_s: got {speeds.tolist()}; allowed: at least two, strictly rising; correct the protocol"
+        )
+    return speeds
+
+
+def foot_speed(speed_mm_s: float) -> float:
+    """A foot's speed, mm/s. Raises `SynthesisError` unless it is finite and zero or more."""
+    v = float(speed_mm_s)
+    if not 0 <= v < inf:
+        raise SynthesisError(f"speed_mm_s: got {v}; allowed: a finite speed of zero or more; check the tracker")
+    return v
+
+
 def subtract(
     *,
     speeds_mm_s: ArrayLike,
@@ -94,11 +157,7 @@ def subtract(
 
     Source: Okamoto et al., section 3.1 and equation (2).
     """
-    speeds = finite(speeds_mm_s, what="speeds_mm_s")
-    if speeds.ndim != 1 or speeds.size < 2 or np.any(np.diff(speeds) <= 0):
-        raise SynthesisError(
-            f"speeds_mm_s: got {speeds.tolist()}; allowed: at least two, strictly rising; correct the protocol"
-        )
+    speeds = rising(speeds_mm_s)
     both = finite(panel_object_takes, what="takes of panel and object")
     bare = finite(panel_takes, what="takes of the bare panel")
     if both.ndim != 3 or bare.ndim != 3 or both.shape[::2] != bare.shape[::2] or both.shape[0] != speeds.size:
@@ -137,26 +196,33 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
 
     Source: Okamoto et al., equations (3) and (4).
     """
-    v, speeds = float(speed_mm_s), spectra.speeds_mm_s
-    if not (np.isfinite(v) and v >= 0):
-        raise SynthesisError(f"speed_mm_s: got {v}; allowed: a finite speed of zero or more; check the tracker")
-    lower = int(np.clip(np.searchsorted(speeds, v, side="right") - 1, 0, speeds.size - 2))
-    measured = np.flatnonzero(speeds == v)
-    if measured.size:
-        nearest, amplitudes = int(measured[0]), spectra.amplitudes[measured[0]]
-    else:
-        nearest = lower if v - speeds[lower] <= speeds[lower + 1] - v else lower + 1
-        start, change = spectra.amplitudes[lower], spectra.amplitudes[lower + 1] - spectra.amplitudes[lower]
-        if literal:
-            change = np.abs(change)
-        with np.errstate(over="ignore", invalid="ignore"):
-            amplitudes = start + change * ((v - speeds[lower]) / (speeds[lower + 1] - speeds[lower]))
-    if not np.all(np.isfinite(amplitudes)):
+    v, speeds = foot_speed(speed_mm_s), spectra.speeds_mm_s
+    lower = min(max(int(np.searchsorted(speeds, v, side="right")) - 1, 0), speeds.size - 2)
+    below_mm_s, above_mm_s = v - speeds[lower], speeds[lower + 1] - v
+    gap_mm_s = speeds[lower + 1] - speeds[lower]
+    first, second = spectra.amplitudes[lower], spectra.amplitudes[lower + 1]
+    nearest = lower if below_mm_s <= above_mm_s else lower + 1
+    measured = speeds[nearest] == v
+    extrapolated = not speeds[0] <= v <= speeds[-1]
+    with np.errstate(over="ignore", invalid="ignore"):
+        if measured:
+            amplitudes = spectra.amplitudes[nearest]
+        elif literal:
+            amplitudes = first + np.abs(second - first) * (below_mm_s / gap_mm_s)
+        elif extrapolated:
+            # From the nearer speed on: from v_i, a bin that falls would cancel to less than its rounding.
+            amplitudes = spectra.amplitudes[nearest] + (second - first) * ((v - speeds[nearest]) / gap_mm_s)
+        else:
+            # Two terms of one sign, so that no bin loses digits, even one that falls to nothing.
+            amplitudes = first * (above_mm_s / gap_mm_s) + second * (below_mm_s / gap_mm_s)
+        sounding = np.maximum(amplitudes, 0.0)
+        total = sounding.sum()
+    if not total <= LOUDEST_M_S2 * FARTHEST:
         raise SynthesisError(f"speed_mm_s: got {v}; allowed: speeds at which the spectrum is finite; check the tracker")
     return SpectrumAtSpeed(
-        coefficients=np.maximum(amplitudes, 0.0) * spectra.signs[nearest],
+        coefficients=sounding * spectra.signs[nearest],
         floored_bins=int(np.count_nonzero(amplitudes < 0)),
-        extrapolated=not speeds[0] <= v <= speeds[-1],
+        extrapolated=extrapolated,
     )
 
 
@@ -172,15 +238,15 @@ def synthesise(
         literal: as in `at_speed`.
 
     Raises:
-        SynthesisError: as `at_speed` and `inverse_at_rate`.
+        SynthesisError: as `at_speed`, `grid` and `inverse_on`.
 
     Source: Okamoto et al., section 3.1.
     """
     wanted = at_speed(spectra, speed_mm_s=speed_mm_s, literal=literal)
-    waveform = inverse_at_rate(wanted.coefficients, rate_hz=spectra.rate_hz, output_rate_hz=output_rate_hz)
+    on = spectra.grid(output_rate_hz)
     return Synthesised(
-        waveform_m_s2=waveform.samples,
+        waveform_m_s2=inverse_on(wanted.coefficients, on),
         floored_bins=wanted.floored_bins,
         extrapolated=wanted.extrapolated,
-        dropped_bins=waveform.dropped_bins,
+        dropped_bins=wanted.coefficients.size - on.carried,
     )

@@ -108,11 +108,91 @@ def inverse(coefficients: ArrayLike) -> NDArray[np.float64]:
     return samples
 
 
+@dataclass(frozen=True)
+class Grid:
+    """The times (i' + 1/2) / F' at which a recording's spectrum is summed, in whole numbers.
+
+    With N F' / F = p / q in lowest terms, the phase of bin k at sample i' is pi k q (i' + 1/2) / p.
+
+    Attributes:
+        p: numerator; bin k stands at place k q of an inverse DCT of length p.
+        q: denominator.
+        count: samples whose times lie within the recording's N / F seconds.
+        carried: bins held that lie below half the output rate, k = 0 among them.
+    """
+
+    p: int
+    q: int
+    count: int
+    carried: int
+
+
+def grid(*, samples: int, bins: int, rate_hz: int, output_rate_hz: int) -> Grid:
+    """The grid of an output rate.
+
+    Args:
+        samples: N of the recording.
+        bins: how many of its N bins, from 0 on, are held.
+        rate_hz: its sampling rate F, Hz.
+        output_rate_hz: sampling rate F' of the waveform, Hz.
+
+    Raises:
+        SynthesisError: a rate below 1 Hz, or one too low for a single sample.
+    """
+    for name, rate in (("rate_hz", rate_hz), ("output_rate_hz", output_rate_hz)):
+        if rate < 1:
+            raise SynthesisError(f"{name}: got {rate}; allowed: 1 Hz or more; correct the rig file or the manifest")
+    divisor = gcd(samples * output_rate_hz, rate_hz)
+    p, q = samples * output_rate_hz // divisor, rate_hz // divisor
+    count = ceil(p / q - 0.5)
+    if count < 1:
+        raise SynthesisError(
+            f"output_rate_hz: got {output_rate_hz} for {samples} samples at {rate_hz} Hz; "
+            "allowed: a rate at which the waveform has a sample; raise the rate"
+        )
+    return Grid(p=p, q=q, count=count, carried=min(bins, ceil(p / q)))
+
+
+def transformable(on: Grid) -> None:
+    """Refuse a grid that needs a transform longer than `LONGEST_TRANSFORM`. Raises `SynthesisError`."""
+    if on.p > LONGEST_TRANSFORM:
+        raise SynthesisError(
+            f"output_rate_hz: got one whose ratio to the recording's needs a transform of {on.p} points; "
+            f"allowed: at most {LONGEST_TRANSFORM}; use a rounder rate"
+        )
+
+
+def inverse_on(coefficients: ArrayLike, on: Grid) -> NDArray[np.float64]:
+    """The sum of equation (5) on a grid, by an inverse DCT of length p, zero where no bin stands.
+
+    Args:
+        coefficients: C_k with its sign, m/s^2, shape (..., K).
+        on: the grid of these K bins.
+
+    Returns:
+        m/s^2, shape (..., count).
+
+    Raises:
+        SynthesisError: a transform longer than `LONGEST_TRANSFORM`, coefficients that are not finite, or a sum that
+            overflows.
+
+    Source: Okamoto et al., equation (5).
+    """
+    c = finite(coefficients, what="coefficients")
+    transformable(on)
+    padded = np.zeros((*c.shape[:-1], on.p))
+    padded[..., on.q : on.carried * on.q : on.q] = c[..., 1 : on.carried] / 2
+    samples: NDArray[np.float64] = fft.dct(padded, type=3, axis=-1, overwrite_x=True)[..., : on.count]
+    if not np.isfinite(samples).all():
+        raise SynthesisError(
+            f"coefficients: got magnitudes up to {np.abs(c).max():g}, whose sum overflows; "
+            "allowed: a finite waveform; check the recording's unit"
+        )
+    return samples
+
+
 def inverse_at_rate(coefficients: ArrayLike, *, rate_hz: int, output_rate_hz: int) -> Waveform:
     """The sum of equation (5) at the times (i' + 1/2) / F' of another rate: exact and band-limited.
-
-    With N F' / F = p / q in lowest terms, the phase pi k (i' + 1/2) F / (N F') is pi (k q) (i' + 1/2) / p: an inverse
-    DCT of length p whose coefficient k stands at place k q, and zero elsewhere.
 
     Args:
         coefficients: C_k with its sign, m/s^2, shape (N,).
@@ -123,33 +203,15 @@ def inverse_at_rate(coefficients: ArrayLike, *, rate_hz: int, output_rate_hz: in
         The samples whose times lie within the recording's N / F seconds. Bins at or above F'/2 are dropped and counted.
 
     Raises:
-        SynthesisError: a rate below 1 Hz, a rate too low for one sample, or coefficients that are not finite.
+        SynthesisError: as `grid` and `inverse_on`, or not one spectrum.
 
     Source: Okamoto et al., equation (5).
     """
     c = finite(coefficients, what="coefficients")
     if c.ndim != 1:
         raise SynthesisError(f"coefficients: got shape {c.shape}; allowed: one spectrum, shape (N,); pass just one")
-    for name, rate in (("rate_hz", rate_hz), ("output_rate_hz", output_rate_hz)):
-        if rate < 1:
-            raise SynthesisError(f"{name}: got {rate}; allowed: 1 Hz or more; correct the rig file or the manifest")
-    divisor = gcd(c.size * output_rate_hz, rate_hz)
-    p, q = c.size * output_rate_hz // divisor, rate_hz // divisor
-    count = ceil(p / q - 0.5)
-    if count < 1:
-        raise SynthesisError(
-            f"output_rate_hz: got {output_rate_hz} for {c.size} samples at {rate_hz} Hz; "
-            "allowed: a rate at which the waveform has a sample; raise the rate"
-        )
-    carried = min(c.size, ceil(p / q))
-    if p > LONGEST_TRANSFORM:
-        raise SynthesisError(
-            f"output_rate_hz: got {output_rate_hz} for {c.size} samples at {rate_hz} Hz; "
-            f"allowed: rates whose ratio needs at most {LONGEST_TRANSFORM} points, not {p}; use a rounder rate"
-        )
-    padded = np.zeros(p)
-    padded[q : carried * q : q] = c[1:carried] / 2
-    return Waveform(samples=fft.dct(padded, type=3)[:count], dropped_bins=c.size - carried)
+    on = grid(samples=c.size, bins=c.size, rate_hz=rate_hz, output_rate_hz=output_rate_hz)
+    return Waveform(samples=inverse_on(c, on), dropped_bins=c.size - on.carried)
 
 
 def dissimilarity(

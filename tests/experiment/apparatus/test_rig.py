@@ -14,6 +14,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
 from experiment.errors import ActuatorError, RigError, TrackerError
 from experiment.protocol.models import Step
+from experiment.records import Shaping
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
@@ -96,6 +97,74 @@ def test_a_wrong_value_is_named_with_its_line_and_what_is_allowed(
     assert line in GOOD
     with pytest.raises(RigError, match=problem):
         rigs.load(write(GOOD.replace(line, instead)))
+
+
+SHAPING = """
+[actuator.shaping]
+response = "bench-2.csv"
+response_sha256 = "0000000000000000000000000000000000000000000000000000000000000000"
+full_scale_v = 9.0
+gain_limit_v_per_m_s2 = 2.5
+"""
+VOLTS = GOOD.replace("full_scale_m_s2 = 60.0\n", "") + SHAPING
+
+
+def test_a_device_takes_accelerations_or_volts(write: Write) -> None:
+    accelerations, volts = rigs.load(write(GOOD)).actuator, rigs.load(write(VOLTS)).actuator
+    assert (accelerations.full_scale, accelerations.shaping) == (60.0, None)
+    assert (volts.full_scale, volts.full_scale_m_s2) == (9.0, None)
+    assert volts.shaping is not None
+    assert volts.shaping.response == "bench-2.csv"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        (GOOD + SHAPING, r"line 22: actuator\.full_scale_m_s2: got 60\.0; allowed: .*exactly one of them"),
+        (
+            GOOD.replace("full_scale_m_s2 = 60.0\n", ""),
+            r"actuator\.full_scale_m_s2: got nothing; allowed: .*exactly one",
+        ),
+        (
+            VOLTS.replace("bench-2.csv", "../bench-2.csv"),
+            r"shaping\.response: got .*; allowed: the name of a \.csv file in",
+        ),
+        (
+            VOLTS.replace("bench-2.csv", ""),
+            r"shaping\.response: got ''; allowed: the name of a \.csv file in the folder",
+        ),
+        (VOLTS.replace("0000", "xxxx"), r"shaping\.response_sha256: got .*; allowed: 64 hexadecimal digits"),
+        (
+            VOLTS.replace("full_scale_v = 9.0\n", ""),
+            r"shaping\.full_scale_v: got nothing; allowed: a number greater than 0",
+        ),
+        (
+            VOLTS.replace("= 2.5", "= 0.0"),
+            r"shaping\.gain_limit_v_per_m_s2: got 0\.0; allowed: a number greater than 0",
+        ),
+        (VOLTS.replace("= 2.5", "= inf"), r"shaping\.gain_limit_v_per_m_s2: got inf; allowed: a number greater than 0"),
+        (VOLTS.replace("full_scale_v", "full_scale"), r"shaping\.full_scale: .*did you mean 'full_scale_v'"),
+    ],
+)
+def test_what_is_wrong_with_volts_is_named(write: Write, text: str, problem: str) -> None:
+    with pytest.raises(RigError, match=problem):
+        rigs.load(write(text))
+
+
+def test_another_measurement_of_the_response_is_another_rig(write: Write) -> None:
+    before = rigs.sha256(rigs.load(write(VOLTS)))
+    assert rigs.sha256(rigs.load(write(VOLTS.replace("0000", "1111", 1)))) != before
+
+
+def test_shaping_is_opened_for_volts_and_for_nothing_else(write: Write) -> None:
+    def drive(waveform_m_s2: np.ndarray) -> tuple[np.ndarray, Shaping]:
+        raise NotImplementedError
+
+    with pytest.raises(RigError, match="got no frequency shaping for its actuator; allowed: one"):
+        rigs.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0)
+    with pytest.raises(RigError, match="got a frequency shaping for its actuator; allowed: none"):
+        rigs.open_actuator(rigs.load(write(GOOD)), limit_m_s2=10.0, drive=drive)
+    assert rigs.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0, drive=drive).rate_hz == 48_000
 
 
 def test_every_problem_is_reported_at_once_one_a_line(write: Write) -> None:

@@ -12,7 +12,7 @@ from scipy.io import wavfile
 
 from experiment.errors import RecordingError
 from experiment.protocol.models import Synthesis
-from experiment.recordings.manifest import Recordings, Take, load, write
+from experiment.recordings.manifest import Recordings, Take, load, load_all, write
 
 SYNTHESIS = Synthesis(rate_hz=1000, samples=16, takes=2, speeds_mm_s=(50.0, 100.0))
 MATERIALS = ("copy paper", 'polypropylene "film"')
@@ -95,6 +95,13 @@ def test_takes_with_nan_are_not_written(tmp_path: Path) -> None:
         write(tmp_path, takes=[Take(None, 50.0, 1, np.array([np.nan]))], rate_hz=1000, simulated=True, label="")
 
 
+def test_nothing_is_written_where_any_take_is_refused(tmp_path: Path) -> None:
+    good, bad = Take(None, 50.0, 1, np.zeros(2)), Take("copy paper", 50.0, 1, np.array([0.0, np.inf]))
+    with pytest.raises(RecordingError, match="take 1 of copy paper: NaN or infinite"):
+        write(tmp_path / "set", takes=[good, bad], rate_hz=1000, simulated=True, label="")
+    assert not (tmp_path / "set").exists()
+
+
 def edit(old: str, new: str) -> Callable[[Path], None]:
     def damage(directory: Path) -> None:
         manifest = directory / "manifest.toml"
@@ -157,3 +164,45 @@ def test_a_material_that_was_not_recorded_is_refused(tmp_path: Path) -> None:
     written(tmp_path)
     with pytest.raises(RecordingError, match="got no take 1 of cork at 50 mm/s"):
         loaded(tmp_path, "cork")
+
+
+def test_all_that_a_manifest_names_is_loaded(tmp_path: Path) -> None:
+    written(tmp_path)
+    whole, asked = load_all(tmp_path), loaded(tmp_path, *MATERIALS)
+    assert list(whole.objects) == list(MATERIALS)
+    assert whole.speeds_mm_s.tolist() == [50.0, 100.0]
+    np.testing.assert_array_equal(whole.panel, asked.panel)
+    for material in MATERIALS:
+        np.testing.assert_array_equal(whole.objects[material], asked.objects[material])
+
+
+def test_speeds_are_sorted_whatever_their_order_in_the_manifest(tmp_path: Path) -> None:
+    write(tmp_path, takes=takes()[::-1], rate_hz=1000, simulated=True, label="")
+    np.testing.assert_array_equal(load_all(tmp_path).panel, loaded(tmp_path).panel)
+
+
+def test_one_speed_is_enough_for_fresh_takes(tmp_path: Path) -> None:
+    write(tmp_path, takes=[t for t in takes() if t.speed_mm_s == 50], rate_hz=1000, simulated=True, label="")
+    assert load_all(tmp_path).panel.shape == (1, 2, 16)
+
+
+@pytest.mark.parametrize(
+    ("kept", "message"),
+    [
+        (lambda t: t.material is None, "got 4 takes, none of a material; allowed: takes of one material or more"),
+        (lambda t: t.material is not None, "got no take 1 of the bare panel at 50 mm/s; allowed: 2 takes at each"),
+        (lambda t: (t.material, t.speed_mm_s) != ("copy paper", 100.0), "got no take 1 of copy paper at 100 mm/s"),
+        (lambda t: t.number == 1 or t.material != "copy paper", "got no take 2 of copy paper at 50 mm/s"),
+    ],
+)
+def test_a_manifest_with_gaps_is_refused(tmp_path: Path, kept: Callable[[Take], bool], message: str) -> None:
+    write(tmp_path, takes=filter(kept, takes()), rate_hz=1000, simulated=True, label="")
+    with pytest.raises(RecordingError, match=message):
+        load_all(tmp_path)
+
+
+def test_achieved_speeds_stand_in_the_manifest_where_a_tracker_saw_them(tmp_path: Path) -> None:
+    pair = [Take(None, 50.0, 1, np.zeros(2), achieved_mm_s=51.25), Take(None, 50.0, 2, np.zeros(2))]
+    text = write(tmp_path, takes=pair, rate_hz=1000, simulated=True, label="").read_text("utf-8")
+    assert text.count("achieved_mm_s") == 1
+    assert "achieved_mm_s = 51.25\n" in text

@@ -1,0 +1,248 @@
+"""The validation of section 3.3 of Okamoto et al., and what section 6.1 makes of the same spectra."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from analysis import published, report
+from analysis.dissimilarity import (
+    Classified,
+    Overlay,
+    Recorded,
+    check_comparable,
+    classify,
+    known_spectra,
+    normalised_pairs,
+    overlay,
+    own_spectra,
+)
+from analysis.output import publish
+from analysis.published import spectra as printed_spectra
+from analysis.tables import WIDTH, Section, comma_separated, markdown, text
+from experiment.errors import RecordingError
+from experiment.synthesis.crinkle import at_speed
+from experiment.synthesis.spectra import bin_frequencies_hz
+
+REPORT = "report.html"
+
+
+@dataclass(frozen=True)
+class Confusable:
+    """One way to take a material for another (Figure 13).
+
+    Attributes:
+        presented: the real material.
+        answered: what it was taken for.
+        ratio: of answers, as Table 2 prints it.
+        dissimilarity: of their spectra here, normalised.
+    """
+
+    presented: str
+    answered: str
+    ratio: float
+    dissimilarity: float
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Every number of the validation.
+
+    Attributes:
+        label: stands on everything; empty for real recordings.
+        recordings: what was validated, as its manifest calls it.
+        fresh: what it was validated with.
+        frequencies_hz: of each bin, Hz, shape (N,).
+        classified: each material's takes on speeds (Figure 7).
+        overlays: each material at the first fresh speed between recorded ones (Figure 6); empty where there is none.
+        reference_mm_s: speed at which materials are compared, mm/s.
+        spectra: of each material there, m/s^2, shape (N,) (Figure 12).
+        pairs: normalised dissimilarity of each pair there (Table 3).
+        confusable: the same against Table 2, for pairs that it has (Figure 13).
+        rank_correlation: Spearman's, of ratio and dissimilarity; None for fewer than three points or no variation.
+    """
+
+    label: str
+    recordings: str
+    fresh: str
+    frequencies_hz: NDArray[np.float64]
+    classified: tuple[Classified, ...]
+    overlays: tuple[Overlay, ...]
+    reference_mm_s: float
+    spectra: dict[str, NDArray[np.float64]]
+    pairs: dict[tuple[str, str], float]
+    confusable: tuple[Confusable, ...]
+    rank_correlation: float | None
+
+    @property
+    def holds(self) -> bool:
+        """Whether at least half of the takes of every material are on the same or a neighbouring speed."""
+        return all(2 * int(one.close.sum()) >= one.takes for one in self.classified)
+
+
+@dataclass(frozen=True)
+class Validated:
+    """The validation, and the files it was written to."""
+
+    validation: Validation
+    sections: tuple[Section, ...]
+    out: Path
+    files: tuple[Path, ...]
+
+    @property
+    def report(self) -> Path:
+        """The HTML report."""
+        return self.out / REPORT
+
+    def text(self, width: int = WIDTH) -> str:
+        """Everything for a terminal; the last line is the report's path."""
+        band = [self.validation.label] if self.validation.label else []
+        parts = (text(part, width) for part in self.sections)
+        return "\n\n\n".join([*band, *parts, *band, f"Report: {self.report}"])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Every number but the spectra, for JSON; and the paths."""
+        paths = {"out": str(self.out), "report": str(self.report), "files": [str(path) for path in self.files]}
+        return {**numbers(self.validation), **paths}
+
+
+def validate(recorded: Recorded, fresh: Recorded, out: Path, *, figures: bool = True) -> Validated:
+    """Validate recordings against fresh takes, and write tables, figures and the report into `out`.
+
+    Args:
+        recorded: from which stimuli are synthesised.
+        fresh: takes of the same materials, of the same rate and length, at other speeds or the same.
+        out: folder of the results; replaced there is only what an earlier validation wrote.
+        figures: whether to draw the figures, which takes most of the time.
+
+    Raises:
+        RecordingError: recordings and fresh takes that do not compare.
+        SynthesisError: recordings at a single speed.
+        DatasetError: a file in the way.
+    """
+    from analysis.validation_sections import CAPTIONS, sections
+
+    validation = compute(recorded, fresh)
+    parts = sections(validation)
+    label = validation.label
+    files: dict[str, bytes] = {}
+    drawings: dict[str, bytes] = {}
+    if figures:
+        from analysis import figures as drawing
+        from analysis import validation_figures
+
+        for name, figure in validation_figures.figures(validation).items():
+            drawings[name] = files[f"figures/{name}.svg"] = drawing.svg(figure)
+            files[f"figures/{name}.png"] = drawing.png(figure)
+    for part in parts:
+        if part.records:
+            files[f"tables/{part.slug}.csv"] = comma_separated(part, label).encode()
+        files[f"tables/{part.slug}.md"] = markdown(part, label).encode()
+    document = json.dumps(numbers(validation), indent=1, allow_nan=False, ensure_ascii=False)
+    files["results.json"] = f"{document}\n".encode()
+    software = f"palpate {metadata.version('palpate')}"
+    files[REPORT] = report.html("Validation of the synthesis", label, software, parts, drawings, CAPTIONS).encode()
+    return Validated(validation, parts, out, publish(out, files, label))
+
+
+def compute(recorded: Recorded, fresh: Recorded) -> Validation:
+    """Every number of the validation, from arrays alone.
+
+    Raises:
+        RecordingError: as `validate`.
+        SynthesisError: as `validate`.
+    """
+    if recorded.simulated != fresh.simulated:
+        raise RecordingError(
+            f"got {_kind(recorded)} recordings and {_kind(fresh)} fresh takes; allowed: both of one kind; "
+            "name other fresh takes"
+        )
+    check_comparable(recorded, fresh)
+    known = known_spectra(recorded)
+    classified = tuple(
+        classify(material, known=of_it, own=own_spectra(fresh, material), observed_mm_s=fresh.speeds_mm_s)
+        for material, of_it in known.items()
+    )
+    slowest, fastest = recorded.speeds_mm_s[[0, -1]]
+    between = [float(v) for v in fresh.speeds_mm_s if slowest < v < fastest and not np.any(recorded.speeds_mm_s == v)]
+    overlays = tuple(
+        overlay(material, known=of_it, fresh=fresh, speed_mm_s=v, takes=recorded.panel.shape[1])
+        for v in between[:1]
+        for material, of_it in known.items()
+    )
+    reference_mm_s = printed_spectra.load().speed_mm_s
+    spectra = {name: np.abs(at_speed(of_it, speed_mm_s=reference_mm_s).coefficients) for name, of_it in known.items()}
+    pairs = normalised_pairs(spectra, rate_hz=recorded.rate_hz)
+    confusable = _confusable(pairs)
+    return Validation(
+        label="SIMULATED" if recorded.simulated else "",
+        recordings=recorded.label,
+        fresh=fresh.label,
+        frequencies_hz=bin_frequencies_hz(bins=recorded.panel.shape[-1], rate_hz=recorded.rate_hz),
+        classified=classified,
+        overlays=overlays,
+        reference_mm_s=reference_mm_s,
+        spectra=spectra,
+        pairs=pairs,
+        confusable=confusable,
+        rank_correlation=_spearman(confusable),
+    )
+
+
+def numbers(validation: Validation) -> dict[str, Any]:
+    """Every number but the spectra, for JSON."""
+    return {
+        "label": validation.label,
+        "recordings": validation.recordings,
+        "fresh": validation.fresh,
+        "holds": validation.holds,
+        "classification": [
+            {
+                "material": one.material,
+                "observed_mm_s": one.observed_mm_s.tolist(),
+                "candidates_mm_s": one.candidates_mm_s.tolist(),
+                "counts": one.counts.tolist(),
+                "same_or_neighbouring": one.close.tolist(),
+                "takes": one.takes,
+            }
+            for one in validation.classified
+        ],
+        "overlay": [
+            {"material": one.material, "speed_mm_s": one.speed_mm_s, "dissimilarity_m_s2": one.dissimilarity}
+            for one in validation.overlays
+        ],
+        "reference_mm_s": validation.reference_mm_s,
+        "pairs": [{"materials": list(pair), "dissimilarity": value} for pair, value in validation.pairs.items()],
+        "rank_correlation": validation.rank_correlation,
+    }
+
+
+def _kind(recorded: Recorded) -> str:
+    return "SIMULATED" if recorded.simulated else "real"
+
+
+def _confusable(pairs: dict[tuple[str, str], float]) -> tuple[Confusable, ...]:
+    study = published.load("okamoto2012")
+    cells = study.tables() if study is not None else ()
+    ratios = {(cell.presented, cell.answered): cell.mean.value for cell in cells if cell.task == "real"}
+    return tuple(
+        Confusable(*ways, ratios[ways], value)
+        for (a, b), value in pairs.items()
+        for ways in ((a, b), (b, a))
+        if ways in ratios
+    )
+
+
+def _spearman(points: tuple[Confusable, ...]) -> float | None:
+    ratios = [point.ratio for point in points]
+    scores = [point.dissimilarity for point in points]
+    if len(set(ratios)) < 2 or len(set(scores)) < 2:
+        return None
+    return float(stats.spearmanr(ratios, scores).statistic)

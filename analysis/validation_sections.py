@@ -1,0 +1,158 @@
+"""Validation -> sections: its tables as they are read, with the records behind them, and its report's captions."""
+
+from __future__ import annotations
+
+from analysis.dissimilarity import Classified
+from analysis.published import spectra as printed_spectra
+from analysis.report import Captions
+from analysis.tables import Section, Table, number
+from analysis.validation import Validation
+from experiment.synthesis.spectra import BAND_HZ
+
+CAPTIONS = Captions(
+    places={
+        "classification": "classification",
+        "overlay": "overlay",
+        "spectra": "dissimilarity",
+        "confusions": "dissimilarity",
+    },
+    captions={
+        "classification": "Speeds on which fresh takes were put (as Fig. 7 of Okamoto et al.). The numbers stand in "
+        "the tables here.",
+        "overlay": "Synthesised spectra and averages of observed ones, the panel subtracted (as Fig. 6 of Okamoto "
+        "et al.).",
+        "spectra": "Amplitude spectra of the materials, the panel subtracted (as Fig. 12 of Okamoto et al.).",
+        "confusions": "How often a material was taken for another (Table 2 of Okamoto et al.) against the "
+        "dissimilarity of their spectra here (as Fig. 13).",
+    },
+    methods=(
+        ("Spectrum", "C_k = (2/N) sum of y_i cos(pi k (i + 1/2) / N), at F k / (2 N) hertz. Equation (1)."),
+        ("Panel", "C'_k = max(|C_k| - mean |C_k| of the bare panel at the same speed, 0). Equation (2)."),
+        ("Synthesis", "C'_k linear in speed between neighbouring recorded speeds, floored at zero. Equation (3)."),
+        ("Dissimilarity", "Sum over 0 to 500 Hz of the differences of two magnitudes. Equation (6)."),
+    ),
+)
+"""Where the figures stand, and the formulas."""
+
+
+def sections(validation: Validation) -> tuple[Section, ...]:
+    """Every section, in reading order."""
+    overlaid = (_overlay(validation),) if validation.overlays else ()
+    return (_classification(validation), *overlaid, _dissimilarity(validation))
+
+
+def _speed(mm_s: float) -> str:
+    return f"{mm_s:g}"
+
+
+def _classification(validation: Validation) -> Section:
+    tables = []
+    records: list[dict[str, object]] = []
+    verdicts = []
+    for one in validation.classified:
+        close, total = int(one.close.sum()), one.takes
+        enough = "" if 2 * close >= total else ": fewer than half"
+        verdicts.append(f"{one.material}: {close} of {total}{enough}")
+        per_speed = one.chosen.shape[1]
+        rows = tuple(
+            (_speed(v), *(str(n) if n else "" for n in counts), f"{near} of {per_speed}")
+            for v, counts, near in zip(one.observed_mm_s, one.counts, one.close, strict=True)
+        )
+        marked = frozenset(
+            (row, 1 + column)
+            for row, v in enumerate(one.observed_mm_s)
+            for column, candidate in enumerate(one.candidates_mm_s)
+            if candidate == v
+        )
+        header = ("observed mm/s", *map(_speed, one.candidates_mm_s), "same or neighbour")
+        tables.append(Table(f"{one.material}: takes put on each speed", header, rows, marked=marked))
+        records += _records(one)
+    text = "; ".join(
+        f"{material} at {_speed(observed)} mm/s, {n} on {_speed(chosen)} mm/s"
+        for material, observed, chosen, n in printed_spectra.load().counts
+    )
+    head = "At least half" if validation.holds else "NOT everywhere at least half"
+    paragraphs = (
+        f"Recordings: {validation.recordings}. Fresh takes: {validation.fresh}.",
+        f"{head} of the takes of every material were put on the same or a neighbouring speed: {'; '.join(verdicts)}.",
+        "Candidates are all recorded and observed speeds; neighbours are next to one another among them. Each take is "
+        "compared by itself, the average panel subtracted. Single takes look slower than they were: a sum of absolute "
+        "differences is least at the median of a random magnitude, and syntheses come from means.",
+        f"The paper's text gives, of ten takes each: {text}.",
+    )
+    return Section("classification", "Takes put on speeds", paragraphs, tuple(tables), tuple(records))
+
+
+def _records(one: Classified) -> list[dict[str, object]]:
+    """One a take."""
+    return [
+        {
+            "material": one.material,
+            "observed_mm_s": float(v),
+            "take": j + 1,
+            "chosen_mm_s": float(one.candidates_mm_s[one.chosen[i, j]]),
+            **{
+                f"dissimilarity_{_speed(c)}_mm_s": float(d)
+                for c, d in zip(one.candidates_mm_s, one.dissimilarities[i, j], strict=True)
+            },
+        }
+        for i, v in enumerate(one.observed_mm_s)
+        for j in range(one.chosen.shape[1])
+    ]
+
+
+def _overlay(validation: Validation) -> Section:
+    rows = tuple((one.material, _speed(one.speed_mm_s), number(one.dissimilarity, 2)) for one in validation.overlays)
+    table = Table("Synthesised and averaged observed spectra", ("material", "mm/s", "dissimilarity m/s^2"), rows)
+    records: list[dict[str, object]] = [
+        {
+            "material": one.material,
+            "speed_mm_s": one.speed_mm_s,
+            "frequency_hz": float(f),
+            "observed_m_s2": float(observed),
+            "synthesised_m_s2": float(synthesised),
+        }
+        for one in validation.overlays
+        for f, observed, synthesised in zip(validation.frequencies_hz, one.observed, one.synthesised, strict=True)
+        if f <= BAND_HZ[1]
+    ]
+    paragraphs = ("Both are averages of as many takes as were recorded at each speed, the panel subtracted.",)
+    return Section("overlay", "Synthesised and observed spectra", paragraphs, (table,), tuple(records))
+
+
+def _dissimilarity(validation: Validation) -> Section:
+    printed = printed_spectra.load().pairs
+    rows = []
+    records: list[dict[str, object]] = []
+    ratios = {(point.presented, point.answered): point.ratio for point in validation.confusable}
+    for (a, b), value in validation.pairs.items():
+        there = printed.get(frozenset((a, b)))
+        ways = (ratios.get((a, b)), ratios.get((b, a)))
+        rows.append((a, b, number(value, 2), there.text if there else "-", *(number(ratio, 2) for ratio in ways)))
+        records.append(
+            {
+                "material_a": a,
+                "material_b": b,
+                "dissimilarity": value,
+                "printed_dissimilarity": there.value if there else None,
+                "a_answered_b": ways[0],
+                "b_answered_a": ways[1],
+            }
+        )
+    table = Table(
+        f"Normalised dissimilarity at {_speed(validation.reference_mm_s)} mm/s",
+        ("a", "b", "here", "Table 3", "a taken for b", "b taken for a"),
+        tuple(rows),
+        left=frozenset({0, 1}),
+        notes=("The last two columns are answer ratios of Table 2, real materials, as printed.",),
+    )
+    rho = validation.rank_correlation
+    paragraphs = (
+        "Materials whose spectra differ less should be confused more often. "
+        + (
+            f"Spearman's rank correlation of answer ratio and dissimilarity: {rho:.2f}, over {len(ratios)} ratios."
+            if rho is not None
+            else "The paper has no answer ratios of these materials, or too few for a correlation."
+        ),
+    )
+    return Section("dissimilarity", "Dissimilarity of materials", paragraphs, (table,), tuple(records))

@@ -1,0 +1,110 @@
+"""The commands of recordings: record, validate."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiment.cli_lab import ProtocolFile
+from experiment.errors import RecordingError
+
+recordings = typer.Typer()
+
+
+@recordings.command(epilog="Example: palpate record study.toml --rig our-rig.toml --out recordings")
+def record(
+    protocol_file: ProtocolFile,
+    out: Annotated[Path, typer.Option("--out", help="Folder of the recordings; new or empty.")],
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file, with a table [accelerometer].")] = None,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="Unattended, with simulated foot and objects.")
+    ] = False,
+    speeds: Annotated[
+        str | None, typer.Option("--speeds", help="Targets in mm/s, such as 150,250,400; the protocol's by default.")
+    ] = None,
+    takes: Annotated[int | None, typer.Option("--takes", help="Of each condition; the protocol's by default.")] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Names every random draw of --simulated.")] = 1,
+) -> None:
+    """Record a protocol's materials and the bare panel.
+
+    Walks through materials, speeds and takes, shows the achieved speed of each step beside its target, and keeps or
+    repeats a take at a key. Ctrl-C stops; the same command goes on.
+    """
+    from experiment.recordings import workflow
+
+    wanted = _speeds(speeds)
+    if simulated:
+        from experiment.protocol.shipped import shipped
+        from experiment.rehearsal import recorder
+
+        manifest = recorder.record_simulated(
+            protocol_file=protocol_file,
+            rig_file=rig or shipped("rigs/rehearsal.toml"),
+            out=out,
+            seed=seed,
+            speeds_mm_s=wanted,
+            takes=takes,
+        )
+    else:
+        from experiment.console.takes import TerminalTakes
+
+        if rig is None:
+            raise RecordingError(
+                "--rig: got none; allowed: the rig file of this laboratory; name it, or use --simulated"
+            )
+        manifest = workflow.record_on_rig(
+            protocol_file=protocol_file,
+            rig_file=rig,
+            out=out,
+            console=TerminalTakes(write=sys.stdout, ask=input),
+            speeds_mm_s=wanted,
+            takes=takes,
+        )
+    typer.echo(f"{'SIMULATED recordings' if simulated else 'Recordings'}: {manifest.parent}")
+
+
+@recordings.command(epilog="Example: palpate validate recordings --fresh fresh-takes --out validation")
+def validate(
+    folder: Annotated[Path, typer.Argument(metavar="RECORDINGS", help="Folder of recordings.")],
+    fresh: Annotated[
+        Path | None, typer.Option("--fresh", help="Folder of fresh takes; simulated ones are made if left out.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder of results; RECORDINGS/validation by default.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Names the draws of simulated fresh takes.")] = 1,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """Validate the synthesis on recordings, as published.
+
+    Puts each fresh take on the speed whose synthesised spectrum is most like it, counts how many are on their own or a
+    neighbouring speed, and compares the materials with one another.
+    """
+    from analysis import validation
+    from experiment.recordings import manifest
+
+    recorded = manifest.load_all(folder)
+    if fresh is not None:
+        if fresh.resolve() == folder.resolve():
+            raise RecordingError(f"--fresh {fresh}: got the recordings themselves; allowed: other takes; record them")
+        others = manifest.load_all(fresh)
+    else:
+        from experiment.rehearsal import recorder
+
+        others = recorder.fresh_takes(recorded, seed=seed)
+    result = validation.validate(recorded, others, out or folder / "validation", figures=figures)
+    typer.echo(json.dumps(result.as_dict(), indent=2, ensure_ascii=False) if as_json else result.text())
+
+
+def _speeds(text: str | None) -> tuple[float, ...]:
+    if text is None:
+        return ()
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise RecordingError(f"--speeds: got {text!r}; allowed: numbers and commas, such as 150,250,400") from None

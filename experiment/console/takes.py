@@ -1,0 +1,56 @@
+"""What the experimenter sees and keys while takes are recorded, as lines of text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TextIO
+
+from experiment.recordings.plan import Condition
+from experiment.recordings.workflow import SPEED_TOLERANCE, Step
+
+KEEP, REPEAT = "k", "r"
+
+
+class TerminalTakes:
+    """Implements `TakesConsole` on a text stream; nothing is kept without a key."""
+
+    def __init__(self, *, write: TextIO, ask: Callable[[str], str]) -> None:
+        """Set up the screen.
+
+        Args:
+            write: where lines go.
+            ask: shows a prompt and returns the line that was typed; `input` on a terminal.
+        """
+        self._write = write
+        self._ask = ask
+
+    def place(self, condition: Condition, *, done: int, total: int) -> None:
+        what = f"Lay out a fresh {condition.material}" if condition.material else "Leave the panel bare"
+        self._ask(f"Take {done + 1} of {total}. {what}. Press Enter when the panel is ready: ")
+
+    def arm(self, condition: Condition, *, attempt: int) -> None:
+        again = f", attempt {attempt}" if attempt > 1 else ""
+        what = condition.material or "bare panel"
+        self._show(f"{what}, take {condition.number}{again}: step at {condition.speed_mm_s:g} mm/s.")
+
+    def keeps(self, step: Step) -> bool:
+        target = step.condition.speed_mm_s
+        verdict = "; ".join(step.problems) or f"within {SPEED_TOLERANCE:.0%}"
+        self._show(
+            f"Achieved {step.achieved_mm_s:.0f} mm/s, target {target:g} mm/s ({step.deviation:+.1%}): {verdict}."
+        )
+        if step.window is None:
+            self._ask("No take to keep; lay out a fresh one. Press Enter when the panel is ready: ")
+            return False
+        while True:
+            key = self._ask(f"[{KEEP}] keep  [{REPEAT}] repeat: ").strip().lower()
+            if key == KEEP:
+                return True
+            if key == REPEAT:
+                self._ask("Press Enter when the panel is ready again: ")
+                return False
+            self._show(f"'{key}' is no key here; use {KEEP} or {REPEAT}")
+
+    def _show(self, text: str) -> None:
+        self._write.write(text + "\n")
+        self._write.flush()

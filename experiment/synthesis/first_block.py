@@ -1,0 +1,190 @@
+"""First block first: the samples that an actuator needs at once, then the rest.
+
+Where the weighted sum of `basis.py` holds, the first block is its first samples. Beyond the measured speeds, where bins
+are floored one after the other, it is a sum over the bins that still sound. Bins are kept in the order in which they
+fall to zero, with the sums over all bins from every `STRIDE`-th of them on, so that only a few are left to add. The
+rest of such a stimulus needs a whole inverse DCT.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.synthesis.basis import Basis, BasisRenderer, Weights
+from experiment.synthesis.crinkle import FARTHEST, CrinkleSpectra, Synthesised, at_speed
+from experiment.synthesis.methods import Estimate, cosines
+from experiment.synthesis.spectra import Grid
+
+FIRST_BLOCK = 64
+"""Samples of the first block: 1.3 ms at 48 kHz."""
+
+STRIDE = 32
+"""Bins between two sums."""
+
+LINE, RISE = 0, 1
+
+
+@dataclass(frozen=True)
+class FirstBlockFirst:
+    """Basis waveforms whose first `FIRST_BLOCK` samples can be had before the others, at any speed."""
+
+    @property
+    def name(self) -> str:
+        return "first block first"
+
+    def estimate(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Estimate:
+        on = spectra.grid(output_rate_hz)
+        rows = Basis().estimate(spectra, output_rate_hz=output_rate_hz)
+        block, sounding = min(FIRST_BLOCK, on.count), on.carried - 1
+        return replace(
+            rows,
+            why=f"{rows.why}, whose first block is a sum over the bins that sound",
+            memory_bytes=rows.memory_bytes + 8 * (block * sounding + 2 * (4 * sounding + 2 * block * _sums(sounding))),
+        )
+
+    def prepare(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> FirstBlockRenderer:
+        on = spectra.grid(output_rate_hz)
+        shared, speeds = _first_cosines(on), spectra.speeds_mm_s
+        return FirstBlockRenderer(
+            rows=Basis().prepare(spectra, output_rate_hz=output_rate_hz),
+            on=on,
+            first_cosines=shared,
+            below=_outward(spectra, nearest=0, other=1, gap_mm_s=float(speeds[0] - speeds[1]), first_cosines=shared),
+            above=_outward(
+                spectra, nearest=-1, other=-2, gap_mm_s=float(speeds[-1] - speeds[-2]), first_cosines=shared
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class Outward:
+    """The first block on one side of the measured speeds, where bins fall to zero one after the other.
+
+    Attributes:
+        nearest_mm_s: the outermost measured speed.
+        gap_mm_s: from the measured speed next to it, negative below.
+        falls_after: gaps beyond the nearest speed at which each bin is at zero, rising, shape (K - 1,).
+        order: place in `first_cosines` of each, shape (K - 1,).
+        lines: amplitude with sign at the nearest speed, and its change a gap, m/s^2, shape (2, K - 1).
+        sums: both, times the cosines, summed over the bins from each `STRIDE`-th on, m/s^2, shape (2, sums, n).
+    """
+
+    nearest_mm_s: float
+    gap_mm_s: float
+    falls_after: NDArray[np.float64]
+    order: NDArray[np.intp]
+    lines: NDArray[np.float64]
+    sums: NDArray[np.float64]
+
+    def first(self, gaps: float, first_cosines: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The first block, so many gaps beyond the nearest speed, m/s^2."""
+        fallen = int(self.falls_after.searchsorted(gaps))
+        place = -(-fallen // STRIDE)
+        block: NDArray[np.float64] = self.sums[LINE, place] + gaps * self.sums[RISE, place]
+        left = slice(fallen, place * STRIDE)
+        block += (self.lines[LINE, left] + gaps * self.lines[RISE, left]) @ first_cosines[self.order[left]]
+        return block
+
+
+@dataclass(frozen=True)
+class FirstBlockRenderer:
+    """Implements `Renderer`, and `begin` beside it.
+
+    Attributes:
+        rows: the basis.
+        on: the grid of the output rate.
+        first_cosines: of the first block, shared by materials, shape (carried - 1, n).
+        below: the first block below the measured speeds.
+        above: the first block above them.
+    """
+
+    rows: BasisRenderer
+    on: Grid
+    first_cosines: NDArray[np.float64]
+    below: Outward
+    above: Outward
+
+    def begin(self, speed_mm_s: float) -> Begun:
+        """The first block of the stimulus for one step; `Begun.complete` computes the rest.
+
+        Args:
+            speed_mm_s: foot speed, mm/s, zero or more.
+
+        Raises:
+            SynthesisError: as `Renderer`.
+        """
+        where = self.rows.weights(speed_mm_s)
+        if where is not None:
+            return Begun(self.rows.weighted(where, slice(FIRST_BLOCK)), self, where)
+        side = self.above if speed_mm_s > self.above.nearest_mm_s else self.below
+        gaps = (speed_mm_s - side.nearest_mm_s) / side.gap_mm_s
+        if gaps < FARTHEST:
+            return Begun(side.first(gaps, self.first_cosines), self, speed_mm_s)
+        wanted = at_speed(self.rows.spectra, speed_mm_s=speed_mm_s)
+        return Begun(wanted.coefficients[1 : self.on.carried] @ self.first_cosines, self, speed_mm_s)
+
+    def __call__(self, speed_mm_s: float) -> Synthesised:
+        return self.begin(speed_mm_s).complete()
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A stimulus of which the first block is there.
+
+    Attributes:
+        first_m_s2: its first `FIRST_BLOCK` samples, or all of a shorter one, m/s^2.
+        renderer: what computes the rest.
+        wanted: from what: the weights of the basis, or the foot's speed in mm/s where they do not hold.
+    """
+
+    first_m_s2: NDArray[np.float64]
+    renderer: FirstBlockRenderer
+    wanted: Weights | float
+
+    def complete(self) -> Synthesised:
+        """The whole stimulus; it begins with the very samples of the first block. Raises as `Renderer`."""
+        rows, wanted = self.renderer.rows, self.wanted
+        if isinstance(wanted, Weights):
+            return Synthesised(rows.weighted(wanted), 0, wanted.extrapolated, rows.dropped_bins)
+        made = rows(wanted)
+        made.waveform_m_s2[: self.first_m_s2.size] = self.first_m_s2
+        return made
+
+
+def _sums(sounding: int) -> int:
+    return -(-sounding // STRIDE) + 1
+
+
+def _outward(
+    spectra: CrinkleSpectra, *, nearest: int, other: int, gap_mm_s: float, first_cosines: NDArray[np.float64]
+) -> Outward:
+    bins = slice(1, len(first_cosines) + 1)
+    level, rise = spectra.amplitudes[nearest, bins], (spectra.amplitudes[nearest] - spectra.amplitudes[other])[bins]
+    falls_after = np.full(level.shape, np.inf)
+    with np.errstate(over="ignore"):
+        np.divide(level, -rise, out=falls_after, where=rise < 0)
+    order = np.argsort(falls_after, kind="stable")
+    lines = (np.stack([level, rise]) * spectra.signs[nearest, bins])[:, order]
+    sums = np.zeros((2, _sums(level.size), first_cosines.shape[1]))
+    for place in range(sums.shape[1] - 2, -1, -1):
+        some = slice(place * STRIDE, (place + 1) * STRIDE)
+        sums[:, place] = sums[:, place + 1] + lines[:, some] @ first_cosines[order[some]]
+    return Outward(
+        nearest_mm_s=float(spectra.speeds_mm_s[nearest]),
+        gap_mm_s=gap_mm_s,
+        falls_after=falls_after[order],
+        order=order,
+        lines=lines,
+        sums=sums,
+    )
+
+
+@lru_cache(maxsize=4)
+def _first_cosines(on: Grid) -> NDArray[np.float64]:
+    table = np.ascontiguousarray(cosines(on, start=0, stop=min(FIRST_BLOCK, on.count)).T)
+    table.flags.writeable = False
+    return table

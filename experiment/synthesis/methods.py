@@ -1,0 +1,206 @@
+"""Ways to compute the same stimulus, equations (3) to (5) of Okamoto et al., behind one interface.
+
+The relative error of a waveform is the rms of its difference from the exact one, divided by the rms of the exact one,
+both by Parseval: `rms` of the bins that the output rate carries. In extrapolation a spectrum may vanish at a speed;
+there the divisor is at least the rms at the nearest measured speed. Rounding of numbers below 1e-307 comes on top: at
+most 5e-324 m/s^2 a bin.
+
+Frequency shaping (7) is not linear in amplitude, so no method weights shaped waveforms: every method returns m/s^2, and
+the actuator's driver shapes what it is given (`shaping.drive`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import log2, sqrt
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.errors import SynthesisError
+from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, at_speed, synthesise
+from experiment.synthesis.spectra import Grid, transformable
+
+ROUNDING = float(np.finfo(np.float64).eps) / 2
+"""u, the largest relative error of one rounding of a float64."""
+
+AT_SPEED_ROUNDINGS = 8
+"""Roundings in equation (3): at most seven a bin, whatever the speed (see `crinkle.at_speed`)."""
+
+CHUNK_BYTES = 2**20
+"""Memory for the terms that `PrintedSum` sums at a time, bytes; their phases take as much again, twice."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a method promises for one material at one output rate, known before anything is prepared.
+
+    Attributes:
+        relative_error: bound on the relative error (see the module) at any speed.
+        why: what the bound rests on, in words.
+        memory_bytes: what the prepared renderer holds, the spectra among it.
+    """
+
+    relative_error: float
+    why: str
+    memory_bytes: int
+
+
+class Renderer(Protocol):
+    """One material, prepared for one output rate."""
+
+    def __call__(self, speed_mm_s: float) -> Synthesised:
+        """The stimulus for one step.
+
+        Args:
+            speed_mm_s: foot speed, mm/s, zero or more.
+
+        Raises:
+            SynthesisError: a speed that is negative, not finite, or so high that the spectrum overflows.
+        """
+        ...
+
+
+class Method(Protocol):
+    """A way to compute stimuli."""
+
+    @property
+    def name(self) -> str:
+        """As tables and plots print it."""
+        ...
+
+    def estimate(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Estimate:
+        """What this method promises; costs next to nothing. Raises as `spectra.grid`."""
+        ...
+
+    def prepare(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Renderer:
+        """Do beforehand what does not depend on the speed. Raises as `spectra.grid` and `spectra.inverse_on`."""
+        ...
+
+
+@dataclass(frozen=True)
+class PrintedSum:
+    """Equation (5) as printed, one cosine a bin and sample: slow, and the oracle of the others."""
+
+    name: str = "printed sum"
+
+    def estimate(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Estimate:
+        bins = spectra.grid(output_rate_hz).carried
+        pairwise = 16 + log2(bins)
+        return Estimate(
+            relative_error=(AT_SPEED_ROUNDINGS + 10 + pairwise) * ROUNDING * sqrt(2 * bins),
+            why="each cosine within 10 roundings, its phase reduced in whole numbers; pairwise sums; "
+            "and the sum of the amplitudes is at most sqrt(2 bins) times the rms",
+            memory_bytes=held_bytes(spectra) + 3 * CHUNK_BYTES,
+        )
+
+    def prepare(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Renderer:
+        return _PrintedSum(spectra, spectra.grid(output_rate_hz))
+
+
+@dataclass(frozen=True)
+class InverseDct:
+    """Zero-padded inverse DCT: exact and band-limited, at any speed."""
+
+    name: str = "inverse DCT"
+
+    def estimate(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Estimate:
+        on = spectra.grid(output_rate_hz)
+        return Estimate(
+            relative_error=AT_SPEED_ROUNDINGS * ROUNDING + transform_error(on),
+            why="rounding of a fast transform grows with the logarithm of its length",
+            memory_bytes=held_bytes(spectra),
+        )
+
+    def prepare(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Renderer:
+        transformable(spectra.grid(output_rate_hz))
+        return _InverseDct(spectra, output_rate_hz)
+
+
+@dataclass(frozen=True)
+class _PrintedSum:
+    spectra: CrinkleSpectra
+    on: Grid
+
+    def __call__(self, speed_mm_s: float) -> Synthesised:
+        wanted, on = at_speed(self.spectra, speed_mm_s=speed_mm_s), self.on
+        samples = np.empty(on.count)
+        rows = max(1, CHUNK_BYTES // (8 * on.carried))
+        for start in range(0, on.count, rows):
+            stop = min(start + rows, on.count)
+            terms = cosines(on, start=start, stop=stop)
+            terms *= wanted.coefficients[1 : on.carried]
+            samples[start:stop] = terms.sum(axis=1)
+        return Synthesised(
+            waveform_m_s2=samples,
+            floored_bins=wanted.floored_bins,
+            extrapolated=wanted.extrapolated,
+            dropped_bins=wanted.coefficients.size - on.carried,
+        )
+
+
+@dataclass(frozen=True)
+class _InverseDct:
+    spectra: CrinkleSpectra
+    output_rate_hz: int
+
+    def __call__(self, speed_mm_s: float) -> Synthesised:
+        return synthesise(self.spectra, speed_mm_s=speed_mm_s, output_rate_hz=self.output_rate_hz)
+
+
+def cosines(on: Grid, *, start: int, stop: int) -> NDArray[np.float64]:
+    """cos(pi k q (i + 1/2) / p) of bins 1 to carried - 1 at some samples, each within 10 roundings of 1.
+
+    Args:
+        on: the grid.
+        start: first sample i.
+        stop: one past the last.
+
+    Returns:
+        Shape (stop - start, carried - 1).
+
+    Raises:
+        SynthesisError: a grid whose phases overflow whole numbers of 64 bits.
+    """
+    if 2 * on.carried * on.q * stop >= 2**63:
+        raise SynthesisError(
+            f"output_rate_hz: got one whose ratio to the recording's is {on.p}/{on.q} samples; "
+            "allowed: phases below 2^63; use a rounder rate"
+        )
+    odd = 2 * np.arange(start, stop, dtype=np.int64)[:, None] + 1
+    phases = odd * (np.arange(1, on.carried, dtype=np.int64) * on.q)
+    phases %= 4 * on.p
+    return np.asarray(np.cos(phases * (np.pi / (2 * on.p))))
+
+
+def rms(amplitudes: NDArray[np.float64], on: Grid) -> NDArray[np.float64]:
+    """sqrt(sum_k C_k^2 / 2) over the bins 1 to carried - 1: by Parseval the rms of the waveform where q is 1.
+
+    Args:
+        amplitudes: of any scale, 1e300 and denormals included, shape (..., N).
+        on: their grid.
+
+    Returns:
+        Shape (...).
+    """
+    sounding = amplitudes[..., 1 : on.carried]
+    largest = np.max(np.abs(sounding), axis=-1, initial=0.0)
+    unit = np.where(largest > 0, largest, 1.0)
+    relative: NDArray[np.float64] = np.sqrt(np.sum((sounding / unit[..., None]) ** 2, axis=-1) / 2)
+    return np.asarray(relative * largest)
+
+
+def transform_error(on: Grid) -> float:
+    """Bound on the relative error of an inverse DCT on a grid.
+
+    A fast transform keeps the norm of its error within about 7 log2(length) roundings of the norm of its result
+    (Higham, Accuracy and Stability of Numerical Algorithms, theorem 24.2); 8 and two steps more cover the passes before
+    and after it. The grid may hold `count` of its p samples only, and all of the error.
+    """
+    return 8 * log2(4 * on.p) * ROUNDING * sqrt(on.p / on.count)
+
+
+def held_bytes(spectra: CrinkleSpectra) -> int:
+    """Memory of one material's spectra, bytes."""
+    return spectra.speeds_mm_s.nbytes + spectra.amplitudes.nbytes + spectra.signs.nbytes

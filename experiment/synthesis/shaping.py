@@ -1,0 +1,273 @@
+"""Frequency shaping: the voltages that move a rig as a spectrum asks, equation (7) of Okamoto et al. and section 4.
+
+A rig answers a sinusoid of amplitude e volts at f with a sinusoid of amplitude A(f, e) m/s^2, measured at some
+frequencies and drive levels. W(f, a) is the inverse of A in e. Between the nearest measured values A follows straight
+lines, first in f at each level, then in e, from 0 at 0 V through the lowest level to the highest. So the inverse is
+exact at the measured points, undoes A everywhere, and rises with a at every f, which no smoother interpolation in f
+promises: cubics through two neighbouring levels may cross.
+
+The price is the error of straight lines across a resonance: about h^2 / 8 |A''| / A between frequencies h apart.
+
+What the rig cannot do is left out, counted, and added up as amplitudes that were asked for and not reached:
+
+- outside: bins below the lowest or above the highest measured frequency get no voltage, for nothing is known there;
+- bounded: bins that would take more volts per m/s^2 than the rig's stated limit, near nulls, get that limit;
+- saturated: bins above what the highest level reaches get the highest level.
+
+Each bin counts once, under what limited it last.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from experiment.errors import SynthesisError
+from experiment.synthesis.spectra import bin_frequencies_hz, finite, inverse, spectrum
+
+ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
+"""Coefficients below this part of a waveform's peak are round-off of the transform, and no bin that was asked for."""
+
+
+@dataclass(frozen=True)
+class Response:
+    """A measured frequency response.
+
+    Attributes:
+        frequencies_hz: strictly rising, zero or more, shape (F,), F >= 2.
+        levels_v: amplitudes of the driving sinusoid (sqrt 2 times its rms), strictly rising, above zero, shape (L,).
+        accelerations_m_s2: amplitudes of the answer (half its peak-to-peak), shape (F, L). At each frequency they
+            rise strictly with the level from above zero, or are all zero (a null).
+
+    Raises:
+        SynthesisError: anything else.
+    """
+
+    frequencies_hz: NDArray[np.float64]
+    levels_v: NDArray[np.float64]
+    accelerations_m_s2: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        f = finite(self.frequencies_hz, what="frequencies_hz of the response")
+        levels = finite(self.levels_v, what="levels_v of the response")
+        a = finite(self.accelerations_m_s2, what="accelerations_m_s2 of the response")
+        if f.ndim != 1 or f.size < 2 or f[0] < 0 or np.any(np.diff(f) <= 0):
+            raise SynthesisError(
+                f"frequencies_hz of the response: got {_few(f)}; allowed: two or more, strictly rising, none below 0; "
+                "sort the table"
+            )
+        if levels.ndim != 1 or levels[0] <= 0 or np.any(np.diff(levels) <= 0):
+            raise SynthesisError(
+                f"levels_v of the response: got {_few(levels)}; allowed: strictly rising, above 0; sort the table"
+            )
+        if a.shape != (f.size, levels.size):
+            raise SynthesisError(
+                f"accelerations_m_s2 of the response: got shape {a.shape}; allowed: {(f.size, levels.size)}, one value "
+                "for each frequency and level; measure what is missing"
+            )
+        place = not_rising(a)
+        if place is not None:
+            i, j = place
+            raise SynthesisError(
+                f"accelerations_m_s2 of the response: got {a[i, j]:g} at {f[i]:g} Hz and {levels[j]:g} V after "
+                f"{a[i, j - 1] if j else 0.0:g}; allowed: strictly rising with the level, for only then is there an "
+                "inverse; measure that frequency again"
+            )
+
+
+def not_rising(accelerations_m_s2: NDArray[np.float64]) -> tuple[int, int] | None:
+    """Where a response does not rise strictly with the level from above zero; rows of zeros are nulls and allowed.
+
+    Args:
+        accelerations_m_s2: one row a frequency, one column a level, shape (F, L).
+
+    Returns:
+        The first such place (row, column); None if there is none.
+    """
+    before = np.insert(accelerations_m_s2[:, :-1], 0, 0.0, axis=1)
+    wrong = np.argwhere((accelerations_m_s2 <= before) & np.any(accelerations_m_s2 != 0, axis=1, keepdims=True))
+    return (int(wrong[0, 0]), int(wrong[0, 1])) if wrong.size else None
+
+
+@dataclass(frozen=True)
+class Loss:
+    """Bins that one cause kept below what was asked for.
+
+    Attributes:
+        bins: how many.
+        cost_m_s2: sum over them of the amplitude asked for minus the one reached, m/s^2.
+    """
+
+    bins: int
+    cost_m_s2: float
+
+
+@dataclass(frozen=True)
+class Shaped:
+    """Voltages for a spectrum.
+
+    Attributes:
+        coefficients_v: W(f_k, |C_k|) with the sign of C_k, V, shape (N,).
+        saturated: bins that ask for more than the highest level reaches.
+        outside: bins beyond the measured frequencies.
+        bounded: bins that the limit of the gain holds back.
+    """
+
+    coefficients_v: NDArray[np.float64]
+    saturated: Loss
+    outside: Loss
+    bounded: Loss
+
+
+def shape(
+    coefficients: ArrayLike, *, frequencies_hz: ArrayLike, response: Response, gain_limit_v_per_m_s2: float
+) -> Shaped:
+    """Weight each bin of a spectrum by W(f, a), the inverse of the measured response.
+
+    Bin k = 0 is no oscillation; (5) and (7) leave it out, and so does this where the table reaches to 0 Hz.
+
+    Args:
+        coefficients: C_k with its sign, m/s^2, shape (N,).
+        frequencies_hz: of each bin, Hz, shape (N,).
+        response: of the rig.
+        gain_limit_v_per_m_s2: largest voltage that any bin may take for each m/s^2 it asks for, above zero.
+
+    Raises:
+        SynthesisError: values that are not finite, shapes that do not fit, or a limit that is none.
+
+    Source: Okamoto et al., section 4, 'Frequency shaping', and equation (7).
+    """
+    signed, f = _bins(coefficients, frequencies_hz, what="coefficients")
+    if not (np.isfinite(gain_limit_v_per_m_s2) and gain_limit_v_per_m_s2 > 0):
+        raise SynthesisError(
+            f"gain_limit_v_per_m_s2: got {gain_limit_v_per_m_s2}; allowed: a finite number above 0; "
+            "correct the rig file"
+        )
+    wanted = np.abs(signed)
+    known = (f >= response.frequencies_hz[0]) & (f <= response.frequencies_hz[-1]) & (f > 0)
+    outside = wanted[~known & (wanted > 0)]
+    inside = np.flatnonzero(known & (wanted > 0))
+    a, curves = wanted[inside], _curves(response, f[inside])
+    levels = np.concatenate([[0.0], response.levels_v])
+    free_v = _interpolated(a, curves, np.broadcast_to(levels, curves.shape))
+    with np.errstate(over="ignore"):
+        bound_v = a * gain_limit_v_per_m_s2
+    volts = np.minimum(free_v, bound_v)
+    reached = _interpolated(volts, np.broadcast_to(levels, curves.shape), curves)
+    short = np.maximum(a - reached, 0.0)
+    bounded = bound_v < free_v
+    saturated = ~bounded & (a > curves[:, -1])
+    shaped = np.zeros_like(signed)
+    shaped[inside] = np.copysign(volts, signed[inside])
+    return Shaped(
+        coefficients_v=shaped,
+        saturated=_loss(short[saturated]),
+        outside=_loss(outside),
+        bounded=_loss(short[bounded]),
+    )
+
+
+def accelerations(voltages_v: ArrayLike, *, frequencies_hz: ArrayLike, response: Response) -> NDArray[np.float64]:
+    """A(f, e), the measured response between its points: what `shape` inverts.
+
+    Args:
+        voltages_v: amplitudes with their sign, V, shape (N,).
+        frequencies_hz: of each, within the measured ones, Hz, shape (N,).
+        response: of the rig.
+
+    Returns:
+        Amplitudes with the sign of the voltage, m/s^2, shape (N,).
+
+    Raises:
+        SynthesisError: values that are not finite, shapes that do not fit, or a frequency or a level beyond the table.
+    """
+    signed, f = _bins(voltages_v, frequencies_hz, what="voltages_v")
+    lowest, highest, top_v = response.frequencies_hz[0], response.frequencies_hz[-1], response.levels_v[-1]
+    if np.any((f < lowest) | (f > highest)) or np.any(np.abs(signed) > top_v):
+        raise SynthesisError(
+            f"response: got {f.min():g} to {f.max():g} Hz and up to {np.abs(signed).max():g} V; allowed: "
+            f"{lowest:g} to {highest:g} Hz and up to {top_v:g} V, as measured; measure further"
+        )
+    curves = _curves(response, f)
+    levels = np.broadcast_to(np.concatenate([[0.0], response.levels_v]), curves.shape)
+    return np.copysign(_interpolated(np.abs(signed), levels, curves), signed)
+
+
+def drive(
+    waveform_m_s2: ArrayLike, *, rate_hz: int, response: Response, gain_limit_v_per_m_s2: float
+) -> tuple[NDArray[np.float64], Shaped]:
+    """The voltages whose oscillations move the rig as a waveform asks: (1), then `shape`, then (7).
+
+    Args:
+        waveform_m_s2: acceleration at the times (i + 1/2) / F, m/s^2, shape (n,).
+        rate_hz: sampling rate F of the waveform and of the voltages, Hz.
+        response: of the rig.
+        gain_limit_v_per_m_s2: as in `shape`.
+
+    Returns:
+        V, shape (n,); and what shaping did. A waveform made by (5) has the spectrum it was made from, to round-off
+        (`ROUND_OFF` of its peak), at any output rate whose samples fill the same time.
+
+    Raises:
+        SynthesisError: as `shape`.
+    """
+    y = finite(waveform_m_s2, what="waveform")
+    coefficients = spectrum(y)
+    coefficients[np.abs(coefficients) <= ROUND_OFF * np.abs(y).max()] = 0.0
+    shaped = shape(
+        coefficients,
+        frequencies_hz=bin_frequencies_hz(bins=y.size, rate_hz=rate_hz),
+        response=response,
+        gain_limit_v_per_m_s2=gain_limit_v_per_m_s2,
+    )
+    return inverse(shaped.coefficients_v), shaped
+
+
+def _bins(
+    values: ArrayLike, frequencies_hz: ArrayLike, *, what: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    signed, f = finite(values, what=what), finite(frequencies_hz, what="frequencies_hz")
+    if signed.ndim != 1 or signed.shape != f.shape:
+        raise SynthesisError(
+            f"{what}: got shape {signed.shape} for frequencies of shape {f.shape}; allowed: one spectrum, shape (N,) "
+            "both; pass the frequency of each bin"
+        )
+    return signed, f
+
+
+def _curves(response: Response, f: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A(f, e) at 0 V and at each level, shape (N, 1 + L), for frequencies within the table."""
+    measured = response.frequencies_hz
+    i = np.clip(np.searchsorted(measured, f, side="right") - 1, 0, measured.size - 2)
+    part = ((f - measured[i]) / (measured[i + 1] - measured[i]))[:, None]
+    at_levels = (1 - part) * response.accelerations_m_s2[i] + part * response.accelerations_m_s2[i + 1]
+    return np.concatenate([np.zeros((f.size, 1)), at_levels], axis=1)
+
+
+def _interpolated(x: NDArray[np.float64], at: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Straight lines through (`at`, `values`), one curve a row, at one `x` a row; beyond the end its last value.
+
+    Args:
+        x: zero or more, shape (N,).
+        at: rising from 0 along each row, shape (N, 1 + L).
+        values: likewise.
+    """
+    segment = np.minimum(np.count_nonzero(at[:, 1:] < x[:, None], axis=1), at.shape[1] - 2)
+    row = np.arange(x.size)
+    low, high = at[row, segment], at[row, segment + 1]
+    start, end = values[row, segment], values[row, segment + 1]
+    part = np.divide(np.minimum(x, high) - low, high - low, out=np.ones_like(x), where=high > low)
+    between: NDArray[np.float64] = np.minimum(start + (end - start) * part, end)
+    return between
+
+
+def _loss(short_m_s2: NDArray[np.float64]) -> Loss:
+    with np.errstate(over="ignore"):
+        return Loss(bins=short_m_s2.size, cost_m_s2=float(short_m_s2.sum()))
+
+
+def _few(values: NDArray[np.float64]) -> str:
+    text = str(values.tolist())
+    return text if len(text) <= 80 else f"{text[:77]}..."

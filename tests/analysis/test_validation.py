@@ -1,0 +1,154 @@
+"""The validation: published numbers, what is written, and what is refused."""
+
+from __future__ import annotations
+
+import csv
+import json
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from analysis import validation
+from analysis.published import spectra as printed
+from analysis.validation_sections import sections
+from experiment.errors import DatasetError, RecordingError, SynthesisError
+from tests.analysis.test_dissimilarity import FRESH, SPEEDS, Takes, linear
+
+PAPER = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
+
+
+def of_the_paper(speeds: np.ndarray, takes: int, *, simulated: bool = False) -> Takes:
+    """The four materials, of different loudness, on one panel."""
+    one = linear(speeds, takes)
+    objects = {name: (1 + place) * one.objects["card"] for place, name in enumerate(PAPER)}
+    return Takes(speeds, one.panel, objects, simulated=simulated)
+
+
+def test_table_3_is_that_of_the_reference_file(shared: Path) -> None:
+    with (shared / "reference" / "okamoto2012_table3.csv").open(encoding="utf-8", newline="") as file:
+        rows = {frozenset((r["material_a"], r["material_b"])): float(r["dissimilarity"]) for r in csv.DictReader(file)}
+    assert {pair: value.value for pair, value in printed.load().pairs.items()} == rows
+    assert printed.load().speed_mm_s == 200  # section 6.1
+
+
+def test_the_counts_of_the_text() -> None:
+    """Section 3.3: six of ten trials at 150 mm/s were put on 150 mm/s, three on 100 mm/s."""
+    assert printed.load().counts == (("copy paper", 150.0, 150.0, 6), ("copy paper", 150.0, 100.0, 3))
+
+
+def test_confusions_are_those_of_table_2() -> None:
+    made = validation.compute(of_the_paper(SPEEDS, 3), of_the_paper(FRESH, 10))
+    ratios = {(point.presented, point.answered): point.ratio for point in made.confusable}
+    assert len(ratios) == 12
+    assert ratios["typing paper", "aluminum foil"] == 0.36  # Table 2
+    assert ratios["polypropylene", "copy paper"] == 0
+    oracle = stats.spearmanr(list(ratios.values()), [point.dissimilarity for point in made.confusable]).statistic
+    assert made.rank_correlation == pytest.approx(oracle)
+    assert made.holds
+
+
+def test_materials_that_the_paper_has_not_are_compared_with_one_another_alone() -> None:
+    made = validation.compute(linear(SPEEDS, 3), linear(FRESH, 10))
+    assert (made.confusable, made.rank_correlation, made.pairs) == ((), None, {})
+    assert "no answer ratios of these materials" in sections(made)[-1].paragraphs[0]
+
+
+def test_takes_that_were_put_elsewhere_are_said_not_to_hold() -> None:
+    fresh = linear(FRESH, 10)
+    fresh.objects["card"][:] *= 0.01
+    made = validation.compute(linear(SPEEDS, 3), fresh)
+    assert not made.holds
+    text = " ".join(sections(made)[0].paragraphs)
+    assert "NOT everywhere at least half" in text
+    assert "card: 0 of 30: fewer than half" in text
+
+
+def test_without_a_speed_between_recorded_ones_there_is_no_overlay() -> None:
+    made = validation.compute(linear(SPEEDS, 3), linear(np.array([100.0, 400.0]), 2))
+    assert made.overlays == ()
+    assert [section.slug for section in sections(made)] == ["classification", "dissimilarity"]
+
+
+class Outside(HTMLParser):
+    """Collects what a page would fetch."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.fetched: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        for name, value in attrs:
+            if name in ("src", "href", "xlink:href") and value and not value.startswith("#"):
+                self.fetched.append(value)
+
+
+def test_what_is_written_is_whole_and_says_what_it_is(tmp_path: Path) -> None:
+    recorded, fresh = of_the_paper(SPEEDS, 3, simulated=True), of_the_paper(FRESH, 10, simulated=True)
+    made = validation.validate(recorded, fresh, tmp_path / "out")
+    names = {str(path.relative_to(tmp_path / "out")) for path in made.files}
+    figures = {f"figures/{name}.{kind}" for name in ("classification", "overlay", "spectra", "confusions")
+               for kind in ("svg", "png")}  # fmt: skip
+    tables = {
+        f"tables/{name}.{kind}" for name in ("classification", "overlay", "dissimilarity") for kind in ("csv", "md")
+    }
+    assert names == figures | tables | {"results.json", "report.html"}
+    page = made.report.read_text("utf-8")
+    parser = Outside()
+    parser.feed(page)
+    assert parser.fetched == []
+    assert page.count("<figure>") == 4
+    for name in tables:
+        assert "SIMULATED" in (tmp_path / "out" / name).read_text("utf-8")
+    assert "SIMULATED" in page
+    assert json.loads((tmp_path / "out" / "results.json").read_text("utf-8"))["label"] == "SIMULATED"
+    assert made.text().startswith("SIMULATED")
+    assert "copy paper: 30 of 30" in " ".join(made.text().split())
+    with (tmp_path / "out" / "tables" / "classification.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 4 * 3 * 10
+    assert {row["chosen_mm_s"] for row in rows if row["observed_mm_s"] == "250.0"} == {"250.0"}
+
+
+def test_real_recordings_are_not_called_simulated(tmp_path: Path) -> None:
+    made = validation.validate(linear(SPEEDS, 3), linear(FRESH, 10), tmp_path / "out", figures=False)
+    assert "SIMULATED" not in made.text() + made.report.read_text("utf-8")
+    json.dumps(made.as_dict(), allow_nan=False)
+
+
+def test_a_second_run_gives_the_same_bytes(tmp_path: Path) -> None:
+    contents = []
+    for _ in range(2):
+        made = validation.validate(of_the_paper(SPEEDS, 3), of_the_paper(FRESH, 10), tmp_path / "out")
+        contents.append({path: path.read_bytes() for path in made.files})
+    assert contents[0] == contents[1]
+
+
+def test_a_file_in_the_way_stays(tmp_path: Path) -> None:
+    (tmp_path / "report.html").write_text("mine")
+    with pytest.raises(DatasetError, match="is no output of palpate"):
+        validation.validate(linear(SPEEDS, 3), linear(FRESH, 10), tmp_path, figures=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
+
+
+@pytest.mark.parametrize(
+    ("recorded", "fresh", "error", "message"),
+    [
+        (
+            of_the_paper(SPEEDS, 3, simulated=True),
+            of_the_paper(FRESH, 2),
+            RecordingError,
+            "SIMULATED recordings and real",
+        ),
+        (linear(SPEEDS, 3), of_the_paper(FRESH, 2), RecordingError, "fresh takes: got none of card"),
+        (linear(np.array([100.0]), 3), linear(FRESH, 2), SynthesisError, "at least two, strictly rising"),
+    ],
+)
+def test_what_does_not_compare_is_refused_and_nothing_is_written(
+    tmp_path: Path, recorded: Takes, fresh: Takes, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        validation.validate(recorded, fresh, tmp_path / "out", figures=False)
+    assert not (tmp_path / "out").exists()

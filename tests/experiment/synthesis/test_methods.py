@@ -1,0 +1,225 @@
+"""Every method keeps the error that it claims: on 10,000 random spectra, at the paper's size and in extreme cases."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from experiment.errors import SynthesisError
+from experiment.synthesis.basis import Basis
+from experiment.synthesis.crinkle import CrinkleSpectra
+from experiment.synthesis.engine import EXACT, FASTEST_FIRST, methods
+from experiment.synthesis.methods import Method, PrintedSum, cosines, rms
+from experiment.synthesis.spectra import grid
+from tests.experiment.synthesis.oracle import exact, random_spectra, spectrum_at, worst_excess
+
+EVERY = methods(band_hz=(2.0, 15.0))
+"""Each on all bins and on a band; `random_spectra` reach up to 25 Hz."""
+
+SPEEDS = np.array([50.0, 100.0, 200.0, 300.0])
+EXTREME_SPEEDS = [0.0, 1e-6, 75.0, 150.0, 250.0, *SPEEDS.tolist(), np.nextafter(200.0, 0), 301.0, 650.0, 1e4]
+RATES_HZ = [480, 441, 50, 53, 37, 20]
+
+BATCH = 50
+EXAMPLES = 200
+
+
+def extreme() -> dict[str, NDArray[np.float64]]:
+    """Amplitudes at four speeds, by name."""
+    rng = np.random.default_rng(11)
+    some = np.abs(rng.normal(size=(4, 13)))
+    one, falling = np.zeros((4, 13)), some.copy()
+    one[:, 5] = [1.0, 2.0, 1.5, 3.0]
+    falling[:, 4] = [3.0, 2.0, 1.0, 0.0]
+    vanishing = np.outer([1.0, 1.0, 1.0, 1e-20], some[0])
+    return {
+        "zeros": np.zeros((4, 13)),
+        "one bin": one,
+        "denormals": rng.integers(0, 50, size=(4, 13)) * 5e-324,
+        "1e300": some * 1e300,
+        "1e-300": some * 1e-300,
+        "a bin falling to zero": falling,
+        "all vanishing at the last speed": vanishing,
+        "1e300 beside 1e-300": np.outer([1e300, 1e-300, 1e300, 1e-300], some[1]),
+        "rising everywhere": np.cumsum(some, axis=0),
+        "N = 1": some[:, :1],
+        "N = 2": some[:, :2],
+        "odd": some[:, :9],
+        "prime": some[:, :11],
+    }
+
+
+def of(amplitudes: NDArray[np.float64], seed: int = 3) -> CrinkleSpectra:
+    signs = np.random.default_rng(seed).choice([-1.0, 1.0], size=amplitudes.shape)
+    return CrinkleSpectra(SPEEDS, 50, amplitudes, signs)
+
+
+def test_the_suite_draws_ten_thousand_spectra() -> None:
+    assert BATCH * EXAMPLES >= 10_000
+
+
+@settings(max_examples=EXAMPLES, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), bins=st.integers(1, 20), output_rate_hz=st.sampled_from(RATES_HZ))
+def test_every_claimed_bound_holds_on_random_spectra(seed: int, bins: int, output_rate_hz: int) -> None:
+    rng = np.random.default_rng(seed)
+    s = random_spectra(rng, speeds=BATCH, bins=bins)
+    if 2 * bins * output_rate_hz <= s.rate_hz:
+        output_rate_hz = s.rate_hz
+    v = s.speeds_mm_s
+    inside = (v[:-1] + rng.random(BATCH - 1) * np.diff(v)).tolist()
+    beyond = [0.0, float(v[0] * rng.random()), float(v[-1] + rng.exponential(100.0)), 1e4]
+    fast = [*inside, *beyond, float(v[0]), float(v[-1]), float(rng.choice(v))]
+    for method in EVERY:
+        speeds = fast if "basis" in method.name or "single" in method.name else fast[-9:]
+        assert worst_excess(method, s, speeds, output_rate_hz) <= 1, method.name
+
+
+@pytest.mark.parametrize("output_rate_hz", [480, 53, 37])
+@pytest.mark.parametrize("case", extreme())
+def test_every_claimed_bound_holds_in_extreme_cases(case: str, output_rate_hz: int) -> None:
+    s = of(extreme()[case])
+    for method in EVERY:
+        assert worst_excess(method, s, EXTREME_SPEEDS, output_rate_hz) <= 1, method.name
+
+
+@pytest.mark.parametrize("v", [0.0, 20.0, 120.0, 275.0, 310.0, 1e4])
+def test_at_the_size_of_the_paper_exact_means_below_1e_12_of_the_peak(v: float) -> None:
+    s = random_spectra(np.random.default_rng(8), speeds=4, bins=2500, rate_hz=5000, v=SPEEDS)
+    places = tuple(np.random.default_rng(9).integers(0, 24_000, 30).tolist())
+    wanted = exact(s, [v], 48_000, places).samples[0]
+    for method in FASTEST_FIRST:
+        claim = method.estimate(s, output_rate_hz=48_000).relative_error
+        if isinstance(method, PrintedSum):
+            continue
+        made = method.prepare(s, output_rate_hz=48_000)(v).waveform_m_s2
+        error = np.max(np.abs(made[list(places)] - wanted)) / np.max(np.abs(made))
+        assert error < (EXACT if claim < EXACT else claim), method.name
+
+
+def test_which_methods_claim_exactness_at_the_size_of_the_paper() -> None:
+    s = random_spectra(np.random.default_rng(8), speeds=4, bins=2500, rate_hz=5000, v=SPEEDS)
+    for rate_hz in (5000, 44_100, 48_000, 96_000, 192_000):
+        claims = {m.name: m.estimate(s, output_rate_hz=rate_hz).relative_error < EXACT for m in FASTEST_FIRST}
+        assert [name for name, it_does in claims.items() if not it_does] == ["single precision"]
+
+
+def test_a_printed_sum_of_several_chunks_is_the_sum_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    s = of(extreme()["odd"])
+    whole = PrintedSum().prepare(s, output_rate_hz=480)(120.0).waveform_m_s2
+    monkeypatch.setattr("experiment.synthesis.methods.CHUNK_BYTES", 500)
+    np.testing.assert_array_equal(PrintedSum().prepare(s, output_rate_hz=480)(120.0).waveform_m_s2, whole)
+
+
+@pytest.mark.parametrize("method", FASTEST_FIRST, ids=lambda m: m.name)
+def test_counts_and_flags_are_those_of_the_line(method: Method) -> None:
+    s = of(extreme()["a bin falling to zero"])
+    render = method.prepare(s, output_rate_hz=20)
+    for v in EXTREME_SPEEDS:
+        made = render(v)
+        _, floored, outside = spectrum_at(s, v)
+        assert (made.floored_bins, made.extrapolated) == (floored, outside is not None)
+        assert made.dropped_bins == 13 - 6
+
+
+@pytest.mark.parametrize("method", EVERY, ids=lambda m: m.name)
+def test_a_rendered_waveform_is_the_caller_s_own(method: Method) -> None:
+    render = method.prepare(of(extreme()["odd"]), output_rate_hz=50)
+    for v in (100.0, 120.0, 0.0, 1e4):
+        made = render(v).waveform_m_s2
+        kept = made.copy()
+        made[:] = np.nan
+        np.testing.assert_array_equal(render(v).waveform_m_s2, kept)
+        assert made.dtype == np.float64
+
+
+@pytest.mark.parametrize("method", EVERY, ids=lambda m: m.name)
+@pytest.mark.parametrize("v", [-1.0, np.nan, np.inf, -np.inf])
+def test_impossible_speeds_are_refused(method: Method, v: float) -> None:
+    render = method.prepare(of(extreme()["odd"]), output_rate_hz=50)
+    with pytest.raises(SynthesisError, match="speed_mm_s: got"):
+        render(v)
+
+
+@pytest.mark.parametrize("method", EVERY, ids=lambda m: m.name)
+def test_a_rate_without_a_sample_is_refused(method: Method) -> None:
+    with pytest.raises(SynthesisError, match="output_rate_hz: got 1"):
+        method.prepare(of(extreme()["N = 2"]), output_rate_hz=1)
+
+
+@pytest.mark.parametrize(
+    ("speeds", "amplitudes", "signs", "match"),
+    [
+        ([1.0, 2.0], [[1.0], [np.nan]], [[1.0], [1.0]], "amplitudes: got 1 NaN"),
+        ([1.0, 2.0], [[1.0], [np.inf]], [[1.0], [1.0]], "amplitudes: got 1 NaN"),
+        ([1.0, 2.0], [[1.0], [1.0]], [[1.0], [np.nan]], "signs: got 1 NaN"),
+        ([1.0, np.inf], [[1.0], [1.0]], [[1.0], [1.0]], "speeds_mm_s: got 1 NaN"),
+        ([2.0, 1.0], [[1.0], [1.0]], [[1.0], [1.0]], "strictly rising"),
+        ([1.0, 2.0], [[1.0], [-1.0]], [[1.0], [1.0]], "zero or more"),
+        ([1.0, 2.0], [[1.0], [1.0]], [[1.0], [0.0]], r"-1 or \+1"),
+        ([1.0, 2.0], [[1.0, 1.0], [1.0, 1.0]], [[1.0], [1.0]], "got shapes"),
+        ([1.0, 2.0], [[1.0]], [[1.0]], "got shapes"),
+    ],
+)
+def test_spectra_that_no_equation_accepts_are_refused(
+    speeds: list[float], amplitudes: list[list[float]], signs: list[list[float]], match: str
+) -> None:
+    with pytest.raises(SynthesisError, match=match):
+        CrinkleSpectra(np.array(speeds), 50, np.array(amplitudes), np.array(signs))
+
+
+def test_fewer_samples_than_bins_are_refused() -> None:
+    with pytest.raises(SynthesisError, match="recorded: got 3 samples for 13 bins"):
+        CrinkleSpectra(SPEEDS, 50, np.ones((4, 13)), np.ones((4, 13)), recorded=3)
+
+
+def test_recordings_that_would_overflow_are_refused() -> None:
+    with pytest.raises(SynthesisError, match=r"amplitudes: got a sum of 130000 times 1e\+304"):
+        of(np.full((4, 13), 1e308))
+
+
+@pytest.mark.parametrize("method", EVERY, ids=lambda m: m.name)
+def test_a_speed_at_which_the_sum_overflows_is_refused(method: Method) -> None:
+    render = method.prepare(of(np.outer([1e302, 2e302, 3e302, 4e302], np.ones(13))), output_rate_hz=480)
+    assert np.isfinite(render(1e4).waveform_m_s2).all()
+    with pytest.raises(SynthesisError, match=r"speed_mm_s: got 10000000.0; allowed: speeds at which"):
+        render(1e7)
+
+
+@pytest.mark.parametrize("method", FASTEST_FIRST, ids=lambda m: m.name)
+def test_a_transform_that_is_too_long_is_refused_before_the_first_step(method: Method) -> None:
+    s = CrinkleSpectra(SPEEDS, 99_989, np.ones((4, 99_991)), np.ones((4, 99_991)))
+    if isinstance(method, PrintedSum):
+        return
+    with pytest.raises(SynthesisError, match="use a rounder rate"):
+        method.prepare(s, output_rate_hz=191_999)
+
+
+def test_rms_is_parseval_s_at_any_scale() -> None:
+    s = of(extreme()["prime"])
+    on = s.grid(480)
+    wave = PrintedSum().prepare(s, output_rate_hz=480)(100.0).waveform_m_s2
+    whole = grid(samples=11, bins=11, rate_hz=50, output_rate_hz=500)
+    level = float(rms(s.amplitudes[1], whole))
+    assert np.sqrt(np.mean(PrintedSum().prepare(s, output_rate_hz=500)(100.0).waveform_m_s2 ** 2)) == pytest.approx(
+        level, rel=1e-13
+    )
+    assert np.sqrt(np.mean(wave**2)) == pytest.approx(level, rel=0.05)
+    assert float(rms(s.amplitudes[1] * 2.0**1000, on)) == float(rms(s.amplitudes[1], on)) * 2.0**1000
+
+
+def test_phases_that_overflow_are_refused() -> None:
+    on = grid(samples=2_000_003, bins=2_000_003, rate_hz=1_999_993, output_rate_hz=1_999_999)
+    with pytest.raises(SynthesisError, match="phases below 2"):
+        cosines(on, start=on.count - 1, stop=on.count)
+
+
+def test_single_precision_holds_half_of_the_basis() -> None:
+    s = of(extreme()["odd"])
+    sizes = [
+        sum(w.nbytes for half in Basis(single=single).prepare(s, output_rate_hz=480).pairs for p in half for w in p)
+        for single in (False, True)
+    ]
+    assert sizes[0] == 2 * sizes[1]

@@ -1,0 +1,107 @@
+"""SIMULATED recording through a real serial line and a real socket; what it makes is whole and called simulated."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiment.errors import RecordingError
+from experiment.recordings import manifest
+from experiment.recordings.manifest import Recordings
+from experiment.recordings.workflow import SPEED_TOLERANCE
+from experiment.rehearsal import recorder
+
+
+def record(out: Path, root: Path, **options: object) -> Path:
+    given: dict[str, object] = {
+        "protocol_file": root / "protocols" / "okamoto2012.toml",
+        "rig_file": root / "protocols" / "rigs" / "rehearsal.toml",
+        "out": out,
+        "seed": 5,
+    }
+    return recorder.record_simulated(**{**given, **options})  # type: ignore[arg-type]
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory, repository_root: Path) -> Path:
+    return record(tmp_path_factory.mktemp("recorded") / "set", repository_root).parent
+
+
+def test_every_take_of_the_protocol_is_there_and_on_target(recorded: Path) -> None:
+    takes = tomllib.loads((recorded / "manifest.toml").read_text("utf-8"))["takes"]
+    assert len(takes) == (4 + 1) * 4 * 3
+    off = [abs(take["achieved_mm_s"] / take["speed_mm_s"] - 1) for take in takes]
+    assert 0 < max(off) <= SPEED_TOLERANCE
+    assert len(set(off)) == len(off)
+
+
+def test_it_is_called_simulated(recorded: Path) -> None:
+    loaded = manifest.load_all(recorded)
+    assert loaded.simulated
+    assert "SIMULATED" in loaded.label
+
+
+def test_takes_of_the_panel_are_its_thump_and_takes_of_a_material_are_more(recorded: Path) -> None:
+    loaded = manifest.load_all(recorded)
+    power = {name: np.square(takes).mean() for name, takes in loaded.objects.items()}
+    assert all(power[name] > np.square(loaded.panel).mean() for name in ("copy paper", "aluminum foil", "typing paper"))
+
+
+def test_an_interrupted_recording_goes_on_to_the_same_bytes(
+    tmp_path: Path, repository_root: Path, recorded: Path
+) -> None:
+    kept = 0
+
+    def stop() -> None:
+        nonlocal kept
+        kept += 1
+        if kept == 7:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        record(tmp_path / "set", repository_root, tick=stop)
+    assert not (tmp_path / "set").exists()
+    record(tmp_path / "set", repository_root)
+    assert contents(tmp_path / "set") == contents(recorded)
+
+
+def test_fresh_takes_at_other_speeds(tmp_path: Path, repository_root: Path) -> None:
+    totals: list[int] = []
+    record(tmp_path / "set", repository_root, speeds_mm_s=(150.0, 400.0), takes=2, total=totals.append)
+    loaded = manifest.load_all(tmp_path / "set")
+    assert loaded.speeds_mm_s.tolist() == [150.0, 400.0]
+    assert (loaded.panel.shape, totals) == ((2, 2, 2500), [20])
+
+
+def test_a_real_rig_is_refused(tmp_path: Path, repository_root: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    text = (repository_root / "protocols" / "rigs" / "rehearsal.toml").read_text("utf-8")
+    rig.write_text(
+        text.replace("simulated = true", "simulated = false").replace('"rehearsal"', '"127.0.0.1:1"'), "utf-8"
+    )
+    with pytest.raises(RecordingError, match="a real rig; allowed: one that says simulated = true"):
+        record(tmp_path / "set", repository_root, rig_file=rig)
+
+
+def test_fresh_simulated_takes_are_new_and_named_by_their_seed(recorded: Path) -> None:
+    loaded = manifest.load_all(recorded)
+    one, again, other = (recorder.fresh_takes(loaded, seed=seed) for seed in (5, 5, 6))
+    assert one.panel.shape == (3, 10, 2500)
+    assert set(one.objects) == set(loaded.objects)
+    np.testing.assert_array_equal(one.panel, again.panel)
+    assert not np.any(np.all(one.panel == other.panel, axis=-1))
+    assert one.simulated
+    assert "SIMULATED" in one.label
+
+
+def test_real_recordings_get_no_simulated_fresh_takes() -> None:
+    real = Recordings("rig bench", False, 5000, np.array([50.0, 100.0]), np.zeros((2, 1, 4)), {})
+    with pytest.raises(RecordingError, match="the recordings are real; record them with palpate record --speeds"):
+        recorder.fresh_takes(real, seed=1)
