@@ -31,7 +31,7 @@ BACKLOG_S = 0.02
 CALM_LOOKS = 2
 """Draining ends after this many calm looks one after the other."""
 
-SETTLE_NS = 500_000
+SETTLE_NS = 1_000_000
 """How long the operating system gets between two looks to pass on what it holds, ns."""
 
 MOST_LOOKS = 1000
@@ -101,6 +101,7 @@ class SerialTracker:
             begun_ns = self._clock.now_ns()
             data = self._received()
             heard += len(data)
+            kept = len(self._raw)
             self._raw += data
             self._decoder, frames = self._decoder.feed(data)
             self._counts = self._counts.plus(frames.link)
@@ -111,7 +112,7 @@ class SerialTracker:
                 )
             if frames.device_us.size:
                 raw, self._raw = self._raw, b""
-                return Samples(frames.device_us, self._settings.height_mm(frames.counts), raw)
+                return Samples(frames.device_us, self._settings.height_mm(frames.counts), raw, kept + frames.ends)
             silent_ns += min(self._clock.now_ns() - begun_ns, self._slice_ns)
         if heard:
             raise TrackerStopped(

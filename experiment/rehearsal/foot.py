@@ -140,6 +140,8 @@ class Foot:
             Whether it has. Where it is full, the rest follows as soon as somebody reads.
         """
         with self._changed:
+            # It may have been full only until the reader's last look.
+            self._full = False
             self._changed.wait_for(lambda: not self._steps or self._full or self._off)
             return not self._steps
 

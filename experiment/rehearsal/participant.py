@@ -48,6 +48,7 @@ class SimulatedParticipant:
         who: tuple[str, str],
         entropy: tuple[int, ...],
         foot: Foot,
+        powered_ns: int,
         panel: Panel | None,
         actuator_rate_hz: int,
         clock: Clock,
@@ -62,6 +63,7 @@ class SimulatedParticipant:
             who: label of the participant, and id of the task.
             entropy: names this participant's random draws in this task.
             foot: the foot, at the device's end of the tracker's port.
+            powered_ns: session time at which the foot's device was powered, when its clock showed zero.
             panel: the panel, at the device's end of the actuator's port; None where the task has no actuator.
             actuator_rate_hz: samples a second of what the panel receives.
             clock: the session's clock; thinking and speaking let its time pass.
@@ -77,7 +79,7 @@ class SimulatedParticipant:
         self._clock = clock
         self._tick = tick
         self._screen = screen
-        self._origin_ns = clock.now_ns()
+        self._origin_ns = powered_ns
         self._observer = Observer(materials, tuple(m.id for m in protocol.materials), rng=self._rng(0))
         self._observer.familiarise(rng=self._rng(0, 1))
         self._under_foot: str | None = None

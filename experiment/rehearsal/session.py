@@ -92,6 +92,7 @@ def _rehearse_task(
     dataset.keep_rig(job.dataset, job.dataset / "sourcedata" / "rig.toml", job.participant, task_id)
     with ExitStack() as opened:
         line = opened.enter_context(SerialLine())
+        powered_ns = clock.now_ns()
         foot = Foot(line, rig.tracker, real_time=job.real_time)
         opened.callback(foot.close)
         tracker = rigs.open_tracker(rig, port=line.url)
@@ -115,6 +116,7 @@ def _rehearse_task(
             who=(job.participant, task_id),
             entropy=(job.seed, int(job.participant), [task.id for task in protocol.tasks].index(task_id)),
             foot=foot,
+            powered_ns=powered_ns,
             panel=panel,
             actuator_rate_hz=rig.actuator.rate_hz,
             clock=clock,

@@ -12,7 +12,7 @@ from experiment import scene as scenes
 from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.ports import Actuator, Console, Tracker
 from experiment.clock import Clock
-from experiment.errors import JournalError, PalpateError
+from experiment.errors import JournalError, PalpateError, TrackerError
 from experiment.protocol.models import Protocol
 from experiment.records import (
     Answer,
@@ -31,6 +31,9 @@ from experiment.session import answers, journal
 from experiment.session.resume import Progress, progress
 from experiment.session.states import Event, State, follow
 from experiment.session.step import WatchedStep, watch
+
+CLOCKS_PART_US = 10e6
+"""Device and session time may part by this much: a slow step, and the drift of two crystals over a session."""
 
 
 @dataclass(frozen=True)
@@ -238,6 +241,14 @@ class _Session:
                 port=self._devices.tracker_port, device_us=seen.first_us, t_ns=seen.first_t_ns
             )
             self._journal.append(self._clock_map)
+        # Where the foot is late on one clock and early on the other, the device restarted between two steps.
+        passed_us = (self._devices.clock.now_ns() - self._clock_map.t_ns) / 1e3
+        ahead_us = seen.contact.us - self._clock_map.device_us - passed_us
+        if abs(ahead_us) > CLOCKS_PART_US:
+            raise TrackerError(
+                f"tracker at {self._devices.tracker_port}: its clock and the session's part by {ahead_us / 1e6:.1f} s; "
+                "the device restarted, or does not count microseconds; see to it, then resume the session"
+            )
         return self._clock_map
 
     def _record_step(self, planned: PlannedTrial, attempt: int, seen: WatchedStep) -> None:

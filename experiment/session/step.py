@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -65,7 +65,7 @@ def watch(
     state = detector.init()
     samples = tracker.read()
     first = int(samples.device_us[0]), clock.now_ns()
-    raw = bytearray(samples.raw)
+    raw, received = bytearray(), 0
     gate: Gate | None = None
     contact: Contact | None = None
     rendered: Synthesised | None = None
@@ -79,13 +79,19 @@ def watch(
                 contact = event
         if gate is not None and contact is not None:
             break
-        samples = tracker.read()
         raw += samples.raw
+        received += samples.device_us.size
+        samples = tracker.read()
     stimulus = _play(rendered, actuator) if rendered is not None and actuator is not None else None
     while samples.device_us[-1] < contact.us + TAIL_US:
-        samples = tracker.read()
         raw += samples.raw
-    return WatchedStep(*first, gate, contact, bytes(raw), tracker.counts.since(before), stimulus)
+        received += samples.device_us.size
+        samples = tracker.read()
+    # What came in the same read after the tail is left out, so that a trace does not depend on how reads were cut.
+    last = int(np.searchsorted(samples.device_us, contact.us + TAIL_US))
+    raw += samples.raw[: int(samples.ends[last])]
+    link = replace(tracker.counts.since(before), received=received + last + 1)
+    return WatchedStep(*first, gate, contact, bytes(raw), link, stimulus)
 
 
 def _play(rendered: Synthesised, actuator: Actuator) -> Stimulus:

@@ -85,14 +85,15 @@ def test_silence_is_answered_at_chance_and_leaves_the_real_task_alone(tmp_path: 
     assert [row["answered"] for row in first] == [row["answered"] for row in counted(one, "real")]
 
 
-def test_the_same_seed_gives_the_same_events_and_another_does_not(tmp_path: Path, one: Path) -> None:
+def test_the_same_seed_gives_the_same_files_and_another_does_not(tmp_path: Path, one: Path) -> None:
     again = rehearse(tmp_path / "again")
     other = rehearse(tmp_path / "other", seed=2)
-    events = sorted(path.relative_to(one) for path in one.glob("sub-*/beh/*_events.tsv"))
-    assert events
-    for path in events:
-        assert (again / path).read_bytes() == (one / path).read_bytes()
-        assert (other / path).read_bytes() != (one / path).read_bytes()
+    made = sorted(path.relative_to(one) for path in one.glob("sub-*/beh/*"))
+    assert len(made) == 8
+    for path in made:
+        assert (again / path).read_bytes() == (one / path).read_bytes(), path
+        if path.name.endswith("_events.tsv"):
+            assert (other / path).read_bytes() != (one / path).read_bytes()
 
 
 def test_the_rendered_speed_is_the_foots(one: Path) -> None:

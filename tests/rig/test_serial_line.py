@@ -241,9 +241,11 @@ def test_real_time_loses_what_a_full_line_does_not_take(line: SerialLine, settin
     assert foot.finish()
     tracker.drain()
     clock.sleep_ns(10**8)
-    late = read_until(tracker, 30_100_000)
-    assert late[0].device_us[0] > 30_000_000
-    assert tracker.counts == LinkCounts(received=1 + sum(samples.device_us.size for samples in late))
+    late_us = np.concatenate([samples.device_us for samples in read_until(tracker, 30_100_000)])
+    assert np.count_nonzero(late_us > 30_000_000) == 100
+    # A loaded system may pass on what it held only after the drain: that is less than a third of the 30,000 frames.
+    assert late_us.size < 10_000
+    assert tracker.counts.received == 1 + late_us.size
     foot.close()
     line.unplug()
     tracker.close()

@@ -10,7 +10,7 @@ import pytest
 
 from experiment.apparatus.ports import Samples
 from experiment.clock import ManualClock
-from experiment.errors import JournalError, TrackerStopped
+from experiment.errors import JournalError, TrackerError, TrackerStopped
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.records import Answer, Footer, FootStep, Header, Phase, PlannedTrial, Redo, Resumed, TrackerOpened
@@ -68,7 +68,7 @@ class Bench:
 def bench(keys: str, steps: list[Samples | TrackerStopped] | None = None, lost: tuple[int, ...] = ()) -> Bench:
     clock = ManualClock(START_NS)
     if steps is None:
-        steps = [step_samples(5_000_000 * n, 100.0 * n) for n in range(1, len(keys) + 1)]
+        steps = [step_samples(2_000_000 * n, 100.0 * n) for n in range(1, len(keys) + 1)]
     return Bench(ScriptedTracker(steps, lost), ScriptedConsole(clock, keys), ScriptedActuator(), clock, [])
 
 
@@ -92,7 +92,7 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
     assert kinds == [Header, Phase, Phase, TrackerOpened, FootStep, Answer, FootStep, Answer, FootStep, Answer, Footer]
     step = entries(tmp_path, "virtual")[4]
     assert isinstance(step, FootStep)
-    assert step.contact_us == pytest.approx(5_000_000 + 300_000, abs=1)
+    assert step.contact_us == pytest.approx(2_000_000 + 300_000, abs=1)
     assert step.stimulus is not None
     assert (step.stimulus.samples, step.stimulus.floored_bins, step.stimulus.peak_m_s2) == (2500, 3, 1.5)
 
@@ -118,12 +118,22 @@ def test_response_time_runs_from_contact_in_device_time(protocol: Protocol, tmp_
     assert first.response_time_s == pytest.approx(1.0 - 0.3, abs=1e-6)
 
 
-def test_the_raw_frames_of_every_step_are_kept(protocol: Protocol, tmp_path: Path) -> None:
+def test_the_raw_frames_of_every_step_are_kept_up_to_the_end_of_the_tail(protocol: Protocol, tmp_path: Path) -> None:
     bench("cpt").run(protocol, header("real"), tmp_path)
     path = runner.foot_path(runner.journal_path(tmp_path, "01", "real"))
-    traces = [e.trace for e in entries(tmp_path, "real") if isinstance(e, FootStep)]
-    data = path.read_bytes()
-    assert [data[t.offset : t.offset + t.length] for t in traces] == [b"frames"] * 3
+    steps = [e for e in entries(tmp_path, "real") if isinstance(e, FootStep)]
+    # One byte a sample at 1 kHz: 30 mm at 100, 200, 300 mm/s, then 100 ms of tail; the scripted foot rests for 200.
+    assert [step.trace.length for step in steps] == [401, 251, 201]
+    assert [step.link.received for step in steps] == [401, 251, 201]
+    assert [step.trace.offset for step in steps] == [0, 401, 652]
+    assert path.stat().st_size == 853
+
+
+def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cp", [step_samples(2_000_000, 150.0), step_samples(40_000_000, 150.0)])
+    with pytest.raises(TrackerError, match=r"part by 3[67].* s; the device restarted"):
+        one.run(protocol, header("real"), tmp_path)
+    assert one.console.confirmations == [(1, "copy paper")]
 
 
 def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Path) -> None:
@@ -135,7 +145,7 @@ def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Pat
 
 
 def test_the_protocols_rule_repeats_a_step_that_lost_frames(protocol: Protocol, tmp_path: Path) -> None:
-    steps = [step_samples(5_000_000 * n, 150.0) for n in range(1, 5)]
+    steps = [step_samples(2_000_000 * n, 150.0) for n in range(1, 5)]
     one = bench("cpt", steps, lost=(21, 20, 0, 0))
     one.run(protocol, header("real"), tmp_path)
     assert one.console.armed == [(1, 1), (1, 2), (2, 1), (3, 1)]
