@@ -242,9 +242,9 @@ def test_real_time_loses_what_a_full_line_does_not_take(line: SerialLine, settin
     tracker.drain()
     clock.sleep_ns(10**8)
     late_us = np.concatenate([samples.device_us for samples in read_until(tracker, 30_100_000)])
-    assert np.count_nonzero(late_us > 30_000_000) == 100
-    # A loaded system may pass on what it held only after the drain: that is less than a third of the 30,000 frames.
-    assert late_us.size < 10_000
+    # Draining may tear a frame, and the foot may be late with what is due; all but some of its 30,000 frames are gone.
+    assert 99 <= np.count_nonzero(late_us > 30_000_000) <= 100
+    assert late_us.size < 15_000
     assert tracker.counts.received == 1 + late_us.size
     foot.close()
     line.unplug()
