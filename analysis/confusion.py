@@ -74,10 +74,15 @@ class Confusion:
         cells = [[self.mean(i, j) for j in range(len(self.materials) + 1)] for i in range(len(self.materials))]
         return np.array(cells, dtype=np.float64)
 
-    def most_confused(self) -> tuple[str, str]:
-        """The two materials most often taken for one another: largest sum of both mean confusing ratios."""
+    def most_confused(self) -> tuple[str, str] | None:
+        """The two materials most often taken for one another: largest sum of both mean confusing ratios.
+
+        None where no material was ever taken for another.
+        """
         means = np.nan_to_num(self.means()[:, :-1])
         both = np.triu(means + means.T, k=1)
+        if not both.any():
+            return None
         first, second = np.unravel_index(int(np.argmax(both)), both.shape)
         return self.materials[first], self.materials[second]
 

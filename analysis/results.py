@@ -120,8 +120,9 @@ def _task(study: Study, task: Task) -> TaskResult:
     tests = [
         t_against_chance(list(matrix.ratios(index, index).values()), chance) for index in range(len(study.materials))
     ]
-    defined = [index for index, test in enumerate(tests) if test.p is not None]
-    adjusted = dict(zip(defined, holm([p for test in tests if (p := test.p) is not None]), strict=True))
+    # A test without variance stays in Holm's family: it was planned, and leaving it out would favour the others.
+    family = holm([1.0 if test.p is None else test.p for test in tests])
+    adjusted = {index: p for index, p in enumerate(family) if tests[index].p is not None}
     return TaskResult(
         task,
         float(chance),
@@ -143,9 +144,10 @@ def _chance(study: Study, task: str) -> Fraction:
 
 def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest]:
     matrix = task.confusion
-    wanted = {matrix.most_confused(): "most confused"}
+    confused = matrix.most_confused()
+    wanted = {confused: "most confused"} if confused else {}
     if published and set(published) <= set(matrix.materials):
-        same = set(published) == set(next(iter(wanted)))
+        same = confused is not None and set(published) == set(confused)
         wanted = {published: "published; most confused"} if same else {published: "published", **wanted}
     tests = []
     for pair, chosen in wanted.items():

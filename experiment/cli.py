@@ -179,7 +179,7 @@ def spectrum(
 @app.command(
     "import-counts",
     epilog="Example: palpate import-counts --task virtual=virtual.csv --task real=real.csv --study okamoto2012 "
-    "--source 'Okamoto et al., Tables 1 and 2' --out participants/okamoto2012",
+    "--out again",
 )
 def import_counts(
     task: Annotated[list[str], typer.Option("--task", help="TASK=CSV: participant,presented,answered,count.")],

@@ -1,4 +1,4 @@
-"""The commands of a study with participants in the room: seal, enrol, withdraw, run."""
+"""The commands of a study with participants in the room: seal, enrol, consent, withdraw, run, build."""
 
 from __future__ import annotations
 
@@ -67,7 +67,21 @@ def enrol(
     from experiment import study
 
     path = study.enrol(protocol_file, participant, consent_on.date() if consent_on else None, root=dataset, seed=seed)
-    typer.echo(f"Participant {participant} is enrolled: {path}")
+    typer.echo(f"Participant {participant} is enrolled: {path}\nSeed of the study: {study.seed_of(path.parents[1])}")
+
+
+@lab.command(epilog="Example: palpate consent study.toml --participant 01 --consent-on 2026-05-04")
+def consent(
+    protocol_file: ProtocolFile,
+    participant: Participant,
+    consent_on: Annotated[datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day of consent.")],
+    dataset: StudyFolder = None,
+) -> None:
+    """Record the consent of an enrolled participant."""
+    from experiment import study
+
+    path = study.consent(protocol_file, participant, consent_on.date(), root=dataset)
+    typer.echo(f"Participant {participant} has consented: {path}")
 
 
 @lab.command(epilog="Example: palpate withdraw study.toml --participant 01 --reason 'asked to stop'")
@@ -113,3 +127,14 @@ def run(
         console=console,
     )
     typer.echo(f"The session is {footer.reason}: {footer.answered} answers. {footer.detail}".rstrip())
+
+
+@lab.command(epilog="Example: palpate build participants/study")
+def build(
+    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")],
+) -> None:
+    """Make a dataset's tables anew from its journals."""
+    from experiment import dataset as datasets
+
+    datasets.build(dataset)
+    typer.echo(f"Dataset: {dataset}")

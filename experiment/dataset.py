@@ -18,10 +18,13 @@ from experiment.protocol.models import Protocol, Task
 from experiment.records import NO_ANSWER, Answer, FootStep, Redo, TrackerOpened
 from experiment.roster import Roster
 from experiment.session import journal
-from experiment.session.runner import foot_path, journal_path, rig_path
+from experiment.session.places import foot_path, rig_path
 
 RECORDINGS = Path("stimuli") / "recordings"
 """Where the recordings stand that a study's stimuli are made from."""
+
+LONGEST_GAP_S = 600.0
+"""After a longer pause the foot trace goes on in a recording of its own, instead of that many rows of n/a."""
 
 README = {
     "REHEARSAL": """
@@ -45,13 +48,6 @@ def journals(root: Path) -> list[Path]:
     return sorted((root / "sourcedata").glob("sub-*/sub-*_journal.jsonl"))
 
 
-def keep_rig(root: Path, rig_file: Path, participant: str, task: str) -> None:
-    """Keep the rig file beside the journal of a session that is about to begin, unless it is kept already."""
-    kept = rig_path(journal_path(root, participant, task))
-    if not kept.exists():
-        files.write_bytes(kept, rig_file.read_bytes())
-
-
 @dataclass(frozen=True)
 class _Session:
     contents: journal.Contents
@@ -60,7 +56,9 @@ class _Session:
 
 
 def build(root: Path) -> None:
-    """Write the BIDS files of every journal under `root/sourcedata`, replacing earlier ones.
+    """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
+
+    A journal without a header is that of a session which never started: it is left out.
 
     Args:
         root: the dataset; `sourcedata/` holds `protocol.toml`, the journals, and beside each its rig file.
@@ -78,6 +76,8 @@ def build(root: Path) -> None:
     origin: files.Origin = "PARTICIPANT"
     for path in found:
         session = _read(path)
+        if not session.contents.lines:
+            continue
         header = session.contents.header
         origin = "REHEARSAL" if header.rehearsal else "PARTICIPANT"
         first_tasks.setdefault(header.participant, files.MISSING)
@@ -170,19 +170,23 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: files
         times.append(contact_s + (decoded.device_us - step.contact_us) / 1e6)
         heights.append(rig.tracker.height_mm(decoded.counts))
     time_s, height_mm = np.concatenate(times), np.concatenate(heights)
-    rate_hz = rig.tracker.rate_hz
-    place = np.rint((time_s - time_s[0]) * rate_hz).astype(np.int64)
-    grid = np.full(int(place.max()) + 1, np.nan)
-    grid[place] = height_mm
-    files.write_physio(
-        files.beh_path(root, header.participant, header.task, "recording-foot_physio.tsv.gz"),
-        {"foot_height": files.PhysioColumn(grid, "Height of the sole above the panel.", "mm", 3)},
-        rate_hz=rate_hz,
-        start_s=round(float(time_s[0]), 6),
-        task=header.task,
-        description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
-        origin=origin,
-    )
+    cuts = np.flatnonzero(np.diff(time_s) > LONGEST_GAP_S) + 1
+    for number, (seconds, mm) in enumerate(
+        zip(np.split(time_s, cuts), np.split(height_mm, cuts), strict=True), start=1
+    ):
+        place = np.rint((seconds - seconds[0]) * rig.tracker.rate_hz).astype(np.int64)
+        grid = np.full(int(place.max()) + 1, np.nan)
+        grid[place] = mm
+        recording = f"recording-foot{number if number > 1 else ''}_physio.tsv.gz"
+        files.write_physio(
+            files.beh_path(root, header.participant, header.task, recording),
+            {"foot_height": files.PhysioColumn(grid, "Height of the sole above the panel.", "mm", 3)},
+            rate_hz=rig.tracker.rate_hz,
+            start_s=round(float(seconds[0]), 6),
+            task=header.task,
+            description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
+            origin=origin,
+        )
 
 
 def _text(protocol: Protocol, origin: files.Origin) -> files.DatasetText:

@@ -13,6 +13,7 @@ PalpateError                exit code 2, one line for the experimenter
 ├── JournalError            a journal that cannot be trusted or continued
 │   └── SessionLocked       another runner holds this participant
 ├── SessionError            a step that the session's state does not allow
+├── Interrupted             ended at the keyboard; exit code 130
 └── DatasetError            a dataset that cannot be read, or would be overwritten
 """
 
@@ -100,6 +101,12 @@ class SessionLocked(JournalError):
 
 class SessionError(PalpateError):
     """A step that the session's present state does not allow."""
+
+
+class Interrupted(PalpateError):
+    """The experimenter ended it at the keyboard."""
+
+    exit_code = 130
 
 
 class DatasetError(PalpateError):

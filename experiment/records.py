@@ -27,7 +27,10 @@ class PlannedTrial(Entry):
 
 
 class Header(Entry):
-    """What this session is; written before the first trial, never again."""
+    """What this session is; written before the first trial, never again.
+
+    `recordings_sha256` is that of the recordings' manifest, which holds the hash of every take; None without synthesis.
+    """
 
     kind: Literal["header"] = "header"
     study: str
@@ -35,6 +38,7 @@ class Header(Entry):
     software: str
     rig: str
     rig_sha256: str
+    recordings_sha256: str | None
     seed: int
     participant: str
     task: str
@@ -102,7 +106,7 @@ class Stimulus(Entry):
 
 
 class Link(Entry):
-    """Frames of the tracker between arming and contact."""
+    """Frames of the tracker between arming and contact; `received` counts those up to contact."""
 
     received: int
     lost: int

@@ -9,15 +9,21 @@ from contextlib import ExitStack
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from experiment import __version__, dataset, roster, scene, schedule
+from filelock import FileLock
+
+from experiment import __version__, dataset, dataset_files, roster, scene, schedule
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Actuator, Console
 from experiment.clock import Clock, MonotonicClock, utc
-from experiment.errors import DatasetError, RigError, RosterError
+from experiment.errors import DatasetError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import canonical, load, seal
 from experiment.protocol.models import Protocol
+from experiment.recordings import manifest
 from experiment.records import Footer, Header
-from experiment.session import journal, runner
+from experiment.session import journal, places, runner
+from experiment.session.resume import progress
+
+LOCK = ".study.lock"
 
 SEED = "seed.json"
 """Beside the journals: the one seed that names every draw of a study."""
@@ -31,6 +37,7 @@ def header(
     task_id: str,
     position: int,
     seed: int,
+    recordings: Path | None,
     rehearsal: bool,
     clock: Clock,
 ) -> Header:
@@ -43,6 +50,7 @@ def header(
         task_id: id of the task.
         position: which of the participant's tasks this is, from 1.
         seed: of the study's draws.
+        recordings: folder of the recordings that stimuli are made from; None where there are none.
         rehearsal: whether the participant is simulated.
         clock: says when it begins.
     """
@@ -52,6 +60,7 @@ def header(
         software=f"palpate {__version__}",
         rig=rig.rig.name,
         rig_sha256=rigs.sha256(rig),
+        recordings_sha256=manifest.sha256(recordings) if recordings is not None else None,
         seed=seed,
         participant=participant,
         task=task_id,
@@ -95,6 +104,30 @@ def enrol(
     return path
 
 
+def seed_of(root: Path) -> int:
+    """The seed that names every draw of the study with this dataset.
+
+    Raises:
+        DatasetError: the study has none, or its file is broken.
+    """
+    file = root / "sourcedata" / SEED
+    try:
+        return int(json.loads(file.read_text("utf-8"))["seed"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{file}: holds no seed; restore it from a backup or from a journal's header") from error
+
+
+def consent(protocol_file: Path, participant: str, consent_on: date, *, root: Path | None) -> Path:
+    """Record the consent of a participant who enrolled without it.
+
+    Raises:
+        RosterError: the participant is not enrolled, has consented already, or has withdrawn.
+    """
+    path = dataset.roster_path(root or default_root(load.load(protocol_file)))
+    roster.Roster.load(path).consent(participant, consent_on)
+    return path
+
+
 def withdraw(protocol_file: Path, participant: str, reason: str, *, root: Path | None) -> Path:
     """Record that a participant withdrew; the dataset says so, and analysis leaves them out.
 
@@ -135,7 +168,9 @@ def run(
     """
     clock = MonotonicClock()
     protocol = load.load(protocol_file)
-    seal.verify(protocol_file, protocol, datetime.now(UTC).astimezone().date())
+    if protocol.consent.voice_recordings:
+        raise SessionError(f"{protocol_file}: asks for voice recordings, which palpate cannot make yet; leave them out")
+    seal.verify(protocol_file, protocol, datetime.fromtimestamp(clock.now_ns() / 1e9, tz=UTC).astimezone().date())
     root = root or default_root(protocol)
     roster.Roster.load(dataset.roster_path(root)).may_run(participant, protocol)
     rig = rigs.load(rig_file)
@@ -144,18 +179,20 @@ def run(
     rigs.check(rig, protocol.step)
     seed = _settle(root, protocol_file, protocol, None)
     allocation = roster.find(roster.allocate(protocol, seed), participant)
-    if task_id not in allocation.tasks:
-        raise RosterError(
-            f"participant {participant} does not do task '{task_id}'; theirs are: {', '.join(allocation.tasks)}"
-        )
-    _wait_for_break(root, protocol, participant, task_id, allocation.tasks, clock, console)
+    _check_turn(root, allocation, task_id)
+    _wait_for_break(root, protocol, allocation, task_id, clock, console)
+    console.show(
+        f"Masker: palpate does not play it yet. Play {protocol.masker.noise} noise by other means. "
+        f"{protocol.masker.criterion} At most {protocol.exposure.masker_level_db_a:g} dB(A)."
+    )
     with ExitStack() as opened:
         planned = scene.plan(protocol=protocol, task_id=task_id)
         render: scene.Render | None = None
         actuator: Actuator | None = None
+        used: Path | None = None
         if planned.synthesis:
-            folder = recordings or root / dataset.RECORDINGS
-            render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=folder)
+            used = _keep_recordings(root, recordings)
+            render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=used)
         if planned.actuator:
             actuator = rigs.open_actuator(rig, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
             opened.callback(actuator.close)
@@ -168,40 +205,73 @@ def run(
             task_id=task_id,
             position=allocation.tasks.index(task_id) + 1,
             seed=seed,
+            recordings=used,
             rehearsal=False,
             clock=clock,
         )
-        dataset.keep_rig(root, rig_file, participant, task_id)
         devices = runner.Devices(tracker, rig.tracker.port, actuator, render, console, clock)
-        footer = runner.run(protocol=protocol, header=asked, devices=devices, dataset=root)
-    dataset.build(root)
-    return footer
+        try:
+            return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=root)
+        finally:
+            dataset.build(root)
+
+
+def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None:
+    """Refuse a task that is not the participant's, or whose turn has not come."""
+    who, tasks = allocation.participant, allocation.tasks
+    if task_id not in tasks:
+        raise RosterError(f"participant {who} does not do task '{task_id}'; theirs are: {', '.join(tasks)}")
+    for earlier in tasks[: tasks.index(task_id)]:
+        path = places.journal_path(root, who, earlier)
+        entries = journal.read(path).entries if path.exists() else ()
+        footer = progress(entries).footer if entries else None
+        if footer is None or footer.reason != "complete":
+            raise RosterError(f"participant {who} does task '{earlier}' before '{task_id}'; run that one first")
+
+
+def _keep_recordings(root: Path, given: Path | None) -> Path:
+    """The recordings in the dataset; put there at the first session that names them."""
+    kept = root / dataset.RECORDINGS
+    folder = given or kept
+    if manifest.is_simulated(folder):
+        raise RecordingError(
+            f"{folder}: the recordings are simulated; participants feel real ones: record them, or use palpate rehearse"
+        )
+    if kept.exists():
+        if manifest.sha256(folder) != manifest.sha256(kept):
+            raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
+    else:
+        partial = kept.with_name(f".{kept.name}.partial")
+        shutil.rmtree(partial, ignore_errors=True)
+        shutil.copytree(folder, partial)
+        partial.replace(kept)
+    return kept
 
 
 def _settle(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None) -> int:
-    """Keep protocol and seed beside the journals at the first session, and hold every later one to them."""
+    """Keep protocol and seed beside the journals at the first call, and hold every later one to them.
+
+    The protocol's copy is written last: without it the study has not begun.
+    """
     source = root / "sourcedata"
-    kept = source / "protocol.toml"
-    if not kept.exists():
-        if root.exists() and (not root.is_dir() or any(root.iterdir())):
-            raise DatasetError(f"{root}: is no dataset that palpate run began; choose another folder with --dataset")
-        source.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(protocol_file, kept)
-    elif canonical.sha256(load.load(kept)) != canonical.sha256(protocol):
-        raise DatasetError(
-            f"{root}: was begun with another form of the protocol; run {kept}, or give another folder with --dataset"
-        )
+    kept, file = source / "protocol.toml", source / SEED
+    begun = {"sourcedata", f"sourcedata/{SEED}", f"sourcedata/{LOCK}"}
+    if not kept.exists() and root.exists() and {p.relative_to(root).as_posix() for p in root.rglob("*")} - begun:
+        raise DatasetError(f"{root}: is no dataset that palpate run began; choose another folder with --dataset")
     if (source / "rehearsal.json").exists():
         raise DatasetError(f"{root}: is a rehearsal's; choose another folder with --dataset")
-    file = source / SEED
-    if not file.exists():
-        settled = secrets.randbelow(2**31) if seed is None else seed
-        file.write_text(json.dumps({"seed": settled}) + "\n", "utf-8")
-        return settled
-    try:
-        settled = int(json.loads(file.read_text("utf-8"))["seed"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise DatasetError(f"{file}: holds no seed; restore it from a backup or from a journal's header") from error
+    source.mkdir(parents=True, exist_ok=True)
+    with FileLock(source / LOCK):
+        if not kept.exists():
+            drawn = secrets.randbelow(2**31) if seed is None else seed
+            dataset_files.write_json(file, {"seed": drawn})
+            dataset_files.write_bytes(kept, protocol_file.read_bytes())
+            journal.sync_folder(source)
+        elif canonical.sha256(load.load(kept)) != canonical.sha256(protocol):
+            raise DatasetError(
+                f"{root}: was begun with another form of the protocol; run {kept}, or choose another --dataset"
+            )
+    settled = seed_of(root)
     if seed not in (None, settled):
         raise DatasetError(f"{root}: its draws are named by seed {settled}, not {seed}; leave out --seed")
     return settled
@@ -210,15 +280,14 @@ def _settle(root: Path, protocol_file: Path, protocol: Protocol, seed: int | Non
 def _wait_for_break(
     root: Path,
     protocol: Protocol,
-    participant: str,
+    allocation: roster.Allocation,
     task_id: str,
-    tasks: tuple[str, ...],
     clock: Clock,
     console: Console,
 ) -> None:
     """Let the protocol's break pass since the participant's other tasks."""
-    for other in tasks:
-        path = runner.journal_path(root, participant, other)
+    for other in allocation.tasks:
+        path = places.journal_path(root, allocation.participant, other)
         if other == task_id or not path.exists():
             continue
         lines = journal.read(path).lines

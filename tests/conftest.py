@@ -68,3 +68,16 @@ def palpate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
         return int(end.value.code or 0), out, err
 
     return call
+
+
+@pytest.fixture
+def seed_for() -> Callable[[Path, str], int]:
+    """A seed under which participant 01 of a protocol does a task first."""
+    from experiment import roster
+    from experiment.protocol import load
+
+    def find(protocol_file: Path, task: str) -> int:
+        protocol = load.load(protocol_file)
+        return next(seed for seed in range(100) if roster.allocate(protocol, seed)[0].tasks[0] == task)
+
+    return find

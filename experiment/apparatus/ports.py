@@ -24,11 +24,13 @@ class Samples:
         height_mm: height of the sole above the panel, mm, float64, shape (n,).
         raw: the bytes taken from the line since the samples before, damaged frames included. Joined in order
             they decode to the same samples; a frame may be torn between two of them.
+        ends: where in `raw` each sample's frame ends, int64, shape (n,).
     """
 
     device_us: NDArray[np.int64]
     height_mm: NDArray[np.float64]
     raw: bytes
+    ends: NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ Time comes from the device's counter (frames.py), never from arrival; the clock 
 from __future__ import annotations
 
 import errno
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, NoReturn
 
 from experiment.apparatus.frames import FRAME_BYTES, Decoder
@@ -31,13 +32,19 @@ BACKLOG_S = 0.02
 CALM_LOOKS = 2
 """Draining ends after this many calm looks one after the other."""
 
-SETTLE_NS = 500_000
+SETTLE_NS = 1_000_000
 """How long the operating system gets between two looks to pass on what it holds, ns."""
 
 MOST_LOOKS = 1000
 """Draining ends after this many looks, even if the line is faster than it may be."""
 
 LARGEST_READ = 65536
+
+_VANISHED: tuple[type[Exception], ...] = (OSError,)
+if find_spec("termios"):
+    import termios
+
+    _VANISHED = (OSError, termios.error)
 
 
 class SerialTracker:
@@ -74,16 +81,12 @@ class SerialTracker:
         Raises:
             TrackerStopped: the port has gone.
         """
-        backlog = max(FRAME_BYTES, round(self._settings.rate_hz * BACKLOG_S) * FRAME_BYTES)
         try:
-            # One look is not enough: what was sent may still be on its way through the operating system.
-            calm_looks = 0
-            for _ in range(MOST_LOOKS):
-                calm_looks = calm_looks + 1 if len(self._waiting()) <= backlog else 0
-                if calm_looks == CALM_LOOKS:
-                    break
-                self._clock.sleep_ns(SETTLE_NS)
-        except OSError as error:
+            if self._is_device:
+                self._port.reset_input_buffer()
+            else:
+                self._read_away()
+        except _VANISHED as error:
             self._gone(error)
         self._decoder = self._decoder.skipped()
         self._raw = b""
@@ -101,6 +104,7 @@ class SerialTracker:
             begun_ns = self._clock.now_ns()
             data = self._received()
             heard += len(data)
+            kept = len(self._raw)
             self._raw += data
             self._decoder, frames = self._decoder.feed(data)
             self._counts = self._counts.plus(frames.link)
@@ -111,7 +115,7 @@ class SerialTracker:
                 )
             if frames.device_us.size:
                 raw, self._raw = self._raw, b""
-                return Samples(frames.device_us, self._settings.height_mm(frames.counts), raw)
+                return Samples(frames.device_us, self._settings.height_mm(frames.counts), raw, kept + frames.ends)
             silent_ns += min(self._clock.now_ns() - begun_ns, self._slice_ns)
         if heard:
             raise TrackerStopped(
@@ -129,6 +133,16 @@ class SerialTracker:
         self._port.close()
         if connection is not None:
             connection.close()
+
+    def _read_away(self) -> None:
+        """Empty a port that cannot be told to: one look is not enough, for some may still be on its way."""
+        backlog = max(FRAME_BYTES, round(self._settings.rate_hz * BACKLOG_S) * FRAME_BYTES)
+        calm_looks = 0
+        for _ in range(MOST_LOOKS):
+            calm_looks = calm_looks + 1 if len(self._waiting()) <= backlog else 0
+            if calm_looks == CALM_LOOKS:
+                return
+            self._clock.sleep_ns(SETTLE_NS)
 
     def _received(self) -> bytes:
         """Whatever comes within one slice; returns as soon as anything has come."""
@@ -149,7 +163,7 @@ class SerialTracker:
         finally:
             self._port.timeout = self._slice_ns / 1e9
 
-    def _gone(self, error: OSError) -> NoReturn:
+    def _gone(self, error: Exception) -> NoReturn:
         raise TrackerStopped(
             f"tracker at {self._name}: the port has gone ({_reason(error)}); "
             "plug the device in again, then resume the session"
@@ -180,5 +194,5 @@ def _present() -> str:
     return f"connected are {found}; set tracker.port in the rig file" if found else "no serial port is connected"
 
 
-def _reason(error: OSError) -> str:
+def _reason(error: Exception) -> str:
     return " ".join(str(error).split())

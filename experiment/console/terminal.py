@@ -7,7 +7,10 @@ from typing import TextIO
 
 
 class TerminalConsole:
-    """Implements `Console` on a text stream. Answers are keyed, shown, and confirmed with Enter."""
+    """Implements `Console` on a text stream. Answers are keyed, shown, and confirmed with Enter.
+
+    The end of the input (Ctrl-D) interrupts as Ctrl-C does.
+    """
 
     def __init__(self, *, write: TextIO, ask: Callable[[str], str], heading: str) -> None:
         """Set up the screen.
@@ -18,8 +21,14 @@ class TerminalConsole:
             heading: stands at the start of every trial's line, and says REHEARSAL where it is one.
         """
         self._write = write
-        self._ask = ask
+        self._read = ask
         self._heading = heading
+
+    def _ask(self, prompt: str) -> str:
+        try:
+            return self._read(prompt)
+        except EOFError:
+            raise KeyboardInterrupt from None
 
     def show(self, text: str) -> None:
         self._write.write(text + "\n")

@@ -159,6 +159,21 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
     return manifest
 
 
+def sha256(directory: Path) -> str:
+    """Identity of a set of recordings: SHA-256 of its manifest, which holds the hash of every take.
+
+    Raises:
+        RecordingError: the manifest cannot be read.
+    """
+    _read(directory / MANIFEST)
+    return hashlib.sha256((directory / MANIFEST).read_bytes()).hexdigest()
+
+
+def is_simulated(directory: Path) -> bool:
+    """Whether a set of recordings was made by a simulation. Raises `RecordingError` as `sha256`."""
+    return _read(directory / MANIFEST).simulated
+
+
 def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) -> Recordings:
     """Read and check the takes of the materials asked for, and those of the bare panel; no others are opened.
 

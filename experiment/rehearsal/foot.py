@@ -1,8 +1,8 @@
 """REHEARSAL: the simulated foot with its sensor and the firmware of its tracker, at the device's end of a serial line.
 
-Accelerated, a step goes into the line as fast as the reader takes it and nothing is sent between steps: the device's
-time then jumps from one step to the next while sequence numbers run on. In real time frames go out by the clock, also
-between steps, and what a full line does not take is lost, as on a real device.
+Accelerated, a step goes into the line as fast as the reader takes it, and nothing is sent from the lift of the foot to
+the next step: the device's time then jumps while sequence numbers run on. In real time frames go out by the clock,
+between steps too, and what a full line does not take is lost, as on a real device.
 """
 
 from __future__ import annotations
@@ -134,12 +134,14 @@ class Foot:
             self._changed.notify_all()
 
     def finish(self) -> bool:
-        """Wait until the line has taken every step, landing and lift included, or is full.
+        """Wait until the line has taken every step, or is full.
 
         Returns:
             Whether it has. Where it is full, the rest follows as soon as somebody reads.
         """
         with self._changed:
+            # It may have been full only until the reader's last look.
+            self._full = False
             self._changed.wait_for(lambda: not self._steps or self._full or self._off)
             return not self._steps
 
@@ -185,13 +187,14 @@ class Foot:
                 self._changed.notify_all()
 
     def _send_step(self) -> None:
-        """Accelerated: the next step, whole."""
+        """Accelerated: the next step, up to the lift, which nobody waits for."""
         with self._changed:
             self._changed.wait_for(lambda: self._steps or self._off)
             if self._off:
                 return
             step = self._steps[0]
-        self._send(step.first, step.sensed_mm, step, wait=True)
+        watched = int(step.trajectory.lift_us * self._tracker.rate_hz / 1e6) + 1
+        self._send(step.first, step.sensed_mm[:watched], step, wait=True)
         self._done()
 
     def _send_due(self) -> None:

@@ -39,6 +39,7 @@ class Trajectory:
         gate_top_us: when the passage that leads to contact crosses 20 mm, microseconds.
         gate_bottom_us: when it crosses 10 mm.
         contact_us: when it reaches the panel.
+        lift_us: when it leaves the panel again, 0.22 s or more after contact.
         speed_mm_s: its mean speed from 20 mm to 10 mm.
         hesitation: what came before it.
         noise_seed: names the sensor's noise during this step.
@@ -49,6 +50,7 @@ class Trajectory:
     gate_top_us: float
     gate_bottom_us: float
     contact_us: float
+    lift_us: float
     speed_mm_s: float
     hesitation: Hesitation
     noise_seed: int
@@ -87,12 +89,14 @@ def trajectory(
     time_s, height_mm = _joined([*before, descent, landing, lift])
     begun_us = float(sum(curve[0][-1] for curve in before)) * 1e6
     top_us, bottom_us = (begun_us + _passes(descent, level) * 1e6 for level in (GATE_TOP_MM, GATE_BOTTOM_MM))
+    contact_us = begun_us + float(descent[0][-1]) * 1e6
     return Trajectory(
         us=time_s * 1e6,
         height_mm=height_mm,
         gate_top_us=top_us,
         gate_bottom_us=bottom_us,
-        contact_us=begun_us + float(descent[0][-1]) * 1e6,
+        contact_us=contact_us,
+        lift_us=contact_us + float(landing[0][-1]) * 1e6,
         speed_mm_s=(GATE_TOP_MM - GATE_BOTTOM_MM) * 1e6 / (bottom_us - top_us),
         hesitation=hesitation,
         noise_seed=int(rng.integers(2**63)),
@@ -134,7 +138,7 @@ def _descent(rng: np.random.Generator, start_mm: float, speed_mm_s: float) -> tu
 
 def _landing(rng: np.random.Generator, contact_mm_s: float) -> Curve:
     """Sole and panel give way and come to rest a little below zero."""
-    time_s = _times(rng.uniform(0.18, 0.3))
+    time_s = _times(rng.uniform(0.22, 0.3))
     yielding_s, settling_s, sag_mm = 0.004, 0.01, rng.uniform(0.05, 0.2)
     dent_mm = contact_mm_s * time_s * np.exp(-time_s / yielding_s)
     return time_s, -dent_mm - sag_mm * (1 - np.exp(-time_s / settling_s))

@@ -48,9 +48,11 @@ class SimulatedParticipant:
         who: tuple[str, str],
         entropy: tuple[int, ...],
         foot: Foot,
+        powered_ns: int,
         panel: Panel | None,
         actuator_rate_hz: int,
         clock: Clock,
+        real_time: bool,
         tick: Tick,
         screen: Console | None,
     ) -> None:
@@ -62,9 +64,11 @@ class SimulatedParticipant:
             who: label of the participant, and id of the task.
             entropy: names this participant's random draws in this task.
             foot: the foot, at the device's end of the tracker's port.
+            powered_ns: session time at which the foot's device was powered, when its clock showed zero.
             panel: the panel, at the device's end of the actuator's port; None where the task has no actuator.
             actuator_rate_hz: samples a second of what the panel receives.
             clock: the session's clock; thinking and speaking let its time pass.
+            real_time: whether the foot streams by the clock.
             tick: called after each confirmed answer.
             screen: shows what the experimenter would see; None for no screen.
         """
@@ -75,9 +79,10 @@ class SimulatedParticipant:
         self._panel = panel
         self._rate_hz = actuator_rate_hz
         self._clock = clock
+        self._real_time = real_time
         self._tick = tick
         self._screen = screen
-        self._origin_ns = clock.now_ns()
+        self._origin_ns = powered_ns
         self._observer = Observer(materials, tuple(m.id for m in protocol.materials), rng=self._rng(0))
         self._observer.familiarise(rng=self._rng(0, 1))
         self._under_foot: str | None = None
@@ -105,8 +110,13 @@ class SimulatedParticipant:
         self._attempt = attempt
         rng = self._rng(trial, attempt, 0)
         speed_mm_s = float(np.clip(rng.lognormal(np.log(SPEED_MEDIAN_MM_S), SPEED_SIGMA), 55.0, 390.0))
-        self._clock.sleep_ns(int(rng.uniform(*READY_S) * 1e9))
-        start_us = (self._clock.now_ns() - self._origin_ns) // 1000
+        ready_ns = int(rng.uniform(*READY_S) * 1e9)
+        start_us = (self._clock.now_ns() + ready_ns - self._origin_ns) // 1000
+        if not self._real_time:
+            # Simulated time passes nowhere else; a foot that streams by the clock only has to know when.
+            self._clock.sleep_ns(ready_ns)
+        while self._panel is not None and self._panel.felt(0) is not None:
+            self.show("A stimulus of an attempt that did not count was felt")
         self._foot.step(self._foot.trajectory(rng, speed_mm_s), start_us)
 
     def ask(self, *, trial: int, keys: dict[str, str]) -> str:

@@ -11,6 +11,7 @@ from experiment import dataset, scene, study
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Actuator, Console
 from experiment.clock import ManualClock, MonotonicClock
+from experiment.errors import Interrupted
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.recordings.response import open_drive
@@ -20,7 +21,7 @@ from experiment.rehearsal.materials import SimulatedMaterials
 from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.participant import SimulatedParticipant, Tick
 from experiment.rehearsal.serial_line import SerialLine
-from experiment.session import journal, runner
+from experiment.session import journal, places, runner
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 """When simulated time begins, so that the same seed writes the same files."""
@@ -87,12 +88,13 @@ def _rehearse_task(
         task_id=task_id,
         position=position,
         seed=job.seed,
+        recordings=job.dataset / dataset.RECORDINGS if planned.synthesis else None,
         rehearsal=True,
         clock=clock,
     )
-    dataset.keep_rig(job.dataset, job.dataset / "sourcedata" / "rig.toml", job.participant, task_id)
     with ExitStack() as opened:
         line = opened.enter_context(SerialLine())
+        powered_ns = clock.now_ns()
         foot = Foot(line, rig.tracker, real_time=job.real_time)
         opened.callback(foot.close)
         tracker = rigs.open_tracker(rig, port=line.url)
@@ -121,18 +123,23 @@ def _rehearse_task(
             who=(job.participant, task_id),
             entropy=(job.seed, int(job.participant), [task.id for task in protocol.tasks].index(task_id)),
             foot=foot,
+            powered_ns=powered_ns,
             panel=panel,
             actuator_rate_hz=rig.actuator.rate_hz,
             clock=clock,
+            real_time=job.real_time,
             tick=tick,
             screen=screen,
         )
         devices = runner.Devices(tracker, line.url, actuator, render, participant, clock)
-        runner.run(protocol=protocol, header=header, devices=devices, dataset=job.dataset)
+        rig_file = job.dataset / "sourcedata" / "rig.toml"
+        footer = runner.run(protocol=protocol, header=header, devices=devices, rig_file=rig_file, dataset=job.dataset)
+    if footer.reason == "paused":
+        raise Interrupted(f"the rehearsal was paused ({footer.detail}); the same command goes on with it")
 
 
 def _simulated_now_ns(job: Job, task_id: str, position: int) -> int:
     """Where simulated time stands: after the journal's last entry, or at the task's start."""
-    path = runner.journal_path(job.dataset, job.participant, task_id)
+    path = places.journal_path(job.dataset, job.participant, task_id)
     lines = journal.read(path).lines if path.exists() else ()
     return lines[-1].t_ns if lines else SIMULATED_START_NS + (position - 1) * TASK_NS

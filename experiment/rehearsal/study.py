@@ -6,21 +6,24 @@ import json
 import multiprocessing
 import os
 import shutil
+import signal
+import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
 from dataclasses import asdict, dataclass
+from multiprocessing import connection
 from pathlib import Path
 from typing import Literal
 
 from experiment import dataset, roster
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Console
-from experiment.errors import DatasetError
+from experiment.errors import DatasetError, Interrupted
 from experiment.protocol import canonical, load
 from experiment.protocol.models import Protocol
 from experiment.rehearsal import materials as simulated
 from experiment.rehearsal.session import Job, rehearse_participant
-from experiment.session import journal, runner
+from experiment.session import journal, places
 from experiment.session.resume import progress
 
 PLAN = "rehearsal.json"
@@ -38,6 +41,7 @@ class Plan:
     Attributes:
         label: REHEARSAL, for whoever opens the file.
         protocol_sha256: canonical hash of the protocol.
+        rig_sha256: hash of the rig.
         participants: how many of the study's participants, from the first.
         seed: names every random draw of the rehearsal.
         control: `silence` replaces every stimulus by zeros.
@@ -46,6 +50,7 @@ class Plan:
 
     label: str
     protocol_sha256: str
+    rig_sha256: str
     participants: int
     seed: int
     control: Control
@@ -101,7 +106,8 @@ def rehearse(
         raise DatasetError(f"{rig_file}: a rehearsal needs a simulated rig; give one that says simulated = true")
     if out is None:
         out = Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}"
-    plan = Plan("REHEARSAL", canonical.sha256(protocol), count, seed, control, real_time)
+    out = out.resolve()
+    plan = Plan("REHEARSAL", canonical.sha256(protocol), rigs.sha256(rig), count, seed, control, real_time)
     if not _is_begun(out, plan):
         _prepare(out, plan, protocol_file, rig_file)
     allocations = roster.allocate(protocol, seed)[:count]
@@ -121,7 +127,7 @@ def _remaining(out: Path, protocol: Protocol, job: Job) -> int:
     """How many answers of one participant are not on disk yet."""
     left = 0
     for task in job.tasks:
-        path = runner.journal_path(out, job.participant, task)
+        path = places.journal_path(out, job.participant, task)
         entries = journal.read(path).entries if path.exists() else ()
         trials = len(protocol.materials) * protocol.task(task).repetitions
         left += len(progress(entries).remaining) if entries else trials
@@ -138,6 +144,8 @@ def _is_begun(out: Path, plan: Plan) -> bool:
         raise DatasetError(
             f"{out}: is no rehearsal, and a rehearsal never writes into anything else; choose another folder with --out"
         ) from None
+    if not isinstance(found, dict):
+        found = {}
     wanted = asdict(plan)
     differing = [
         f"{name} {found.get(name)} there, {wanted[name]} asked for"
@@ -180,8 +188,12 @@ def _in_processes(todo: list[Job], jobs: int, tick: Tick) -> None:
                     tick()
                 for future in done:
                     future.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
+        except BaseException as ended:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            if isinstance(ended, KeyboardInterrupt):
+                raise Interrupted("the rehearsal was interrupted; the same command goes on with it") from None
             raise
 
 
@@ -193,6 +205,16 @@ def _drained(queue: multiprocessing.SimpleQueue[None]) -> Iterator[None]:
 def _share(queue: multiprocessing.SimpleQueue[None]) -> None:
     global _queue
     _queue = queue
+    # The keyboard interrupts the parent alone, and a worker never outlives it, however it ends.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
+
+
+def _end_with(sentinel: int) -> None:
+    connection.wait([sentinel])
+    os._exit(1)
 
 
 def _rehearse_shared(job: Job) -> None:

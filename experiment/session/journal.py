@@ -3,6 +3,9 @@
 A line is `{"n": 3, "t_ns": ..., "prev": "<SHA-256 of line 2>", "entry": {...}}`. The hash chain makes any later
 change to a line visible. What stands after the last newline is torn: a write that never finished, so nothing
 that was confirmed. It is reported and dropped; anything else that does not fit is refused.
+
+A chain alone cannot show that its end was cut off. So the number and the hash of the last line on disk stand in a
+file of their own beside the journal (`.head`), written after the line: a journal that is shorter is refused.
 """
 
 from __future__ import annotations
@@ -60,7 +63,7 @@ class Contents:
     def header(self) -> Header:
         """The header. Raises `JournalError` when there is none."""
         if not self.lines or not isinstance(self.lines[0].entry, Header):
-            raise JournalError("the journal has no header: the session never started; run it again")
+            raise JournalError("a journal has no header: its session never started; run the session again")
         return self.lines[0].entry
 
 
@@ -73,6 +76,8 @@ def read(path: Path) -> Contents:
     Raises:
         JournalError: the file cannot be read, or a whole line is broken, missing or changed.
     """
+    # The head first: read the other way round, a journal that is being written would seem cut off.
+    head = _head(path)
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -83,7 +88,34 @@ def read(path: Path) -> Contents:
     for n, line in enumerate(data[:size].splitlines()):
         lines.append(_verified(path, n, line, last_hash))
         last_hash = hashlib.sha256(line).hexdigest()
+    _check_head(path, head, data[:size].splitlines())
     return Contents(tuple(lines), data[size:], size, last_hash)
+
+
+def head_path(path: Path) -> Path:
+    """Where the number and hash of a journal's last line stand."""
+    return path.with_suffix(".head")
+
+
+def _head(path: Path) -> tuple[int, str]:
+    """How many lines the head says the journal has, and the hash of the last; 0 before the first line."""
+    try:
+        head = head_path(path).read_text("ascii")
+        count, last_hash = head.split() if head else ("0", GENESIS)
+        return int(count), last_hash
+    except FileNotFoundError:
+        return 0, GENESIS
+    except (OSError, ValueError) as error:
+        raise JournalError(f"{head_path(path)}: cannot be read; restore it and the journal from a backup") from error
+
+
+def _check_head(path: Path, head: tuple[int, str], lines: list[bytes]) -> None:
+    known, last_hash = head
+    remedy = "keep the file as it is and restore the journal from a backup"
+    if len(lines) < known:
+        raise JournalError(f"{path}: the journal is truncated: it had {known} lines and has {len(lines)}; {remedy}")
+    if known and hashlib.sha256(lines[known - 1]).hexdigest() != last_hash:
+        raise JournalError(f"{path}: line {known} is not the one that {head_path(path).name} names; {remedy}")
 
 
 def _verified(path: Path, n: int, line: bytes, last_hash: str) -> Line:
@@ -118,14 +150,20 @@ class Journal:
         self._clock = clock
         self._count = len(contents.lines)
         self._last_hash = contents.last_hash
+        self._whole = True
         path.parent.mkdir(parents=True, exist_ok=True)
         self._file: BinaryIO = path.open("ab")
         self._file.truncate(contents.size)
         os.fsync(self._file.fileno())
-        if hasattr(os, "O_DIRECTORY"):
-            folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
-            os.fsync(folder)
-            os.close(folder)
+        self._head = os.open(head_path(path), os.O_RDWR | os.O_CREAT, 0o644)
+        if self._count:
+            self._write_head()
+        sync_folder(path.parent)
+
+    @property
+    def accepts(self) -> bool:
+        """Whether an entry may follow: the journal has a header, and no write was interrupted halfway."""
+        return self._whole and self._count > 0
 
     def append(self, entry: AnyEntry) -> int:
         """Write one entry and wait until it is on disk.
@@ -141,16 +179,37 @@ class Journal:
             "entry": entry.model_dump(mode="json"),
         }
         line = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+        # An interrupt from here on leaves it open whether the line is on disk; only reading the file again tells.
+        self._whole = False
         self._file.write(line + b"\n")
         self._file.flush()
         os.fsync(self._file.fileno())
         self._count += 1
         self._last_hash = hashlib.sha256(line).hexdigest()
+        self._write_head()
+        self._whole = True
         return t_ns
 
     def close(self) -> None:
-        """Close the file; nothing is pending."""
+        """Close the files; nothing is pending."""
         self._file.close()
+        os.close(self._head)
+
+    def _write_head(self) -> None:
+        """In place and always as long, so that a kill leaves the old head or the new one."""
+        os.lseek(self._head, 0, os.SEEK_SET)
+        os.write(self._head, f"{self._count:012d} {self._last_hash}\n".encode("ascii"))
+        os.fsync(self._head)
+
+
+def sync_folder(folder: Path) -> None:
+    """Have a folder's entries on disk, and its own in the folders above, where the system can say so."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
+    for one in (folder, *list(folder.resolve().parents)[:3]):
+        descriptor = os.open(one, os.O_RDONLY | os.O_DIRECTORY)
+        os.fsync(descriptor)
+        os.close(descriptor)
 
 
 EMPTY = Contents((), b"", 0, GENESIS)

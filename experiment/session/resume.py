@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
-from experiment.records import Answer, AnyEntry, Footer, FootStep, Header, PlannedTrial, Redo
+from experiment.records import Answer, AnyEntry, Footer, FootStep, Header, PlannedTrial, Redo, Resumed
+from experiment.session.journal import Contents
 
 
 @dataclass(frozen=True)
@@ -53,3 +55,12 @@ def progress(entries: Sequence[AnyEntry]) -> Progress:
             unanswered = None
     remaining = tuple(planned for planned in header.order if planned.trial not in answered)
     return Progress(tuple(answered), remaining, attempts, unanswered, footer)
+
+
+def spent_ns(contents: Contents) -> int:
+    """How long the session has lasted so far, pauses between its runners left out, ns."""
+    spent, begun = 0, contents.lines[0].t_ns if contents.lines else 0
+    for before, line in pairwise(contents.lines):
+        if isinstance(line.entry, Resumed):
+            spent, begun = spent + before.t_ns - begun, line.t_ns
+    return spent + (contents.lines[-1].t_ns - begun if contents.lines else 0)

@@ -6,13 +6,13 @@ import hashlib
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import BinaryIO, Literal
 
 from experiment import scene as scenes
 from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.ports import Actuator, Console, Tracker
 from experiment.clock import Clock
-from experiment.errors import JournalError, PalpateError
+from experiment.errors import JournalError, PalpateError, TrackerError
 from experiment.protocol.models import Protocol
 from experiment.records import (
     Answer,
@@ -28,9 +28,16 @@ from experiment.records import (
     TrackerOpened,
 )
 from experiment.session import answers, journal
-from experiment.session.resume import Progress, progress
+from experiment.session.places import foot_path, journal_path, rig_path
+from experiment.session.resume import Progress, progress, spent_ns
 from experiment.session.states import Event, State, follow
 from experiment.session.step import WatchedStep, watch
+
+MOST_ATTEMPTS = 10
+"""Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
+
+CLOCKS_PART_US = 10e6
+"""Device and session time may part by this much: a slow step, and the drift of two crystals over a session."""
 
 
 @dataclass(frozen=True)
@@ -45,28 +52,14 @@ class Devices:
     clock: Clock
 
 
-def journal_path(dataset: Path, participant: str, task: str) -> Path:
-    """Where the journal of a session stands inside a dataset."""
-    return dataset / "sourcedata" / f"sub-{participant}" / f"sub-{participant}_task-{task}_journal.jsonl"
-
-
-def rig_path(journal_file: Path) -> Path:
-    """Where the rig file of a session stands, beside its journal."""
-    return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_rig.toml"))
-
-
-def foot_path(journal_file: Path) -> Path:
-    """Where the raw tracker frames of a session stand, beside its journal."""
-    return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_foot.cobs"))
-
-
-def run(*, protocol: Protocol, header: Header, devices: Devices, dataset: Path) -> Footer:
+def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path, dataset: Path) -> Footer:
     """Run a session, or what remains of it.
 
     Args:
         protocol: the study.
         header: what this session is. Where a journal exists its own header rules, and must be of the same session.
         devices: the opened parts.
+        rig_file: the rig's file, kept beside the journal.
         dataset: folder of the study's dataset.
 
     Returns:
@@ -86,12 +79,16 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, dataset: Path) 
         done = progress(contents.entries or (header,))
         if done.footer is not None and done.footer.reason == "complete":
             return done.footer
-        session = _Session(protocol, header, devices, journal.Journal(path, devices.clock, contents), foot_path(path))
+        if not contents.lines:
+            rig_path(path).write_bytes(rig_file.read_bytes())
+        foot = foot_path(path).open("ab")
+        session = _Session(protocol, header, devices, journal.Journal(path, devices.clock, contents), foot)
         return session.run(contents, done)
 
 
 def _check_same_session(path: Path, found: Header, asked: Header) -> None:
-    for name in ("study", "protocol_sha256", "participant", "task", "seed", "rig_sha256", "rehearsal", "order"):
+    identity = ("study", "protocol_sha256", "participant", "task", "seed", "rig_sha256", "recordings_sha256")
+    for name in (*identity, "rehearsal", "order"):
         was, now = getattr(found, name), getattr(asked, name)
         if was != now:
             shown = "" if name == "order" else f" ({was} then, {now} now)"
@@ -103,7 +100,7 @@ def _check_same_session(path: Path, found: Header, asked: Header) -> None:
 
 class _Session:
     def __init__(
-        self, protocol: Protocol, header: Header, devices: Devices, opened: journal.Journal, foot: Path
+        self, protocol: Protocol, header: Header, devices: Devices, opened: journal.Journal, foot: BinaryIO
     ) -> None:
         self._protocol = protocol
         self._task = protocol.task(header.task)
@@ -111,7 +108,7 @@ class _Session:
         self._header = header
         self._devices = devices
         self._journal = opened
-        self._foot = foot.open("ab")
+        self._foot = foot
         self._keys = answers.keys(protocol)
         self._detector = GateDetector(protocol.step)
         self._state = State.READY
@@ -120,18 +117,15 @@ class _Session:
 
     def run(self, contents: journal.Contents, done: Progress) -> Footer:
         self._answered = len(done.answered)
+        self._ends_ns = (
+            self._devices.clock.now_ns() + int(self._protocol.exposure.session_min * 60e9) - spent_ns(contents)
+        )
         try:
             self._begin(contents, done)
-            ends_ns = self._devices.clock.now_ns() + int(self._protocol.exposure.session_min * 60e9)
             for planned in done.remaining:
-                if self._devices.clock.now_ns() > ends_ns:
-                    self._follow(Event.PAUSE)
-                    return self._end("paused", f"the protocol's {self._protocol.exposure.session_min:g} min are over")
-                attempt = done.attempts.get(planned.trial, 0) + 1
-                while (event := self._attempt(planned, attempt)) is Event.REDONE:
-                    attempt += 1
-                if event is Event.PAUSE:
-                    return self._end("paused", "paused by the experimenter")
+                pause = self._trial(planned, done.attempts.get(planned.trial, 0) + 1)
+                if pause:
+                    return self._end("paused", pause)
             self._follow(Event.EXHAUSTED)
             return self._end("complete")
         except PalpateError as error:
@@ -145,12 +139,26 @@ class _Session:
             self._foot.close()
             self._journal.close()
 
+    def _trial(self, planned: PlannedTrial, first: int) -> str:
+        """Attempts at one trial until one counts; returns why the session pauses, or nothing."""
+        for attempt in range(first, first + MOST_ATTEMPTS):
+            if self._devices.clock.now_ns() > self._ends_ns:
+                self._follow(Event.PAUSE)
+                return f"the protocol's {self._protocol.exposure.session_min:g} min of a session are over"
+            event = self._attempt(planned, attempt)
+            if event is not Event.REDONE:
+                return "paused by the experimenter" if event is Event.PAUSE else ""
+        self._follow(Event.PAUSE)
+        return f"trial {planned.trial} was done again {MOST_ATTEMPTS} times; see to the rig, then go on"
+
     def _follow(self, event: Event) -> None:
         self._state = follow(self._state, event)
 
     def _end(self, reason: Literal["complete", "paused", "error"], detail: str = "") -> Footer:
         footer = Footer(reason=reason, detail=detail, answered=self._answered)
-        self._journal.append(footer)
+        # After an interrupt in the middle of a write only a new reading of the journal may add to it.
+        if self._journal.accepts:
+            self._journal.append(footer)
         return footer
 
     def _begin(self, contents: journal.Contents, done: Progress) -> None:
@@ -201,7 +209,7 @@ class _Session:
             render=devices.render,
             actuator=devices.actuator,
         )
-        clock_map = self._map_clock(seen)
+        self._map_clock(seen)
         self._record_step(planned, attempt, seen)
         self._follow(Event.STEPPED)
         reason = self._repeat_reason(seen)
@@ -215,7 +223,7 @@ class _Session:
             event = Event.PAUSE if key == self._protocol.answers.pause_key else Event.REDONE
             self._follow(event)
             return event
-        contact_ns = clock_map.t_ns + (seen.contact.us - clock_map.device_us) * 1e3
+        contact_ns = seen.first_t_ns + (seen.contact.us - seen.first_us) * 1e3
         answered = answers.material_of(self._protocol, key)
         self._journal.append(
             Answer(
@@ -232,13 +240,20 @@ class _Session:
         self._follow(Event.ANSWERED)
         return Event.ANSWERED
 
-    def _map_clock(self, seen: WatchedStep) -> TrackerOpened:
+    def _map_clock(self, seen: WatchedStep) -> None:
         if self._clock_map is None:
             self._clock_map = TrackerOpened(
                 port=self._devices.tracker_port, device_us=seen.first_us, t_ns=seen.first_t_ns
             )
             self._journal.append(self._clock_map)
-        return self._clock_map
+        # Where the foot is late on one clock and early on the other, the device restarted between two steps.
+        passed_us = (self._devices.clock.now_ns() - self._clock_map.t_ns) / 1e3
+        ahead_us = seen.contact.us - self._clock_map.device_us - passed_us
+        if abs(ahead_us) > CLOCKS_PART_US:
+            raise TrackerError(
+                f"tracker at {self._devices.tracker_port}: its clock and the session's part by {ahead_us / 1e6:.1f} s; "
+                "the device restarted, or does not count microseconds; see to it, then resume the session"
+            )
 
     def _record_step(self, planned: PlannedTrial, attempt: int, seen: WatchedStep) -> None:
         offset = self._foot.tell()

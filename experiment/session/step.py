@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,7 +31,7 @@ class WatchedStep:
         gate: the passage through the gate that led to contact.
         contact: the contact.
         raw: every byte of the tracker from arming to the end of the tail.
-        link: frames counted over the same stretch.
+        link: frames counted from arming to contact.
         stimulus: what was handed to the actuator; None in a task without synthesis.
     """
 
@@ -65,7 +65,7 @@ def watch(
     state = detector.init()
     samples = tracker.read()
     first = int(samples.device_us[0]), clock.now_ns()
-    raw = bytearray(samples.raw)
+    raw, received = bytearray(), 0
     gate: Gate | None = None
     contact: Contact | None = None
     rendered: Synthesised | None = None
@@ -75,17 +75,23 @@ def watch(
             if isinstance(event, Gate):
                 gate = event
                 rendered = render(material, gate.speed_mm_s, actuator.rate_hz) if render and actuator else None
-            else:
+            elif gate is not None:
                 contact = event
+                break
         if gate is not None and contact is not None:
             break
-        samples = tracker.read()
         raw += samples.raw
+        received += samples.device_us.size
+        samples = tracker.read()
+    received += int(np.searchsorted(samples.device_us, contact.us, side="right"))
+    link = replace(tracker.counts.since(before), received=received)
     stimulus = _play(rendered, actuator) if rendered is not None and actuator is not None else None
     while samples.device_us[-1] < contact.us + TAIL_US:
-        samples = tracker.read()
         raw += samples.raw
-    return WatchedStep(*first, gate, contact, bytes(raw), tracker.counts.since(before), stimulus)
+        samples = tracker.read()
+    # What came in the same read after the tail is left out, so that a trace does not depend on how reads were cut.
+    raw += samples.raw[: int(samples.ends[np.searchsorted(samples.device_us, contact.us + TAIL_US)])]
+    return WatchedStep(*first, gate, contact, bytes(raw), link, stimulus)
 
 
 def _play(rendered: Synthesised, actuator: Actuator) -> Stimulus:

@@ -75,6 +75,10 @@ def test_the_most_confused_pair_counts_both_directions() -> None:
     assert confusion(["1"] * len(answers), shown, said, MATERIALS).most_confused() == ("glass", "snow")
 
 
+def test_without_any_confusion_no_pair_is_the_most_confused() -> None:
+    assert confusion(["1"] * 3, MATERIALS, MATERIALS, MATERIALS).most_confused() is None
+
+
 def test_an_unknown_material_is_refused() -> None:
     with pytest.raises(ValueError, match="ice"):
         confusion(["1"], ["ice"], ["glass"], MATERIALS)

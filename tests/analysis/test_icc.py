@@ -126,12 +126,12 @@ def test_perfect_agreement_is_one_without_an_interval() -> None:
 
 
 @pytest.mark.parametrize("table", [[[1, 2, 3]], [[1], [2]], []])
-def test_too_small_a_matrix_is_noticc(table: list[list[int]]) -> None:
+def test_too_small_a_matrix_is_not_defined(table: list[list[int]]) -> None:
     with pytest.raises(NotDefined, match="two targets and two raters"):
         icc(table)
 
 
-def test_constant_ratings_are_noticc() -> None:
+def test_constant_ratings_are_not_defined() -> None:
     with pytest.raises(NotDefined, match="all ratings are the same"):
         icc([[1, 1], [1, 1], [1, 1]])
 

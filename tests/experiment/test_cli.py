@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import pty
+import shutil
+from collections.abc import Callable
 from datetime import date, timedelta
 from pathlib import Path
 
@@ -140,6 +142,15 @@ class TestALaboratorysStudy:
             "seal", protocol, "--approval-number", "17", "--approved-on", approved_on, "--expires-on", expires_on
         )
 
+    @pytest.fixture(autouse=True)
+    def seed(self, protocol: Path, seed_for: Callable[[Path, str], int]) -> None:
+        """Seeds under which participant 01 does the real task first."""
+        self.real_first = lambda: seed_for(protocol, "real")
+
+    def enrol(self, palpate: Palpate, protocol: Path, participant: str = "01") -> tuple[int, str, str]:
+        where = ["--dataset", protocol.with_name("dataset"), "--seed", self.real_first()]
+        return palpate("enrol", protocol, "-p", participant, "--consent-on", date.today(), *where)
+
     def run(self, palpate: Palpate, protocol: Path, rig: Path, task: str = "real") -> tuple[int, str, str]:
         root = protocol.with_name("dataset")
         return palpate("run", protocol, "-p", "01", "--task", task, "--rig", rig, "--dataset", root)
@@ -149,10 +160,12 @@ class TestALaboratorysStudy:
         assert "seal it" in self.run(palpate, protocol, rig)[2]
         assert self.seal(palpate, protocol)[0] == 0
         assert "participant 01 is not enrolled" in self.run(palpate, protocol, rig)[2]
-        assert palpate("enrol", protocol, "-p", "01", "--dataset", root)[0] == 0
+        where = ["--dataset", root]
+        assert palpate("enrol", protocol, "-p", "01", *where, "--seed", self.real_first())[0] == 0
         assert "participant 01 has not consented" in self.run(palpate, protocol, rig)[2]
-        assert palpate("enrol", protocol, "-p", "02", "--dataset", root, "--consent-on", date.today())[0] == 0
-        code, _, err = palpate("run", protocol, "-p", "02", "--task", "real", "--rig", rig, "--dataset", root)
+        assert palpate("consent", protocol, "-p", "01", "--consent-on", date.today(), *where)[0] == 0
+        assert "01 does task 'real' before 'virtual'; run that one" in self.run(palpate, protocol, rig, "virtual")[2]
+        code, _, err = self.run(palpate, protocol, rig)
         assert (code, len(lines(err))) == (2, 1)
         assert "no-such-port: no such port" in err
         assert not list(root.glob("sourcedata/sub-*"))
@@ -171,18 +184,31 @@ class TestALaboratorysStudy:
         assert "the approval has expired" in self.run(palpate, protocol, rig)[2]
 
     def test_a_simulated_rig_is_refused(self, palpate: Palpate, protocol: Path) -> None:
-        root = protocol.with_name("dataset")
         self.seal(palpate, protocol)
-        palpate("enrol", protocol, "-p", "01", "--dataset", root, "--consent-on", date.today())
+        self.enrol(palpate, protocol)
         _, _, err = self.run(palpate, protocol, shipped("rigs/rehearsal.toml"))
         assert "the rig is simulated" in err
 
     def test_a_withdrawn_participant_is_not_run(self, palpate: Palpate, protocol: Path, rig: Path) -> None:
         root = protocol.with_name("dataset")
         self.seal(palpate, protocol)
-        palpate("enrol", protocol, "-p", "01", "--dataset", root, "--consent-on", date.today())
+        self.enrol(palpate, protocol)
         assert palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")[0] == 0
         assert "participant 01 withdrew (asked to stop)" in self.run(palpate, protocol, rig)[2]
+
+    @pytest.mark.parametrize("left", ["nothing", "folder", "seed"])
+    def test_a_study_whose_beginning_was_killed_begins_again(self, palpate: Palpate, protocol: Path, left: str) -> None:
+        root = protocol.with_name("dataset")
+        self.enrol(palpate, protocol)
+        (root / "sourcedata" / "roster.jsonl").unlink()
+        (root / "sourcedata" / "protocol.toml").unlink()
+        for path in root.glob("sourcedata/.roster*"):
+            path.unlink()
+        if left != "seed":
+            (root / "sourcedata" / "seed.json").unlink()
+        if left == "nothing":
+            shutil.rmtree(root)
+        assert self.enrol(palpate, protocol)[0] == 0
 
     def test_a_study_never_writes_into_another_dataset(self, palpate: Palpate, protocol: Path) -> None:
         root = protocol.with_name("dataset")
@@ -201,7 +227,7 @@ class TestALaboratorysStudy:
         rig.write_text(rig.read_text("utf-8").replace(missing, os.ttyname(port)), "utf-8")
         protocol.write_text(protocol.read_text("utf-8").replace("min_s = 180", "min_s = 0"), "utf-8")
         self.seal(palpate, protocol)
-        palpate("enrol", protocol, "-p", "01", "--dataset", root, "--consent-on", date.today())
+        self.enrol(palpate, protocol)
         monkeypatch.setattr("builtins.input", lambda _: "")
         code, out, err = self.run(palpate, protocol, rig)
         os.close(device)

@@ -14,7 +14,7 @@ from experiment import roster, schedule
 from experiment.protocol import load
 from experiment.protocol.shipped import shipped
 from experiment.records import Answer, Footer, Redo
-from experiment.session import journal, runner
+from experiment.session import journal, places
 
 KILLS = 200
 
@@ -49,7 +49,7 @@ def test_every_confirmed_answer_is_on_disk_once_and_every_order_is_the_planned_o
         answered = {}
         for who in roster.allocate(protocol, one["seed"])[:2]:
             for task in who.tasks:
-                entries = journal.read(runner.journal_path(Path(one["out"]), who.participant, task)).entries
+                entries = journal.read(places.journal_path(Path(one["out"]), who.participant, task)).entries
                 redone = {(e.trial, e.attempt) for e in entries if isinstance(e, Redo)}
                 counted = [e for e in entries if isinstance(e, Answer)]
                 assert not redone & {(e.trial, e.attempt) for e in counted}

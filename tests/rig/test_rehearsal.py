@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import json
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -19,8 +20,7 @@ from experiment.protocol.shipped import shipped
 from experiment.rehearsal import study
 from experiment.rehearsal.foot import Faults, Foot
 from experiment.rehearsal.movement import Trajectory
-from experiment.session import journal, runner
-from experiment.session.resume import progress
+from experiment.session import places
 
 MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
 PUBLISHED = {
@@ -85,14 +85,15 @@ def test_silence_is_answered_at_chance_and_leaves_the_real_task_alone(tmp_path: 
     assert [row["answered"] for row in first] == [row["answered"] for row in counted(one, "real")]
 
 
-def test_the_same_seed_gives_the_same_events_and_another_does_not(tmp_path: Path, one: Path) -> None:
+def test_the_same_seed_gives_the_same_files_and_another_does_not(tmp_path: Path, one: Path) -> None:
     again = rehearse(tmp_path / "again")
     other = rehearse(tmp_path / "other", seed=2)
-    events = sorted(path.relative_to(one) for path in one.glob("sub-*/beh/*_events.tsv"))
-    assert events
-    for path in events:
-        assert (again / path).read_bytes() == (one / path).read_bytes()
-        assert (other / path).read_bytes() != (one / path).read_bytes()
+    made = sorted(path.relative_to(one) for path in one.glob("sub-*/beh/*"))
+    assert len(made) == 8
+    for path in made:
+        assert (again / path).read_bytes() == (one / path).read_bytes(), path
+        if path.name.endswith("_events.tsv"):
+            assert (other / path).read_bytes() != (one / path).read_bytes()
 
 
 def test_the_rendered_speed_is_the_foots(one: Path) -> None:
@@ -104,11 +105,22 @@ def test_the_rendered_speed_is_the_foots(one: Path) -> None:
 
 def test_every_file_says_rehearsal(one: Path) -> None:
     for path in sorted(one.rglob("*")):
-        relative = path.relative_to(one)
-        if not path.is_file() or path.name == "protocol.toml" or path.suffix in (".lock", ".cobs", ".wav", ".gz"):
+        relative = path.relative_to(one).as_posix()
+        if (
+            not path.is_file()
+            or path.name == "protocol.toml"
+            or path.suffix in (".lock", ".cobs", ".head", ".wav", ".gz")
+        ):
             continue
-        text = path.read_text("utf-8").lower()
-        assert "rehearsal" in text or "simulated" in text, relative
+        text = path.read_text("utf-8")
+        if path.suffix == ".jsonl":
+            assert '"rehearsal":true' in text, relative
+        elif path.suffix == ".toml":
+            assert "simulated = true" in text, relative
+        elif path.suffix == ".tsv":
+            assert all("REHEARSAL" in line for line in text.splitlines()[1:]), relative
+        else:
+            assert "REHEARSAL" in re.sub(r'"Levels": \{[^}]*\}', "", text), relative
 
 
 def test_the_foot_trace_is_the_frames_that_the_journal_names(one: Path) -> None:
@@ -163,7 +175,7 @@ def test_another_rehearsal_or_anything_else_in_the_folder_is_refused(tmp_path: P
 def test_a_broken_journal_is_refused_and_nothing_is_overwritten(tmp_path: Path, one: Path) -> None:
     root = tmp_path / "rehearsal"
     shutil.copytree(one, root)
-    path = runner.journal_path(root, "01", "virtual")
+    path = places.journal_path(root, "01", "virtual")
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join(lines[:5] + lines[6:]))
     before = path.read_bytes()
@@ -172,21 +184,52 @@ def test_a_broken_journal_is_refused_and_nothing_is_overwritten(tmp_path: Path, 
     assert path.read_bytes() == before
 
 
-def test_a_truncated_journal_loses_only_what_was_cut_off(tmp_path: Path, one: Path) -> None:
+def test_a_truncated_journal_is_refused_and_nothing_is_overwritten(tmp_path: Path, one: Path) -> None:
     root = tmp_path / "rehearsal"
     shutil.copytree(one, root)
-    path = runner.journal_path(root, "01", "virtual")
+    path = places.journal_path(root, "01", "virtual")
     path.write_bytes(path.read_bytes()[:-2000])
-    kept = progress(journal.read(path).entries).answered
-    assert 0 < len(kept) < 40
-    rehearse(root)
-    assert progress(journal.read(path).entries).answered == tuple(range(1, 41))
+    before = path.read_bytes()
+    for call in (lambda: rehearse(root), lambda: dataset.build(root)):
+        with pytest.raises(JournalError, match=r"is truncated: it had .* restore the journal from a backup"):
+            call()
+    assert path.read_bytes() == before
+
+
+def test_a_repeated_trial_does_not_leave_its_stimulus_to_the_next(
+    tmp_path: Path, one: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Every first attempt loses more frames than the protocol's rule allows.
+    step = Foot.step
+    begun = 0
+
+    def lossy(self: Foot, trajectory: Trajectory, start_us: int) -> None:
+        nonlocal begun
+        begun += 1
+        step(self, trajectory, start_us, Faults(drop=frozenset(range(20, 60))) if begun % 2 else None)
+
+    monkeypatch.setattr(Foot, "step", lossy)
+    root = rehearse(tmp_path / "rehearsal", participants=4)
+    rows = counted(root, "virtual")
+    assert {row["attempt"] for row in rows} == {"2"}
+    correct = np.mean([row["presented"] == row["answered"] for row in rows])
+    assert correct > 0.4, "judged on the stimulus before, it would be near 0.25"
+
+
+def test_a_journal_without_a_header_is_left_out_of_the_dataset(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
+    unborn = places.journal_path(root, "02", "virtual")
+    unborn.parent.mkdir()
+    unborn.write_bytes(b'{"n":0,"t_ns":9')
+    dataset.build(root)
+    assert not (root / "sub-02").exists()
 
 
 def test_a_foot_trace_that_was_changed_is_refused(tmp_path: Path, one: Path) -> None:
     root = tmp_path / "rehearsal"
     shutil.copytree(one, root)
-    path = runner.foot_path(runner.journal_path(root, "01", "real"))
+    path = places.foot_path(places.journal_path(root, "01", "real"))
     data = bytearray(path.read_bytes())
     data[1000] ^= 1
     path.write_bytes(data)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from datetime import date, timedelta
 from pathlib import Path
 
@@ -26,7 +26,9 @@ SPEED_MM_S = 200.0
 
 
 @pytest.fixture
-def laboratory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Palpate) -> Iterator[Panel]:
+def laboratory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Palpate, task: str, seed_for: Callable[[Path, str], int]
+) -> Iterator[Panel]:
     """A sealed study of one trial a material, a rig file, an enrolled participant; the foot steps when armed."""
     simulated_rig = rigs.load(shipped("rigs/rehearsal.toml"))
     panel = Panel(simulated_rig.actuator)
@@ -53,7 +55,8 @@ def laboratory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Palpate
         today = date.today()
         approval = ["--approved-on", today, "--expires-on", today + timedelta(9)]
         assert palpate("seal", "study.toml", "--approval-number", "17", *approval)[0] == 0
-        consent = ["--consent-on", today, "--dataset", "dataset", "--seed", 4]
+        consent = ["--consent-on", today, "--dataset", "dataset"]
+        consent += ["--seed", seed_for(tmp_path / "study.toml", task)]
         assert palpate("enrol", "study.toml", "-p", "01", *consent)[0] == 0
         yield panel
         foot.close()
@@ -70,7 +73,13 @@ def test_a_session_from_the_experimenters_chair(
 ) -> None:
     protocol = load.load(tmp_path / "study.toml")
     recordings = tmp_path / "recordings"
-    simulated.make_recordings(recordings, protocol=protocol, seed=1)
+    manifest = simulated.make_recordings(recordings, protocol=protocol, seed=1)
+    where = ["--rig", "rig.toml", "--dataset", "dataset", "--recordings", recordings]
+    if task == "virtual":
+        code, _, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
+        assert (code, "the recordings are simulated; participants feel real ones" in err) == (2, True)
+    # From here on they stand in for a laboratory's own.
+    manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")
     typed = iter(["c", "", "a", "", "n", "", "t", ""])
     prompts = []
 
@@ -79,7 +88,6 @@ def test_a_session_from_the_experimenters_chair(
         return next(typed) if "Key" in prompt or "confirms" in prompt else ""
 
     monkeypatch.setattr("builtins.input", ask)
-    where = ["--rig", "rig.toml", "--dataset", "dataset", "--recordings", recordings]
     code, out, _ = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
     assert code == 0
     assert "The session is complete: 4 answers." in out

@@ -241,9 +241,11 @@ def test_real_time_loses_what_a_full_line_does_not_take(line: SerialLine, settin
     assert foot.finish()
     tracker.drain()
     clock.sleep_ns(10**8)
-    late = read_until(tracker, 30_100_000)
-    assert late[0].device_us[0] > 30_000_000
-    assert tracker.counts == LinkCounts(received=1 + sum(samples.device_us.size for samples in late))
+    late_us = np.concatenate([samples.device_us for samples in read_until(tracker, 30_100_000)])
+    # Draining may tear a frame, and the foot may be late with what is due; all but some of its 30,000 frames are gone.
+    assert 99 <= np.count_nonzero(late_us > 30_000_000) <= 100
+    assert late_us.size < 15_000
+    assert tracker.counts.received == 1 + late_us.size
     foot.close()
     line.unplug()
     tracker.close()

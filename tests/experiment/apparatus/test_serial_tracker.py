@@ -57,11 +57,14 @@ class ScriptedPort:
     def arrive_unread(self, data: bytes) -> None:
         self._held += data
 
+    def reset_input_buffer(self) -> None:
+        self._held = b""
+
     def close(self) -> None:
         self.closed = True
 
 
-Open = Callable[[Iterable[Arrival]], tuple[SerialTracker, ScriptedPort]]
+Open = Callable[..., tuple[SerialTracker, ScriptedPort]]
 
 
 @pytest.fixture
@@ -71,17 +74,17 @@ def clock() -> ManualClock:
 
 @pytest.fixture
 def scripted(monkeypatch: pytest.MonkeyPatch, clock: ManualClock) -> Open:
-    def opened(script: Iterable[Arrival]) -> tuple[SerialTracker, ScriptedPort]:
+    def opened(script: Iterable[Arrival], url: str = "scripted") -> tuple[SerialTracker, ScriptedPort]:
         port = ScriptedPort(clock)
         port.script = list(script)
 
-        def for_url(url: str, *, baudrate: int, timeout: float, exclusive: bool) -> ScriptedPort:
-            assert (url, baudrate, exclusive) == ("scripted", 1_000_000, True)
+        def for_url(asked: str, *, baudrate: int, timeout: float, exclusive: bool) -> ScriptedPort:
+            assert (asked, baudrate, exclusive) == (url, 1_000_000, True)
             port.timeout = timeout
             return port
 
         monkeypatch.setattr(serial, "serial_for_url", for_url)
-        return SerialTracker("scripted", SETTINGS, clock=clock), port
+        return SerialTracker(url, SETTINGS, clock=clock), port
 
     return opened
 
@@ -199,8 +202,7 @@ def test_draining_forgets_a_torn_frame(scripted: Open) -> None:
 
 
 def test_a_line_that_never_empties_cannot_hold_up_draining(scripted: Open, monkeypatch: pytest.MonkeyPatch) -> None:
-    tracker, port = scripted([])
-    monkeypatch.setattr(ScriptedPort, "in_waiting", 4095)
+    tracker, port = scripted([], "socket://scripted:1")
     monkeypatch.setattr(port, "read", lambda size: b"x" * size)
     tracker.drain()
     assert tracker.counts == LinkCounts()

@@ -5,6 +5,8 @@ from __future__ import annotations
 import io
 from collections import deque
 
+import pytest
+
 from experiment.console.terminal import TerminalConsole
 
 KEYS = {"c": "copy paper", "n": "no answer"}
@@ -45,6 +47,15 @@ def test_the_real_object_is_laid_out_before_the_participant_may_step() -> None:
     one.arm(trial=2, attempt=3, trials=40)
     assert prompts == ["Participant 01.  Trial 2. Lay out: copy paper. Press Enter when it lies: "]
     assert screen.getvalue() == "Participant 01.  Trial 2 of 40, attempt 3. Armed: the participant may step.\n"
+
+
+def test_the_end_of_the_input_interrupts_as_the_keyboard_does() -> None:
+    def ended(_: str) -> str:
+        raise EOFError
+
+    one = TerminalConsole(write=io.StringIO(), ask=ended, heading="")
+    with pytest.raises(KeyboardInterrupt):
+        one.ask(trial=1, keys=KEYS)
 
 
 def test_what_is_on_disk_is_said() -> None:

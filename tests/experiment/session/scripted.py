@@ -19,7 +19,8 @@ def step_samples(start_us: int, speed_mm_s: float) -> Samples:
     """A foot that comes down from 30 mm at one speed and stays on the panel for 0.2 s, at 1 kHz."""
     seconds = np.arange(0, 30 / speed_mm_s + 0.2, 1e-3)
     height = np.maximum(30 - speed_mm_s * seconds, 0)
-    return Samples((start_us + seconds * 1e6).astype(np.int64), height, b"frames")
+    device_us = np.rint(start_us + seconds * 1e6).astype(np.int64)
+    return Samples(device_us, height, bytes(len(seconds)), np.arange(len(seconds)) + 1)
 
 
 class ScriptedTracker:

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO
 
 import pytest
 from hypothesis import given, settings
@@ -22,6 +25,7 @@ HEADER = Header(
     software="palpate 0",
     rig="r",
     rig_sha256="1" * 64,
+    recordings_sha256=None,
     seed=1,
     participant="01",
     task="virtual",
@@ -76,6 +80,7 @@ def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: P
         opened.append(ANSWER if kept else HEADER)
         opened.close()
         assert journal.read(path).entries == (*ENTRIES[:kept], ANSWER if kept else HEADER)
+        journal.head_path(path).unlink()
 
 
 @given(position=st.integers(min_value=0), bit=st.integers(min_value=0, max_value=7))
@@ -84,6 +89,7 @@ def test_no_flipped_bit_passes_unless_in_the_last_line(position: int, bit: int) 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "j"
         data = bytearray(write(path))
+        journal.head_path(path).unlink()
         last = data.rstrip(b"\n").rfind(b"\n") + 1
         data[position % last] ^= 1 << bit
         path.write_bytes(data)
@@ -94,6 +100,7 @@ def test_no_flipped_bit_passes_unless_in_the_last_line(position: int, bit: int) 
 def test_a_missing_or_doubled_line_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "j"
     lines = write(path).splitlines(keepends=True)
+    journal.head_path(path).unlink()
     for changed in ([lines[0], *lines[2:]], [*lines[:2], lines[1], *lines[2:]], lines[1:]):
         path.write_bytes(b"".join(changed))
         with pytest.raises(JournalError, match="restore the journal from a backup"):
@@ -103,9 +110,82 @@ def test_a_missing_or_doubled_line_is_refused(tmp_path: Path) -> None:
 def test_a_broken_last_line_with_its_newline_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "j"
     data = write(path)
+    journal.head_path(path).unlink()
     path.write_bytes(data[:-10] + b"\n")
     with pytest.raises(JournalError, match="line 4 is no journal entry"):
         journal.read(path)
+
+
+def test_an_end_that_was_cut_off_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    data = write(path)
+    for length in range(len(data)):
+        path.write_bytes(data[:length])
+        with pytest.raises(JournalError, match=rf"truncated: it had 4 lines and has {data[:length].count(10)}; keep"):
+            journal.read(path)
+    path.write_bytes(data + b'{"n":4,"t_')
+    assert journal.read(path).torn == b'{"n":4,"t_'
+
+
+def test_a_head_behind_its_journal_is_a_kill_between_the_two(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    write(path, ENTRIES[:3])
+    early = journal.head_path(path).read_bytes()
+    assert early.startswith(b"000000000003 ")
+    path.unlink()
+    write(path)
+    journal.head_path(path).write_bytes(early)
+    assert journal.read(path).entries == ENTRIES
+    journal.head_path(path).write_bytes(early[:20])
+    with pytest.raises(JournalError, match=r"line 3 is not the one that j\.head names"):
+        journal.read(path)
+    journal.head_path(path).write_bytes(early[:5])
+    with pytest.raises(JournalError, match="restore it and the journal from a backup"):
+        journal.read(path)
+
+
+@pytest.mark.parametrize("operation", ["write", "flush", "fsync", "_write_head"])
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str, after: bool
+) -> None:
+    path = tmp_path / "j"
+    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened.append(HEADER)
+    owner = {"fsync": os, "_write_head": opened}.get(operation, opened._file)
+    real = getattr(owner, operation)
+
+    def interrupted(*arguments: object) -> object:
+        if after:
+            real(*arguments)
+        raise KeyboardInterrupt
+
+    if owner is opened._file:
+        opened._file = InterruptedFile(opened._file, operation, interrupted)
+    else:
+        monkeypatch.setattr(owner, operation, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        opened.append(ANSWER)
+    monkeypatch.undo()
+    assert not opened.accepts
+    opened.close()
+    contents = journal.read(path)
+    assert contents.entries in ((HEADER,), (HEADER, ANSWER))
+    again = journal.Journal(path, ManualClock(0), contents)
+    again.append(ENTRIES[3])
+    again.close()
+    assert journal.read(path).entries == (*contents.entries, ENTRIES[3])
+
+
+class InterruptedFile:
+    """A file of which one method is replaced."""
+
+    def __init__(self, file: BinaryIO, name: str, method: Callable[..., object]) -> None:
+        self._file = file
+        setattr(self, name, method)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._file, name)
 
 
 def test_a_missing_journal_is_named(tmp_path: Path) -> None:

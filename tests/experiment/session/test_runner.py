@@ -10,11 +10,11 @@ import pytest
 
 from experiment.apparatus.ports import Samples
 from experiment.clock import ManualClock
-from experiment.errors import JournalError, TrackerStopped
+from experiment.errors import JournalError, TrackerError, TrackerStopped
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.records import Answer, Footer, FootStep, Header, Phase, PlannedTrial, Redo, Resumed, TrackerOpened
-from experiment.session import journal, runner
+from experiment.session import journal, places, runner
 from experiment.synthesis.crinkle import Synthesised
 from tests.experiment.session.scripted import (
     START_NS,
@@ -62,18 +62,20 @@ class Bench:
             self.console,
             self.clock,
         )
-        return runner.run(protocol=protocol, header=asked, devices=devices, dataset=dataset)
+        rig_file = dataset / "rig.toml"
+        rig_file.write_text("the rig")
+        return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=dataset)
 
 
 def bench(keys: str, steps: list[Samples | TrackerStopped] | None = None, lost: tuple[int, ...] = ()) -> Bench:
     clock = ManualClock(START_NS)
     if steps is None:
-        steps = [step_samples(5_000_000 * n, 100.0 * n) for n in range(1, len(keys) + 1)]
+        steps = [step_samples(2_000_000 * n, 100.0 * n) for n in range(1, len(keys) + 1)]
     return Bench(ScriptedTracker(steps, lost), ScriptedConsole(clock, keys), ScriptedActuator(), clock, [])
 
 
 def entries(dataset: Path, task: str) -> tuple[object, ...]:
-    return journal.read(runner.journal_path(dataset, "01", task)).entries
+    return journal.read(places.journal_path(dataset, "01", task)).entries
 
 
 def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
@@ -92,7 +94,7 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
     assert kinds == [Header, Phase, Phase, TrackerOpened, FootStep, Answer, FootStep, Answer, FootStep, Answer, Footer]
     step = entries(tmp_path, "virtual")[4]
     assert isinstance(step, FootStep)
-    assert step.contact_us == pytest.approx(5_000_000 + 300_000, abs=1)
+    assert step.contact_us == pytest.approx(2_000_000 + 300_000, abs=1)
     assert step.stimulus is not None
     assert (step.stimulus.samples, step.stimulus.floored_bins, step.stimulus.peak_m_s2) == (2500, 3, 1.5)
 
@@ -118,12 +120,22 @@ def test_response_time_runs_from_contact_in_device_time(protocol: Protocol, tmp_
     assert first.response_time_s == pytest.approx(1.0 - 0.3, abs=1e-6)
 
 
-def test_the_raw_frames_of_every_step_are_kept(protocol: Protocol, tmp_path: Path) -> None:
+def test_the_raw_frames_of_every_step_are_kept_up_to_the_end_of_the_tail(protocol: Protocol, tmp_path: Path) -> None:
     bench("cpt").run(protocol, header("real"), tmp_path)
-    path = runner.foot_path(runner.journal_path(tmp_path, "01", "real"))
-    traces = [e.trace for e in entries(tmp_path, "real") if isinstance(e, FootStep)]
-    data = path.read_bytes()
-    assert [data[t.offset : t.offset + t.length] for t in traces] == [b"frames"] * 3
+    path = places.foot_path(places.journal_path(tmp_path, "01", "real"))
+    steps = [e for e in entries(tmp_path, "real") if isinstance(e, FootStep)]
+    # One byte a sample at 1 kHz: 30 mm at 100, 200, 300 mm/s, then 100 ms of tail; the scripted foot rests for 200.
+    assert [step.trace.length for step in steps] == [401, 251, 201]
+    assert [step.link.received for step in steps] == [301, 151, 101]
+    assert [step.trace.offset for step in steps] == [0, 401, 652]
+    assert path.stat().st_size == 853
+
+
+def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cp", [step_samples(2_000_000, 150.0), step_samples(40_000_000, 150.0)])
+    with pytest.raises(TrackerError, match=r"part by 3[67].* s; the device restarted"):
+        one.run(protocol, header("real"), tmp_path)
+    assert one.console.confirmations == [(1, "copy paper")]
 
 
 def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Path) -> None:
@@ -135,7 +147,7 @@ def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Pat
 
 
 def test_the_protocols_rule_repeats_a_step_that_lost_frames(protocol: Protocol, tmp_path: Path) -> None:
-    steps = [step_samples(5_000_000 * n, 150.0) for n in range(1, 5)]
+    steps = [step_samples(2_000_000 * n, 150.0) for n in range(1, 5)]
     one = bench("cpt", steps, lost=(21, 20, 0, 0))
     one.run(protocol, header("real"), tmp_path)
     assert one.console.armed == [(1, 1), (1, 2), (2, 1), (3, 1)]
@@ -177,9 +189,51 @@ def test_an_interrupt_at_the_keyboard_pauses(protocol: Protocol, tmp_path: Path)
     ]
 
 
+def test_an_interrupt_before_the_header_leaves_nothing_behind(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> int:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr(journal.Journal, "append", interrupt)
+        assert bench("c").run(protocol, header("real"), tmp_path).reason == "paused"
+    assert bench("cpt").run(protocol, header("real"), tmp_path).reason == "complete"
+
+
+def test_the_protocols_longest_session_counts_over_pauses(protocol: Protocol, tmp_path: Path) -> None:
+    limit = protocol.exposure.model_copy(update={"session_min": 3.375})
+    short = protocol.model_copy(update={"exposure": limit})
+    # 202.5 s in all: 200 s of familiarisation and 1 s an answer; the pause between the two runners does not count.
+    assert bench("cq").run(short, header("real"), tmp_path).detail == "paused by the experimenter"
+    second = bench("pt")
+    second.clock.sleep_ns(3600 * 10**9)
+    footer = second.run(short, header("real"), tmp_path)
+    assert footer == Footer(reason="paused", detail="the protocol's 3.375 min of a session are over", answered=2)
+
+
+def test_a_trial_that_no_step_satisfies_does_not_go_on_for_ever(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("", [step_samples(1_000_000 * n, 700.0) for n in range(1, 20)])
+    footer = one.run(protocol, header("real"), tmp_path)
+    assert footer.detail == "trial 1 was done again 10 times; see to the rig, then go on"
+
+
+def test_what_follows_contact_in_the_same_read_is_another_step(protocol: Protocol, tmp_path: Path) -> None:
+    first, second = step_samples(2_000_000, 150.0), step_samples(2_600_000, 300.0)
+    both = Samples(
+        np.concatenate([first.device_us, second.device_us]),
+        np.concatenate([first.height_mm, second.height_mm]),
+        first.raw + second.raw,
+        np.concatenate([first.ends, len(first.raw) + second.ends]),
+    )
+    one = bench("cpt", [both, step_samples(4_000_000, 150.0), step_samples(6_000_000, 150.0)])
+    one.run(protocol, header("virtual"), tmp_path)
+    assert [speed for _, speed in one.rendered] == pytest.approx([150.0] * 3, rel=1e-6)
+
+
 def test_a_complete_session_is_left_as_it_is(protocol: Protocol, tmp_path: Path) -> None:
     bench("cpt").run(protocol, header("real"), tmp_path)
-    path = runner.journal_path(tmp_path, "01", "real")
+    path = places.journal_path(tmp_path, "01", "real")
     before = path.read_bytes()
     again = bench("")
     assert again.run(protocol, header("real"), tmp_path).reason == "complete"
@@ -201,7 +255,7 @@ def test_a_session_goes_on_only_as_it_was_begun(
 
 def test_a_torn_line_is_reported_on_screen_and_in_the_journal(protocol: Protocol, tmp_path: Path) -> None:
     bench("cq").run(protocol, header("real"), tmp_path)
-    path = runner.journal_path(tmp_path, "01", "real")
+    path = places.journal_path(tmp_path, "01", "real")
     path.write_bytes(path.read_bytes() + b'{"n":9,"t_')
     second = bench("pt")
     second.run(protocol, header("real"), tmp_path)
