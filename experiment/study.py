@@ -12,6 +12,7 @@ from pathlib import Path
 from filelock import FileLock
 
 from experiment import __version__, dataset, dataset_files, roster, scene, schedule
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Actuator, Console
 from experiment.clock import Clock, MonotonicClock, utc
@@ -192,11 +193,16 @@ def run(
         used: Path | None = None
         if planned.synthesis:
             used = _keep_recordings(root, recordings)
-            render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=used)
+            rates_hz = (rig.actuator.rate_hz,)
+            render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=used, output_rates_hz=rates_hz)
         if planned.actuator:
-            actuator = rigs.open_actuator(rig, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
+            from experiment.recordings.response import open_drive
+
+            limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+            drive = open_drive(rig_file.parent, rig.actuator)
+            actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive)
             opened.callback(actuator.close)
-        tracker = rigs.open_tracker(rig)
+        tracker = opening.open_tracker(rig)
         opened.callback(tracker.close)
         asked = header(
             protocol=protocol,

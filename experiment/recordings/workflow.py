@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol as Port
 
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import Contact, Gate, GateDetector
 from experiment.apparatus.ports import Accelerometer, Tracker, Window
@@ -100,9 +101,9 @@ def record_on_rig(
     rigs.check(rig, protocol.step)
     planned = plan(protocol, source=f"rig {rig.rig.name}", simulated=False, speeds_mm_s=speeds_mm_s, takes=takes)
     partial.check(out, planned)
-    accelerometer = rigs.open_accelerometer(rig, rate_hz=protocol.synthesis.rate_hz)
+    accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.synthesis.rate_hz)
     try:
-        tracker = rigs.open_tracker(rig)
+        tracker = opening.open_tracker(rig)
         try:
             detector = GateDetector(protocol.step)
             return record(

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.rig import AccelerometerRig
@@ -193,11 +194,11 @@ def record_simulated(
         line = opened.enter_context(SerialLine())
         foot = Foot(line, rig.tracker)
         opened.callback(foot.close)
-        tracker = rigs.open_tracker(rig, port=line.url)
+        tracker = opening.open_tracker(rig, port=line.url)
         opened.callback(tracker.close)
-        sensor = Sensor(rigs.accelerometer_of(rig))
+        sensor = Sensor(opening.accelerometer_of(rig))
         opened.callback(sensor.close)
-        accelerometer = rigs.open_accelerometer(rig, rate_hz=planned.rate_hz, address=sensor.address)
+        accelerometer = opening.open_accelerometer(rig, rate_hz=planned.rate_hz, address=sensor.address)
         opened.callback(accelerometer.close)
         experimenter = SimulatedExperimenter(
             foot=foot,

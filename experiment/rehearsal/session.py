@@ -8,6 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from experiment import dataset, scene, study
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Actuator, Console
 from experiment.clock import ManualClock, MonotonicClock
@@ -97,18 +98,21 @@ def _rehearse_task(
         powered_ns = clock.now_ns()
         foot = Foot(line, rig.tracker, real_time=job.real_time)
         opened.callback(foot.close)
-        tracker = rigs.open_tracker(rig, port=line.url)
+        tracker = opening.open_tracker(rig, port=line.url)
         opened.callback(tracker.close)
         panel: Panel | None = None
         actuator: Actuator | None = None
         render: scene.Render | None = None
         if planned.synthesis:
             recordings = job.dataset / dataset.RECORDINGS
-            render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings)
+            rates_hz = (rig.actuator.rate_hz,)
+            render = scene.open_stimuli(
+                scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=rates_hz
+            )
         if planned.actuator:
             panel = Panel(rig.actuator)
             opened.callback(panel.close)
-            actuator = rigs.open_actuator(
+            actuator = opening.open_actuator(
                 rig,
                 limit_m_s2=protocol.exposure.vibration_peak_m_s2,
                 drive=open_drive(job.dataset / "sourcedata", rig.actuator),

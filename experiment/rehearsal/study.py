@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from experiment import dataset, roster
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Console
 from experiment.errors import DatasetError, Interrupted
@@ -164,7 +165,7 @@ def _prepare(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> None
     source = partial / "sourcedata"
     source.mkdir(parents=True)
     shutil.copyfile(protocol_file, source / "protocol.toml")
-    shutil.copyfile(rig_file, source / "rig.toml")
+    opening.keep(rig_file, source / "rig.toml")
     protocol = load.load(source / "protocol.toml")
     simulated.make_recordings(partial / dataset.RECORDINGS, protocol=protocol, seed=plan.seed)
     (source / PLAN).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")

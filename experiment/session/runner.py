@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import BinaryIO, Literal
 
 from experiment import scene as scenes
+from experiment.apparatus import opening
 from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.ports import Actuator, Console, Tracker
 from experiment.clock import Clock
@@ -80,7 +81,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
         if done.footer is not None and done.footer.reason == "complete":
             return done.footer
         if not contents.lines:
-            rig_path(path).write_bytes(rig_file.read_bytes())
+            opening.keep(rig_file, rig_path(path))
         foot = foot_path(path).open("ab")
         session = _Session(protocol, header, devices, journal.Journal(path, devices.clock, contents), foot)
         return session.run(contents, done)

@@ -129,6 +129,7 @@ class TestALaboratorysStudy:
     @pytest.fixture
     def rig(self, tmp_path: Path) -> Path:
         path = tmp_path / "rig.toml"
+        shutil.copy(shipped("rigs/rehearsal-response.csv"), tmp_path)
         text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
         text = text.replace('port = "rehearsal"', f'port = "{(tmp_path / "no-such-port").as_posix()}"')
         path.write_text(text.replace('address = "rehearsal"', 'address = "127.0.0.1:9"'), "utf-8")

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from experiment import scene
-from experiment.apparatus import pcm_actuator
+from experiment.apparatus import opening, pcm_actuator
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.pcm_actuator import PcmActuator
 from experiment.apparatus.rig import ActuatorRig, ShapingRig
@@ -98,7 +98,7 @@ def test_it_is_opened_from_a_rig(repository_root: Path) -> None:
     rig = rigs.load(repository_root / "protocols" / "rigs" / "rehearsal.toml")
     panel = Panel(rig.actuator)
     drive = open_drive(repository_root / "protocols" / "rigs", rig.actuator)
-    opened = rigs.open_actuator(rig, limit_m_s2=2.0, drive=drive, address=panel.address)
+    opened = opening.open_actuator(rig, limit_m_s2=2.0, drive=drive, address=panel.address)
     assert opened.rate_hz == rig.actuator.rate_hz
     # 100 Hz; the second is above the limit in two thirds of its samples.
     cosine = np.cos(2 * np.pi * 100 * (np.arange(2500) + 0.5) / opened.rate_hz)

@@ -15,12 +15,14 @@ import pytest
 from scipy import stats
 
 from experiment import dataset
-from experiment.errors import DatasetError, JournalError, TrackerStopped
+from experiment.apparatus import opening
+from experiment.apparatus import rig as rigs
+from experiment.errors import DatasetError, JournalError, RigError, TrackerStopped
 from experiment.protocol.shipped import shipped
 from experiment.rehearsal import study
 from experiment.rehearsal.foot import Faults, Foot
 from experiment.rehearsal.movement import Trajectory
-from experiment.session import places
+from experiment.session import journal, places
 
 MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
 PUBLISHED = {
@@ -115,12 +117,40 @@ def test_every_file_says_rehearsal(one: Path) -> None:
         text = path.read_text("utf-8")
         if path.suffix == ".jsonl":
             assert '"rehearsal":true' in text, relative
+        elif path.suffix == ".csv":
+            assert text.startswith("# SIMULATED"), relative
         elif path.suffix == ".toml":
             assert "simulated = true" in text, relative
         elif path.suffix == ".tsv":
             assert all("REHEARSAL" in line for line in text.splitlines()[1:]), relative
         else:
             assert "REHEARSAL" in re.sub(r'"Levels": \{[^}]*\}', "", text), relative
+
+
+def test_stimuli_were_shaped_by_the_table_that_is_kept_beside_the_journal(one: Path) -> None:
+    path = places.journal_path(one, "01", "virtual")
+    rig = rigs.load(places.rig_path(path))
+    assert rig.actuator.shaping is not None
+    kept = path.with_name(rig.actuator.shaping.response)
+    assert kept.read_bytes() == shipped("rigs/rehearsal-response.csv").read_bytes()
+    driven = [entry.stimulus.driven for entry in journal.read(path).entries if entry.kind == "step" and entry.stimulus]
+    assert len(driven) == 40
+    for stimulus in driven:
+        assert stimulus is not None
+        assert 0 < stimulus.peak_v < rig.actuator.full_scale
+        assert stimulus.limited == stimulus.shaping.bounded_bins == 0
+        assert stimulus.shaping.outside_cost_m_s2 > 0
+
+
+def test_another_table_of_the_same_name_is_never_put_over_the_one_that_was_used(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
+    kept = root / "sourcedata" / "sub-01" / "rehearsal-response.csv"
+    kept.write_text("# simulated, of another day\n")
+    before = kept.read_bytes()
+    with pytest.raises(RigError, match="rename the new table, in the rig file too"):
+        opening.keep(root / "sourcedata" / "rig.toml", kept.with_name("another_rig.toml"))
+    assert kept.read_bytes() == before
 
 
 def test_the_foot_trace_is_the_frames_that_the_journal_names(one: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Iterator
 from datetime import date, timedelta
 from pathlib import Path
@@ -35,6 +36,7 @@ def laboratory(
     with SerialLine() as line:
         text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
         text = text.replace('port = "rehearsal"', f'port = "{line.url}"')
+        shutil.copy(shipped("rigs/rehearsal-response.csv"), tmp_path)
         (tmp_path / "rig.toml").write_text(text.replace('address = "rehearsal"', f'address = "{panel.address}"'))
         study = (
             shipped("okamoto2012.toml")

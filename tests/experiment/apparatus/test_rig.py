@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
 from experiment.errors import ActuatorError, RigError, TrackerError
@@ -161,10 +162,10 @@ def test_shaping_is_opened_for_volts_and_for_nothing_else(write: Write) -> None:
         raise NotImplementedError
 
     with pytest.raises(RigError, match="got no frequency shaping for its actuator; allowed: one"):
-        rigs.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0)
+        opening.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0)
     with pytest.raises(RigError, match="got a frequency shaping for its actuator; allowed: none"):
-        rigs.open_actuator(rigs.load(write(GOOD)), limit_m_s2=10.0, drive=drive)
-    assert rigs.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0, drive=drive).rate_hz == 48_000
+        opening.open_actuator(rigs.load(write(GOOD)), limit_m_s2=10.0, drive=drive)
+    assert opening.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0, drive=drive).rate_hz == 48_000
 
 
 def test_every_problem_is_reported_at_once_one_a_line(write: Write) -> None:
@@ -233,6 +234,6 @@ def test_counts_are_the_inverse_of_heights_to_half_a_count(data: st.DataObject) 
 
 def test_simulated_ports_exist_only_in_a_rehearsal(rehearsal: Rig) -> None:
     with pytest.raises(TrackerError, match=r"only inside `palpate rehearse`; give a rig file whose tracker\.port"):
-        rigs.open_tracker(rehearsal)
+        opening.open_tracker(rehearsal)
     with pytest.raises(ActuatorError, match=r"only inside `palpate rehearse`; .* actuator\.address"):
-        rigs.open_actuator(rehearsal, limit_m_s2=10.0)
+        opening.open_actuator(rehearsal, limit_m_s2=10.0)

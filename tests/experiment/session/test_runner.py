@@ -13,6 +13,7 @@ from experiment.clock import ManualClock
 from experiment.errors import JournalError, TrackerError, TrackerStopped
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
+from experiment.protocol.shipped import shipped
 from experiment.records import Answer, Footer, FootStep, Header, Phase, PlannedTrial, Redo, Resumed, TrackerOpened
 from experiment.session import journal, places, runner
 from experiment.synthesis.crinkle import Synthesised
@@ -62,8 +63,7 @@ class Bench:
             self.console,
             self.clock,
         )
-        rig_file = dataset / "rig.toml"
-        rig_file.write_text("the rig")
+        rig_file = shipped("rigs/rehearsal.toml")
         return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=dataset)
 
 
