@@ -12,8 +12,8 @@ from typing import Annotated, Literal
 import typer
 
 from experiment import __version__
+from experiment.cli_engine import engine
 from experiment.cli_lab import Participant, ProtocolFile, lab
-from experiment.cli_recordings import recordings
 from experiment.errors import PalpateError
 
 app = typer.Typer(
@@ -242,7 +242,7 @@ def _progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None
         yield (lambda total: bar.update(task, total=total)), (lambda: bar.advance(task))
 
 
-app.add_typer(recordings)
+app.add_typer(engine)
 app.add_typer(lab)
 
 

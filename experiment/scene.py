@@ -8,10 +8,11 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiment.protocol.models import Protocol
+from experiment.protocol.models import Protocol, Tactile
 
 if TYPE_CHECKING:
-    from experiment.synthesis.crinkle import Synthesised
+    from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised
+    from experiment.synthesis.engine import Choice
 
 Render = Callable[[str, float, int], "Synthesised"]
 """(material, foot speed in mm/s, output rate in Hz) -> the stimulus."""
@@ -43,6 +44,51 @@ def plan(*, protocol: Protocol, task_id: str) -> Scene:
     return Scene(task_id, synthesis=virtual, actuator=virtual, place=not virtual, materials=materials)
 
 
+def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
+    """The spectra of the materials that `scene` holds, and of no others.
+
+    Args:
+        scene: a scene that needs synthesis.
+        protocol: its protocol.
+        recordings: folder with the recordings' manifest.
+
+    Raises:
+        RecordingError: a recording is missing or unusable.
+    """
+    from experiment.recordings import manifest
+    from experiment.synthesis import crinkle
+
+    loaded = manifest.load(recordings, synthesis=protocol.synthesis, material_ids=scene.materials)
+    return {
+        material: crinkle.subtract(
+            speeds_mm_s=protocol.synthesis.speeds_mm_s,
+            rate_hz=protocol.synthesis.rate_hz,
+            panel_object_takes=loaded.objects[material],
+            panel_takes=loaded.panel,
+            average=protocol.synthesis.average,
+        )
+        for material in scene.materials
+    }
+
+
+def choose(spectra: CrinkleSpectra, tactile: Tactile, output_rate_hz: int) -> Choice:
+    """How the stimuli of one material are computed: exactly, or on the tactile band where the rest is not felt.
+
+    Args:
+        spectra: of the material.
+        tactile: band and floor of the protocol.
+        output_rate_hz: samples a second that the actuator expects, Hz.
+
+    Raises:
+        SynthesisError: no waveform can be made at this rate.
+    """
+    from experiment.synthesis import engine, pruning
+
+    if pruning.loudest_outside(spectra, band_hz=tactile.band_hz) >= tactile.floor_m_s2:
+        return engine.choose(spectra, output_rate_hz=output_rate_hz)
+    return engine.choose(spectra, output_rate_hz=output_rate_hz, band_hz=tactile.band_hz, allowed_relative_error=1.0)
+
+
 def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_rates_hz: Sequence[int] = ()) -> Render:
     """Load the spectra that `scene` holds and return what renders a stimulus from them.
 
@@ -57,24 +103,13 @@ def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_r
         RecordingError: a recording is missing or unusable.
         SynthesisError: no waveform can be made of the recordings at one of the rates.
     """
-    from experiment.recordings import manifest
-    from experiment.synthesis import crinkle, engine, methods
+    from experiment.synthesis import crinkle, methods
 
-    loaded = manifest.load(recordings, synthesis=protocol.synthesis, material_ids=scene.materials)
-    spectra = {
-        material: crinkle.subtract(
-            speeds_mm_s=protocol.synthesis.speeds_mm_s,
-            rate_hz=protocol.synthesis.rate_hz,
-            panel_object_takes=loaded.objects[material],
-            panel_takes=loaded.panel,
-            average=protocol.synthesis.average,
-        )
-        for material in scene.materials
-    }
+    spectra = load_spectra(scene=scene, protocol=protocol, recordings=recordings)
 
     @cache
     def renderer(material: str, output_rate_hz: int) -> methods.Renderer:
-        choice = engine.choose(spectra[material], output_rate_hz=output_rate_hz)
+        choice = choose(spectra[material], protocol.tactile, output_rate_hz)
         return choice.prepare(spectra[material], output_rate_hz=output_rate_hz)
 
     for output_rate_hz in output_rates_hz:

@@ -19,7 +19,6 @@ from experiment.clock import Clock, MonotonicClock, utc
 from experiment.errors import DatasetError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import canonical, load, seal
 from experiment.protocol.models import Protocol
-from experiment.recordings import manifest
 from experiment.records import Footer, Header
 from experiment.session import journal, places, runner
 from experiment.session.resume import progress
@@ -61,7 +60,7 @@ def header(
         software=f"palpate {__version__}",
         rig=rig.rig.name,
         rig_sha256=rigs.sha256(rig),
-        recordings_sha256=manifest.sha256(recordings) if recordings is not None else None,
+        recordings_sha256=_recordings_sha256(recordings) if recordings is not None else None,
         seed=seed,
         participant=participant,
         task=task_id,
@@ -70,6 +69,12 @@ def header(
         started_utc=utc(clock.now_ns()),
         order=schedule.schedule(protocol=protocol, participant=participant, task_id=task_id, seed=seed),
     )
+
+
+def _recordings_sha256(folder: Path) -> str:
+    from experiment.recordings import manifest
+
+    return manifest.sha256(folder)
 
 
 def default_root(protocol: Protocol) -> Path:
@@ -237,6 +242,8 @@ def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None
 
 def _keep_recordings(root: Path, given: Path | None) -> Path:
     """The recordings in the dataset; put there at the first session that names them."""
+    from experiment.recordings import manifest
+
     kept = root / dataset.RECORDINGS
     folder = given or kept
     if manifest.is_simulated(folder):

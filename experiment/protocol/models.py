@@ -138,6 +138,26 @@ class Synthesis(Confined):
     average: Literal["magnitude", "signed"] = "magnitude"
 
 
+class Tactile(Confined):
+    """What skin and actuator can pass; what lies outside may be left out where none of it reaches the floor.
+
+    `low_hz` to `high_hz`: the frequencies that count. `floor_m_s2`: amplitude of a single bin of a spectrum below
+    which nothing is felt outside the band. `source`: where both come from.
+    """
+
+    RULES: ClassVar[rules.Rules] = rules.tactile
+
+    low_hz: Annotated[float, Field(ge=0)]
+    high_hz: Annotated[float, Field(gt=0)]
+    floor_m_s2: Annotated[float, Field(gt=0)]
+    source: Text
+
+    @property
+    def band_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency that count, Hz."""
+        return self.low_hz, self.high_hz
+
+
 class Step(Confined):
     """How a foot step is read: the gate, and the contact that ends it."""
 
@@ -244,6 +264,7 @@ class Protocol(Confined):
     masker: Masker
     answers: Answers
     synthesis: Synthesis
+    tactile: Tactile
     step: Step
     materials: Annotated[tuple[Material, ...], Field(min_length=2)]
     task_order: TaskOrder

@@ -176,12 +176,16 @@ def _material(material: Material) -> str:
 
 
 def _stimuli(protocol: Protocol) -> Iterator[str]:
-    synthesis, step, masker = protocol.synthesis, protocol.step, protocol.masker
+    synthesis, tactile, step, masker = protocol.synthesis, protocol.tactile, protocol.step, protocol.masker
     speeds = ", ".join(map(number, synthesis.speeds_mm_s))
     yield from say(
         f"Virtual stimuli are made from recordings of the real materials: {count(synthesis.takes, 'take')} at each of "
         f"the speeds {speeds} mm/s, each of {synthesis.samples} samples at {synthesis.rate_hz} Hz "
         f"({number(synthesis.samples / synthesis.rate_hz)} s). Takes are averaged by {synthesis.average}."
+    )
+    yield from say(
+        f"Frequencies outside {number(tactile.low_hz)} to {number(tactile.high_hz)} Hz are left out of a "
+        f"material's stimuli where none of them reaches {number(tactile.floor_m_s2)} m/s^2. Source: {tactile.source}"
     )
     yield from say(
         f"The speed of the foot is measured while it falls from {number(step.gate_top_mm)} to "

@@ -65,6 +65,13 @@ def synthesis(table: Table) -> Iterator[Broken]:
             yield Broken(("speeds_mm_s", i), f"a number greater than the one before it ({slower})")
 
 
+def tactile(table: Table) -> Iterator[Broken]:
+    """The band rises."""
+    low, high = _number(table, "low_hz"), _number(table, "high_hz")
+    if low is not None and high is not None and high <= low:
+        yield Broken(("high_hz",), f"a number greater than low_hz ({low})")
+
+
 def step(table: Table) -> Iterator[Broken]:
     """The foot passes the top of the gate, then its bottom, then lands."""
     for higher, lower in pairwise(("gate_top_mm", "gate_bottom_mm", "contact_mm")):

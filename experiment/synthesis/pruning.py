@@ -106,6 +106,21 @@ def largest_share(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], carr
     return min(sqrt(max(shares)) * (1 + SLACK), 1.0)
 
 
+def loudest_outside(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> float:
+    """Largest amplitude of any single bin outside a band, over the measured speeds, m/s^2; 0 where there is none.
+
+    Args:
+        spectra: of one material.
+        band_hz: lowest and highest frequency that count, both included, Hz.
+
+    Raises:
+        SynthesisError: a band that is none.
+    """
+    left_out = ~_within(spectra, band_hz)
+    left_out[0] = False
+    return float(spectra.amplitudes[:, left_out].max(initial=0.0))
+
+
 def _within(spectra: CrinkleSpectra, band_hz: tuple[float, float]) -> NDArray[np.bool_]:
     low_hz, high_hz = band_hz
     if not 0 <= low_hz < high_hz:

@@ -223,7 +223,7 @@ def test_orders_are_pinned() -> None:
         for kind in ("full-random", "blocked-random", "max-run")
     }
     assert found == {
-        "full-random": "caacdbbcdadb",
-        "blocked-random": "cadbcbadcbad",
-        "max-run": "abcbabdcddac",
+        "full-random": "bbbadccacdad",
+        "blocked-random": "bdcadbacbadc",
+        "max-run": "badbddbcacac",
     }

@@ -51,6 +51,12 @@ speeds_mm_s = [
     250,
 ]
 
+[tactile]
+low_hz = 7
+high_hz = 420
+floor_m_s2 = 0.4
+source = "a paper on skin"
+
 [step]
 gate_top_mm = 18
 gate_bottom_mm = 9

@@ -1,4 +1,4 @@
-"""The commands of recordings: record, validate."""
+"""The commands of the synthesis engine: record, validate, plan."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import typer
 from experiment.cli_lab import ProtocolFile
 from experiment.errors import RecordingError
 
-recordings = typer.Typer()
+engine = typer.Typer()
 
 
-@recordings.command(epilog="Example: palpate record study.toml --rig our-rig.toml --out recordings")
+@engine.command(epilog="Example: palpate record study.toml --rig our-rig.toml --out recordings")
 def record(
     protocol_file: ProtocolFile,
     out: Annotated[Path, typer.Option("--out", help="Folder of the recordings; new or empty.")],
@@ -67,7 +67,7 @@ def record(
     typer.echo(f"{'SIMULATED recordings' if simulated else 'Recordings'}: {manifest.parent}")
 
 
-@recordings.command(epilog="Example: palpate validate recordings --fresh fresh-takes --out validation")
+@engine.command(epilog="Example: palpate validate recordings --fresh fresh-takes --out validation")
 def validate(
     folder: Annotated[Path, typer.Argument(metavar="RECORDINGS", help="Folder of recordings.")],
     fresh: Annotated[
@@ -108,3 +108,47 @@ def _speeds(text: str | None) -> tuple[float, ...]:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
         raise RecordingError(f"--speeds: got {text!r}; allowed: numbers and commas, such as 150,250,400") from None
+
+
+@engine.command(epilog="Example: palpate plan protocols/okamoto2012.toml --task real")
+def plan(
+    protocol_file: ProtocolFile,
+    task: Annotated[str | None, typer.Option("--task", help="One task; all of the protocol's by default.")] = None,
+    recordings: Annotated[
+        Path | None, typer.Option("--recordings", help="Folder of recordings; simulated ones by default.")
+    ] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file; the rehearsal's by default.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """Print what a task needs and what it leaves out.
+
+    With the time and memory that each omission saves and the error it makes, measured on this machine while you wait.
+    """
+    import tempfile
+
+    from experiment import scene_cost
+    from experiment.apparatus import rig as rigs
+    from experiment.errors import ScheduleError
+    from experiment.protocol import load
+    from experiment.protocol.shipped import shipped
+
+    protocol = load.load(protocol_file)
+    tasks = [one.id for one in protocol.tasks if task in (None, one.id)]
+    if not tasks:
+        known = ", ".join(one.id for one in protocol.tasks)
+        raise ScheduleError(f"no task '{task}' in study {protocol.study.id}; its tasks: {known}")
+    opened = rigs.load(rig or shipped("rigs/rehearsal.toml"))
+    with tempfile.TemporaryDirectory() as folder:
+        if recordings is None:
+            from experiment.rehearsal import materials
+
+            recordings = materials.make_recordings(Path(folder) / "simulated", protocol=protocol, seed=1).parent
+            source = "SIMULATED recordings, made for this plan"
+        else:
+            source = str(recordings)
+        plans = [scene_cost.plan(protocol=protocol, rig=opened, task_id=one, recordings=recordings) for one in tasks]
+    if as_json:
+        tables = [one.as_dict() for one in plans]
+        typer.echo(json.dumps({"recordings": source, "tasks": tables}, indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        typer.echo("\n\n\n".join([f"Measured with: {source}", *(one.text() for one in plans)]))

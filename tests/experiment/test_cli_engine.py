@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from experiment.cli_recordings import recordings
+from experiment.cli_engine import engine
 from experiment.errors import PalpateError
 
 
 def call(*arguments: object) -> Result:
-    result = CliRunner().invoke(recordings, [*map(str, arguments)])
+    result = CliRunner().invoke(engine, [*map(str, arguments)])
     if isinstance(result.exception, PalpateError):
         raise result.exception
     return result

@@ -1,0 +1,251 @@
+"""What a task leaves out, and what that saves and costs: measured here and now, on this machine."""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import time
+import tracemalloc
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment import scene as scenes
+from experiment.apparatus.rig import Rig
+from experiment.protocol.models import Protocol
+
+if TYPE_CHECKING:
+    from experiment.synthesis.crinkle import CrinkleSpectra
+
+Kind = Literal["parts", "imports", "materials", "bins", "channels", "steps"]
+
+ALWAYS = ("tracker", "gate and contact", "limiter", "exposure account", "journal", "foot trace")
+"""What no task leaves out: safety, accounting and the record."""
+
+STIMULUS_MODULES = (
+    "experiment.recordings.manifest",
+    "experiment.recordings.response",
+    "experiment.synthesis.engine",
+    "experiment.synthesis.shaping",
+    "experiment.apparatus.pcm_actuator",
+)
+"""What a task with virtual stimuli imports and a task with real objects does not."""
+
+SPEEDS_MM_S = tuple(float(v) for v in range(40, 420, 20))
+"""Foot speeds at which times and errors are taken."""
+
+REPEATS = 5
+
+
+@dataclass(frozen=True)
+class Omission:
+    """One thing that a task leaves out.
+
+    Attributes:
+        kind: what sort of thing.
+        what: in words.
+        saves_ms: time saved, ms; None where there is none to measure.
+        saves_kb: memory saved, kB (1000 bytes); None as above.
+        cost: the error that leaving it out makes, in words and figures.
+    """
+
+    kind: Kind
+    what: str
+    saves_ms: float | None
+    saves_kb: float | None
+    cost: str
+
+
+@dataclass(frozen=True)
+class TaskPlan:
+    """What one task needs and leaves out."""
+
+    task: str
+    title: str
+    needs: tuple[str, ...]
+    left_out: tuple[Omission, ...]
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "task": self.task,
+            "needs": list(self.needs),
+            "never_left_out": list(ALWAYS),
+            "left_out": [dict(vars(omission)) for omission in self.left_out],
+        }
+
+    def text(self) -> str:
+        """For a terminal."""
+        lines = [
+            f"Task {self.task}: {self.title}",
+            "",
+            "needs",
+            *(f"  {need}" for need in self.needs),
+            "",
+            "leaves out",
+        ]
+        for o in self.left_out:
+            saved = [_time(o.saves_ms)] if o.saves_ms is not None else []
+            saved += [f"{o.saves_kb:.0f} kB"] if o.saves_kb is not None else []
+            lines += [
+                f"  {o.kind:9} {o.what}",
+                f"            saves {' and '.join(saved) or 'attention'}; costs {o.cost}",
+            ]
+        return "\n".join([*lines, "", f"never left out: {', '.join(ALWAYS)}"])
+
+
+def _time(ms: float) -> str:
+    return f"{ms:.1f} ms" if abs(ms) >= 1 else f"{ms * 1e3:.1f} us"
+
+
+def plan(*, protocol: Protocol, rig: Rig, task_id: str, recordings: Path) -> TaskPlan:
+    """Plan a task, and measure what it leaves out.
+
+    Args:
+        protocol: the study.
+        rig: gives the actuator's rate.
+        task_id: one of its tasks.
+        recordings: folder of the recordings of its materials.
+
+    Raises:
+        RecordingError: a recording is missing or unusable.
+    """
+    scene = scenes.plan(protocol=protocol, task_id=task_id)
+    title = protocol.task(task_id).title
+    if scene.synthesis:
+        return TaskPlan(task_id, title, *_virtual(scene, protocol, rig, recordings))
+    needs = (f"parts     {', '.join(ALWAYS)}", "steps     laying out the real object before each trial")
+    return TaskPlan(task_id, title, needs, _real(protocol, rig, recordings))
+
+
+def _real(protocol: Protocol, rig: Rig, recordings: Path) -> tuple[Omission, ...]:
+    virtual = scenes.Scene("", True, True, False, tuple(material.id for material in protocol.materials))
+    import_ms, import_kb = import_cost(STIMULUS_MODULES)
+    spectra_ms, spectra_kb = _measured(
+        lambda: scenes.load_spectra(scene=virtual, protocol=protocol, recordings=recordings)
+    )
+    stimuli_ms, stimuli_kb = _measured(lambda: _opened(virtual, protocol, rig, recordings))
+    render = _opened(virtual, protocol, rig, recordings)
+    first = virtual.materials[0]
+    step_ms = _median_ms([partial(render, first, v, rig.actuator.rate_hz) for v in SPEEDS_MM_S])
+    nothing = "nothing: no stimulus is played, so not a bit of any record differs"
+    return (
+        Omission("parts", "synthesis engine: prepared stimuli of every material", stimuli_ms, stimuli_kb, nothing),
+        Omission("parts", "actuator, its frequency shaping and its port", None, None, nothing),
+        Omission("imports", ", ".join(STIMULUS_MODULES), import_ms, import_kb, nothing),
+        Omission("materials", f"spectra of {', '.join(virtual.materials)}", spectra_ms, spectra_kb, nothing),
+        Omission("channels", "the actuator's channel", None, None, nothing),
+        Omission("steps", "rendering a stimulus between gate and contact, each trial", step_ms, None, nothing),
+    )
+
+
+def _virtual(
+    scene: scenes.Scene, protocol: Protocol, rig: Rig, recordings: Path
+) -> tuple[tuple[str, ...], tuple[Omission, ...]]:
+    from experiment.synthesis import engine
+
+    rate_hz = rig.actuator.rate_hz
+    held = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    needs = [f"parts     {', '.join(ALWAYS)}, synthesis engine, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
+    left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
+    for material, spectra in held.items():
+        choice = scenes.choose(spectra, protocol.tactile, rate_hz)
+        exact = engine.choose(spectra, output_rate_hz=rate_hz)
+        kept = f"{choice.method.name}, relative error up to {choice.estimate.relative_error:.2g}"
+        needs.append(f"material  {material}: {kept}, {choice.estimate.memory_bytes / 1e3:.0f} kB")
+        if choice.method.name != exact.method.name:
+            left_out.append(_bins(material, spectra, protocol, rate_hz))
+    others = [material.id for material in protocol.materials if material.id not in held]
+    if others:
+        left_out.append(
+            Omission("materials", f"spectra of {', '.join(others)}", None, None, "nothing: never presented")
+        )
+    return tuple(needs), tuple(left_out)
+
+
+def _bins(material: str, spectra: CrinkleSpectra, protocol: Protocol, rate_hz: int) -> Omission:
+    """What leaving out the bins beyond the tactile band of one material saves and costs."""
+    from experiment.synthesis import engine, pruning
+
+    tactile = protocol.tactile
+    chosen, exact = scenes.choose(spectra, tactile, rate_hz), engine.choose(spectra, output_rate_hz=rate_hz)
+    pruned, whole = (one.prepare(spectra, output_rate_hz=rate_hz) for one in (chosen, exact))
+    errors = [_relative_error(pruned(v).waveform_m_s2, whole(v).waveform_m_s2) for v in SPEEDS_MM_S]
+    whole_ms, pruned_ms = (_median_ms([partial(render, v) for v in SPEEDS_MM_S]) for render in (whole, pruned))
+    bins = spectra.samples - pruning.prune(spectra, band_hz=tactile.band_hz).amplitudes.shape[1]
+    loudest = pruning.loudest_outside(spectra, band_hz=tactile.band_hz)
+    cost = (
+        f"a relative error (rms) of {max(errors):.2g} at {SPEEDS_MM_S[0]:g} to {SPEEDS_MM_S[-1]:g} mm/s, claimed at "
+        f"most {chosen.estimate.relative_error:.2g}; no bin left out reaches {tactile.floor_m_s2:g} m/s^2 "
+        f"(loudest {loudest:.2g})"
+    )
+    what = f"{bins} of {spectra.samples} bins of {material}, outside {tactile.low_hz:g} to {tactile.high_hz:g} Hz"
+    saves_kb = (exact.estimate.memory_bytes - chosen.estimate.memory_bytes) / 1e3
+    return Omission("bins", what, whole_ms - pruned_ms, saves_kb, cost)
+
+
+def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> float:
+    """Rms of the difference as a part of the rms of what is right; 0 where both are silent."""
+    rms = float(np.sqrt(np.mean(right**2)))
+    return float(np.sqrt(np.mean((found - right) ** 2))) / rms if rms else 0.0
+
+
+def _opened(scene: scenes.Scene, protocol: Protocol, rig: Rig, recordings: Path) -> scenes.Render:
+    rates_hz = (rig.actuator.rate_hz,)
+    return scenes.open_stimuli(scene=scene, protocol=protocol, recordings=recordings, output_rates_hz=rates_hz)
+
+
+def import_cost(modules: tuple[str, ...]) -> tuple[float, float | None]:
+    """Time, ms, and resident memory, kB, that importing `modules` adds to a session without them; medians.
+
+    Each time a new interpreter first imports what every session needs. No memory where the system does not tell it.
+    """
+    code = (
+        "import importlib, json, sys, time\n"
+        "import experiment.study\n"
+        "def kb():\n"
+        "    try:\n"
+        "        with open('/proc/self/statm') as file:\n"
+        "            import resource\n"
+        "            return int(file.read().split()[1]) * resource.getpagesize() / 1e3\n"
+        "    except (OSError, ImportError):\n"
+        "        return None\n"
+        "held, begun = kb(), time.perf_counter()\n"
+        "for name in sys.argv[1:]:\n"
+        "    importlib.import_module(name)\n"
+        "passed = time.perf_counter() - begun\n"
+        "print(json.dumps([passed * 1e3, None if held is None else kb() - held]))\n"
+    )
+    command = [sys.executable, "-c", code, *modules]
+    outputs = [subprocess.run(command, capture_output=True, check=True).stdout for _ in range(REPEATS)]  # noqa: S603
+    runs = [json.loads(output) for output in outputs]
+    resident_kb = None if runs[0][1] is None else statistics.median(run[1] for run in runs)
+    return statistics.median(run[0] for run in runs), resident_kb
+
+
+def _measured(call: Callable[[], object]) -> tuple[float, float]:
+    """Median time, ms, and the memory that the result holds, kB."""
+    ms = _median_ms([call] * REPEATS)
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    result = call()
+    held = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    del result
+    return ms, held / 1e3
+
+
+def _median_ms(calls: list[Callable[[], object]]) -> float:
+    times = []
+    for call in calls:
+        begun = time.perf_counter()
+        call()
+        times.append((time.perf_counter() - begun) * 1e3)
+    return statistics.median(times)

@@ -1,0 +1,118 @@
+"""What a task needs, and the opening of just that."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiment import scene, scene_cost
+from experiment.apparatus import rig as rigs
+from experiment.protocol import load
+from experiment.protocol.models import Protocol
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal import materials
+from experiment.synthesis import engine
+
+STIMULUS = ("experiment.synthesis", "experiment.recordings.", "experiment.apparatus.pcm_actuator", "scipy")
+
+
+@pytest.fixture(scope="module")
+def protocol() -> Protocol:
+    return load.load(shipped("okamoto2012.toml"))
+
+
+@pytest.fixture(scope="module")
+def recordings(protocol: Protocol, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return materials.make_recordings(tmp_path_factory.mktemp("made") / "r", protocol=protocol, seed=1).parent
+
+
+def test_a_real_task_needs_no_synthesis_no_actuator_and_no_spectra(protocol: Protocol) -> None:
+    real = scene.plan(protocol=protocol, task_id="real")
+    assert (real.synthesis, real.actuator, real.place, real.materials) == (False, False, True, ())
+    virtual = scene.plan(protocol=protocol, task_id="virtual")
+    assert (virtual.synthesis, virtual.actuator, virtual.place, len(virtual.materials)) == (True, True, False, 4)
+
+
+def test_a_session_of_the_real_task_imports_none_of_their_modules(repository_root: Path, tmp_path: Path) -> None:
+    # The whole of `palpate run` up to the tracker's port, which is missing.
+    code = f"""
+import sys
+from pathlib import Path
+from datetime import date, timedelta
+from experiment import roster, study
+from experiment.console.terminal import TerminalConsole
+from experiment.errors import TrackerError
+from experiment.protocol import load, seal
+from experiment.protocol.shipped import shipped
+here = Path({str(tmp_path)!r})
+file, rig = here / "study.toml", here / "rig.toml"
+file.write_bytes(shipped("okamoto2012.toml").read_bytes())
+text = shipped("rigs/rehearsal.toml").read_text().replace("simulated = true", "simulated = false")
+rig.write_text(text.replace('"rehearsal"', '"127.0.0.1:9"'))
+(here / "rehearsal-response.csv").write_bytes(shipped("rigs/rehearsal-response.csv").read_bytes())
+protocol = load.load(file)
+today = date.today()
+seal.write(file, protocol, approval_number="1", board="b", approved_on=today, expires_on=today + timedelta(1))
+seed = next(s for s in range(99) if roster.allocate(protocol, s)[0].tasks[0] == "real")
+study.enrol(file, "01", today, root=here / "dataset", seed=seed)
+console = TerminalConsole(write=sys.stderr, ask=input, heading="")
+try:
+    study.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",
+              recordings=None, console=console)
+except TrackerError:
+    print([name for name in sys.modules if name.startswith({STIMULUS!r})])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=repository_root, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr
+
+
+def test_what_is_rendered_is_the_exact_stimulus_up_to_the_bins_that_are_not_felt(
+    protocol: Protocol, recordings: Path
+) -> None:
+    virtual = scene.plan(protocol=protocol, task_id="virtual")
+    render = scene.open_stimuli(scene=virtual, protocol=protocol, recordings=recordings, output_rates_hz=(5000,))
+    held = scene.load_spectra(scene=virtual, protocol=protocol, recordings=recordings)
+    for material, spectra in held.items():
+        exact = engine.choose(spectra, output_rate_hz=5000).prepare(spectra, output_rate_hz=5000)
+        promised = scene.choose(spectra, protocol.tactile, 5000).estimate.relative_error
+        for speed in (40.0, 100.0, 137.0, 380.0):
+            right = exact(speed).waveform_m_s2
+            found = render(material, speed, 5000).waveform_m_s2
+            assert 0 < np.sqrt(np.mean((found - right) ** 2)) <= promised * np.sqrt(np.mean(right**2))
+
+
+def test_a_material_that_is_felt_beyond_the_band_is_rendered_exactly(protocol: Protocol, recordings: Path) -> None:
+    tactile = protocol.tactile.model_copy(update={"floor_m_s2": 1e-6})
+    virtual = scene.plan(protocol=protocol, task_id="virtual")
+    for spectra in scene.load_spectra(scene=virtual, protocol=protocol, recordings=recordings).values():
+        choice = scene.choose(spectra, tactile, 5000)
+        assert choice.estimate.relative_error <= engine.EXACT
+
+
+def test_the_plan_lists_and_measures_what_each_task_leaves_out(protocol: Protocol, recordings: Path) -> None:
+    rig = rigs.load(shipped("rigs/rehearsal.toml"))
+    real = scene_cost.plan(protocol=protocol, rig=rig, task_id="real", recordings=recordings)
+    assert {omission.kind for omission in real.left_out} == {"parts", "imports", "materials", "channels", "steps"}
+    assert not any("synthesis" in need or "actuator" in need or "spectra" in need for need in real.needs)
+    measured = [omission for omission in real.left_out if omission.saves_ms is not None]
+    assert len(measured) == 4
+    assert all(omission.saves_ms > 0 for omission in measured if omission.saves_ms is not None)
+    virtual = scene_cost.plan(protocol=protocol, rig=rig, task_id="virtual", recordings=recordings)
+    bins = [omission for omission in virtual.left_out if omission.kind == "bins"]
+    assert [omission.what.split(" of ")[2].split(",")[0] for omission in bins] == [m.id for m in protocol.materials]
+    assert all(omission.saves_kb is not None and omission.saves_kb > 0 for omission in bins)
+    for planned in (real, virtual):
+        assert "never left out: tracker, gate and contact, limiter, exposure account, journal" in planned.text()
+
+
+def test_what_the_plan_says_is_imported_is_not_there_before() -> None:
+    ms, kb = scene_cost.import_cost(("json",))
+    more_ms, more_kb = scene_cost.import_cost(scene_cost.STIMULUS_MODULES)
+    assert more_ms > ms
+    assert kb is None or (more_kb is not None and more_kb > kb)
