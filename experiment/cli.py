@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -116,12 +114,13 @@ def rehearse(
     was sent, answers pass the journal, and the tables come from the dataset on disk. The same command goes on with a
     rehearsal that was interrupted.
     """
+    from experiment.cli_progress import progress
     from experiment.console.terminal import TerminalConsole
     from experiment.protocol.shipped import shipped
     from experiment.rehearsal import study
 
     screen = TerminalConsole(write=sys.stderr, ask=input, heading="REHEARSAL") if real_time and not as_json else None
-    with _progress("REHEARSAL", quiet=as_json or screen is not None) as (total, tick):
+    with progress("REHEARSAL", quiet=as_json or screen is not None) as (total, tick):
         dataset = study.rehearse(
             protocol_file=protocol_file or shipped("okamoto2012.toml"),
             rig_file=rig or shipped("rigs/rehearsal.toml"),
@@ -228,18 +227,6 @@ def _analyse(dataset: Path, out: Path | None, *, as_json: bool, figures: bool) -
 
 def _json(document: object) -> None:
     typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
-
-
-@contextmanager
-def _progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
-    """A progress bar on standard error: what sets its total, and what moves it on."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=quiet) as bar:
-        task = bar.add_task(label, total=None)
-        yield (lambda total: bar.update(task, total=total)), (lambda: bar.advance(task))
 
 
 app.add_typer(engine)

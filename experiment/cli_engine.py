@@ -1,4 +1,4 @@
-"""The commands of the synthesis engine: record, validate, plan."""
+"""The commands of the synthesis engine: record, validate, plan, numerics."""
 
 from __future__ import annotations
 
@@ -152,3 +152,29 @@ def plan(
         typer.echo(json.dumps({"recordings": source, "tasks": tables}, indent=2, ensure_ascii=False, allow_nan=False))
     else:
         typer.echo("\n\n\n".join([f"Measured with: {source}", *(one.text() for one in plans)]))
+
+
+@engine.command(epilog="Example: palpate numerics --quick --out numerics")
+def numerics(
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer sizes and repeats.")] = False,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown) and plot.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """Measure error against run time of every method.
+
+    And try the extreme cases, each with the invariant that must hold. Ends with exit code 1 if one does not.
+    """
+    from analysis import numerics as measured
+    from experiment.apparatus.limiter import limit
+    from experiment.cli_progress import progress
+
+    with progress("numerics", quiet=as_json) as (total, tick):
+        result = measured.run(quick=quick, limit=limit, total=total, tick=tick)
+    if out is not None:
+        measured.write(result, out)
+    if as_json:
+        typer.echo(json.dumps(result.as_dict(), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        typer.echo(result.text())
+    if result.failed:
+        raise typer.Exit(1)

@@ -7,7 +7,7 @@ which at F = 5000 Hz and N = 2500 is one bin a hertz. That is used here.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, gcd
+from math import ceil, gcd, inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,7 +82,12 @@ def bin_frequencies_hz(*, bins: int, rate_hz: float) -> NDArray[np.float64]:
 
     Returns:
         Hz, shape (N,).
+
+    Raises:
+        SynthesisError: a rate that is not finite and above zero.
     """
+    if not 0 < rate_hz < inf:
+        raise SynthesisError(f"rate_hz: got {rate_hz}; allowed: a finite rate above 0 Hz; correct the manifest")
     return np.arange(bins, dtype=np.float64) * np.float64(rate_hz / (2 * bins))
 
 
@@ -229,10 +234,14 @@ def dissimilarity(
         m/s^2, shape (...).
 
     Raises:
-        SynthesisError: spectra that are not finite, or of another length than `frequencies_hz`.
+        SynthesisError: spectra that are not finite, or of another length than `frequencies_hz`; or a band that is none.
 
     Source: Okamoto et al., equation (6).
     """
+    if not band_hz[0] <= band_hz[1]:
+        raise SynthesisError(
+            f"band_hz: got {band_hz[0]} to {band_hz[1]}; allowed: two rising frequencies; correct the band"
+        )
     first, second = finite(a, what="first spectrum"), finite(b, what="second spectrum")
     f = finite(frequencies_hz, what="frequencies_hz")
     if not first.shape[-1] == second.shape[-1] == f.size:

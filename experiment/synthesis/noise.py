@@ -1,0 +1,62 @@
+"""Noise with an exact spectrum: what masks the sound of the stimuli.
+
+Each bin of an inverse FFT gets the amplitude that the colour asks for and a phase drawn at random, so the spectrum of
+the whole is no estimate but the colour itself, and the samples are near to normal in distribution, as a sum of many
+sinusoids is. The end goes over into the beginning: played in a loop, it has no seam.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from experiment.errors import SynthesisError
+
+Colour = Literal["pink", "white"]
+"""Power that falls as 1/f, equal in every octave; or power that is equal in every hertz."""
+
+LOWEST_HZ = 20.0
+"""Nothing sounds below: headphones would spend excursion on what masks nothing."""
+
+
+def noise(*, colour: Colour, samples: int, rate_hz: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Noise of rms 1 from `LOWEST_HZ` to half the sampling rate.
+
+    Args:
+        colour: `pink` or `white`.
+        samples: n, at least one period of `LOWEST_HZ`. From half a second on, every octave band from 31.5 Hz to 16 kHz
+            is within 0.5 dB of its colour at rates of 44.1 kHz and more; shorter, the lowest bands hold too few bins.
+        rate_hz: sampling rate, Hz.
+        rng: draws the phases.
+
+    Returns:
+        Mean 0, rms 1, shape (n,).
+
+    Raises:
+        SynthesisError: a colour that is neither, a rate below four times `LOWEST_HZ`, or fewer samples than a period.
+    """
+    if colour not in get_args(Colour):
+        raise SynthesisError(f"colour: got {colour!r}; allowed: {' or '.join(get_args(Colour))}; correct the protocol")
+    if not rate_hz >= 4 * LOWEST_HZ:
+        raise SynthesisError(
+            f"rate_hz: got {rate_hz}; allowed: {4 * LOWEST_HZ:g} Hz or more, an octave above the lowest frequency; "
+            "correct the rig file"
+        )
+    shortest = int(np.ceil(rate_hz / LOWEST_HZ))
+    if not samples >= shortest:
+        raise SynthesisError(
+            f"samples: got {samples}; allowed: {shortest} or more at {rate_hz} Hz, a period of {LOWEST_HZ:g} Hz; "
+            "ask for longer noise"
+        )
+    k = np.arange(samples // 2 + 1)
+    # A bin at exactly half the rate has no phase to draw; without it every bin has the amplitude asked for.
+    sounding = (k * rate_hz >= LOWEST_HZ * samples) & (2 * k < samples)
+    amplitudes = np.zeros(k.size)
+    amplitudes[sounding] = k[sounding] ** -0.5 if colour == "pink" else 1.0
+    phases = rng.uniform(0.0, 2 * np.pi, k.size)
+    wave: NDArray[np.float64] = fft.irfft(amplitudes * np.exp(1j * phases), n=samples)
+    wave *= samples / np.sqrt(2 * np.sum(amplitudes**2))
+    return wave
