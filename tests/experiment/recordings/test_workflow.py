@@ -42,7 +42,7 @@ class World:
         t_us = np.arange(0, int(40e6 / self._next), 1000)
         height_mm = 30.0 - self._next * t_us / 1e6
         self._us += int(t_us[-1]) + 1000
-        return Samples(t_us + self._us, height_mm, b"")
+        return Samples(t_us + self._us, height_mm, b"", np.zeros(t_us.size, np.int64))
 
     def close(self) -> None: ...
 
