@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from experiment.cli_lab import ProtocolFile
-from experiment.errors import RecordingError
+from experiment.errors import Interrupted, RecordingError
 
 engine = typer.Typer()
 
@@ -41,14 +41,17 @@ def record(
         from experiment.protocol.shipped import shipped
         from experiment.rehearsal import recorder
 
-        manifest = recorder.record_simulated(
-            protocol_file=protocol_file,
-            rig_file=rig or shipped("rigs/rehearsal.toml"),
-            out=out,
-            seed=seed,
-            speeds_mm_s=wanted,
-            takes=takes,
-        )
+        try:
+            manifest = recorder.record_simulated(
+                protocol_file=protocol_file,
+                rig_file=rig or shipped("rigs/rehearsal.toml"),
+                out=out,
+                seed=seed,
+                speeds_mm_s=wanted,
+                takes=takes,
+            )
+        except KeyboardInterrupt:
+            raise Interrupted("the recording was interrupted; the same command goes on with it") from None
     else:
         from experiment.console.takes import TerminalTakes
 
@@ -131,13 +134,16 @@ def plan(
     from experiment.errors import ScheduleError
     from experiment.protocol import load
     from experiment.protocol.shipped import shipped
+    from experiment.recordings.response import open_drive
 
     protocol = load.load(protocol_file)
     tasks = [one.id for one in protocol.tasks if task in (None, one.id)]
     if not tasks:
         known = ", ".join(one.id for one in protocol.tasks)
         raise ScheduleError(f"no task '{task}' in study {protocol.study.id}; its tasks: {known}")
-    opened = rigs.load(rig or shipped("rigs/rehearsal.toml"))
+    rig = rig or shipped("rigs/rehearsal.toml")
+    opened = rigs.load(rig)
+    open_drive(rig.parent, opened.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     with tempfile.TemporaryDirectory() as folder:
         if recordings is None:
             from experiment.rehearsal import materials
@@ -168,6 +174,8 @@ def numerics(
     from experiment.apparatus.limiter import limit
     from experiment.cli_progress import progress
 
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
     with progress("numerics", quiet=as_json) as (total, tick):
         result = measured.run(quick=quick, limit=limit, total=total, tick=tick)
     if out is not None:

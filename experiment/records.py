@@ -69,7 +69,8 @@ class Shaping(Entry):
     """What frequency shaping could not reach: bins by cause, and the sum over them of amplitude asked minus reached.
 
     `saturated`: above the highest drive level measured. `outside`: beyond the measured frequencies. `bounded`: held
-    back by the rig's limit of volts per m/s^2.
+    back by the rig's limit of volts per m/s^2. `scale`: factor by which the whole stimulus was taken down, so that what
+    the rig's response makes of it stays within the limit of vibration; 1 where it need not be.
     """
 
     saturated_bins: int
@@ -78,6 +79,7 @@ class Shaping(Entry):
     outside_cost_m_s2: float
     bounded_bins: int
     bounded_cost_m_s2: float
+    scale: float
 
 
 class Driven(Entry):

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiment.protocol.models import Protocol, Tactile
+from experiment.protocol.models import Protocol
 
 if TYPE_CHECKING:
     from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised
@@ -71,12 +71,20 @@ def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[
     }
 
 
-def choose(spectra: CrinkleSpectra, tactile: Tactile, output_rate_hz: int) -> Choice:
+def fastest_mm_s(protocol: Protocol) -> float:
+    """The fastest foot whose trial a protocol counts, mm/s; infinity where it names none."""
+    limits = [rule.limit for rule in protocol.exclusion if rule.when == "speed-above" and rule.limit is not None]
+    return min(limits, default=float("inf"))
+
+
+def choose(spectra: CrinkleSpectra, protocol: Protocol, output_rate_hz: int) -> Choice:
     """How the stimuli of one material are computed: exactly, or on the tactile band where the rest is not felt.
+
+    It is not felt where no bin outside the band reaches the floor at any speed that the protocol counts.
 
     Args:
         spectra: of the material.
-        tactile: band and floor of the protocol.
+        protocol: its tactile band and floor, and its fastest foot.
         output_rate_hz: samples a second that the actuator expects, Hz.
 
     Raises:
@@ -84,7 +92,10 @@ def choose(spectra: CrinkleSpectra, tactile: Tactile, output_rate_hz: int) -> Ch
     """
     from experiment.synthesis import engine, pruning
 
-    if pruning.loudest_outside(spectra, band_hz=tactile.band_hz) >= tactile.floor_m_s2:
+    tactile, fastest = protocol.tactile, fastest_mm_s(protocol)
+    if fastest == float("inf") or (
+        pruning.loudest_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest) >= tactile.floor_m_s2
+    ):
         return engine.choose(spectra, output_rate_hz=output_rate_hz)
     return engine.choose(spectra, output_rate_hz=output_rate_hz, band_hz=tactile.band_hz, allowed_relative_error=1.0)
 
@@ -109,7 +120,7 @@ def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_r
 
     @cache
     def renderer(material: str, output_rate_hz: int) -> methods.Renderer:
-        choice = choose(spectra[material], protocol.tactile, output_rate_hz)
+        choice = choose(spectra[material], protocol, output_rate_hz)
         return choice.prepare(spectra[material], output_rate_hz=output_rate_hz)
 
     for output_rate_hz in output_rates_hz:

@@ -156,17 +156,12 @@ def _virtual(
     needs = [f"parts     {', '.join(ALWAYS)}, synthesis engine, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
     left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
     for material, spectra in held.items():
-        choice = scenes.choose(spectra, protocol.tactile, rate_hz)
+        choice = scenes.choose(spectra, protocol, rate_hz)
         exact = engine.choose(spectra, output_rate_hz=rate_hz)
         kept = f"{choice.method.name}, relative error up to {choice.estimate.relative_error:.2g}"
         needs.append(f"material  {material}: {kept}, {choice.estimate.memory_bytes / 1e3:.0f} kB")
         if choice.method.name != exact.method.name:
             left_out.append(_bins(material, spectra, protocol, rate_hz))
-    others = [material.id for material in protocol.materials if material.id not in held]
-    if others:
-        left_out.append(
-            Omission("materials", f"spectra of {', '.join(others)}", None, None, "nothing: never presented")
-        )
     return tuple(needs), tuple(left_out)
 
 
@@ -175,16 +170,17 @@ def _bins(material: str, spectra: CrinkleSpectra, protocol: Protocol, rate_hz: i
     from experiment.synthesis import engine, pruning
 
     tactile = protocol.tactile
-    chosen, exact = scenes.choose(spectra, tactile, rate_hz), engine.choose(spectra, output_rate_hz=rate_hz)
+    chosen, exact = scenes.choose(spectra, protocol, rate_hz), engine.choose(spectra, output_rate_hz=rate_hz)
     pruned, whole = (one.prepare(spectra, output_rate_hz=rate_hz) for one in (chosen, exact))
     errors = [_relative_error(pruned(v).waveform_m_s2, whole(v).waveform_m_s2) for v in SPEEDS_MM_S]
     whole_ms, pruned_ms = (_median_ms([partial(render, v) for v in SPEEDS_MM_S]) for render in (whole, pruned))
     bins = spectra.samples - pruning.prune(spectra, band_hz=tactile.band_hz).amplitudes.shape[1]
-    loudest = pruning.loudest_outside(spectra, band_hz=tactile.band_hz)
+    fastest = scenes.fastest_mm_s(protocol)
+    loudest = pruning.loudest_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
     cost = (
         f"a relative error (rms) of {max(errors):.2g} at {SPEEDS_MM_S[0]:g} to {SPEEDS_MM_S[-1]:g} mm/s, claimed at "
-        f"most {chosen.estimate.relative_error:.2g}; no bin left out reaches {tactile.floor_m_s2:g} m/s^2 "
-        f"(loudest {loudest:.2g})"
+        f"most {chosen.estimate.relative_error:.2g}; no bin left out reaches {tactile.floor_m_s2:g} m/s^2 at up to "
+        f"{fastest:g} mm/s (loudest {loudest:.2g})"
     )
     what = f"{bins} of {spectra.samples} bins of {material}, outside {tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     saves_kb = (exact.estimate.memory_bytes - chosen.estimate.memory_bytes) / 1e3

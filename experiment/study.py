@@ -204,7 +204,7 @@ def run(
             from experiment.recordings.response import open_drive
 
             limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-            drive = open_drive(rig_file.parent, rig.actuator)
+            drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
             actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive)
             opened.callback(actuator.close)
         tracker = opening.open_tracker(rig)

@@ -85,12 +85,13 @@ def write(path: Path, response: Response, *, comments: Sequence[str]) -> None:
         ) from error
 
 
-def open_drive(folder: Path, actuator: ActuatorRig) -> Drive | None:
+def open_drive(folder: Path, actuator: ActuatorRig, *, limit_m_s2: float) -> Drive | None:
     """What turns accelerations into voltages for the actuator of a rig; None for one that takes accelerations.
 
     Args:
         folder: which holds the rig file; the response table stands there.
         actuator: of the rig.
+        limit_m_s2: the protocol's limit for the magnitude of the acceleration that is delivered, m/s^2.
 
     Raises:
         RigError: the table is not the one that the rig file names.
@@ -104,6 +105,8 @@ def open_drive(folder: Path, actuator: ActuatorRig) -> Drive | None:
         rate_hz=actuator.rate_hz,
         response=_response(folder / shaping.response, response_table(folder, shaping)),
         gain_limit_v_per_m_s2=shaping.gain_limit_v_per_m_s2,
+        limit_m_s2=limit_m_s2,
+        limit_v=shaping.full_scale_v,
     )
 
     def driven(waveform_m_s2: NDArray[np.float64]) -> tuple[NDArray[np.float64], Shaping]:
@@ -115,6 +118,7 @@ def open_drive(folder: Path, actuator: ActuatorRig) -> Drive | None:
             outside_cost_m_s2=did.outside.cost_m_s2,
             bounded_bins=did.bounded.bins,
             bounded_cost_m_s2=did.bounded.cost_m_s2,
+            scale=did.scale,
         )
 
     return driven

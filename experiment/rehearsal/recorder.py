@@ -5,6 +5,7 @@ The walk and the drivers are those of a real recording; the simulated experiment
 
 from __future__ import annotations
 
+import hashlib
 import queue
 import socket
 import threading
@@ -133,7 +134,9 @@ class SimulatedExperimenter:
         """Nothing has to be waited for."""
 
     def arm(self, condition: Condition, *, attempt: int) -> None:
-        rng = np.random.default_rng((self._seed, 1, self._order[condition], attempt))
+        # The condition itself is part of the entropy, so that two plans with one seed share no draw.
+        named = int.from_bytes(hashlib.sha256(f"{len(self._order)} {condition}".encode()).digest()[:8], "big")
+        rng = np.random.default_rng((self._seed, 1, named, self._order[condition], attempt))
         trajectory = self._foot.trajectory(rng, condition.speed_mm_s * float(np.exp(AIM_SIGMA * rng.normal())))
         v = trajectory.speed_mm_s
         if condition.material is None:

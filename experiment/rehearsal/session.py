@@ -112,12 +112,9 @@ def _rehearse_task(
         if planned.actuator:
             panel = Panel(rig.actuator)
             opened.callback(panel.close)
-            actuator = opening.open_actuator(
-                rig,
-                limit_m_s2=protocol.exposure.vibration_peak_m_s2,
-                drive=open_drive(job.dataset / "sourcedata", rig.actuator),
-                address=panel.address,
-            )
+            limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+            drive = open_drive(job.dataset / "sourcedata", rig.actuator, limit_m_s2=limit_m_s2)
+            actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=panel.address)
             opened.callback(actuator.close)
             if job.control == "silence":
                 actuator = SilentActuator(actuator)

@@ -22,6 +22,7 @@ from experiment.apparatus.ports import Console
 from experiment.errors import DatasetError, Interrupted
 from experiment.protocol import canonical, load
 from experiment.protocol.models import Protocol
+from experiment.recordings.response import open_drive
 from experiment.rehearsal import materials as simulated
 from experiment.rehearsal.session import Job, rehearse_participant
 from experiment.session import journal, places
@@ -105,6 +106,8 @@ def rehearse(
         )
     if not rig.rig.simulated:
         raise DatasetError(f"{rig_file}: a rehearsal needs a simulated rig; give one that says simulated = true")
+    # Whatever is wrong with the rig's files is said before a folder is made.
+    open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     if out is None:
         out = Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}"
     out = out.resolve()

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.crinkle import CrinkleSpectra
+from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
 from experiment.synthesis.methods import Estimate, Method, Renderer
 from experiment.synthesis.spectra import bin_frequencies_hz
 
@@ -106,19 +106,24 @@ def largest_share(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], carr
     return min(sqrt(max(shares)) * (1 + SLACK), 1.0)
 
 
-def loudest_outside(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> float:
-    """Largest amplitude of any single bin outside a band, over the measured speeds, m/s^2; 0 where there is none.
+def loudest_outside(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], fastest_mm_s: float) -> float:
+    """Largest amplitude of any single bin outside a band at any speed up to `fastest_mm_s`, m/s^2; 0 without such bins.
+
+    A bin's amplitude is linear in speed between measured speeds and beyond them, so it is largest at one of them, at
+    0 mm/s, or at the fastest.
 
     Args:
         spectra: of one material.
         band_hz: lowest and highest frequency that count, both included, Hz.
+        fastest_mm_s: fastest speed of a foot, mm/s.
 
     Raises:
-        SynthesisError: a band that is none.
+        SynthesisError: a band that is none, or a speed at which there is no spectrum.
     """
     left_out = ~_within(spectra, band_hz)
     left_out[0] = False
-    return float(spectra.amplitudes[:, left_out].max(initial=0.0))
+    ends = [at_speed(spectra, speed_mm_s=v).coefficients for v in (0.0, fastest_mm_s)]
+    return float(np.abs(np.vstack([spectra.amplitudes, *ends])[:, left_out]).max(initial=0.0))
 
 
 def _within(spectra: CrinkleSpectra, band_hz: tuple[float, float]) -> NDArray[np.bool_]:

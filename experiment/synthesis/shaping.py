@@ -19,7 +19,7 @@ Each bin counts once, under what limited it last.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -113,12 +113,14 @@ class Shaped:
         saturated: bins that ask for more than the highest level reaches.
         outside: bins beyond the measured frequencies.
         bounded: bins that the limit of the gain holds back.
+        scale: factor by which `drive` took the whole waveform down to keep it within its limits; 1 where it need not.
     """
 
     coefficients_v: NDArray[np.float64]
     saturated: Loss
     outside: Loss
     bounded: Loss
+    scale: float = 1.0
 
 
 def shape(
@@ -196,15 +198,27 @@ def accelerations(voltages_v: ArrayLike, *, frequencies_hz: ArrayLike, response:
 
 
 def drive(
-    waveform_m_s2: ArrayLike, *, rate_hz: int, response: Response, gain_limit_v_per_m_s2: float
+    waveform_m_s2: ArrayLike,
+    *,
+    rate_hz: int,
+    response: Response,
+    gain_limit_v_per_m_s2: float,
+    limit_m_s2: float = np.inf,
+    limit_v: float = np.inf,
 ) -> tuple[NDArray[np.float64], Shaped]:
     """The voltages whose oscillations move the rig as a waveform asks: (1), then `shape`, then (7).
+
+    Shaping drops what the table does not reach, and a waveform without some of its bins can peak higher than the whole.
+    So the limits are held on what the response says the voltages will do: where they pass one, the whole waveform is
+    taken down and shaped anew.
 
     Args:
         waveform_m_s2: acceleration at the times (i + 1/2) / F, m/s^2, shape (n,).
         rate_hz: sampling rate F of the waveform and of the voltages, Hz.
         response: of the rig.
         gain_limit_v_per_m_s2: as in `shape`.
+        limit_m_s2: largest magnitude of the acceleration that the voltages bring about.
+        limit_v: largest magnitude of the voltages.
 
     Returns:
         V, shape (n,); and what shaping did. A waveform made by (5) has the spectrum it was made from, to round-off
@@ -216,13 +230,24 @@ def drive(
     y = finite(waveform_m_s2, what="waveform")
     coefficients = spectrum(y)
     coefficients[np.abs(coefficients) <= ROUND_OFF * np.abs(y).max()] = 0.0
-    shaped = shape(
-        coefficients,
-        frequencies_hz=bin_frequencies_hz(bins=y.size, rate_hz=rate_hz),
-        response=response,
-        gain_limit_v_per_m_s2=gain_limit_v_per_m_s2,
-    )
-    return inverse(shaped.coefficients_v), shaped
+    f = bin_frequencies_hz(bins=y.size, rate_hz=rate_hz)
+    scale = 1.0
+    while True:
+        shaped = shape(
+            scale * coefficients, frequencies_hz=f, response=response, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2
+        )
+        voltages_v = inverse(shaped.coefficients_v)
+        sounding = np.flatnonzero(shaped.coefficients_v)
+        moved = np.zeros(y.size)
+        if sounding.size:
+            voltages = shaped.coefficients_v[sounding]
+            moved[sounding] = accelerations(voltages, frequencies_hz=f[sounding], response=response)
+        moved_m_s2 = inverse(moved)
+        over = max(np.abs(moved_m_s2).max() / limit_m_s2, np.abs(voltages_v).max() / limit_v)
+        if over <= 1:
+            return voltages_v, replace(shaped, scale=scale)
+        # A response that is not quite linear may need another round; each takes down by a thousandth at the least.
+        scale /= over * 1.001
 
 
 def _bins(

@@ -142,7 +142,7 @@ def actuator(path: Path, digest: str | None = None) -> ActuatorRig:
 
 def test_a_drive_is_opened_from_a_rig_and_says_what_is_lost(written: Write) -> None:
     path = written(GOOD)
-    drive = open_drive(path.parent, actuator(path))
+    drive = open_drive(path.parent, actuator(path), limit_m_s2=100.0)
     assert drive is not None
     # Bin 2 of 800 at 8 kHz stands at 10 Hz: 2 m/s^2 take sqrt 2 V, and the limit allows 0.5 V.
     cosine = np.cos(2 * np.pi * (np.arange(800) + 0.5) / 800)
@@ -160,14 +160,14 @@ def test_another_table_than_the_rig_names_is_refused(written: Write) -> None:
     with pytest.raises(
         RigError, match=r"response\.csv: got a table with sha256 .*; allowed: 000.*, as the rig file says"
     ):
-        open_drive(path.parent, actuator(path, "0" * 64))
+        open_drive(path.parent, actuator(path, "0" * 64), limit_m_s2=100.0)
 
 
 def test_a_table_that_is_not_there_is_refused(written: Write, tmp_path: Path) -> None:
     with pytest.raises(RigError, match=r"response\.csv: cannot be read \(No such file or directory\).*; restore it"):
-        open_drive(tmp_path / "elsewhere", actuator(written(GOOD)))
+        open_drive(tmp_path / "elsewhere", actuator(written(GOOD)), limit_m_s2=100.0)
 
 
 def test_an_actuator_that_takes_accelerations_has_no_drive(tmp_path: Path) -> None:
     plain = ActuatorRig(driver="pcm-tcp", address="rehearsal", rate_hz=8000, full_scale_m_s2=9.0)
-    assert open_drive(tmp_path, plain) is None
+    assert open_drive(tmp_path, plain, limit_m_s2=100.0) is None
