@@ -168,8 +168,10 @@ def spectrum(
     """
     from experiment.recordings import spectrum as spectra
 
+    if plot is not None and plot.exists() and file.exists() and plot.samefile(file):
+        raise PalpateError(f"--plot {plot}: is the recording itself; give another file")
     result = spectra.of_file(file, channel=channel)
-    drawn = spectra.plot(result, plot or Path(f"{file.stem}_spectrum.png"))
+    drawn = spectra.plot(result, plot or free(Path(f"{file.stem}_spectrum.png")))
     if as_json:
         _json({**result.as_dict(), "plot": str(drawn)})
     else:
@@ -215,6 +217,12 @@ def journal(
         typer.echo(story.text(contents))
 
 
+def free(path: Path) -> Path:
+    """`path`, or the first of path-2, path-3, ... that is not there yet."""
+    names = (path, *(path.with_stem(f"{path.stem}-{n}") for n in range(2, 10_000)))
+    return next((name for name in names if not name.exists()), path)
+
+
 def _analyse(dataset: Path, out: Path | None, *, as_json: bool, figures: bool) -> None:
     from analysis import analyse as analyses
 
@@ -238,7 +246,8 @@ def main() -> None:
     try:
         app()
     except PalpateError as error:
-        print(f"palpate: {error}", file=sys.stderr)  # noqa: T201
+        for line in (str(error), *getattr(error, "__notes__", ())):
+            print(f"palpate: {line}", file=sys.stderr)  # noqa: T201
         raise SystemExit(error.exit_code) from None
     except BrokenPipeError:
         sys.stderr.close()

@@ -58,6 +58,10 @@ class ProtocolError(PalpateError):
         head = f"{file}: {count} error{'s' if count != 1 else ''}"
         super().__init__("\n".join([head, *(f"  {p}" for p in self.problems)]))
 
+    def __reduce__(self) -> tuple[type[ProtocolError], tuple[str, tuple[Problem, ...]]]:
+        """So that it passes whole from a process to another."""
+        return ProtocolError, (self.file, self.problems)
+
 
 class ScheduleError(PalpateError):
     """An order that no arrangement of trials satisfies."""

@@ -239,7 +239,7 @@ class Roster:
     def _apply(self, entry: AnyEntry) -> None:
         participant = entry.participant
         if isinstance(entry, Enrolled):
-            self._check_next(participant)
+            self.check_next(participant)
             self.consent_on[participant] = entry.consent_on
             return
         if participant not in self.consent_on:
@@ -253,7 +253,8 @@ class Roster:
         else:
             self.withdrawn[participant] = entry.reason
 
-    def _check_next(self, participant: str) -> None:
+    def check_next(self, participant: str) -> None:
+        """Return when `participant` is the next label. Raises `RosterError` otherwise."""
         if participant in self.consent_on:
             raise RosterError(f"participant {participant} is enrolled already; the next label is {self._next(2)}")
         if not re.fullmatch(r"[0-9]{2,}", participant) or participant != self._next(len(participant)):

@@ -16,7 +16,7 @@ from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Actuator, Console
 from experiment.clock import Clock, MonotonicClock, utc
-from experiment.errors import DatasetError, RecordingError, RigError, RosterError, SessionError
+from experiment.errors import DatasetError, PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import canonical, load, seal
 from experiment.protocol.models import Protocol
 from experiment.records import Footer, Header
@@ -104,8 +104,9 @@ def enrol(
     protocol = load.load(protocol_file)
     root = root or default_root(protocol)
     roster.find(roster.allocate(protocol, 0), participant)
-    _settle(root, protocol_file, protocol, seed)
     path = dataset.roster_path(root)
+    roster.Roster.load(path).check_next(participant)
+    _settle(root, protocol_file, protocol, seed)
     roster.Roster.load(path).enrol(participant, consent_on)
     return path
 
@@ -197,7 +198,7 @@ def run(
         actuator: Actuator | None = None
         used: Path | None = None
         if planned.synthesis:
-            used = _keep_recordings(root, recordings)
+            used = _keep_recordings(root, recordings, protocol, planned)
             rates_hz = (rig.actuator.rate_hz,)
             render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=used, output_rates_hz=rates_hz)
         if planned.actuator:
@@ -222,9 +223,15 @@ def run(
         )
         devices = runner.Devices(tracker, rig.tracker.port, actuator, render, console, clock)
         try:
-            return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=root)
-        finally:
-            dataset.build(root)
+            footer = runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=root)
+        except PalpateError as ended:
+            try:
+                dataset.build(root)
+            except PalpateError as unbuilt:
+                ended.add_note(f"the dataset could not be brought up to date either: {unbuilt}")
+            raise
+    dataset.build(root)
+    return footer
 
 
 def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None:
@@ -240,7 +247,7 @@ def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None
             raise RosterError(f"participant {who} does task '{earlier}' before '{task_id}'; run that one first")
 
 
-def _keep_recordings(root: Path, given: Path | None) -> Path:
+def _keep_recordings(root: Path, given: Path | None, protocol: Protocol, planned: scene.Scene) -> Path:
     """The recordings in the dataset; put there at the first session that names them."""
     from experiment.recordings import manifest
 
@@ -254,6 +261,7 @@ def _keep_recordings(root: Path, given: Path | None) -> Path:
         if manifest.sha256(folder) != manifest.sha256(kept):
             raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
     else:
+        manifest.load(folder, synthesis=protocol.synthesis, material_ids=planned.materials)
         partial = kept.with_name(f".{kept.name}.partial")
         shutil.rmtree(partial, ignore_errors=True)
         shutil.copytree(folder, partial)

@@ -132,7 +132,7 @@ def _remaining(out: Path, protocol: Protocol, job: Job) -> int:
     left = 0
     for task in job.tasks:
         path = places.journal_path(out, job.participant, task)
-        entries = journal.read(path).entries if path.exists() else ()
+        entries = journal.read_if_begun(path).entries
         trials = len(protocol.materials) * protocol.task(task).repetitions
         left += len(progress(entries).remaining) if entries else trials
     return left
@@ -140,6 +140,9 @@ def _remaining(out: Path, protocol: Protocol, job: Job) -> int:
 
 def _is_begun(out: Path, plan: Plan) -> bool:
     """Whether `out` already holds this rehearsal."""
+    for above in out.parents:
+        if (above / "dataset_description.json").exists():
+            raise DatasetError(f"{out}: lies inside the dataset {above}; choose a folder outside with --out")
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return False
     try:

@@ -92,6 +92,20 @@ def read(path: Path) -> Contents:
     return Contents(tuple(lines), data[size:], size, last_hash)
 
 
+def read_if_begun(path: Path) -> Contents:
+    """As `read`; `EMPTY` where the session has not begun.
+
+    Raises:
+        JournalError: as `read`, or the journal is gone although its head is there.
+    """
+    if path.exists():
+        return read(path)
+    known, _ = _head(path)
+    if known:
+        raise JournalError(f"{path}: the journal is missing: it had {known} lines; restore it from a backup")
+    return EMPTY
+
+
 def head_path(path: Path) -> Path:
     """Where the number and hash of a journal's last line stand."""
     return path.with_suffix(".head")

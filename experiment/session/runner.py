@@ -73,7 +73,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
     """
     path = journal_path(dataset, header.participant, header.task)
     with journal.locked(path.parent, header.participant):
-        contents = journal.read(path) if path.exists() else journal.EMPTY
+        contents = journal.read_if_begun(path)
         if contents.lines:
             _check_same_session(path, contents.header, header)
             header = contents.header

@@ -105,6 +105,17 @@ def test_a_fault_in_palpate_itself_is_one_line_too(palpate: Palpate, monkeypatch
     report.unlink()
 
 
+def test_spectrum_never_draws_over_a_file_that_nobody_named(
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    wavfile.write(tmp_path / "a.wav", 5000, np.sin(np.arange(500)))
+    (tmp_path / "a_spectrum.png").write_text("precious")
+    assert json.loads(palpate("spectrum", "a.wav", "--json")[1])["plot"] == "a_spectrum-2.png"
+    assert (tmp_path / "a_spectrum.png").read_text() == "precious"
+    assert "is the recording itself" in palpate("spectrum", "a.wav", "--plot", "a.wav")[2]
+
+
 def test_spectrum_lists_plots_and_gives_json(palpate: Palpate, tmp_path: Path) -> None:
     t = np.arange(5000) / 5000
     wavfile.write(tmp_path / "two.wav", 5000, (np.sin(2 * np.pi * 120 * t) + 0.5 * np.sin(2 * np.pi * 700 * t)) / 2)
@@ -196,6 +207,10 @@ class TestALaboratorysStudy:
         self.enrol(palpate, protocol)
         assert palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")[0] == 0
         assert "participant 01 withdrew (asked to stop)" in self.run(palpate, protocol, rig)[2]
+
+    def test_a_refused_enrolment_begins_nothing(self, palpate: Palpate, protocol: Path) -> None:
+        assert "allowed: 01" in self.enrol(palpate, protocol, "02")[2]
+        assert not protocol.with_name("dataset").exists()
 
     @pytest.mark.parametrize("left", ["nothing", "folder", "seed"])
     def test_a_study_whose_beginning_was_killed_begins_again(self, palpate: Palpate, protocol: Path, left: str) -> None:

@@ -17,7 +17,7 @@ from scipy import stats
 from experiment import dataset
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.errors import DatasetError, JournalError, RigError, TrackerStopped
+from experiment.errors import DatasetError, JournalError, ProtocolError, RigError, TrackerStopped
 from experiment.protocol.shipped import shipped
 from experiment.rehearsal import study
 from experiment.rehearsal.foot import Faults, Foot
@@ -224,6 +224,29 @@ def test_a_truncated_journal_is_refused_and_nothing_is_overwritten(tmp_path: Pat
         with pytest.raises(JournalError, match=r"is truncated: it had .* restore the journal from a backup"):
             call()
     assert path.read_bytes() == before
+
+
+def test_a_missing_journal_is_refused(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
+    places.journal_path(root, "01", "real").unlink()
+    with pytest.raises(JournalError, match=r"the journal is missing: it had \d+ lines; restore it from a backup"):
+        rehearse(root)
+
+
+def test_a_rehearsal_never_writes_inside_a_dataset(one: Path) -> None:
+    with pytest.raises(DatasetError, match="lies inside the dataset"):
+        rehearse(one / "inside" / "deeper")
+    assert not (one / "inside").exists()
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_broken_copy_of_the_protocol_is_named(tmp_path: Path, one: Path, jobs: int) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
+    (root / "sourcedata" / "protocol.toml").write_text("x =")
+    with pytest.raises(ProtocolError, match=r"protocol\.toml: 1 error"):
+        rehearse(root, jobs=jobs)
 
 
 def test_a_repeated_trial_does_not_leave_its_stimulus_to_the_next(
