@@ -1,9 +1,10 @@
 """The tracker's wire format and its reader.
 
-For the author of firmware. The device samples the sensor at a steady rate and sends one frame a sample, 12 bytes:
+For the author of firmware; some is in `firmware/` beside this file. The device samples the sensor at a steady rate and
+sends one frame a sample, 12 bytes:
 
     field      type    meaning
-    sequence   uint16  rises by one with every sample, 65535 is followed by 0; never skips a sample that was not sent
+    sequence   uint16  rises by one with every sample, sent or not; 65535 is followed by 0
     device_us  uint32  the device's clock when the sample was taken, microseconds, wraps every 71.6 min
     counts     uint16  the sensor's reading, raw
     crc        uint16  CRC-16/IBM-3740 (polynomial 0x1021, initial value 0xFFFF, neither reflected nor inverted;
