@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gzip
 import json
-import os
 import re
 import shutil
 import tempfile
@@ -22,6 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment import files
 from experiment.errors import DatasetError
 from experiment.records import EVENT_COLUMNS, NO_ANSWER
 
@@ -117,23 +117,13 @@ def new_dataset(out: Path) -> Iterator[Path]:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Put `content` at `path` whole: a reader finds the old file or the new one, never a part.
+    """Put `content` at `path`, whole and on disk.
 
     Raises:
         DatasetError: when the file system refuses.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(content)
-            partial = Path(name)
-            partial.chmod(0o644)
-            partial.replace(path)
-        except BaseException:
-            Path(name).unlink(missing_ok=True)
-            raise
+        files.write(path, content)
     except OSError as error:
         raise DatasetError(f"cannot write {path}: {error.strerror}; check its folder and the free space") from error
 

@@ -287,7 +287,6 @@ def _settle(root: Path, protocol_file: Path, protocol: Protocol, seed: int | Non
             drawn = secrets.randbelow(2**31) if seed is None else seed
             dataset_files.write_json(file, {"seed": drawn})
             dataset_files.write_bytes(kept, protocol_file.read_bytes())
-            journal.sync_folder(source)
         elif canonical.sha256(load.load(kept)) != canonical.sha256(protocol):
             raise DatasetError(
                 f"{root}: was begun with another form of the protocol; run {kept}, or choose another --dataset"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
+from experiment import files
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Accelerometer, Actuator, Drive, Tracker
 from experiment.apparatus.rig import REHEARSAL, AccelerometerRig, Rig
@@ -25,18 +25,8 @@ def keep(rig_file: Path, kept: Path) -> None:
                 f"{table}: got another response table of this name from an earlier session; allowed: a name for each "
                 "measurement; rename the new table, in the rig file too"
             )
-        _put(table, content)
-    _put(kept, rig_file.read_bytes())
-
-
-def _put(path: Path, content: bytes) -> None:
-    """Whole and on disk, or not at all."""
-    partial = path.with_name(f".{path.name}.partial")
-    with partial.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+        files.write(table, content)
+    files.write(kept, rig_file.read_bytes())
 
 
 def open_tracker(rig: Rig, *, port: str | None = None) -> Tracker:

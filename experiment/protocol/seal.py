@@ -7,13 +7,13 @@ record. What stands in it can be checked against the board's letter.
 from __future__ import annotations
 
 import json
-import os
 from datetime import date
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 from pydantic import Field
 
+from experiment import files
 from experiment.errors import Problem, ProtocolError
 from experiment.protocol import canonical, load, rules
 from experiment.protocol.models import Confined, Protocol, Text
@@ -128,13 +128,7 @@ def _in_the_way(path: Path, seal: Seal, replace: bool) -> list[Problem]:
 
 
 def _write(path: Path, seal: Seal) -> None:
-    partial = path.with_name(f".{path.name}.partial")
-    with partial.open("w", encoding="utf-8", newline="\n") as file:
-        for name, value in seal:
-            file.write(f"{name} = {_toml(value)}\n")
-        file.flush()
-        os.fsync(file.fileno())
-    partial.replace(path)
+    files.write(path, "".join(f"{name} = {_toml(value)}\n" for name, value in seal).encode())
 
 
 def _toml(value: str | date) -> str:

@@ -24,6 +24,7 @@ from pydantic import ValidationError
 
 from experiment.clock import Clock
 from experiment.errors import JournalError, SessionLocked
+from experiment.files import sync_folder
 from experiment.records import ENTRY, AnyEntry, Header
 
 GENESIS = "0" * 64
@@ -214,16 +215,6 @@ class Journal:
         os.lseek(self._head, 0, os.SEEK_SET)
         os.write(self._head, f"{self._count:012d} {self._last_hash}\n".encode("ascii"))
         os.fsync(self._head)
-
-
-def sync_folder(folder: Path) -> None:
-    """Have a folder's entries on disk, and its own in the folders above, where the system can say so."""
-    if not hasattr(os, "O_DIRECTORY"):
-        return
-    for one in (folder, *list(folder.resolve().parents)[:3]):
-        descriptor = os.open(one, os.O_RDONLY | os.O_DIRECTORY)
-        os.fsync(descriptor)
-        os.close(descriptor)
 
 
 EMPTY = Contents((), b"", 0, GENESIS)
