@@ -146,9 +146,9 @@ def plan(
     open_drive(rig.parent, opened.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     with tempfile.TemporaryDirectory() as folder:
         if recordings is None:
-            from experiment.rehearsal import materials
+            from experiment.rehearsal import takes as simulated
 
-            recordings = materials.make_recordings(Path(folder) / "simulated", protocol=protocol, seed=1).parent
+            recordings = simulated.make_recordings(Path(folder) / "simulated", protocol=protocol, seed=1).parent
             source = "SIMULATED recordings, made for this plan"
         else:
             source = str(recordings)

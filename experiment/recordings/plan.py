@@ -9,6 +9,10 @@ import numpy as np
 from experiment.errors import RecordingError
 from experiment.protocol.models import Protocol
 
+SLOWEST_MM_S = 1.0
+FASTEST_MM_S = 10_000.0
+"""No foot that steps is slower, and none is faster."""
+
 
 @dataclass(frozen=True)
 class Condition:
@@ -70,13 +74,13 @@ def plan(
         takes: instead of the protocol's.
 
     Raises:
-        RecordingError: speeds that do not rise from above zero, or no take.
+        RecordingError: speeds that do not rise or that no foot has, or no take.
     """
     speeds = tuple(float(v) for v in speeds_mm_s) or protocol.synthesis.speeds_mm_s
-    if not (all(np.isfinite(speeds)) and speeds[0] > 0 and all(np.diff(speeds) > 0)):
+    if not (all(SLOWEST_MM_S <= v <= FASTEST_MM_S for v in speeds) and all(np.diff(speeds) > 0)):
         raise RecordingError(
-            f"speeds: got {', '.join(f'{v:g}' for v in speeds)} mm/s; allowed: above 0 and each above the one before; "
-            "give them in rising order"
+            f"speeds: got {', '.join(f'{v:g}' for v in speeds)} mm/s; allowed: {SLOWEST_MM_S:g} to {FASTEST_MM_S:g}, "
+            "each above the one before; give such speeds in rising order"
         )
     count = protocol.synthesis.takes if takes is None else takes
     if not 1 <= count <= 100:

@@ -5,7 +5,6 @@ The walk and the drivers are those of a real recording; the simulated experiment
 
 from __future__ import annotations
 
-import hashlib
 import queue
 import socket
 import threading
@@ -24,14 +23,12 @@ from experiment.errors import RecordingError
 from experiment.protocol import load
 from experiment.recordings import partial, workflow
 from experiment.recordings.manifest import Recordings
-from experiment.recordings.plan import Condition, plan
+from experiment.recordings.plan import Condition, Plan, plan
 from experiment.recordings.workflow import Step
+from experiment.rehearsal import takes as takes_of
 from experiment.rehearsal.foot import Foot
-from experiment.rehearsal.materials import SimulatedMaterials, known
 from experiment.rehearsal.serial_line import SerialLine
-
-AIM_SIGMA = 0.07
-"""Standard deviation of the log speed of a foot that aims at a target: about five steps of six are within 10 %."""
+from experiment.rehearsal.takes import Session
 
 REST_S = 0.05
 """The sensor hears this much of a panel at rest before a take, s."""
@@ -103,48 +100,28 @@ class Sensor:
 class SimulatedExperimenter:
     """Implements `TakesConsole`: lays out, steps, and keeps every take without a problem."""
 
-    def __init__(
-        self,
-        *,
-        foot: Foot,
-        sensor: Sensor,
-        materials: SimulatedMaterials,
-        seed: int,
-        order: dict[Condition, int],
-        tick: Tick,
-    ) -> None:
+    def __init__(self, *, foot: Foot, sensor: Sensor, session: Session, tick: Tick) -> None:
         """Take a place at the panel.
 
         Args:
             foot: at the tracker's port.
             sensor: at the accelerometer's.
-            materials: what is laid out.
-            seed: names every random draw.
-            order: place of each take, so that an interrupted recording goes on as it would have.
+            session: every attempt at every take.
             tick: called after each kept take.
         """
         self._foot = foot
         self._sensor = sensor
-        self._materials = materials
-        self._seed = seed
-        self._order = order
+        self._session = session
         self._tick = tick
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
         """Nothing has to be waited for."""
 
     def arm(self, condition: Condition, *, attempt: int) -> None:
-        # The condition itself is part of the entropy, so that two plans with one seed share no draw.
-        named = int.from_bytes(hashlib.sha256(f"{len(self._order)} {condition}".encode()).digest()[:8], "big")
-        rng = np.random.default_rng((self._seed, 1, named, self._order[condition], attempt))
-        trajectory = self._foot.trajectory(rng, condition.speed_mm_s * float(np.exp(AIM_SIGMA * rng.normal())))
-        v = trajectory.speed_mm_s
-        if condition.material is None:
-            take = self._materials.panel_take(speed_mm_s=v, rng=rng)
-        else:
-            take = self._materials.crinkle_take(condition.material, speed_mm_s=v, rng=rng)
-        self._foot.step(trajectory, 0)
-        self._sensor.shake(take, rng)
+        drawn = self._session.attempt(condition, attempt)
+        rng = self._session.rng(condition, attempt, 1)
+        self._foot.step(self._foot.trajectory(rng, drawn.speed_mm_s), 0)
+        self._sensor.shake(drawn.samples_m_s2, rng)
 
     def keeps(self, step: Step) -> bool:
         self._foot.finish()
@@ -186,13 +163,11 @@ def record_simulated(
     protocol, rig = load.load(protocol_file), rigs.load(rig_file)
     if not rig.rig.simulated:
         raise RecordingError(f"{rig_file}: a real rig; allowed: one that says simulated = true; leave out --simulated")
-    for material in protocol.materials:
-        known(material.id)
     rigs.check(rig, protocol.step)
-    planned = plan(protocol, source=f"SIMULATED, seed {seed}", simulated=True, speeds_mm_s=speeds_mm_s, takes=takes)
+    planned = plan(protocol, source=takes_of.source(seed), simulated=True, speeds_mm_s=speeds_mm_s, takes=takes)
     partial.check(out, planned)
-    conditions = planned.conditions()
-    total(len(conditions))
+    drawn = takes_of.session(planned, seed=seed)
+    total(len(planned.conditions()))
     with ExitStack() as opened:
         line = opened.enter_context(SerialLine())
         foot = Foot(line, rig.tracker)
@@ -206,9 +181,7 @@ def record_simulated(
         experimenter = SimulatedExperimenter(
             foot=foot,
             sensor=sensor,
-            materials=SimulatedMaterials(planned.rate_hz, planned.samples),
-            seed=seed,
-            order={condition: place for place, condition in enumerate(conditions)},
+            session=drawn,
             tick=tick,
         )
         return workflow.record(
@@ -228,7 +201,7 @@ def fresh_takes(
     speeds_mm_s: tuple[float, ...] = FRESH_SPEEDS_MM_S,
     takes: int = FRESH_TAKES,
 ) -> Recordings:
-    """New SIMULATED takes of the materials of simulated recordings, at exactly the speeds asked for.
+    """New SIMULATED takes of the materials of simulated recordings, of a foot that aims at the speeds asked for.
 
     Args:
         recorded: simulated recordings.
@@ -244,27 +217,13 @@ def fresh_takes(
             "fresh takes: got none; allowed: takes of the real materials, for the recordings are real; record them "
             "with palpate record --speeds 150,250,400 --takes 10, then name their folder with --fresh"
         )
-    materials = SimulatedMaterials(recorded.rate_hz, recorded.panel.shape[-1])
-
-    def taken(place: int, material: str | None) -> NDArray[np.float64]:
-        rng = np.random.default_rng((seed, 2, place))
-        return np.array(
-            [
-                [
-                    materials.panel_take(speed_mm_s=v, rng=rng)
-                    if material is None
-                    else materials.crinkle_take(material, speed_mm_s=v, rng=rng)
-                    for _ in range(takes)
-                ]
-                for v in speeds_mm_s
-            ]
-        )
-
-    return Recordings(
-        label=f"SIMULATED fresh takes, seed {seed}",
+    planned = Plan(
+        source=f"SIMULATED fresh takes, seed {seed}",
         simulated=True,
+        materials=tuple(recorded.objects),
+        speeds_mm_s=speeds_mm_s,
+        takes=takes,
         rate_hz=recorded.rate_hz,
-        speeds_mm_s=np.array(speeds_mm_s),
-        panel=taken(1, None),
-        objects={material: taken(place, material) for place, material in enumerate(recorded.objects, start=2)},
+        samples=recorded.panel.shape[-1],
     )
+    return Session(planned, seed=seed, number=0).recordings()

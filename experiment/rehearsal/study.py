@@ -23,7 +23,7 @@ from experiment.errors import DatasetError, Interrupted
 from experiment.protocol import canonical, load
 from experiment.protocol.models import Protocol
 from experiment.recordings.response import open_drive
-from experiment.rehearsal import materials as simulated
+from experiment.rehearsal import takes as simulated
 from experiment.rehearsal.session import Job, rehearse_participant
 from experiment.session import journal, places
 from experiment.session.resume import progress

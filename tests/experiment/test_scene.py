@@ -14,7 +14,7 @@ from experiment.apparatus import rig as rigs
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal import materials
+from experiment.rehearsal import takes
 from experiment.synthesis import engine
 from experiment.synthesis.crinkle import at_speed
 
@@ -28,7 +28,7 @@ def protocol() -> Protocol:
 
 @pytest.fixture(scope="module")
 def recordings(protocol: Protocol, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return materials.make_recordings(tmp_path_factory.mktemp("made") / "r", protocol=protocol, seed=1).parent
+    return takes.make_recordings(tmp_path_factory.mktemp("made") / "r", protocol=protocol, seed=1).parent
 
 
 def test_a_real_task_needs_no_synthesis_no_actuator_and_no_spectra(protocol: Protocol) -> None:

@@ -27,7 +27,7 @@ from experiment.protocol import load
 from experiment.protocol.shipped import shipped
 from experiment.recordings.response import open_drive
 from experiment.records import Shaping
-from experiment.rehearsal import materials, response
+from experiment.rehearsal import response, takes
 from experiment.rehearsal.panel import Panel
 from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import bin_frequencies_hz, spectrum
@@ -170,7 +170,7 @@ def stimuli(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, float], 
     """Stimuli of the simulated materials, which stand as far apart as Table 3 says, at the rate of `SHAPED`."""
     protocol = load.load(shipped("okamoto2012.toml"))
     recordings = tmp_path_factory.mktemp("recordings") / "simulated"
-    materials.make_recordings(recordings, protocol=protocol, seed=1)
+    takes.make_recordings(recordings, protocol=protocol, seed=1)
     planned = scene.plan(protocol=protocol, task_id="virtual")
     render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings)
     return lambda material, speed_mm_s: render(material, speed_mm_s, SHAPED.rate_hz)

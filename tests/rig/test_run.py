@@ -15,7 +15,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.serial_tracker import SerialTracker
 from experiment.protocol import load
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal import materials as simulated
+from experiment.rehearsal import takes as simulated
 from experiment.rehearsal.foot import Foot
 from experiment.rehearsal.movement import trajectory
 from experiment.rehearsal.panel import Panel

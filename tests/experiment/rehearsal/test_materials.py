@@ -14,8 +14,10 @@ from experiment.protocol.load import load as load_protocol
 from experiment.protocol.models import Protocol
 from experiment.recordings.manifest import load
 from experiment.rehearsal import materials as simulated
+from experiment.rehearsal import takes as sessions
 from experiment.rehearsal.crackle import Course, power_law_energies, pulses
-from experiment.rehearsal.materials import CRACKLES, SimulatedMaterials, make_recordings
+from experiment.rehearsal.materials import CRACKLES, SimulatedMaterials
+from experiment.rehearsal.takes import make_recordings
 from experiment.synthesis.crinkle import subtract
 from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity, spectrum
 
@@ -80,7 +82,7 @@ def test_the_parameters_alone_give_table_3_on_average() -> None:
 def test_the_table_is_that_of_the_reference_file(shared: Path) -> None:
     with (shared / "reference" / "okamoto2012_table3.csv").open(encoding="utf-8", newline="") as file:
         printed = {(row["material_a"], row["material_b"]): float(row["dissimilarity"]) for row in csv.DictReader(file)}
-    assert printed == TABLE_3 == dict(simulated.TABLE_3)
+    assert printed == TABLE_3 == dict(sessions.TABLE_3)
 
 
 def test_a_seed_gives_the_same_bytes_and_another_seed_others(tmp_path: Path, protocol: Protocol) -> None:
@@ -105,7 +107,7 @@ def test_other_conditions_than_the_papers_are_recorded_without_the_table(tmp_pat
     other = protocol.synthesis.model_copy(update={"rate_hz": 4000, "samples": 800, "takes": 1})
     make_recordings(tmp_path, protocol=protocol.model_copy(update={"synthesis": other}), seed=0)
     assert load(tmp_path, synthesis=other, material_ids=["polypropylene"]).panel.shape == (4, 1, 800)
-    assert "Table 3" not in (tmp_path / "manifest.toml").read_text(encoding="utf-8")
+    assert "session 0" in (tmp_path / "manifest.toml").read_text(encoding="utf-8")
 
 
 def test_an_unknown_material_is_refused_before_anything_is_written(tmp_path: Path, protocol: Protocol) -> None:
@@ -120,8 +122,8 @@ def test_an_unknown_material_is_refused_before_anything_is_written(tmp_path: Pat
 def test_no_session_that_meets_the_table_is_an_error_not_a_loop(
     tmp_path: Path, protocol: Protocol, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(simulated, "TABLE_3_TOLERANCE", 0.0)
-    monkeypatch.setattr(simulated, "MOST_SESSIONS", 3)
+    monkeypatch.setattr(sessions, "TABLE_3_TOLERANCE", 0.0)
+    monkeypatch.setattr(sessions, "MOST_SESSIONS", 3)
     with pytest.raises(RecordingError, match="none of 3 simulated sessions"):
         make_recordings(tmp_path, protocol=protocol, seed=0)
 
