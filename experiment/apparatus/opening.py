@@ -8,6 +8,7 @@ from experiment import files
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Accelerometer, Actuator, Drive, Tracker
 from experiment.apparatus.rig import REHEARSAL, AccelerometerRig, Rig
+from experiment.clock import Clock
 from experiment.errors import ActuatorError, RigError, TrackerError
 
 
@@ -92,13 +93,16 @@ def accelerometer_of(rig: Rig) -> AccelerometerRig:
     return rig.accelerometer
 
 
-def open_accelerometer(rig: Rig, *, rate_hz: int, address: str | None = None) -> Accelerometer:
+def open_accelerometer(
+    rig: Rig, *, rate_hz: int, address: str | None = None, clock: Clock | None = None
+) -> Accelerometer:
     """Open the rig's accelerometer.
 
     Args:
         rig: the rig.
         rate_hz: sampling rate that the protocol asks of recordings, Hz.
         address: used instead of the one that the rig names.
+        clock: the host's; the machine's monotonic clock if None.
 
     Raises:
         RigError: the rig has none, it samples at another rate, or it exists in simulation alone.
@@ -118,6 +122,7 @@ def open_accelerometer(rig: Rig, *, rate_hz: int, address: str | None = None) ->
         rate_hz=settings.rate_hz,
         full_scale_m_s2=settings.full_scale_m_s2,
         trigger_m_s2=settings.trigger_m_s2,
+        clock=clock,
     )
 
 

@@ -1,34 +1,45 @@
 """An accelerometer behind a raw PCM port: one TCP connection a take.
 
 The server sends mono samples as little-endian float32, 1.0 being the device's full scale, from the connection on and
-without end; it may as well begin at a trigger of its own. PulseAudio is such a server:
-`module-simple-protocol-tcp record=true playback=false format=float32le channels=1 rate=... port=...`. The stream is
-neither encrypted nor authenticated: keep the server on the loopback interface.
+without end. PulseAudio is such a server: `module-simple-protocol-tcp record=true playback=false format=float32le
+channels=1 rate=... port=...`. The stream is neither encrypted nor authenticated: keep the server on the loopback
+interface.
 
-A take begins with the vibration itself: `BEFORE_S` ahead of the first sample that reaches the rig's trigger level. So
-the clocks of tracker and accelerometer need not agree.
+Samples carry no time. They come at the device's rate, and each piece of the stream arrives some time after its last
+sample; the piece that was held up least tells when the stream began. So a sample's time on the host's clock is known
+but for the latency that every piece has. What came within `RING_S` is held, and a take begins `BEFORE_S` ahead of the
+first sample that reaches the rig's trigger level in the stretch that is asked for, whatever shook the panel before.
 """
 
 from __future__ import annotations
 
 import socket
 import threading
+from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.ports import Window
+from experiment.apparatus.ports import Heard, Window
+from experiment.clock import Clock, MonotonicClock
 from experiment.errors import RecordingError
 
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""
 
+ALIVE_S = 2.0
+"""How long after that the first samples may take, s."""
+
 LATE_S = 2.0
-"""How long after the foot's contact, and beyond the take's length, samples may still come, s."""
+"""How long after it is due a take's last sample may still come, s."""
 
 BEFORE_S = 0.002
 """How much of a take lies before its trigger, s."""
+
+RING_S = 30.0
+"""How much is held besides a take, s: the slowest foot takes 20 s from gate to panel."""
 
 _SAMPLE = np.dtype("<f4")
 _PIECE_BYTES = 65536
@@ -37,7 +48,9 @@ _PIECE_BYTES = 65536
 class PcmAccelerometer:
     """Implements `Accelerometer`."""
 
-    def __init__(self, address: str, *, rate_hz: int, full_scale_m_s2: float, trigger_m_s2: float) -> None:
+    def __init__(
+        self, address: str, *, rate_hz: int, full_scale_m_s2: float, trigger_m_s2: float, clock: Clock | None = None
+    ) -> None:
         """Prepare; each take makes its own connection.
 
         Args:
@@ -45,6 +58,7 @@ class PcmAccelerometer:
             rate_hz: sampling rate of the device, Hz.
             full_scale_m_s2: acceleration of a sample of 1.0.
             trigger_m_s2: magnitude at which a take begins, above the noise of a panel at rest.
+            clock: the host's, on which samples arrive; the machine's monotonic clock if None.
         """
         host, _, port = address.rpartition(":")
         self._address = address
@@ -52,6 +66,7 @@ class PcmAccelerometer:
         self._rate_hz = rate_hz
         self._full_scale_m_s2 = full_scale_m_s2
         self._trigger_m_s2 = trigger_m_s2
+        self._clock = clock or MonotonicClock()
         self._listening: _Listening | None = None
 
     @property
@@ -65,7 +80,7 @@ class PcmAccelerometer:
             samples: its length.
 
         Raises:
-            RecordingError: nothing answers at the address.
+            RecordingError: nothing answers at the address, or nothing comes from there.
         """
         self.close()
         try:
@@ -76,14 +91,17 @@ class PcmAccelerometer:
                 "start its server, or correct accelerometer.address in the rig file"
             ) from error
         connection.settimeout(None)
-        level = self._trigger_m_s2 / self._full_scale_m_s2
-        self._listening = _Listening(connection, samples, before=round(BEFORE_S * self._rate_hz), level=level)
+        self._listening = _Listening(connection, samples, rate_hz=self._rate_hz, clock=self._clock)
+        if problem := self._listening.alive(ALIVE_S):
+            self.close()
+            raise self._failed(problem)
 
-    def window(self) -> Window | None:
+    def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
         """The take that was armed for; call it once the foot is down.
 
-        Returns:
-            None if no sample reached the trigger level in time.
+        Args:
+            earliest_ns: the take begins no earlier, on the host's clock.
+            latest_ns: nor later.
 
         Raises:
             RecordingError: not armed, the stream broke or ended too soon, or it holds samples that are no numbers.
@@ -91,47 +109,82 @@ class PcmAccelerometer:
         if self._listening is None:
             raise RecordingError("accelerometer: got no arming before the step; arm it first, then step")
         listening, self._listening = self._listening, None
-        raw = listening.result(listening.samples / self._rate_hz + LATE_S)
+        try:
+            raw = listening.take(earliest_ns, latest_ns, level=self._trigger_m_s2 / self._full_scale_m_s2)
+        finally:
+            listening.stop()
         if isinstance(raw, str):
-            raise RecordingError(
-                f"accelerometer at {self._address}: {raw}; see that its server runs and sends float32 without end, "
-                "then do the take again"
-            )
-        if raw is None:
-            return None
-        clipped = int(np.count_nonzero(np.abs(raw) >= 1.0))
-        return Window(samples_m_s2=raw.astype(np.float64) * self._full_scale_m_s2, clipped=clipped)
+            raise self._failed(raw)
+        samples, begun_ns, knock_ns = raw
+        if samples is None:
+            return Heard(None, knock_ns=knock_ns)
+        clipped = int(np.count_nonzero(np.abs(samples) >= 1.0))
+        return Heard(Window(samples.astype(np.float64) * self._full_scale_m_s2, clipped), begun_ns, knock_ns)
 
     def close(self) -> None:
         if self._listening is not None:
             self._listening.stop()
             self._listening = None
 
+    def _failed(self, problem: str) -> RecordingError:
+        return RecordingError(
+            f"accelerometer at {self._address}: {problem}; see that its server runs and sends float32 without end, "
+            "then do the take again"
+        )
+
+
+_Taken = tuple[NDArray[np.float32] | None, int | None, int | None]
+"""A take, when it begins and when there was a knock before; see `Heard`."""
+
 
 class _Listening:
     """A thread that takes what the server sends, so that nothing waits in the system until the foot is down."""
 
-    def __init__(self, connection: socket.socket, samples: int, *, before: int, level: float) -> None:
-        self.samples = samples
-        self._before = before
-        self._level = level
+    def __init__(self, connection: socket.socket, samples: int, *, rate_hz: int, clock: Clock) -> None:
+        self._samples = samples
+        self._rate_hz = rate_hz
+        self._most = round(RING_S * rate_hz) + samples
+        self._clock = clock
         self._connection = connection
+        self._changed = threading.Condition()
         self._broken: str | None = None
-        self._taken: NDArray[np.float32] | None = None
-        self._begun = False
+        self._pieces: deque[tuple[NDArray[np.float32], int]] = deque()
+        self._first = 0
+        self._count = 0
         self._thread = threading.Thread(target=self._run, name="accelerometer", daemon=True)
         self._thread.start()
 
-    def result(self, timeout_s: float) -> NDArray[np.float32] | str | None:
-        """The take; what went wrong; or None if it has not begun in time."""
-        self._thread.join(timeout_s)
-        late = self._thread.is_alive()
-        self.stop()
-        if self._taken is not None:
-            return self._taken if np.all(np.isfinite(self._taken)) else "sent NaN or infinite samples"
-        if late:
-            return f"less than {self.samples} samples came within {timeout_s:.1f} s" if self._begun else None
-        return self._broken
+    def alive(self, timeout_s: float) -> str | None:
+        """Wait for the first samples; what is wrong if none come."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._count or self._broken, timeout_s)
+            return None if self._count else self._broken or f"nothing came within {timeout_s:g} s"
+
+    def take(self, earliest_ns: int, latest_ns: int, *, level: float) -> _Taken | str:
+        """The take that begins in the stretch, or what went wrong."""
+        before = round(BEFORE_S * self._rate_hz)
+        with self._changed:
+            if not self._wait(lambda: self._sample_at(latest_ns) + 1):
+                return self._missing()
+            first, held = self._held()
+            begin = min(max(self._sample_at(earliest_ns) - first, 0), held.size)
+            end = max(self._sample_at(latest_ns) - first, begin)
+            start_ns = self._start_ns()
+            # A sample that is no number counts as loud, so that it is reported.
+            loud = np.flatnonzero(~(np.abs(held[: end + 1]) < level))
+            early, within = loud[loud < begin], loud[loud >= begin]
+            knock_ns = self._time_ns(first + int(early[-1]), start_ns) if early.size else None
+            if not within.size:
+                return None, None, knock_ns
+            triggered = first + int(within[0])
+            start = max(triggered - before, first)
+            if not self._wait(lambda: start + self._samples):
+                return self._missing()
+            first, held = self._held()
+        taken = held[start - first : start - first + self._samples]
+        if not np.all(np.isfinite(taken)):
+            return "sent NaN or infinite samples"
+        return taken, self._time_ns(triggered, start_ns), knock_ns
 
     def stop(self) -> None:
         # A server that has closed already is as good.
@@ -140,27 +193,56 @@ class _Listening:
         self._thread.join()
         self._connection.close()
 
+    def _wait(self, wanted: Callable[[], int]) -> bool:
+        """Whether as many samples as wanted have come, in time."""
+        due_s = max(wanted() - self._count, 0) / self._rate_hz
+        self._changed.wait_for(lambda: self._count >= wanted() or self._broken, due_s + LATE_S)
+        return self._count >= wanted()
+
+    def _missing(self) -> str:
+        return self._broken or f"only {self._count} samples came, fewer than {self._rate_hz} a second"
+
+    def _start_ns(self) -> float:
+        """When the stream's first sample was taken, as the piece that was held up least has it."""
+        end, starts = self._first, []
+        for piece, arrived_ns in self._pieces:
+            end += piece.size
+            starts.append(arrived_ns - end * 1e9 / self._rate_hz)
+        return min(starts)
+
+    def _sample_at(self, time_ns: int) -> int:
+        return round((time_ns - self._start_ns()) * self._rate_hz / 1e9)
+
+    def _time_ns(self, sample: int, start_ns: float) -> int:
+        return round(start_ns + sample * 1e9 / self._rate_hz)
+
+    def _held(self) -> tuple[int, NDArray[np.float32]]:
+        return self._first, np.concatenate([piece for piece, _ in self._pieces])
+
     def _run(self) -> None:
-        held = np.empty(0, _SAMPLE)
         torn = b""
-        while not (self._begun and held.size >= self.samples):
+        while True:
             try:
-                piece = self._connection.recv(_PIECE_BYTES)
+                data = self._connection.recv(_PIECE_BYTES)
             except OSError as error:
-                self._broken = f"the connection broke ({error.strerror or error})"
-                return
-            if not piece:
-                self._broken = "the stream ended before the take was whole"
-                return
-            data = torn + piece
+                return self._end(f"the connection broke ({error.strerror or error})")
+            if not data:
+                return self._end("the stream ended before the take was whole")
+            arrived_ns = self._clock.now_ns()
+            data = torn + data
             whole = len(data) // _SAMPLE.itemsize * _SAMPLE.itemsize
             torn = data[whole:]
-            searched = 0 if self._begun else held.size
-            held = np.concatenate([held, np.frombuffer(data[:whole], _SAMPLE)])
-            if not self._begun:
-                # A sample that is no number begins a take too, so that it is reported.
-                loud = np.flatnonzero(~(np.abs(held[searched:]) < self._level))
-                self._begun = loud.size > 0
-                begin = searched + int(loud[0]) - self._before if loud.size else held.size - self._before
-                held = held[max(begin, 0) :]
-        self._taken = held[: self.samples].astype(np.float32)
+            if not whole:
+                continue
+            piece = np.frombuffer(data[:whole], _SAMPLE).astype(np.float32)
+            with self._changed:
+                self._pieces.append((piece, arrived_ns))
+                self._count += piece.size
+                while self._count - self._first - self._pieces[0][0].size > self._most:
+                    self._first += self._pieces.popleft()[0].size
+                self._changed.notify_all()
+
+    def _end(self, why: str) -> None:
+        with self._changed:
+            self._broken = why
+            self._changed.notify_all()

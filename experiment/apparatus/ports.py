@@ -137,6 +137,21 @@ class Window:
     clipped: int
 
 
+@dataclass(frozen=True)
+class Heard:
+    """What the accelerometer heard of a step. Times are the host's, ns.
+
+    Attributes:
+        window: the take; None if nothing shook the panel when it should have.
+        begun_ns: when the take's vibration reached the trigger level; None without one.
+        knock_ns: when that level was reached last before a take could begin; None if it was not.
+    """
+
+    window: Window | None
+    begun_ns: int | None = None
+    knock_ns: int | None = None
+
+
 class Accelerometer(Protocol):
     """What measures the panel's vibration."""
 
@@ -146,11 +161,15 @@ class Accelerometer(Protocol):
         ...
 
     def arm(self, samples: int) -> None:
-        """Listen from now on for a take of that length. Raises `RecordingError`."""
+        """Listen from now on for a take of that length; returns when samples come. Raises `RecordingError`."""
         ...
 
-    def window(self) -> Window | None:
-        """The take, once the foot is down; None if nothing shook the panel. Raises `RecordingError`."""
+    def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
+        """The take that begins where the panel first shakes between two times of the host's clock, once foot is down.
+
+        Raises:
+            RecordingError: not armed, or the device failed.
+        """
         ...
 
     def close(self) -> None: ...

@@ -200,7 +200,8 @@ def _accelerometer_rules(table: Any) -> Iterator[Broken]:
 class AccelerometerRig(Confined):
     """What measures the panel while takes are recorded; a sample of 1.0 stands for `full_scale_m_s2`.
 
-    A take begins where a magnitude reaches `trigger_m_s2`: above the noise of the panel at rest, below what matters.
+    A take begins where a magnitude reaches `trigger_m_s2` around contact: above the noise of the panel at rest, below
+    what matters.
     """
 
     RULES: ClassVar[Rules] = _accelerometer_rules

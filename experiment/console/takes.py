@@ -35,7 +35,7 @@ class TerminalTakes:
 
     def keeps(self, step: Step) -> bool:
         target = step.condition.speed_mm_s
-        verdict = "; ".join(step.problems) or f"within {SPEED_TOLERANCE:.0%}"
+        verdict = "; ".join([*(step.problems or (f"within {SPEED_TOLERANCE:.0%}",)), *step.notes])
         self._show(
             f"Achieved {step.achieved_mm_s:.0f} mm/s, target {target:g} mm/s ({step.deviation:+.1%}): {verdict}."
         )

@@ -1,10 +1,17 @@
 """Recording a protocol's materials: the walk through materials, speeds and takes, each step beside its target.
 
 A take that is kept is on disk at once; the same call goes on with an interrupted recording.
+
+The vibration of a take is the foot's own: it begins where the panel first shakes after the foot reached what lies
+there, not at a knock before. What lies there is lower than the gate's top, so with an object the stretch begins when
+the foot passes that; on the bare panel it begins at contact. Both times come from the tracker's counter, which the
+frame that was held up least ties to the host's clock, as the accelerometer's samples are tied to it. See `SOONER_NS`
+and `LATER_NS` for how far the stretch reaches on either side.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol as Port
@@ -13,6 +20,7 @@ from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import Contact, Gate, GateDetector
 from experiment.apparatus.ports import Accelerometer, Tracker, Window
+from experiment.clock import Clock, MonotonicClock
 from experiment.errors import RecordingError
 from experiment.protocol import load
 from experiment.recordings import partial
@@ -20,6 +28,20 @@ from experiment.recordings.plan import Condition, Plan, plan
 
 SPEED_TOLERANCE = 0.10
 """A step is on target when its speed is within this part of it: less than half the way to the next recorded speed."""
+
+SOONER_NS = 50_000_000
+"""How much sooner than the tracker says a take may begin, ns: both streams stall for up to 31 ms on a busy host, and
+contact, which may be predicted, is a few milliseconds uncertain (see gate.py)."""
+
+LATER_NS = 150_000_000
+"""How much later than contact a take may begin, ns: as before, and what an accelerometer's server holds back of every
+sample, up to 100 ms in a sound server."""
+
+REST_NS = 20_000_000
+"""A take that begins this soon after a knock may be what is left of it, ns."""
+
+RECENT_FRAMES = 1000
+"""The counter is tied to the host's clock by this many pieces of the stream, so that the two may drift apart slowly."""
 
 
 @dataclass(frozen=True)
@@ -30,11 +52,15 @@ class Step:
         condition: what it was meant to be.
         achieved_mm_s: mean speed of the foot through the gate, mm/s.
         window: what the accelerometer heard; None for nothing.
+        knock_ms: how long before contact a knock was heard that is not part of it, ms; None for none.
+        restless: whether the panel may still have shaken from that knock.
     """
 
     condition: Condition
     achieved_mm_s: float
     window: Window | None
+    knock_ms: float | None = None
+    restless: bool = False
 
     @property
     def deviation(self) -> float:
@@ -51,7 +77,29 @@ class Step:
             found.append("nothing shook the panel")
         elif self.window.clipped:
             found.append(f"{self.window.clipped} samples beyond the accelerometer's full scale")
+        if self.restless:
+            found.append("the panel may still have shaken from a knock before")
         return tuple(found)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the experimenter should know besides."""
+        return () if self.knock_ms is None else (f"a knock {self.knock_ms:.0f} ms before contact was left out",)
+
+
+@dataclass(frozen=True)
+class Landing:
+    """A foot that came down, on the host's clock.
+
+    Attributes:
+        speed_mm_s: through the gate, mm/s, to a thousandth: far below the noise.
+        gate_ns: when it passed the gate's top, ns.
+        contact_ns: when it met the panel, ns.
+    """
+
+    speed_mm_s: float
+    gate_ns: int
+    contact_ns: int
 
 
 class TakesConsole(Port):
@@ -101,13 +149,20 @@ def record_on_rig(
     rigs.check(rig, protocol.step)
     planned = plan(protocol, source=f"rig {rig.rig.name}", simulated=False, speeds_mm_s=speeds_mm_s, takes=takes)
     partial.check(out, planned)
-    accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.synthesis.rate_hz)
+    clock = MonotonicClock()
+    accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.synthesis.rate_hz, clock=clock)
     try:
         tracker = opening.open_tracker(rig)
         try:
             detector = GateDetector(protocol.step)
             return record(
-                planned, out, tracker=tracker, accelerometer=accelerometer, detector=detector, console=console
+                planned,
+                out,
+                tracker=tracker,
+                accelerometer=accelerometer,
+                detector=detector,
+                console=console,
+                clock=clock,
             )
         finally:
             tracker.close()
@@ -123,6 +178,7 @@ def record(
     accelerometer: Accelerometer,
     detector: GateDetector,
     console: TakesConsole,
+    clock: Clock,
 ) -> Path:
     """Walk through what is not recorded yet, then write the whole.
 
@@ -147,22 +203,36 @@ def record(
             tracker.drain()
             accelerometer.arm(planned.samples)
             console.arm(condition, attempt=attempt)
-            achieved_mm_s = _achieved_mm_s(tracker, detector)
-            step = Step(condition, achieved_mm_s, accelerometer.window())
+            step = _listened(condition, _landing(tracker, detector, clock), accelerometer)
             kept = console.keeps(step) and step.window is not None
             if kept and step.window is not None:
-                partial.keep(path, step.window, achieved_mm_s)
+                partial.keep(path, step.window, step.achieved_mm_s)
     return partial.publish(planned, out)
 
 
-def _achieved_mm_s(tracker: Tracker, detector: GateDetector) -> float:
-    """Follow the foot until it is down; its speed through the gate, mm/s, to a thousandth: far below the noise."""
+def _landing(tracker: Tracker, detector: GateDetector, clock: Clock) -> Landing:
+    """Follow the foot until it is down."""
     state = detector.init()
     gate: Gate | None = None
+    recent_ns: deque[int] = deque(maxlen=RECENT_FRAMES)
     while True:
-        state, events = detector.step(state, tracker.read())
+        samples = tracker.read()
+        recent_ns.append(clock.now_ns() - int(samples.device_us[-1]) * 1000)
+        state, events = detector.step(state, samples)
         for event in events:
             if isinstance(event, Gate):
                 gate = event
             elif isinstance(event, Contact) and gate is not None:
-                return round(gate.speed_mm_s, 3)
+                gate_ns, contact_ns = (round(us * 1e3) + min(recent_ns) for us in (gate.top_us, event.us))
+                return Landing(round(gate.speed_mm_s, 3), gate_ns, contact_ns)
+
+
+def _listened(condition: Condition, landing: Landing, accelerometer: Accelerometer) -> Step:
+    """The step, with what the panel did."""
+    touched_ns = landing.contact_ns if condition.material is None else landing.gate_ns
+    heard = accelerometer.heard(earliest_ns=touched_ns - SOONER_NS, latest_ns=landing.contact_ns + LATER_NS)
+    if heard.knock_ns is None:
+        return Step(condition, landing.speed_mm_s, heard.window)
+    restless = heard.begun_ns is not None and heard.begun_ns - heard.knock_ns < REST_NS
+    knock_ms = (landing.contact_ns - heard.knock_ns) / 1e6
+    return Step(condition, landing.speed_mm_s, heard.window, knock_ms, restless)

@@ -5,20 +5,14 @@ The walk and the drivers are those of a real recording; the simulated experiment
 
 from __future__ import annotations
 
-import queue
-import socket
-import threading
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import GateDetector
-from experiment.apparatus.rig import AccelerometerRig
+from experiment.clock import Clock, ManualClock
 from experiment.errors import RecordingError
 from experiment.protocol import load
 from experiment.recordings import partial, workflow
@@ -27,14 +21,10 @@ from experiment.recordings.plan import Condition, Plan, plan
 from experiment.recordings.workflow import Step
 from experiment.rehearsal import takes as takes_of
 from experiment.rehearsal.foot import Foot
+from experiment.rehearsal.materials import CRUSH_MM
+from experiment.rehearsal.sensor import PassingTime, Sensor
 from experiment.rehearsal.serial_line import SerialLine
 from experiment.rehearsal.takes import Session
-
-REST_S = 0.05
-"""The sensor hears this much of a panel at rest before a take, s."""
-
-REST_NOISE_M_S2 = 0.002
-"""Standard deviation of what it hears then, m/s^2."""
 
 FRESH_SPEEDS_MM_S = (150.0, 250.0, 400.0)
 FRESH_TAKES = 10
@@ -43,74 +33,22 @@ FRESH_TAKES = 10
 Tick = Callable[[], None]
 
 
-class Sensor:
-    """The far end of the accelerometer's port: listens on the loopback interface, one connection a take."""
-
-    def __init__(self, settings: AccelerometerRig) -> None:
-        """Listen at once.
-
-        Args:
-            settings: rate and full scale.
-        """
-        self._settings = settings
-        self._server = socket.create_server(("127.0.0.1", 0))
-        self.address = f"127.0.0.1:{self._server.getsockname()[1]}"
-        """Where it listens, `host:port`."""
-        self._takes: queue.SimpleQueue[NDArray[np.float64] | None] = queue.SimpleQueue()
-        self._closing = False
-        self._thread = threading.Thread(target=self._listen, name="sensor", daemon=True)
-        self._thread.start()
-
-    def shake(self, take_m_s2: NDArray[np.float64], rng: np.random.Generator) -> None:
-        """The panel shakes: whoever is connected hears it after a moment of rest.
-
-        Args:
-            take_m_s2: acceleration from first contact on, m/s^2, shape (n,), at the sensor's rate.
-            rng: noise of the sensor at rest, before and after.
-        """
-        before = rng.normal(0.0, REST_NOISE_M_S2, round(REST_S * self._settings.rate_hz))
-        # A take that begins quietly is noticed late, and then goes on for as much longer.
-        after = rng.normal(0.0, REST_NOISE_M_S2, take_m_s2.size)
-        self._takes.put(np.concatenate([before, take_m_s2, after]))
-
-    def close(self) -> None:
-        """Stop listening."""
-        self._closing = True
-        self._takes.put(None)
-        # Closing the server alone would not end an accept that is under way.
-        with suppress(OSError), socket.create_connection(self._server.getsockname(), timeout=1.0):
-            pass
-        self._thread.join()
-        self._server.close()
-
-    def _listen(self) -> None:
-        while not self._closing:
-            connection, _ = self._server.accept()
-            with connection:
-                heard = None if self._closing else self._takes.get()
-                if heard is None:
-                    return
-                # Who hangs up has heard enough.
-                with suppress(OSError):
-                    connection.sendall((heard / self._settings.full_scale_m_s2).astype("<f4").tobytes())
-                    while connection.recv(4096):
-                        pass
-
-
 class SimulatedExperimenter:
     """Implements `TakesConsole`: lays out, steps, and keeps every take without a problem."""
 
-    def __init__(self, *, foot: Foot, sensor: Sensor, session: Session, tick: Tick) -> None:
+    def __init__(self, *, foot: Foot, sensor: Sensor, clock: Clock, session: Session, tick: Tick) -> None:
         """Take a place at the panel.
 
         Args:
             foot: at the tracker's port.
             sensor: at the accelerometer's.
+            clock: of the simulated host: a step begins no sooner than now.
             session: every attempt at every take.
             tick: called after each kept take.
         """
         self._foot = foot
         self._sensor = sensor
+        self._clock = clock
         self._session = session
         self._tick = tick
 
@@ -120,8 +58,9 @@ class SimulatedExperimenter:
     def arm(self, condition: Condition, *, attempt: int) -> None:
         drawn = self._session.attempt(condition, attempt)
         rng = self._session.rng(condition, attempt, 1)
-        self._foot.step(self._foot.trajectory(rng, drawn.speed_mm_s), 0)
-        self._sensor.shake(drawn.samples_m_s2, rng)
+        self._foot.step(self._foot.trajectory(rng, drawn.speed_mm_s), -(-self._clock.now_ns() // 1000))
+        crushed_s = 0.0 if condition.material is None else CRUSH_MM / drawn.speed_mm_s
+        self._sensor.shake(drawn.samples_m_s2, round(self._foot.true_contact_us * 1e3 - crushed_s * 1e9), rng)
 
     def keeps(self, step: Step) -> bool:
         self._foot.finish()
@@ -174,23 +113,27 @@ def record_simulated(
         opened.callback(foot.close)
         tracker = opening.open_tracker(rig, port=line.url)
         opened.callback(tracker.close)
-        sensor = Sensor(opening.accelerometer_of(rig))
+        clock = ManualClock(0)
+        sensor = Sensor(opening.accelerometer_of(rig), clock)
         opened.callback(sensor.close)
-        accelerometer = opening.open_accelerometer(rig, rate_hz=planned.rate_hz, address=sensor.address)
+        accelerometer = opening.open_accelerometer(rig, rate_hz=planned.rate_hz, address=sensor.address, clock=clock)
         opened.callback(accelerometer.close)
+        ports = PassingTime(tracker, accelerometer, sensor, clock)
         experimenter = SimulatedExperimenter(
             foot=foot,
             sensor=sensor,
+            clock=clock,
             session=drawn,
             tick=tick,
         )
         return workflow.record(
             planned,
             out,
-            tracker=tracker,
-            accelerometer=accelerometer,
+            tracker=ports,
+            accelerometer=ports,
             detector=GateDetector(protocol.step),
             console=experimenter,
+            clock=clock,
         )
 
 

@@ -1,4 +1,4 @@
-"""A real TCP stream of takes: from the simulated sensor, cut into any pieces, and from servers that fail."""
+"""A real TCP stream of takes: knocks before contact, any pieces, stalls, and servers that fail."""
 
 from __future__ import annotations
 
@@ -12,56 +12,19 @@ import pytest
 
 from experiment.apparatus import pcm_accelerometer
 from experiment.apparatus.pcm_accelerometer import PcmAccelerometer
+from experiment.apparatus.ports import Heard
 from experiment.apparatus.rig import AccelerometerRig
+from experiment.clock import Clock, ManualClock
 from experiment.errors import RecordingError
-from experiment.rehearsal.recorder import Sensor
+from experiment.rehearsal.sensor import Sensor
 
 RIG = AccelerometerRig(driver="pcm-tcp", address="rehearsal", rate_hz=1000, full_scale_m_s2=64.0, trigger_m_s2=0.5)
 BEFORE = round(pcm_accelerometer.BEFORE_S * RIG.rate_hz)
+MS = 1_000_000
 
 
-@pytest.fixture
-def sensor() -> Iterator[Sensor]:
-    opened = Sensor(RIG)
-    yield opened
-    opened.close()
-
-
-def accelerometer(address: str) -> PcmAccelerometer:
-    return PcmAccelerometer(address, rate_hz=RIG.rate_hz, full_scale_m_s2=64.0, trigger_m_s2=0.5)
-
-
-Serve = Callable[[list[bytes]], str]
-
-
-@pytest.fixture
-def serve() -> Iterator[Serve]:
-    """A server that sends pieces to its first connection, then hangs up; gives its address."""
-    servers: list[socket.socket] = []
-    threads: list[threading.Thread] = []
-
-    def started(pieces: list[bytes]) -> str:
-        server = socket.create_server(("127.0.0.1", 0))
-        servers.append(server)
-
-        def run() -> None:
-            connection, _ = server.accept()
-            with connection:
-                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                # The reader goes as soon as it has its window, whatever is still to come.
-                with suppress(ConnectionError):
-                    for piece in pieces:
-                        connection.sendall(piece)
-
-        threads.append(threading.Thread(target=run, daemon=True))
-        threads[-1].start()
-        return f"127.0.0.1:{server.getsockname()[1]}"
-
-    yield started
-    for thread in threads:
-        thread.join(5)
-    for server in servers:
-        server.close()
+def accelerometer(address: str, clock: Clock) -> PcmAccelerometer:
+    return PcmAccelerometer(address, rate_hz=RIG.rate_hz, full_scale_m_s2=64.0, trigger_m_s2=0.5, clock=clock)
 
 
 def pcm(samples: np.ndarray) -> bytes:
@@ -74,88 +37,212 @@ def take() -> np.ndarray:
     return samples
 
 
-def test_a_take_begins_just_before_the_vibration(sensor: Sensor) -> None:
-    device = accelerometer(sensor.address)
-    device.arm(400)
-    sensor.shake(take(), np.random.default_rng(2))
-    heard = device.window()
-    assert heard is not None
-    assert (heard.samples_m_s2.shape, heard.clipped) == ((400,), 0)
-    np.testing.assert_allclose(heard.samples_m_s2[BEFORE:], take()[: 400 - BEFORE], rtol=2**-23)
-    assert np.abs(heard.samples_m_s2[:BEFORE]).max() < 0.5
+class Stopped(ManualClock):
+    """Stands still, so that the whole stream arrives at once: its last sample is the present one."""
 
 
-def test_takes_follow_one_another_and_an_abandoned_one_is_not_heard(sensor: Sensor) -> None:
-    device = accelerometer(sensor.address)
-    for factor in (1.0, 2.0, 3.0):
-        device.arm(100)
-        sensor.shake(factor * take(), np.random.default_rng(2))
-        heard = device.window()
-        assert heard is not None
-        assert heard.samples_m_s2[BEFORE] == pytest.approx(factor)
+def heard_of(serve: Serve, samples: np.ndarray, *, earliest: int, latest: int, length: int, size: int = 4096) -> Heard:
+    """What is heard of samples, in samples of the stream."""
+    clock = Stopped(10_000 * MS)
+    begun_ms = 10_000 - samples.size
+    data = pcm(samples)
+    device = accelerometer(serve([data[i : i + size] for i in range(0, len(data), size)]), clock)
+    device.arm(length)
+    listening = device._listening
+    assert listening is not None
+    # The clock stands, so everything has to be there before the stream can be timed.
+    with listening._changed:
+        assert listening._changed.wait_for(lambda: listening._count == samples.size, 5)
+    return device.heard(earliest_ns=(begun_ms + earliest) * MS, latest_ns=(begun_ms + latest) * MS)
+
+
+Serve = Callable[[list[bytes]], str]
+
+
+@pytest.fixture
+def serve() -> Iterator[Serve]:
+    """A server that sends pieces to its first connection, and stays until it hangs up; gives its address."""
+    yield from served(stays=True)
+
+
+@pytest.fixture
+def leave() -> Iterator[Serve]:
+    """The same, but the server hangs up."""
+    yield from served(stays=False)
+
+
+def served(*, stays: bool) -> Iterator[Serve]:
+    servers: list[socket.socket] = []
+    threads: list[threading.Thread] = []
+
+    def started(pieces: list[bytes]) -> str:
+        server = socket.create_server(("127.0.0.1", 0))
+        servers.append(server)
+
+        def run() -> None:
+            connection, _ = server.accept()
+            with connection:
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                # The reader goes as soon as it has its take, whatever is still to come.
+                with suppress(OSError):
+                    for piece in pieces:
+                        connection.sendall(piece)
+                    while stays and connection.recv(4096):
+                        pass
+
+        threads.append(threading.Thread(target=run, daemon=True))
+        threads[-1].start()
+        return f"127.0.0.1:{server.getsockname()[1]}"
+
+    yield started
+    for thread in threads:
+        thread.join(5)
+    for server in servers:
+        server.close()
+
+
+def rest(samples: int) -> np.ndarray:
+    return np.full(samples, 0.1)
+
+
+def test_a_take_begins_just_before_the_vibration(serve: Serve) -> None:
+    stream = np.concatenate([rest(300), take()])
+    heard = heard_of(serve, stream, earliest=250, latest=450, length=400)
+    assert heard.window is not None
+    assert (heard.window.samples_m_s2.shape, heard.window.clipped, heard.knock_ns) == ((400,), 0, None)
+    np.testing.assert_allclose(heard.window.samples_m_s2, [0.1, 0.1, *take()[:398]], rtol=2**-23)
+
+
+@pytest.mark.parametrize("loud", [1.0, np.nan])
+def test_a_knock_before_contact_is_left_out_and_told_of(serve: Serve, loud: float) -> None:
+    """The foot that brushes the panel 200 ms before it comes down, too, however loud."""
+    stream = np.concatenate([rest(300), take()])
+    stream[[100, 101]] = 30.0, loud
+    heard = heard_of(serve, stream, earliest=250, latest=450, length=400)
+    assert heard.window is not None
+    np.testing.assert_allclose(heard.window.samples_m_s2[BEFORE:], take()[:398], rtol=2**-23)
+    assert heard.begun_ns is not None
+    assert heard.knock_ns is not None
+    assert (heard.begun_ns - heard.knock_ns) / MS == 300 - 101
+
+
+def test_a_knock_alone_is_no_take(serve: Serve) -> None:
+    stream = rest(1000)
+    stream[100] = 30.0
+    heard = heard_of(serve, stream, earliest=250, latest=450, length=400)
+    assert heard.window is None
+    assert heard.knock_ns == (10_000 - 1000 + 100) * MS
+
+
+@pytest.mark.parametrize(("at", "found"), [(249, False), (250, True), (450, True), (451, False)])
+def test_the_stretch_holds_both_its_ends_and_no_more(serve: Serve, at: int, found: bool) -> None:
+    stream = rest(1000)
+    stream[at] = 5.0
+    assert (heard_of(serve, stream, earliest=250, latest=450, length=100).window is not None) == found
 
 
 @pytest.mark.parametrize("size", [1, 3, 7, 4096])
 def test_however_the_stream_is_cut_the_take_is_the_same(serve: Serve, size: int) -> None:
-    data = pcm(np.concatenate([np.full(37, 0.1), take()]))
-    device = accelerometer(serve([data[i : i + size] for i in range(0, len(data), size)]))
-    device.arm(300)
-    heard = device.window()
-    assert heard is not None
-    np.testing.assert_allclose(heard.samples_m_s2, [0.1, 0.1, *take()[:298]], rtol=2**-23)
-
-
-def test_a_server_with_a_trigger_of_its_own_loses_nothing(serve: Serve) -> None:
-    device = accelerometer(serve([pcm(take())]))
-    device.arm(300)
-    heard = device.window()
-    assert heard is not None
-    np.testing.assert_allclose(heard.samples_m_s2, take()[:300], rtol=2**-23)
+    stream = np.concatenate([rest(37), take()])
+    heard = heard_of(serve, stream, earliest=30, latest=60, length=300, size=size)
+    assert heard.window is not None
+    np.testing.assert_allclose(heard.window.samples_m_s2, [0.1, 0.1, *take()[:298]], rtol=2**-23)
 
 
 def test_clipped_samples_are_counted(serve: Serve) -> None:
     loud = take()
     loud[[10, 20]] = 64.0, -70.0
-    device = accelerometer(serve([pcm(loud)]))
-    device.arm(300)
-    heard = device.window()
-    assert heard is not None
-    assert heard.clipped == 2
-
-
-def test_a_panel_at_rest_gives_no_take(sensor: Sensor, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pcm_accelerometer, "LATE_S", 0.0)
-    device = accelerometer(sensor.address)
-    device.arm(1)
-    sensor.shake(np.zeros(100), np.random.default_rng(2))
-    assert device.window() is None
+    heard = heard_of(serve, loud, earliest=0, latest=9, length=300)
+    assert heard.window is not None
+    assert heard.window.clipped == 2
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_samples_that_are_no_numbers_are_refused(serve: Serve, bad: float) -> None:
     spoilt = take()
     spoilt[[0, 5]] = bad
-    device = accelerometer(serve([pcm(spoilt)]))
-    device.arm(300)
     with pytest.raises(RecordingError, match=r"accelerometer at 127.0.0.1:\d+: sent NaN or infinite samples; see that"):
-        device.window()
+        heard_of(serve, spoilt, earliest=0, latest=9, length=300)
 
 
-@pytest.mark.parametrize("pieces", [[], [pcm(np.zeros(50))], [pcm(take()[:200])], [pcm(take()[:200]) + b"\x00\x00"]])
-def test_a_stream_that_ends_too_soon_is_an_error(serve: Serve, pieces: list[bytes]) -> None:
-    device = accelerometer(serve(pieces))
+def test_a_stall_does_not_move_the_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pieces of 10 ms, every third held up by 31 ms: those in time tell when the stream began."""
+    clock = ManualClock(0)
+    settings = RIG
+    sensor = Sensor(settings, clock)
+    try:
+        device = accelerometer(sensor.address, clock)
+        device.arm(400)
+        sensor.shake(take(), 300 * MS, np.random.default_rng(2))
+        listening = device._listening
+        assert listening is not None
+        for piece in range(1, 150):
+            due_ns = 10 * MS * piece
+            clock.sleep_ns(due_ns - clock.now_ns())
+            if piece % 3 == 0:
+                continue
+            sensor.send()
+            expected = sensor._sent
+            with listening._changed:
+                assert listening._changed.wait_for(lambda expected=expected: listening._count == expected, 5)
+        heard = device.heard(earliest_ns=250 * MS, latest_ns=450 * MS)
+    finally:
+        sensor.close()
+    assert heard.begun_ns == pytest.approx(300 * MS, abs=1.01 * MS)
+
+
+def test_what_is_held_is_bounded_and_times_stay_true(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A foot that hesitates for minutes: the stream's beginning is gone, the take's time is not."""
+    monkeypatch.setattr(pcm_accelerometer, "RING_S", 0.5)
+    clock = ManualClock(0)
+    sensor = Sensor(RIG, clock)
+    try:
+        device = accelerometer(sensor.address, clock)
+        device.arm(100)
+        sensor.shake(take(), 60_000 * MS, np.random.default_rng(2))
+        listening = device._listening
+        assert listening is not None
+        for _ in range(602):
+            clock.sleep_ns(100 * MS)
+            sensor.send()
+            expected = sensor._sent
+            with listening._changed:
+                assert listening._changed.wait_for(lambda expected=expected: listening._count == expected, 5)
+        assert sum(piece.size for piece, _ in listening._pieces) <= 500 + 100 + 100
+        heard = device.heard(earliest_ns=59_950 * MS, latest_ns=60_100 * MS)
+    finally:
+        sensor.close()
+    assert heard.begun_ns is None or heard.begun_ns == pytest.approx(60_000 * MS, abs=1.01 * MS)
+
+
+@pytest.mark.parametrize("pieces", [[pcm(rest(50))], [pcm(take()[:200])], [pcm(take()[:200]) + b"\x00\x00"]])
+def test_a_stream_that_ends_too_soon_is_an_error(leave: Serve, pieces: list[bytes]) -> None:
+    clock = Stopped(1000 * MS)
+    device = accelerometer(leave(pieces), clock)
     device.arm(300)
     with pytest.raises(RecordingError, match="the stream ended before the take was whole"):
-        device.window()
+        device.heard(earliest_ns=700 * MS, latest_ns=1010 * MS)
 
 
-def test_a_stream_that_stalls_is_an_error(sensor: Sensor, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_server_that_says_nothing_is_found_before_the_step(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pcm_accelerometer, "ALIVE_S", 0.05)
+    with pytest.raises(RecordingError, match=r"nothing came within 0\.05 s; see that its server runs"):
+        accelerometer(serve([]), ManualClock(0)).arm(300)
+    assert not [thread for thread in threading.enumerate() if thread.name == "accelerometer"]
+
+
+def test_a_server_that_hangs_up_is_found_before_the_step(leave: Serve) -> None:
+    with pytest.raises(RecordingError, match="the stream ended before the take was whole"):
+        accelerometer(leave([]), ManualClock(0)).arm(300)
+
+
+def test_a_stream_that_stalls_is_an_error(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pcm_accelerometer, "LATE_S", -0.9)
-    device = accelerometer(sensor.address)
+    clock = Stopped(1000 * MS)
+    device = accelerometer(serve([pcm(take()[:300])]), clock)
     device.arm(1001)
-    sensor.shake(take()[:300], np.random.default_rng(2))
-    with pytest.raises(RecordingError, match=r"less than 1001 samples came within 0\.1 s"):
-        device.window()
+    with pytest.raises(RecordingError, match=r"only 300 samples came, fewer than 1000 a second"):
+        device.heard(earliest_ns=700 * MS, latest_ns=1000 * MS)
 
 
 def test_no_server_is_an_error() -> None:
@@ -164,16 +251,16 @@ def test_no_server_is_an_error() -> None:
     with pytest.raises(
         RecordingError, match=r"nothing answers there .*; start its server, or correct accelerometer.addr"
     ):
-        accelerometer(address).arm(10)
+        accelerometer(address, ManualClock(0)).arm(10)
 
 
-def test_a_window_needs_arming(sensor: Sensor) -> None:
+def test_a_take_needs_arming() -> None:
     with pytest.raises(RecordingError, match="arm it first"):
-        accelerometer(sensor.address).window()
+        accelerometer("127.0.0.1:1", ManualClock(0)).heard(earliest_ns=0, latest_ns=0)
 
 
-def test_closing_ends_listening(sensor: Sensor) -> None:
-    device = accelerometer(sensor.address)
+def test_closing_ends_listening(serve: Serve) -> None:
+    device = accelerometer(serve([pcm(rest(5))]), ManualClock(0))
     device.arm(10)
     device.close()
     device.close()

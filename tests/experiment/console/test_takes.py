@@ -47,6 +47,14 @@ def test_the_achieved_speed_stands_beside_its_target(achieved: float, shown: str
     assert keys.lines == []
 
 
+def test_a_knock_that_was_left_out_is_told_of() -> None:
+    console, _, written = screen("k", "")
+    console.keeps(Step(CONDITION, 100.0, WINDOW, knock_ms=412.3))
+    assert written.getvalue().endswith("within 10%; a knock 412 ms before contact was left out.\n")
+    console.keeps(Step(CONDITION, 100.0, None, knock_ms=412.3))
+    assert written.getvalue().endswith("nothing shook the panel; a knock 412 ms before contact was left out.\n")
+
+
 def test_repeat_waits_until_the_panel_is_ready_again() -> None:
     console, keys, _ = screen("r", "")
     assert not console.keeps(Step(CONDITION, 100.0, WINDOW))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from experiment.apparatus.gate import GateDetector
-from experiment.apparatus.ports import LinkCounts, Samples, Window
+from experiment.apparatus.ports import Heard, LinkCounts, Samples, Window
+from experiment.clock import ManualClock
 from experiment.errors import PalpateError, RecordingError, RigError, TrackerStopped
 from experiment.protocol.load import load as load_protocol
 from experiment.protocol.models import Protocol, Step
@@ -18,6 +19,9 @@ from experiment.recordings import manifest, partial, workflow
 from experiment.recordings.plan import Condition, Plan, plan
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
+HELD_UP_NS = 7_000_000
+"""How long after a frame the host reads it."""
+
 PLAN = Plan("rig bench", False, ("copy paper",), (100.0, 200.0), 2, 1000, 8)
 
 
@@ -28,6 +32,9 @@ class World:
     counts = LinkCounts()
 
     def __init__(self, speeds: Iterator[float], *, windows: Iterator[Window | None] | None = None) -> None:
+        self.clock = ManualClock(0)
+        self.asked: list[tuple[int, int]] = []
+        self.knock_ns: Callable[[int], int | None] = lambda _: None
         self.speeds = speeds
         self.windows = windows
         self.log: list[str] = []
@@ -41,8 +48,9 @@ class World:
     def read(self) -> Samples:
         t_us = np.arange(0, int(40e6 / self._next), 1000)
         height_mm = 30.0 - self._next * t_us / 1e6
-        self._us += int(t_us[-1]) + 1000
-        return Samples(t_us + self._us, height_mm, b"", np.zeros(t_us.size, np.int64))
+        begin_us, self._us = self._us, self._us + int(t_us[-1]) + 1000
+        self.clock.sleep_ns((begin_us + int(t_us[-1])) * 1000 + HELD_UP_NS - self.clock.now_ns())
+        return Samples(t_us + begin_us, height_mm, b"", np.zeros(t_us.size, np.int64))
 
     def close(self) -> None: ...
 
@@ -54,10 +62,10 @@ class World:
             assert wanted == PLAN.samples
             self.log.append("listen")
 
-    def window(self) -> Window | None:
-        if self.windows is not None:
-            return next(self.windows)
-        return Window(np.full(8, self._next), clipped=0)
+    def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
+        self.asked.append((earliest_ns, latest_ns))
+        window = Window(np.full(8, self._next), clipped=0) if self.windows is None else next(self.windows)
+        return Heard(window, earliest_ns + 100, self.knock_ns(earliest_ns))
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
         self.log.append(f"{done + 1}/{total} {condition.material} {condition.speed_mm_s:g} {condition.number}")
@@ -75,7 +83,15 @@ def good() -> Iterator[float]:
 
 
 def record(world: World, out: Path, planned: Plan = PLAN) -> Path:
-    return workflow.record(planned, out, tracker=world, accelerometer=world, detector=GateDetector(STEP), console=world)
+    return workflow.record(
+        planned,
+        out,
+        tracker=world,
+        accelerometer=world,
+        detector=GateDetector(STEP),
+        console=world,
+        clock=world.clock,
+    )
 
 
 def names(folder: Path) -> list[str]:
@@ -120,6 +136,36 @@ def test_silence_and_clipping_speak_against_a_take(tmp_path: Path, first: Window
     world = World(iter([100.0, *good()]), windows=iter([first, *[rest] * 8]))
     record(world, tmp_path / "set")
     assert len(world.kept) == 8
+
+
+def test_a_take_is_looked_for_from_the_gates_top_with_an_object_and_from_contact_without(tmp_path: Path) -> None:
+    """A foot at v mm/s that starts at 30 mm: 20 mm after 10/v s, the panel after 30/v s, on the device's counter."""
+    world = World(good())
+    record(world, tmp_path / "set")
+    begun_ns = 0
+    for condition, (earliest_ns, latest_ns) in zip(PLAN.conditions(), world.asked, strict=True):
+        mm = 30 if condition.material is None else 10
+        ns = 1e9 / condition.speed_mm_s
+        assert earliest_ns == pytest.approx(begun_ns + mm * ns + HELD_UP_NS - workflow.SOONER_NS, abs=10)
+        assert latest_ns == pytest.approx(begun_ns + 30 * ns + HELD_UP_NS + workflow.LATER_NS, abs=10)
+        begun_ns += round(40 * ns)
+
+
+@pytest.mark.parametrize(("before_ms", "kept"), [(300, True), (25, True), (15, False)])
+def test_a_knock_is_told_of_and_speaks_against_a_take_that_follows_at_once(
+    tmp_path: Path, before_ms: int, kept: bool
+) -> None:
+    world = World(iter([100.0, *good()]))
+    knocks = iter([before_ms * 1_000_000])
+    world.knock_ns = lambda earliest_ns: next((earliest_ns - ns for ns in knocks), None)
+    if not kept:
+        record(world, tmp_path / "set")
+        assert [step.knock_ms for step in world.kept] == [None] * 8
+        return
+    world.speeds = good()
+    record(world, tmp_path / "set")
+    assert world.kept[0].knock_ms == pytest.approx(before_ms + workflow.SOONER_NS / 1e6, abs=0.01)
+    assert world.kept[0].notes == (f"a knock {before_ms + 50} ms before contact was left out",)
 
 
 def test_silence_is_never_kept_even_if_the_experimenter_says_so(tmp_path: Path) -> None:
