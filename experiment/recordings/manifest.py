@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError
 from scipy.io import wavfile
 
+from experiment import files
 from experiment.errors import RecordingError
 from experiment.protocol.models import Confined, Synthesis
 from experiment.recordings.wav import wav_samples
@@ -103,7 +104,7 @@ class _Manifest(Confined):
 
 
 def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bool, label: str, note: str = "") -> Path:
-    """Write takes as float32 WAV files with their manifest.
+    """Write takes as float32 WAV files with their manifest, all of them on disk when this returns.
 
     Args:
         directory: to make; it may exist if it is empty.
@@ -143,7 +144,7 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
         file = f"{place:03d}_{slug}_{take.speed_mm_s:g}_{take.number}.wav"
         buffer = io.BytesIO()
         wavfile.write(buffer, rate_hz, take.samples_m_s2.astype(np.float32))
-        (directory / file).write_bytes(buffer.getvalue())
+        files.write(directory / file, buffer.getvalue())
         lines += ["", "[[takes]]", f"file = {_toml(file)}"]
         if take.material is not None:
             lines.append(f"material = {_toml(take.material)}")
@@ -155,7 +156,7 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
             f'sha256 = "{hashlib.sha256(buffer.getvalue()).hexdigest()}"',
         ]
     manifest = directory / MANIFEST
-    manifest.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    files.write(manifest, ("\n".join(lines) + "\n").encode())
     return manifest
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiment.errors import RecordingError
+from experiment.protocol import canonical
 from experiment.protocol.models import Protocol
 
 SLOWEST_MM_S = 1.0
@@ -35,6 +36,8 @@ class Plan:
 
     Attributes:
         source: the rig, or the simulation with its seed.
+        protocol_sha256: of the protocol's canonical form.
+        rig_sha256: of what the rig file states.
         simulated: whether a simulation makes the takes.
         materials: ids, after the bare panel.
         speeds_mm_s: targets, rising, mm/s.
@@ -44,6 +47,8 @@ class Plan:
     """
 
     source: str
+    protocol_sha256: str
+    rig_sha256: str
     simulated: bool
     materials: tuple[str, ...]
     speeds_mm_s: tuple[float, ...]
@@ -62,7 +67,13 @@ class Plan:
 
 
 def plan(
-    protocol: Protocol, *, source: str, simulated: bool, speeds_mm_s: tuple[float, ...] = (), takes: int | None = None
+    protocol: Protocol,
+    *,
+    source: str,
+    simulated: bool,
+    rig_sha256: str = "",
+    speeds_mm_s: tuple[float, ...] = (),
+    takes: int | None = None,
 ) -> Plan:
     """What a protocol has recorded.
 
@@ -70,6 +81,7 @@ def plan(
         protocol: materials, rate and length; speeds and takes unless given.
         source: see `Plan`.
         simulated: see `Plan`.
+        rig_sha256: see `Plan`; empty where no rig records.
         speeds_mm_s: instead of the protocol's, such as those of fresh takes; empty for the protocol's.
         takes: instead of the protocol's.
 
@@ -87,6 +99,8 @@ def plan(
         raise RecordingError(f"takes: got {count}; allowed: 1 to 100; give another number")
     return Plan(
         source=source,
+        protocol_sha256=canonical.sha256(protocol),
+        rig_sha256=rig_sha256,
         simulated=simulated,
         materials=tuple(material.id for material in protocol.materials),
         speeds_mm_s=speeds,

@@ -147,7 +147,14 @@ def record_on_rig(
     if rig.rig.simulated:
         raise RecordingError(f"{rig_file}: a simulated rig; allowed: a real one; name another, or record --simulated")
     rigs.check(rig, protocol.step)
-    planned = plan(protocol, source=f"rig {rig.rig.name}", simulated=False, speeds_mm_s=speeds_mm_s, takes=takes)
+    planned = plan(
+        protocol,
+        source=f"rig {rig.rig.name}",
+        simulated=False,
+        rig_sha256=rigs.sha256(rig),
+        speeds_mm_s=speeds_mm_s,
+        takes=takes,
+    )
     partial.check(out, planned)
     clock = MonotonicClock()
     accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.synthesis.rate_hz, clock=clock)
@@ -189,7 +196,21 @@ def record(
         RecordingError: see `partial.check`; or the accelerometer failed.
         TrackerError: the tracker failed.
     """
-    folder = partial.begin(planned, out)
+    with partial.begun(planned, out) as folder:
+        _walk(planned, folder, tracker, accelerometer, detector, console, clock)
+        return partial.publish(planned, out)
+
+
+def _walk(
+    planned: Plan,
+    folder: Path,
+    tracker: Tracker,
+    accelerometer: Accelerometer,
+    detector: GateDetector,
+    console: TakesConsole,
+    clock: Clock,
+) -> None:
+    """Record every take that is not in the folder yet."""
     conditions = planned.conditions()
     for place, condition in enumerate(conditions):
         path = partial.take_path(folder, place)
@@ -207,7 +228,6 @@ def record(
             kept = console.keeps(step) and step.window is not None
             if kept and step.window is not None:
                 partial.keep(path, step.window, step.achieved_mm_s)
-    return partial.publish(planned, out)
 
 
 def _landing(tracker: Tracker, detector: GateDetector, clock: Clock) -> Landing:

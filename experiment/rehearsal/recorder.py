@@ -103,7 +103,14 @@ def record_simulated(
     if not rig.rig.simulated:
         raise RecordingError(f"{rig_file}: a real rig; allowed: one that says simulated = true; leave out --simulated")
     rigs.check(rig, protocol.step)
-    planned = plan(protocol, source=takes_of.source(seed), simulated=True, speeds_mm_s=speeds_mm_s, takes=takes)
+    planned = plan(
+        protocol,
+        source=takes_of.source(seed),
+        simulated=True,
+        rig_sha256=rigs.sha256(rig),
+        speeds_mm_s=speeds_mm_s,
+        takes=takes,
+    )
     partial.check(out, planned)
     drawn = takes_of.session(planned, seed=seed)
     total(len(planned.conditions()))
@@ -162,6 +169,8 @@ def fresh_takes(
         )
     planned = Plan(
         source=f"SIMULATED fresh takes, seed {seed}",
+        protocol_sha256="",
+        rig_sha256="",
         simulated=True,
         materials=tuple(recorded.objects),
         speeds_mm_s=speeds_mm_s,

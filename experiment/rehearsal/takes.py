@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from experiment.errors import RecordingError
 from experiment.protocol.models import Protocol
 from experiment.recordings.manifest import Recordings, Take, write
+from experiment.recordings.partial import SIMULATED
 from experiment.recordings.plan import FASTEST_MM_S, Condition, Plan, plan
 from experiment.recordings.workflow import SPEED_TOLERANCE
 from experiment.rehearsal.materials import CRACKLES, REFERENCE_SPEED_MM_S, SimulatedMaterials, known
@@ -30,8 +31,6 @@ from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity_matri
 
 AIM_SIGMA = 0.07
 """Standard deviation of the log speed of a foot that aims at a target: about five steps of six are within 10 %."""
-
-LABEL = "SIMULATED crackling noise, no recording of a real object"
 
 TABLE_3: Mapping[tuple[str, str], float] = MappingProxyType(
     {
@@ -182,7 +181,7 @@ def make_recordings(directory: Path, *, protocol: Protocol, seed: int) -> Path:
         takes=takes,
         rate_hz=drawn.planned.rate_hz,
         simulated=True,
-        label=LABEL,
+        label=SIMULATED,
         note=f"{drawn.planned.source}, session {drawn.number}",
     )
 

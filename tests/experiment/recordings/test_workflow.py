@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +24,7 @@ STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 HELD_UP_NS = 7_000_000
 """How long after a frame the host reads it."""
 
-PLAN = Plan("rig bench", False, ("copy paper",), (100.0, 200.0), 2, 1000, 8)
+PLAN = Plan("rig bench", "a" * 64, "b" * 64, False, ("copy paper",), (100.0, 200.0), 2, 1000, 8)
 
 
 class World:
@@ -224,18 +226,79 @@ def test_a_stop_while_the_whole_is_written_leaves_every_take(tmp_path: Path, mon
 
 def test_another_plan_never_goes_on_with_an_interrupted_one(tmp_path: Path) -> None:
     interrupted(tmp_path / "set", 3)
-    other = Plan("rig bench", False, ("copy paper",), (100.0, 200.0), 3, 1000, 8)
+    other = replace(PLAN, takes=3)
     with pytest.raises(RecordingError, match=r"another plan \(takes 2 there, 3 asked for\); go on with that plan"):
         record(World(good()), tmp_path / "set", other)
 
 
-def test_a_damaged_take_is_named(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("protocol_sha256", r"the protocol aaaaaaaaaaaa\.\.\. there, cccccccccccc\.\.\. asked for \(SHA-256\)"),
+        ("rig_sha256", r"the rig bbbbbbbbbbbb\.\.\. there, cccccccccccc\.\.\. asked for \(SHA-256\)"),
+    ],
+)
+def test_another_protocol_or_rig_never_goes_on_with_it(tmp_path: Path, key: str, message: str) -> None:
+    interrupted(tmp_path / "set", 3)
+    with pytest.raises(RecordingError, match=f"another plan \\({message}\\); go on with that plan"):
+        record(World(good()), tmp_path / "set", replace(PLAN, **{key: "c" * 64}))  # type: ignore[arg-type]
+
+
+def test_takes_without_their_plan_are_refused_and_left_alone(tmp_path: Path) -> None:
+    interrupted(tmp_path / "set", 3)
+    (tmp_path / ".set.partial" / "plan.json").unlink()
+    before = names(tmp_path / ".set.partial")
+    with pytest.raises(RecordingError, match=r"got 3 takes without their plan\.json, .*; restore it, choose another"):
+        record(World(good()), tmp_path / "set")
+    assert names(tmp_path / ".set.partial") == before
+
+
+def test_two_at_once_are_refused_and_the_first_goes_on(tmp_path: Path) -> None:
+    with (
+        partial.begun(PLAN, tmp_path / "set"),
+        pytest.raises(RecordingError, match=r"another palpate record is under way for .*set; allowed: one; end it"),
+    ):
+        record(World(good()), tmp_path / "set")
+    record(World(good()), tmp_path / "set")
+    assert names(tmp_path) == ["set"]
+
+
+def test_takes_are_removed_only_when_the_recordings_are_on_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every file of the whole, and the folder that it is moved into, is synced while every take is still there."""
+    synced: set[str] = set()
+    fsync = os.fsync
+
+    def spy(descriptor: int) -> None:
+        path = Path(f"/proc/self/fd/{descriptor}").readlink()
+        takes = list((tmp_path / ".set.partial").glob("*.npz"))
+        if len(takes) == len(PLAN.conditions()):
+            synced.add(str(path.relative_to(tmp_path)) if path.is_relative_to(tmp_path) else "")
+        fsync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", spy)
+    record(World(good()), tmp_path / "set")
+    wavs = {name.split(".wav")[0] for name in map(os.path.basename, synced) if ".wav" in name}
+    assert len(wavs) == len(PLAN.conditions())
+    assert any("manifest.toml" in name for name in synced)
+    assert {".", ".set.whole"} <= synced
+
+
+def test_a_damaged_take_is_named_before_the_next_is_recorded(tmp_path: Path) -> None:
     interrupted(tmp_path / "set", 3)
     damaged = tmp_path / ".set.partial" / "0001.npz"
     damaged.write_bytes(damaged.read_bytes()[:50])
     with pytest.raises(RecordingError, match=r"0001.npz: got a damaged take .*; remove it, then record it again"):
         record(World(iter(list(good())[3:])), tmp_path / "set")
     assert not (tmp_path / "set").exists()
+    assert names(tmp_path / ".set.partial") == ["0000.npz", "0001.npz", "0002.npz", "lock", "plan.json"]
+
+
+def test_a_file_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "set").write_text("x")
+    with pytest.raises(RecordingError, match="set: is a file; allowed: a new or empty folder; choose another with"):
+        record(World(good()), tmp_path / "set")
 
 
 def test_a_folder_in_use_is_refused_before_anything_is_written(tmp_path: Path) -> None:
