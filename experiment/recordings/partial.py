@@ -22,8 +22,8 @@ from filelock import FileLock, Timeout
 from experiment import files
 from experiment.apparatus.ports import Window
 from experiment.errors import RecordingError
-from experiment.recordings.manifest import Take, write
 from experiment.recordings.plan import Condition, Plan
+from experiment.recordings.writing import Take, write
 
 PLAN = "plan.json"
 LOCK = "lock"

@@ -22,10 +22,11 @@ from numpy.typing import NDArray
 
 from experiment.errors import RecordingError
 from experiment.protocol.models import Protocol
-from experiment.recordings.manifest import Recordings, Take, write
+from experiment.recordings.manifest import Recordings
 from experiment.recordings.partial import SIMULATED
 from experiment.recordings.plan import FASTEST_MM_S, Condition, Plan, plan
 from experiment.recordings.workflow import SPEED_TOLERANCE
+from experiment.recordings.writing import Take, write
 from experiment.rehearsal.materials import CRACKLES, REFERENCE_SPEED_MM_S, SimulatedMaterials, known
 from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity_matrix, spectrum
 

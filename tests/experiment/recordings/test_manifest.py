@@ -12,7 +12,8 @@ from scipy.io import wavfile
 
 from experiment.errors import RecordingError
 from experiment.protocol.models import Synthesis
-from experiment.recordings.manifest import Recordings, Take, load, load_all, write
+from experiment.recordings.manifest import Recordings, load, load_all
+from experiment.recordings.writing import Take, write
 
 SYNTHESIS = Synthesis(rate_hz=1000, samples=16, takes=2, speeds_mm_s=(50.0, 100.0))
 MATERIALS = ("copy paper", 'polypropylene "film"')
