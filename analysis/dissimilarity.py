@@ -132,8 +132,13 @@ def known_spectra(recorded: Recorded) -> dict[str, CrinkleSpectra]:
     """Equation (2) for each material, averaged over takes; the panel subtracted.
 
     Raises:
-        SynthesisError: fewer than two speeds.
+        RecordingError: fewer than two speeds.
     """
+    if recorded.speeds_mm_s.size < 2:
+        raise RecordingError(
+            f"recordings: got takes at one speed, {recorded.speeds_mm_s[0]:g} mm/s; allowed: two speeds or more, for "
+            "syntheses lie between them; record the materials at other speeds too, or name other recordings"
+        )
     return {
         material: subtract(
             speeds_mm_s=recorded.speeds_mm_s,

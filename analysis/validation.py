@@ -123,8 +123,7 @@ def validate(recorded: Recorded, fresh: Recorded, out: Path, *, figures: bool = 
         figures: whether to draw the figures, which takes most of the time.
 
     Raises:
-        RecordingError: recordings and fresh takes that do not compare.
-        SynthesisError: recordings at a single speed.
+        RecordingError: recordings at a single speed, or fresh takes that do not compare with them.
         DatasetError: a file in the way.
     """
     from analysis.validation_sections import CAPTIONS, sections
@@ -157,7 +156,6 @@ def compute(recorded: Recorded, fresh: Recorded) -> Validation:
 
     Raises:
         RecordingError: as `validate`.
-        SynthesisError: as `validate`.
     """
     if recorded.simulated != fresh.simulated:
         raise RecordingError(

@@ -31,9 +31,11 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import Field
 
-from experiment.errors import RecordingError
+from experiment.errors import ProtocolError, RecordingError
+from experiment.protocol import load as load_protocol
+from experiment.protocol.locate import locate
 from experiment.protocol.models import Confined, Synthesis
 from experiment.recordings.wav import wav_samples
 
@@ -62,12 +64,14 @@ class Recordings:
 
 
 class _Take(Confined):
-    file: Annotated[str, Field(pattern=r"^[^/\\]+\.wav$")]
+    file: Annotated[str, Field(pattern=r"^[^/\\]+\.wav$", description="the name of a .wav file in this folder")]
     material: Annotated[str, Field(min_length=1)] | None = None
     speed_mm_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     achieved_mm_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     number: Annotated[int, Field(ge=1, le=1000)]
-    sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    sha256: Annotated[
+        str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints them")
+    ]
 
 
 class _Manifest(Confined):
@@ -78,7 +82,7 @@ class _Manifest(Confined):
     rate_hz: Annotated[int, Field(ge=1)]
     samples: Annotated[int, Field(ge=1)]
     unit: Literal["m/s^2"]
-    takes: list[_Take]
+    takes: tuple[_Take, ...]
 
 
 def sha256(directory: Path) -> str:
@@ -195,7 +199,8 @@ def _condition(material: str | None, speed_mm_s: float, number: int) -> str:
 
 def _read(path: Path) -> _Manifest:
     try:
-        return _Manifest.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        text = path.read_text(encoding="utf-8")
+        document = tomllib.loads(text)
     except OSError as error:
         raise RecordingError(
             f"{path}: cannot be read ({error.strerror}); allowed: a folder of recordings with its {MANIFEST}; "
@@ -205,12 +210,12 @@ def _read(path: Path) -> _Manifest:
         raise RecordingError(
             f"{path}: got no TOML ({error}); allowed: a TOML file; restore it from its copy"
         ) from error
-    except ValidationError as error:
-        first = error.errors()[0]
-        where = ".".join(str(part) for part in first["loc"]) or "manifest"
-        raise RecordingError(
-            f"{path}: {where}: got {first['input']!r:.80}; allowed: {first['msg']}; correct the manifest"
-        ) from error
+    try:
+        return load_protocol.checked(path, _Manifest, document, locate(text))
+    except ProtocolError as error:
+        first, *others = error.problems
+        more = f" ({len(others)} more)" if others else ""
+        raise RecordingError(f"{path}: {first}; correct the manifest, or restore it from its copy{more}") from error
 
 
 def _samples(path: Path, *, take: _Take, manifest: _Manifest) -> NDArray[np.float64]:

@@ -147,10 +147,18 @@ def nan_inside() -> np.ndarray:
         (edit("samples = 16", "samples = 2500"), r"samples: got 2500; allowed: 16, as in the protocol"),
         (edit("simulated = true", "simulated = 1"), r"simulated: got 1; allowed:"),
         (edit('unit = "m/s^2"', 'unit = "g"'), r"unit: got 'g'; allowed: .*m/s\^2"),
-        (edit("note =", "nota ="), r"nota: got .*; allowed: Extra inputs"),
+        (
+            edit("note =", "nota ="),
+            r"line 3: nota: got .*; allowed: no such key; did you mean 'note'\?.*; correct",
+        ),
+        (edit("samples = 16\n", ""), r"samples: got nothing; allowed: a whole number at least 1; correct the manifest"),
+        (edit("rate_hz = 1000\nsamples = 16", "rate_hz = 0\nsamples = -1"), r"rate_hz: got 0; allowed: .* \(1 more\)"),
         (edit("number = 2", "number = 1"), r"for take 1 of the bare panel at 50 mm/s; allowed: one file"),
         (edit("number = 2", "number = 3"), r"got no take 2 of the bare panel at 50 mm/s; allowed: 2 takes"),
-        (edit('file = "000_', 'file = "../000_'), r"takes.0.file: got '../000_panel_50_1.wav'; allowed:"),
+        (
+            edit('file = "000_', 'file = "../000_'),
+            r"takes\[0\].file: got '../000_panel_50_1.wav'; allowed: the name of",
+        ),
     ],
 )
 def test_damage_is_refused_in_one_line(tmp_path: Path, damage: Callable[[Path], None], message: str) -> None:
