@@ -12,7 +12,7 @@ import typer
 from experiment import __version__
 from experiment.cli_engine import engine
 from experiment.cli_lab import Participant, ProtocolFile, lab
-from experiment.errors import PalpateError
+from experiment.errors import Interrupted, PalpateError
 
 app = typer.Typer(
     rich_markup_mode=None,
@@ -242,9 +242,18 @@ app.add_typer(lab)
 
 
 def main() -> None:
-    """Entry point of the command: an error is one line (every line of it useful) and exit code 2."""
+    """Run the command: an error is one line (every line of it useful) and exit code 2.
+
+    Raises:
+        KeyboardInterrupt: Ctrl-C that no part made an `Interrupted` of.
+    """
     try:
         app()
+    except SystemExit as end:
+        # Typer ends in silence on Ctrl-C; nothing of ours exits with its code from inside the app.
+        if end.code == Interrupted.exit_code:
+            raise KeyboardInterrupt from None
+        raise
     except PalpateError as error:
         for line in (str(error), *getattr(error, "__notes__", ())):
             print(f"palpate: {line}", file=sys.stderr)  # noqa: T201

@@ -32,16 +32,17 @@ def record(
     """Record a protocol's materials and the bare panel.
 
     Walks through materials, speeds and takes, shows the achieved speed of each step beside its target, and keeps or
-    repeats a take at a key. Ctrl-C stops; the same command goes on.
+    repeats a take at a key. A knock before the foot's contact is left out. Ctrl-C stops; the same command goes on.
+    The rig's actuator is not used, so its response table is not read.
     """
     from experiment.recordings import workflow
 
     wanted = _speeds(speeds)
-    if simulated:
-        from experiment.protocol.shipped import shipped
-        from experiment.rehearsal import recorder
+    try:
+        if simulated:
+            from experiment.protocol.shipped import shipped
+            from experiment.rehearsal import recorder
 
-        try:
             manifest = recorder.record_simulated(
                 protocol_file=protocol_file,
                 rig_file=rig or shipped("rigs/rehearsal.toml"),
@@ -50,23 +51,23 @@ def record(
                 speeds_mm_s=wanted,
                 takes=takes,
             )
-        except KeyboardInterrupt:
-            raise Interrupted("the recording was interrupted; the same command goes on with it") from None
-    else:
-        from experiment.console.takes import TerminalTakes
+        else:
+            from experiment.console.takes import TerminalTakes
 
-        if rig is None:
-            raise RecordingError(
-                "--rig: got none; allowed: the rig file of this laboratory; name it, or use --simulated"
+            if rig is None:
+                raise RecordingError(
+                    "--rig: got none; allowed: the rig file of this laboratory; name it, or use --simulated"
+                )
+            manifest = workflow.record_on_rig(
+                protocol_file=protocol_file,
+                rig_file=rig,
+                out=out,
+                console=TerminalTakes(write=sys.stdout, ask=input),
+                speeds_mm_s=wanted,
+                takes=takes,
             )
-        manifest = workflow.record_on_rig(
-            protocol_file=protocol_file,
-            rig_file=rig,
-            out=out,
-            console=TerminalTakes(write=sys.stdout, ask=input),
-            speeds_mm_s=wanted,
-            takes=takes,
-        )
+    except KeyboardInterrupt:
+        raise Interrupted("the recording was interrupted; the same command goes on with it") from None
     typer.echo(f"{'SIMULATED recordings' if simulated else 'Recordings'}: {manifest.parent}")
 
 

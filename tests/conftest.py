@@ -58,12 +58,12 @@ Palpate = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def palpate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Palpate:
     """The command, in this process."""
-    from experiment import cli
+    from experiment import __main__ as start
 
     def call(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
         with pytest.raises(SystemExit) as end:
-            cli.main()
+            start.main()
         out, err = capsys.readouterr()
         return int(end.value.code or 0), out, err
 

@@ -127,7 +127,7 @@ def record_on_rig(
     speeds_mm_s: tuple[float, ...] = (),
     takes: int | None = None,
 ) -> Path:
-    """Record on a real rig, or go on with it.
+    """Record on a real rig, or go on with it. Nothing is played: the rig's actuator and its table are not opened.
 
     Args:
         protocol_file: what is recorded.

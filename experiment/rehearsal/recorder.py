@@ -81,7 +81,7 @@ def record_simulated(
     total: Callable[[int], None] = lambda _: None,
     tick: Tick = lambda: None,
 ) -> Path:
-    """Record SIMULATED materials unattended, or go on with it.
+    """Record SIMULATED materials unattended, or go on with it. The rig's actuator and its table are not opened.
 
     Args:
         protocol_file: what is recorded; its materials have simulations.

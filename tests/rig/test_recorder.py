@@ -7,12 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.io import wavfile
 
 from experiment.errors import RecordingError
+from experiment.protocol import load
 from experiment.recordings import manifest
 from experiment.recordings.manifest import Recordings
+from experiment.recordings.plan import Condition, plan
 from experiment.recordings.workflow import SPEED_TOLERANCE
-from experiment.rehearsal import recorder
+from experiment.rehearsal import recorder, takes
 
 
 def record(out: Path, root: Path, **options: object) -> Path:
@@ -35,9 +38,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory, repository_root: Path) ->
 
 
 def test_every_take_of_the_protocol_is_there_and_on_target(recorded: Path) -> None:
-    takes = tomllib.loads((recorded / "manifest.toml").read_text("utf-8"))["takes"]
-    assert len(takes) == (4 + 1) * 4 * 3
-    off = [abs(take["achieved_mm_s"] / take["speed_mm_s"] - 1) for take in takes]
+    listed = tomllib.loads((recorded / "manifest.toml").read_text("utf-8"))["takes"]
+    assert len(listed) == (4 + 1) * 4 * 3
+    off = [abs(take["achieved_mm_s"] / take["speed_mm_s"] - 1) for take in listed]
     assert 0 < max(off) <= SPEED_TOLERANCE
     assert len(set(off)) == len(off)
 
@@ -105,3 +108,28 @@ def test_real_recordings_get_no_simulated_fresh_takes() -> None:
     real = Recordings("rig bench", False, 5000, np.array([50.0, 100.0]), np.zeros((2, 1, 4)), {})
     with pytest.raises(RecordingError, match="the recordings are real; record them with palpate record --speeds"):
         recorder.fresh_takes(real, seed=1)
+
+
+def test_recording_needs_no_actuator(tmp_path: Path, repository_root: Path) -> None:
+    """The response table that the rehearsal's rig file names is not there."""
+    rig = tmp_path / "rig.toml"
+    rig.write_bytes((repository_root / "protocols" / "rigs" / "rehearsal.toml").read_bytes())
+    record(tmp_path / "set", repository_root, rig_file=rig, speeds_mm_s=(200.0, 300.0), takes=1)
+    assert manifest.load_all(tmp_path / "set").panel.shape == (2, 1, 2500)
+
+
+def test_what_is_recorded_is_the_session_that_rehearsals_write(recorded: Path, repository_root: Path) -> None:
+    """Each take is the vibration drawn for it, from at most 2 ms before it reached the trigger, and called as fast."""
+    protocol = load.load(repository_root / "protocols" / "okamoto2012.toml")
+    drawn = takes.session(plan(protocol, source=takes.source(5), simulated=True), seed=5)
+    listed = tomllib.loads((recorded / "manifest.toml").read_text("utf-8"))["takes"]
+    same = 0
+    for entry in listed:
+        kept = drawn.kept(Condition(entry.get("material"), entry["speed_mm_s"], entry["number"]))
+        _, heard = wavfile.read(recorded / entry["file"])
+        shifts = range(-10, 60)
+        off = [np.abs(heard[max(-s, 0) :][:2000] - kept.samples_m_s2[max(s, 0) :][:2000]).max() for s in shifts]
+        # A foot at the edge of the tolerance may be kept at another attempt, by what the tracker saw.
+        same += min(off) < 2e-5 * np.abs(kept.samples_m_s2).max() + 1e-5
+        assert entry["achieved_mm_s"] == pytest.approx(entry["speed_mm_s"], rel=SPEED_TOLERANCE)
+    assert same >= 0.9 * len(listed)

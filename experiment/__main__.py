@@ -1,0 +1,20 @@
+"""`palpate`, and `python -m experiment`: from the first import on, Ctrl-C is one line and exit code 130."""
+
+from __future__ import annotations
+
+import sys
+
+
+def main() -> None:
+    """Entry point of the command."""
+    try:
+        from experiment.cli import main as command
+
+        command()
+    except KeyboardInterrupt:
+        print("palpate: interrupted; call it again to go on or begin anew", file=sys.stderr)  # noqa: T201
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""Ctrl-C at any moment: one line and exit code 130, whatever is being imported or done."""
+
+from __future__ import annotations
+
+import builtins
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+from experiment import __main__ as start
+
+
+def interrupt_import_of(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C the next time that a module is imported."""
+    monkeypatch.delitem(sys.modules, name, raising=False)
+    real = builtins.__import__
+
+    def importing(wanted: str, *rest: object) -> object:
+        if wanted == name:
+            raise KeyboardInterrupt
+        return real(wanted, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(builtins, "__import__", importing)
+
+
+@pytest.mark.parametrize(
+    ("module", "arguments"),
+    [
+        ("experiment.cli", ["--help"]),
+        ("experiment.rehearsal", ["record", "PROTOCOL", "--simulated", "--out", "OUT"]),
+        ("analysis", ["validate", "OUT"]),
+        ("experiment.protocol", ["check", "PROTOCOL"]),
+    ],
+)
+def test_an_interrupt_while_modules_load_is_one_line(
+    tmp_path: Path,
+    repository_root: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    module: str,
+    arguments: list[str],
+) -> None:
+    paths = {"PROTOCOL": str(repository_root / "protocols" / "okamoto2012.toml"), "OUT": str(tmp_path / "set")}
+    monkeypatch.setattr("sys.argv", ["palpate", *(paths.get(one, one) for one in arguments)])
+    interrupt_import_of(module, monkeypatch)
+    with pytest.raises(SystemExit) as end:
+        start.main()
+    assert end.value.code == 130
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"palpate: (the recording was )?interrupted; .* go(es)? on .*", line)
+    assert not any(tmp_path.iterdir())
+
+
+def test_other_ends_are_left_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, code in ((["--version"], 0), (["no-such-command"], 2), (["check", "no-such-file.toml"], 2)):
+        monkeypatch.setattr("sys.argv", ["palpate", *arguments])
+        with pytest.raises(SystemExit) as end:
+            start.main()
+        assert (end.value.code or 0) == code
+    assert "interrupted" not in capsys.readouterr().err
