@@ -38,8 +38,8 @@ LATE_S = 2.0
 BEFORE_S = 0.002
 """How much of a take lies before its trigger, s."""
 
-RING_S = 30.0
-"""How much is held besides a take, s: the slowest foot takes 20 s from gate to panel."""
+RING_S = 10.0
+"""How much is held besides a take, s: the slowest foot takes 2 s from gate to panel."""
 
 _SAMPLE = np.dtype("<f4")
 _PIECE_BYTES = 65536

@@ -10,7 +10,7 @@ from experiment.errors import RecordingError
 from experiment.protocol import canonical
 from experiment.protocol.models import Protocol
 
-SLOWEST_MM_S = 1.0
+SLOWEST_MM_S = 10.0
 FASTEST_MM_S = 10_000.0
 """No foot that steps is slower, and none is faster."""
 

@@ -26,6 +26,9 @@ from experiment.rehearsal.sensor import PassingTime, Sensor
 from experiment.rehearsal.serial_line import SerialLine
 from experiment.rehearsal.takes import Session
 
+MOST_ATTEMPTS = 50
+"""The simulated experimenter gives up then: about one attempt in six is off target by chance."""
+
 FRESH_SPEEDS_MM_S = (150.0, 250.0, 400.0)
 FRESH_TAKES = 10
 """Okamoto et al., section 3.3."""
@@ -51,11 +54,18 @@ class SimulatedExperimenter:
         self._clock = clock
         self._session = session
         self._tick = tick
+        self._problems: tuple[str, ...] = ()
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
         """Nothing has to be waited for."""
 
     def arm(self, condition: Condition, *, attempt: int) -> None:
+        if attempt > MOST_ATTEMPTS:
+            raise RecordingError(
+                f"{condition.material or 'bare panel'} at {condition.speed_mm_s:g} mm/s: got {MOST_ATTEMPTS} attempts, "
+                f"none of them good, the last with {'; '.join(self._problems)}; allowed: what the rig can record; give "
+                "other speeds, or another rig"
+            )
         drawn = self._session.attempt(condition, attempt)
         rng = self._session.rng(condition, attempt, 1)
         self._foot.step(self._foot.trajectory(rng, drawn.speed_mm_s), -(-self._clock.now_ns() // 1000))
@@ -64,6 +74,7 @@ class SimulatedExperimenter:
 
     def keeps(self, step: Step) -> bool:
         self._foot.finish()
+        self._problems = step.problems
         if step.problems:
             return False
         self._tick()

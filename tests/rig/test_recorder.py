@@ -133,3 +133,10 @@ def test_what_is_recorded_is_the_session_that_rehearsals_write(recorded: Path, r
         same += min(off) < 2e-5 * np.abs(kept.samples_m_s2).max() + 1e-5
         assert entry["achieved_mm_s"] == pytest.approx(entry["speed_mm_s"], rel=SPEED_TOLERANCE)
     assert same >= 0.9 * len(listed)
+
+
+def test_an_experimenter_nobody_watches_gives_up(tmp_path: Path, repository_root: Path) -> None:
+    """At 1000 mm/s copy paper drives the rehearsal's accelerometer beyond its full scale, every time."""
+    with pytest.raises(RecordingError, match=r"copy paper at 1000 mm/s: got 50 attempts, .* samples beyond the acc"):
+        record(tmp_path / "set", repository_root, speeds_mm_s=(1000.0,), takes=1)
+    assert not (tmp_path / "set").exists()
