@@ -1,6 +1,6 @@
 """Analysis of variance of answer ratios: one-way, and two-way with unequal numbers in types I, II and III.
 
-Sums of squares are rational numbers until F is formed. Types after SAS: I adjusts an effect for those before
+Sums of squares are exact until F is formed: integers over one common denominator. Types after SAS: I adjusts an effect for those before
 it, II for every effect that does not contain it, III for every other effect with sum-to-zero contrasts.
 """
 
@@ -9,10 +9,12 @@ from __future__ import annotations
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import product
+from functools import cached_property
+from itertools import accumulate, pairwise, product
+from operator import mul
 from typing import Literal
 
-from analysis.exact import NotDefined, Number, fractions, mean, reduction, sum_of_squares
+from analysis.exact import NotDefined, Number, integers, reductions, squares
 
 SumsOfSquares = Literal["I", "II", "III"]
 TYPES: tuple[SumsOfSquares, ...] = ("I", "II", "III")
@@ -53,42 +55,77 @@ class Anova:
 
 @dataclass(frozen=True)
 class Cells:
-    """Values sorted into the cells of two crossed factors: (level of first, level of second) -> values."""
+    """Values sorted into the cells of two crossed factors: (level of first, level of second) -> values.
+
+    The values are integers; what they stand for is each of them divided by `denominator`.
+    """
 
     names: tuple[str, str]
     first: tuple[Hashable, ...]
     second: tuple[Hashable, ...]
-    values: dict[tuple[Hashable, Hashable], list[Fraction]]
+    values: dict[tuple[Hashable, Hashable], list[int]]
+    denominator: int
 
-    @property
+    @cached_property
     def keys(self) -> list[tuple[Hashable, Hashable]]:
         """Every cell, first factor slowest."""
         return list(product(self.first, self.second))
 
-    @property
+    @cached_property
     def weights(self) -> list[int]:
         """Number of values in each cell."""
         return [len(self.values[key]) for key in self.keys]
 
-    @property
+    @cached_property
     def within(self) -> Fraction:
-        """Sum of squares within cells."""
-        return sum((sum_of_squares(values) for values in self.values.values()), Fraction(0))
+        """Sum of squares within cells: what the model of every cell's mean leaves."""
+        total = sum(sum(map(mul, values, values)) for values in self.values.values())
+        return Fraction(total, self.denominator**2) - self.reduction("ABX")
 
-    def columns(self, effects: str) -> list[list[int]]:
-        """Design matrix: an intercept and the sum-to-zero columns of the effects "A", "B" and "X" (interaction)."""
+    def reduction(self, effects: str) -> Fraction:
+        """R(model) of the values: an intercept and the effects "A", "B" and "X" (interaction), in this order."""
+        return self._reductions[effects]
+
+    def reduction_of(self, effects: str, response: Sequence[int]) -> Fraction:
+        """R(model) with another response, one integer a cell, in the place of the values."""
+        return self._sequential(effects, list(map(mul, self.weights, response)))[effects]
+
+    @cached_property
+    def _reductions(self) -> dict[str, Fraction]:
+        """R of every model that a table of type I, II or III, or a component of variance, is made from."""
+        sums = [sum(self.values[key]) for key in self.keys]
+        found: dict[str, Fraction] = {}
+        for order in ("ABX", "BX", "AX"):
+            found |= self._sequential(order, sums)
+        return {effects: reduction / self.denominator**2 for effects, reduction in found.items()}
+
+    def _sequential(self, order: str, sums: Sequence[int]) -> dict[str, Fraction]:
+        """R of the models that `order` begins with, by effects, of these sums over the values of each cell."""
+        columns, across, gram = self._design
+        models = [order[:end] for end in range(len(order) + 1)]
+        chosen = [index for effect in ("", *order) for index in columns[effect]]
+        normal = [[gram[i][j] for j in chosen] for i in chosen]
+        right = [sum(map(mul, across[i], sums)) for i in chosen]
+        sizes = list(accumulate(len(columns[effect]) for effect in ("", *order)))
+        return dict(zip(models, reductions(normal, right, sizes), strict=True))
+
+    @cached_property
+    def _design(self) -> tuple[dict[str, range], list[tuple[int, ...]], list[list[int]]]:
+        """Sum-to-zero design: the columns of each effect, every column over the cells, and the normal equations."""
+        a, b = len(self.first) - 1, len(self.second) - 1
+        columns = {
+            "": range(1),
+            "A": range(1, 1 + a),
+            "B": range(1 + a, 1 + a + b),
+            "X": range(1 + a + b, (1 + a) * (1 + b)),
+        }
         rows = []
-        for a, b in self.keys:
-            main_a = _contrasts(self.first, a)
-            main_b = _contrasts(self.second, b)
-            parts = {"A": main_a, "B": main_b, "X": [p * q for p in main_a for q in main_b]}
-            rows.append([1, *(value for effect in effects for value in parts[effect])])
-        return rows
-
-    def reduction(self, effects: str, means: Sequence[Fraction] | None = None) -> Fraction:
-        """R(model) of the cell means, or of `means` in their place."""
-        response = [mean(self.values[key]) for key in self.keys] if means is None else means
-        return reduction(self.columns(effects), self.weights, response)
+        for first, second in self.keys:
+            main_a, main_b = _contrasts(self.first, first), _contrasts(self.second, second)
+            rows.append([1, *main_a, *main_b, *(p * q for p in main_a for q in main_b)])
+        across = list(zip(*rows, strict=True))
+        weighted = [list(map(mul, self.weights, column)) for column in across]
+        return columns, across, [[sum(map(mul, row, column)) for column in across] for row in weighted]
 
 
 def cells(
@@ -103,15 +140,16 @@ def cells(
     for name, found in zip(names, levels, strict=True):
         if len(found) < 2:
             raise NotDefined(f"two-way ANOVA needs two levels of {name}, got {len(found)}")
-    sorted_values: dict[tuple[Hashable, Hashable], list[Fraction]] = {key: [] for key in product(*levels)}
-    for value, a, b in zip(fractions(values), first, second, strict=True):
+    sorted_values: dict[tuple[Hashable, Hashable], list[int]] = {key: [] for key in product(*levels)}
+    whole, denominator = integers(values)
+    for value, a, b in zip(whole, first, second, strict=True):
         sorted_values[a, b].append(value)
     for (a, b), held in sorted_values.items():
         if not held:
             raise NotDefined(f"two-way ANOVA needs a value in every cell, got none for {a}, {b}")
     if len(values) == len(sorted_values):
         raise NotDefined("two-way ANOVA needs two participants in a cell, got one in each: nothing is left for error")
-    return Cells(names, levels[0], levels[1], sorted_values)
+    return Cells(names, levels[0], levels[1], sorted_values, denominator)
 
 
 def one_way(groups: Sequence[Sequence[Number]], name: str = "group") -> Anova:
@@ -120,16 +158,18 @@ def one_way(groups: Sequence[Sequence[Number]], name: str = "group") -> Anova:
     Raises:
         NotDefined: with fewer than two groups, an empty group, or one value in each.
     """
-    exact = [fractions(group) for group in groups]
-    if len(exact) < 2 or not all(exact):
-        raise NotDefined(f"one-way ANOVA needs two groups with values, got sizes {[len(group) for group in exact]}")
-    total = sum(len(group) for group in exact)
-    if total == len(exact):
+    sizes = [len(group) for group in groups]
+    if len(sizes) < 2 or not all(sizes):
+        raise NotDefined(f"one-way ANOVA needs two groups with values, got sizes {sizes}")
+    total = sum(sizes)
+    if total == len(sizes):
         raise NotDefined("one-way ANOVA needs two values in a group, got one in each: nothing is left for error")
-    centre = mean([value for group in exact for value in group])
-    between = sum((len(group) * (mean(group) - centre) ** 2 for group in exact), Fraction(0))
-    within = sum((sum_of_squares(group) for group in exact), Fraction(0))
-    return _table("one-way", [(name, between, len(exact) - 1)], within, total - len(exact))
+    whole, denominator = integers([value for group in groups for value in group])
+    ends = list(accumulate(sizes, initial=0))
+    parts = (Fraction(squares(whole[start:end]), end - start) for start, end in pairwise(ends))
+    within = sum(parts, Fraction(0)) / denominator**2
+    between = Fraction(squares(whole), total * denominator**2) - within
+    return _table("one-way", [(name, between, len(sizes) - 1)], within, total - len(sizes))
 
 
 def two_way(data: Cells, kind: SumsOfSquares) -> Anova:
@@ -165,10 +205,10 @@ def _table(kind: str, lines: Sequence[tuple[str, Fraction, int]], within: Fracti
 
     residual = Effect("residual", float(within), df)
     if within == 0:
-        bare = tuple(Effect(name, float(squares), degrees) for name, squares, degrees in lines)
+        bare = tuple(Effect(name, float(ss), degrees) for name, ss, degrees in lines)
         return Anova(kind, bare, residual, "no variance within the groups: F and P are not defined")
     effects = []
-    for name, squares, degrees in lines:
-        f = float(squares / degrees / (within / df))
-        effects.append(Effect(name, float(squares), degrees, f, float(fdtrc(degrees, df, f))))
+    for name, ss, degrees in lines:
+        f = (ss.numerator * within.denominator * df) / (ss.denominator * within.numerator * degrees)
+        effects.append(Effect(name, float(ss), degrees, f, float(fdtrc(degrees, df, f))))
     return Anova(kind, tuple(effects), residual)

@@ -10,9 +10,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 
-from analysis.exact import NotDefined, Number, fractions, mean, sum_of_squares
+from analysis.exact import NotDefined, Number, integers, squares
 
 
 @dataclass(frozen=True)
@@ -78,56 +77,51 @@ def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
         NotDefined: with fewer than two targets or raters, or when all ratings are the same.
         ValueError: for rows of unequal length or values that are not finite.
     """
-    rows = [fractions(row) for row in ratings]
-    n, k = len(rows), len(rows[0]) if rows else 0
-    if any(len(row) != k for row in rows):
-        raise ValueError(f"every target needs every rater, got rows of lengths {sorted({len(row) for row in rows})}")
+    n, k = len(ratings), len(ratings[0]) if ratings else 0
+    if any(len(row) != k for row in ratings):
+        raise ValueError(f"every target needs every rater, got rows of lengths {sorted({len(row) for row in ratings})}")
     if n < 2 or k < 2:
         raise NotDefined(f"an ICC needs two targets and two raters, got {n} and {k}")
-    total = sum_of_squares([value for row in rows for value in row])
+    whole, denominator = integers([value for row in ratings for value in row])
+    total = squares(whole)
     if total == 0:
         raise NotDefined("all ratings are the same: no ICC is defined")
-    targets = k * sum_of_squares([mean(row) for row in rows])
-    raters = n * sum_of_squares([mean(column) for column in zip(*rows, strict=True)])
-    ms_targets, ms_raters = targets / (n - 1), raters / (k - 1)
-    ms_within = (total - targets) / (n * (k - 1))
-    ms_error = (total - targets - raters) / ((n - 1) * (k - 1))
+    targets = squares([sum(whole[row : row + k]) for row in range(0, n * k, k)])
+    raters = squares([sum(whole[column::k]) for column in range(k)])
+    # Mean squares as integers, all in one unit, n k n (n - 1) (k - 1) denominator^2 of them to the unit of the ratings.
+    t, c = targets * n * (k - 1), raters * n * (n - 1)
+    w, e = (total - targets) * (n - 1), (total - targets - raters) * n
 
     single = {
-        "1": _ratio(ms_targets - ms_within, ms_targets + (k - 1) * ms_within),
-        "2": _ratio(ms_targets - ms_error, ms_targets + (k - 1) * ms_error + Fraction(k, n) * (ms_raters - ms_error)),
-        "3": _ratio(ms_targets - ms_error, ms_targets + (k - 1) * ms_error),
+        "1": _ratio(t - w, t + (k - 1) * w),
+        "2": _ratio(n * (t - e), n * t + n * (k - 1) * e + k * (c - e)),
+        "3": _ratio(t - e, t + (k - 1) * e),
     }
-    average = {
-        "1": _ratio(ms_targets - ms_within, ms_targets),
-        "2": _ratio(ms_targets - ms_error, ms_targets + (ms_raters - ms_error) / n),
-        "3": _ratio(ms_targets - ms_error, ms_targets),
-    }
-    noise = {"1": (ms_within, n * (k - 1)), "2": (ms_error, (n - 1) * (k - 1)), "3": (ms_error, (n - 1) * (k - 1))}
-    forms = []
-    for unit, values in (("1", single), ("k", average)):
-        for kind, value in values.items():
-            ms, df2 = noise[kind]
-            f = _ratio(ms_targets, ms)
-            p = None if f is None else _upper_tail(n - 1, df2, f)
-            if kind == "2":
-                limits = _limits_agreement(ms_targets, ms_raters, ms_error, single["2"], n, k, confidence)
-            else:
-                limits = _limits_of_f(f, n - 1, df2, k, confidence)
-            if unit == "k":
-                limits = tuple(None if limit is None else _spearman_brown(limit, k) for limit in limits)
-            name = f"ICC({kind},{unit})"
-            forms.append(IccForm(name, *NAMES[name], value, f, n - 1, df2, p, limits[0], limits[1]))
-    mean_squares = (float(ms_targets), float(ms_raters), float(ms_error), float(ms_within))
-    return Icc(n, k, *mean_squares, confidence, tuple(forms))
+    average = {"1": _ratio(t - w, t), "2": _ratio(n * (t - e), n * t + c - e), "3": _ratio(t - e, t)}
+    noise = {"1": (w, n * (k - 1)), "2": (e, (n - 1) * (k - 1)), "3": (e, (n - 1) * (k - 1))}
+    unit = n * k * n * (n - 1) * (k - 1) * denominator**2
+    mean_squares = (t / unit, c / unit, e / unit, w / unit)
+    forms: dict[str, IccForm] = {}
+    for kind, (ms, df2) in noise.items():
+        f = _ratio(t, ms)
+        p = None if f is None else _upper_tail(n - 1, df2, f)
+        if kind == "2":
+            limits = _limits_agreement(*mean_squares[:3], single["2"], n, k, confidence)
+        else:
+            limits = _limits_of_f(f, n - 1, df2, k, confidence)
+        stepped = tuple(None if limit is None else _spearman_brown(limit, k) for limit in limits)
+        for size, value, ends in (("1", single[kind], limits), ("k", average[kind], stepped)):
+            name = f"ICC({kind},{size})"
+            forms[name] = IccForm(name, *NAMES[name], value, f, n - 1, df2, p, ends[0], ends[1])
+    return Icc(n, k, *mean_squares, confidence, tuple(forms[name] for name in NAMES))
 
 
 Limits = tuple[float | None, ...]
 
 
-def _ratio(numerator: Fraction, denominator: Fraction) -> float | None:
+def _ratio(numerator: int, denominator: int) -> float | None:
     """None where the denominator, an estimate of a variance, is not above zero."""
-    return float(numerator / denominator) if denominator > 0 else None
+    return numerator / denominator if denominator > 0 else None
 
 
 def _upper_tail(df1: int, df2: int, f: float) -> float:
@@ -152,10 +146,9 @@ def _limits_of_f(f: float | None, df1: int, df2: int, k: int, confidence: float)
 
 
 def _limits_agreement(
-    targets: Fraction, raters: Fraction, error: Fraction, value: float | None, n: int, k: int, confidence: float
+    ms_r: float, ms_c: float, ms_e: float, value: float | None, n: int, k: int, confidence: float
 ) -> Limits:
     """Limits of ICC(A,1) with Satterthwaite's degrees of freedom (McGraw and Wong, Table 7)."""
-    ms_r, ms_c, ms_e = float(targets), float(raters), float(error)
     if value is None or value >= 1 or (ms_c == 0 and ms_e == 0):
         return None, None
     a = k * value / (n * (1 - value))

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
-from analysis.exact import Number, fractions, mean, sum_of_squares
+from analysis.exact import Number, mean, sum_of_squares
 
 STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 """Levels below which P earns stars (note under Okamoto's Table 1)."""
@@ -63,15 +64,15 @@ def t_against_chance(values: Sequence[Number], chance: Number) -> TTest:
     Raises:
         ValueError: for a value that is not finite.
     """
-    exact, null = fractions(values), fractions([chance])[0]
-    n = len(exact)
+    null = Fraction(chance)
+    n = len(values)
     if n == 0:
         return TTest(0, None, None, float(null), 0, None, None, None, "nobody was presented this material")
-    centre = mean(exact)
+    centre = mean(values)
     if n == 1:
         statement = "one participant: SD, t and P are not defined"
         return TTest(1, float(centre), None, float(null), 0, None, None, None, statement)
-    variance = sum_of_squares(exact) / (n - 1)
+    variance = sum_of_squares(values) / (n - 1)
     if variance == 0:
         statement = f"every participant's ratio is {float(centre):.3g}: no variance, t and P are not defined"
         return TTest(n, float(centre), 0.0, float(null), n - 1, None, None, None, statement)

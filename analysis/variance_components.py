@@ -77,6 +77,6 @@ def _coefficient(data: Cells, model: str, without: str, effect: str) -> Fraction
 
     total = Fraction(0)
     for level in dict.fromkeys(map(level_of, data.keys)):
-        indicator = [Fraction(int(level_of(key) == level)) for key in data.keys]
-        total += data.reduction(model, indicator) - data.reduction(without, indicator)
+        indicator = [int(level_of(key) == level) for key in data.keys]
+        total += data.reduction_of(model, indicator) - data.reduction_of(without, indicator)
     return total

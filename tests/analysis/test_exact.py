@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.exact import NotDefined, fractions, mean, reduction, sum_of_squares
+from analysis.exact import NotDefined, integers, mean, reductions, sum_of_squares
 
 counts = st.lists(st.integers(0, 40), min_size=2, max_size=12)
 
@@ -18,7 +18,7 @@ counts = st.lists(st.integers(0, 40), min_size=2, max_size=12)
 @settings(deadline=None)
 @given(counts)
 def test_mean_and_sum_of_squares_are_those_of_the_standard_library(values: list[int]) -> None:
-    exact = fractions(values)
+    exact = [Fraction(value, 10) for value in values]
     assert mean(exact) == statistics.mean(exact)
     assert sum_of_squares(exact) == statistics.pvariance(exact) * len(exact)
 
@@ -30,24 +30,35 @@ def test_no_digit_is_lost_beside_a_large_constant() -> None:
 
 @settings(deadline=None)
 @given(st.integers(0, 2**32 - 1))
-def test_reduction_is_that_of_weighted_least_squares(seed: int) -> None:
+def test_reductions_are_those_of_weighted_least_squares(seed: int) -> None:
     random = np.random.default_rng(seed)
     design = random.integers(-1, 2, size=(7, 4))
     design[:, 3] = design[:, 0] + design[:, 1]
     weights = random.integers(1, 9, size=7)
     response = random.integers(0, 20, size=7)
     root = np.sqrt(weights)
-    fitted = design @ np.linalg.lstsq(design * root[:, None], response * root, rcond=None)[0]
-    got = reduction(design.tolist(), weights.tolist(), fractions(response.tolist()))
-    assert float(got) == pytest.approx(float(np.sum(weights * fitted**2)), abs=1e-9)
+    weighted = design.T * weights
+    sizes = [1, 2, 3, 4]
+    got = reductions((weighted @ design).tolist(), (weighted @ response).tolist(), sizes)
+    for size in sizes:
+        part = design[:, :size]
+        fitted = part @ np.linalg.lstsq(part * root[:, None], response * root, rcond=None)[0]
+        assert float(got[size - 1]) == pytest.approx(float(np.sum(weights * fitted**2)), abs=1e-9)
+
+
+def test_integers_stand_for_the_same_values() -> None:
+    values = [Fraction(1, 10), 0.75, 3, np.float64(0.5)]
+    whole, common = integers(values)
+    assert (whole, common) == ([2, 15, 60, 10], 20)
 
 
 def test_nothing_has_no_mean() -> None:
-    with pytest.raises(NotDefined, match="no value"):
-        mean([])
+    for statistic in (mean, sum_of_squares):
+        with pytest.raises(NotDefined, match="no value"):
+            statistic([])
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
 def test_values_must_be_finite(value: float) -> None:
     with pytest.raises(ValueError, match="finite"):
-        fractions([0.5, value])
+        integers([0.5, value])

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
+import pandas as pd
+import pingouin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -139,3 +143,20 @@ def test_constant_ratings_are_not_defined() -> None:
 def test_a_gap_is_refused() -> None:
     with pytest.raises(ValueError, match="every rater"):
         icc([[1, 2], [3]])
+
+
+@settings(max_examples=10, deadline=None)
+@given(ratings)
+def test_every_form_is_that_of_pingouin(table: list[list[int]]) -> None:
+    """pingouin.intraclass_corr; it rounds its limits to two digits, ours are held to print above."""
+    long = pd.DataFrame(
+        [(t, r, value) for t, row in enumerate(table) for r, value in enumerate(row)], columns=["t", "r", "y"]
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        expected = pingouin.intraclass_corr(long, targets="t", raters="r", ratings="y")
+    for form, (_, line) in zip(icc(table).forms, expected.iterrows(), strict=True):
+        assert (form.df1, form.df2) == (line["df1"], line["df2"])
+        for value, other in ((form.value, line["ICC"]), (form.f, line["F"]), (form.p, line["pval"])):
+            if value is not None and np.isfinite(other):
+                assert value == pytest.approx(other, rel=1e-9, abs=1e-10)
