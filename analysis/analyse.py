@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from analysis import published, report
+from analysis.anova import Anova
 from analysis.comparison import Comparison, compare
 from analysis.dataset import Study, read
 from analysis.output import MANIFEST, publish
+from analysis.published import spectra as published_spectra
 from analysis.results import Results, TaskResult, compute
 from analysis.sections import sections
 from analysis.tables import WIDTH, Section, comma_separated, markdown, text
@@ -80,10 +85,12 @@ def analyse(dataset: Path, out: Path | None = None, *, figures: bool = True) -> 
         reasons = "; ".join(dict.fromkeys(exclusion.reason for exclusion in study.exclusions))
         raise DatasetError(f"{dataset}: every trial is left out ({reasons}); check the exclusion rules of the protocol")
     printed = published.load(study.id)
-    results = compute(study, printed.pairs() if printed else {})
+    spectra = published_spectra.load() if printed else None
+    dissimilarities = {pair: value.value for pair, value in spectra.pairs.items()} if spectra else {}
+    results = compute(study, printed.pairs() if printed else {}, dissimilarities)
     comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
     parts = sections(study, results, comparison)
-    content = _content(study, results, comparison, parts, figures=figures)
+    content = _content(study, results, comparison, parts, dissimilarities, figures=figures)
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label))
 
 
@@ -105,6 +112,7 @@ def _content(
     results: Results,
     comparison: Comparison | None,
     parts: tuple[Section, ...],
+    dissimilarities: Mapping[frozenset[str], float],
     *,
     figures: bool,
 ) -> dict[str, bytes]:
@@ -115,7 +123,7 @@ def _content(
     if figures:
         from analysis import figures as drawing
 
-        for name, figure in drawing.figures(results, study.label).items():
+        for name, figure in drawing.figures(results, study.label, dissimilarities).items():
             drawings[name] = files[f"figures/{name}.svg"] = drawing.svg(figure)
             files[f"figures/{name}.png"] = drawing.png(figure)
     for section in (*parts, _counts(results)):
@@ -177,8 +185,9 @@ def _numbers(study: Study, results: Results, comparison: Comparison | None) -> d
         "materials": list(study.materials),
         "participants": list(study.participants),
         "tasks": [_task(task) for task in results.tasks],
-        "one_way": [asdict(pair) for pair in results.pairs],
-        "two_way": [asdict(anova) for anova in results.two_way],
+        "identification": [_plain(found) for found in results.identifications],
+        "one_way": [{**_plain(pair), "anova": _anova(pair.anova)} for pair in results.pairs],
+        "two_way": [_anova(anova) for anova in results.two_way],
         "two_way_statement": results.two_way_statement,
         "icc": [asdict(reliability) for reliability in results.reliabilities],
         "variance_components": _plain(results.components),
@@ -199,11 +208,34 @@ def _task(task: TaskResult) -> dict[str, Any]:
         "mean": [[matrix.mean(i, j) for j in answers] for i in range(count)],
         "sd": [[matrix.sd(i, j) for j in answers] for i in range(count)],
         "tests": [
-            {"material": test.material, **asdict(test.result), "stars": test.result.stars, "p_holm": test.p_holm}
+            {
+                "material": test.material,
+                **asdict(test.result),
+                "stars": test.result.stars,
+                "p_holm": test.p_holm,
+                "d_interval": _plain(test.d),
+                "log_bf10": test.log_bf10,
+            }
             for test in task.tests
         ],
     }
 
 
+def _anova(anova: Anova | None) -> dict[str, Any] | None:
+    if anova is None:
+        return None
+    sizes = {effect.name: _plain(anova.eta_squared(effect)) for effect in anova.effects}
+    return {**asdict(anova), "partial_eta_squared": sizes}
+
+
 def _plain(value: Any) -> Any:
-    return None if value is None else asdict(value)
+    """What JSON holds: dataclasses and mappings as objects, arrays and tuples as lists; None for what is not finite."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value

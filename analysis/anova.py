@@ -1,7 +1,8 @@
 """Analysis of variance of answer ratios: one-way, and two-way with unequal numbers in types I, II and III.
 
-Sums of squares are exact until F is formed: integers over one common denominator. Types after SAS: I adjusts an effect for those before
-it, II for every effect that does not contain it, III for every other effect with sum-to-zero contrasts.
+Sums of squares are exact until F is formed: integers over one common denominator. Types after SAS: I adjusts an
+effect for those before it, II for every effect that does not contain it, III for every other effect with sum-to-zero
+contrasts.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from itertools import accumulate, pairwise, product
 from operator import mul
 from typing import Literal
 
+from analysis.effect_sizes import EffectSize, partial_eta_squared
 from analysis.exact import NotDefined, Number, integers, reductions, squares
 
 SumsOfSquares = Literal["I", "II", "III"]
@@ -51,6 +53,10 @@ class Anova:
             if effect.name == name:
                 return effect
         raise KeyError(name)
+
+    def eta_squared(self, effect: Effect) -> EffectSize | None:
+        """Partial eta squared of one of the effects; None where its F is not defined."""
+        return None if effect.f is None else partial_eta_squared(effect.f, effect.df, self.residual.df)
 
 
 @dataclass(frozen=True)

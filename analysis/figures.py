@@ -1,4 +1,5 @@
-"""Figures: correct ratios per material and task (Okamoto, Fig. 11), and the confusion matrices as heat maps.
+"""Figures: correct ratios (Okamoto, Fig. 11), confusion matrices, maps of the materials, and confusion against
+dissimilarity (Fig. 13).
 
 Colours are told apart with every common colour vision (Okabe and Ito's palette; a map of one hue), and series differ
 in hatching as well. The dataset's label stands in every figure.
@@ -8,6 +9,7 @@ from __future__ import annotations
 
 import io
 import textwrap
+from collections.abc import Mapping
 from typing import Any
 
 import matplotlib as mpl
@@ -20,6 +22,7 @@ from analysis.results import Results, TaskResult
 from experiment.records import NO_ANSWER
 
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9")
+MARKERS = ("o", "^", "s", "D", "v", "P")
 HATCHES = ("", "///", "...", "xxx", "\\\\\\", "++")
 STYLE: Any = {
     "font.family": "DejaVu Sans",
@@ -32,15 +35,21 @@ STYLE: Any = {
 }
 
 
-def figures(results: Results, label: str) -> dict[str, Figure]:
+def figures(results: Results, label: str, dissimilarities: Mapping[frozenset[str], float]) -> dict[str, Figure]:
     """Every figure, by the name of its files.
 
     Args:
         results: at least one task.
         label: of the dataset; empty for a study's own data.
+        dissimilarities: of pairs of materials; without them one figure fewer.
     """
     with mpl.rc_context(STYLE):
-        return {"correct-ratios": correct_ratios(results, label), "confusion": heat_maps(results, label)}
+        found = {"correct-ratios": correct_ratios(results, label), "confusion": heat_maps(results, label)}
+        if any(one.scaling for one in results.identifications):
+            found["map"] = maps(results, label)
+        if any(one.mantel for one in results.identifications):
+            found["dissimilarity"] = against_dissimilarity(results, label, dissimilarities)
+        return found
 
 
 def svg(figure: Figure) -> bytes:
@@ -99,6 +108,52 @@ def heat_maps(results: Results, label: str) -> Figure:
         axes.set_title(f"{task.task.title} (n = {len(matrix.participants)})", fontsize=10)
         axes.spines[:].set_visible(False)
     _head(figure, "Answer ratios: mean ± SD among participants", label)
+    return figure
+
+
+def maps(results: Results, label: str) -> Figure:
+    """Materials as points, the closer the more they were taken for one another; a panel a task."""
+    found = [one for one in results.identifications if one.scaling]
+    figure = Figure(figsize=(4.2 * len(found) + 0.6, 4.4), layout="constrained")
+    for index, one in enumerate(found):
+        axes = figure.add_subplot(1, len(found), index + 1)
+        points = one.scaling.points if one.scaling else np.zeros((0, 2))
+        axes.plot(*points.T, "o", color=COLOURS[index % len(COLOURS)])
+        near = 0.15 * float(np.ptp(points, axis=0).max())
+        for material, point in zip(results.tasks[0].confusion.materials, points, strict=True):
+            close = [other for other in points if 0 < np.hypot(*(other - point)) < near]
+            below = any(tuple(other[::-1]) > tuple(point[::-1]) for other in close)
+            where = (0, -7 if below else 7)
+            upright = "top" if below else "bottom"
+            name = textwrap.fill(material, 14)
+            axes.annotate(name, tuple(point), where, textcoords="offset points", ha="center", va=upright, fontsize=8)
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.margins(0.25)
+        axes.set_title(one.task, fontsize=10)
+        axes.set_xlabel("first axis")
+        axes.set_ylabel("second axis" if index == 0 else "")
+    _head(figure, "Map of the materials: classical scaling of their confusions", label)
+    return figure
+
+
+def against_dissimilarity(results: Results, label: str, dissimilarities: Mapping[frozenset[str], float]) -> Figure:
+    """Every confusing ratio against the dissimilarity of the two materials (Okamoto, Fig. 13)."""
+    figure = Figure(figsize=(6.4, 4.2), layout="constrained")
+    axes = figure.add_subplot()
+    for index, (task, one) in enumerate(zip(results.tasks, results.identifications, strict=True)):
+        if one.mantel is None:
+            continue
+        means, names = task.confusion.means(), task.confusion.materials
+        pairs = [(i, j) for i in range(len(names)) for j in range(len(names)) if i != j]
+        x = [dissimilarities[frozenset((names[i], names[j]))] for i, j in pairs]
+        said = f"{one.task}: Mantel r = {one.mantel.r:.2f}, P = {one.mantel.p_two:.3f}"
+        mark, colour = MARKERS[index % len(MARKERS)], COLOURS[index % len(COLOURS)]
+        axes.plot(x, [means[i, j] for i, j in pairs], mark, color=colour, alpha=0.8, label=said)
+    axes.set_xlabel("dissimilarity of the spectra, normalised")
+    axes.set_ylabel("confusing answer ratio")
+    axes.set_ylim(bottom=0)
+    axes.legend(frameon=False, fontsize=9)
+    _head(figure, "Confusing answers and dissimilarity of spectra", label)
     return figure
 
 

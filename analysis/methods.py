@@ -23,6 +23,38 @@ METHODS: tuple[tuple[str, str], ...] = (
         "is the materials of one task.",
     ),
     (
+        "Interval of d",
+        "The noncentralities at which the observed t stands at the tails of noncentral t, over √n (Steiger and Fouladi "
+        "1997).",
+    ),
+    (
+        "Bayes factor",
+        "JZS: Cauchy prior of scale √2 / 2 on the effect size (Rouder et al. 2009, equation (1)); BF10 above 1 speaks "
+        "for a mean that differs from chance.",
+    ),
+    (
+        "Intervals of a ratio",
+        "Wilson's score interval without continuity correction; Clopper and Pearson's from beta quantiles; BCa "
+        "bootstrap (Efron 1987) over participants, acceleration by leaving out one participant.",
+    ),
+    (
+        "Information",
+        "I = H(presented) + H(answered) - H(both), bits. Miller-Madow: less ( Σ (R_s - 1) - (R - 1) ) / (2 N ln 2), "
+        "R_s answers that occurred to material s, R answers that occurred. Panzeri-Treves (1996): the same with R_s "
+        "estimated by Bayes's rule.",
+    ),
+    ("d'", "p = ∫ φ(z - d') Φ(z)^(m - 1) dz, solved for d' (Green and Swets 1966; Hacker and Ratcliff 1979)."),
+    (
+        "Similarity-choice model",
+        "p(j | i) = s_ij b_j / Σ s_ik b_k, s_ij = s_ji, s_ii = 1 (Luce 1963), maximum likelihood by iterative "
+        "proportional fitting; G² = 2 Σ n ln(n / fitted) on (M - 1)(M - 2) / 2 degrees of freedom.",
+    ),
+    (
+        "Map and Mantel's test",
+        "Classical scaling (Torgerson 1952) of 1 - (p_ij + p_ji) / (p_ii + p_jj). Mantel (1967): Pearson's r over the "
+        "pairs, P the share of all orders of the materials with r at least as extreme.",
+    ),
+    (
         "One-way ANOVA",
         "F = ( Σ nᵢ (meanᵢ - mean)² / (g - 1) ) / ( Σ Σ (r - meanᵢ)² / (N - g) ). The g = 4 groups are the ratios of "
         "two "
@@ -35,6 +67,11 @@ METHODS: tuple[tuple[str, str], ...] = (
         "R(material | task). Type II: R(task | material), R(material | task). Type III: each effect given all "
         "others, with "
         "sum-to-zero contrasts. The interaction is the same in all. Sums are formed in rational numbers.",
+    ),
+    (
+        "Partial eta squared",
+        "df1 F / (df1 F + df2). Its interval of 90 % inverts noncentral F, noncentrality L as L / (L + df1 + df2 + 1) "
+        "(Steiger 2004), and excludes 0 exactly when P < 0.05.",
     ),
     (
         "ICC, one-way random",

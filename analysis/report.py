@@ -10,7 +10,7 @@ from html import escape
 from analysis.methods import METHODS
 from analysis.tables import Section, Table
 
-FIGURES = {"correct-ratios": "tests", "confusion": "confusion"}
+FIGURES = {"correct-ratios": "tests", "confusion": "confusion", "map": "confusions", "dissimilarity": "confusions"}
 """Name of a figure -> slug of the section in which it stands."""
 
 CAPTIONS = {
@@ -19,6 +19,9 @@ CAPTIONS = {
     "standard deviation among participants; dots: participants; stars: above chance. The numbers stand in the tables "
     "here.",
     "confusion": "Answer ratios as heat maps. The numbers stand in the tables here.",
+    "map": "Materials as points: the closer two are, the more they were taken for one another.",
+    "dissimilarity": "Confusing answer ratios against the printed dissimilarity of spectra (as Fig. 13 of Okamoto et "
+    "al.).",
 }
 
 STYLE = """

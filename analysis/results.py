@@ -6,24 +6,43 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
+import numpy as np
+from numpy.typing import NDArray
+
 from analysis.anova import TYPES, Anova, Cells, cells, one_way, two_way
+from analysis.bayes import log_bayes_factor
 from analysis.confusion import Confusion, confusion
 from analysis.dataset import Study, Task
+from analysis.effect_sizes import EffectSize, cohens_d
 from analysis.exact import NotDefined
 from analysis.icc import Icc, icc
+from analysis.identification import Identification, identify
 from analysis.significance import TTest, holm, t_against_chance
 from analysis.variance_components import VarianceComponents, icc_of_mean, variance_components
 
 TASK, MATERIAL = "task", "material"
 
+SEED = 1
+"""Names the draws of every bootstrap; those of one task do not depend on the others."""
+
 
 @dataclass(frozen=True)
 class MaterialTest:
-    """Correct answers to one material against chance; `p_holm` is adjusted within the task."""
+    """Correct answers to one material against chance.
+
+    Args:
+        material: its id.
+        result: Student's t.
+        p_holm: P adjusted within the task.
+        d: Cohen's d with its interval.
+        log_bf10: natural logarithm of the JZS Bayes factor for a mean that differs from chance.
+    """
 
     material: str
     result: TTest
     p_holm: float | None
+    d: EffectSize | None
+    log_bf10: float | None
 
 
 @dataclass(frozen=True)
@@ -81,6 +100,7 @@ class Results:
     """What the whole study gives; statements stand where something is not defined."""
 
     tasks: tuple[TaskResult, ...]
+    identifications: tuple[Identification, ...]
     pairs: tuple[PairTest, ...]
     two_way: tuple[Anova, ...]
     two_way_statement: str
@@ -92,17 +112,26 @@ class Results:
         return next((result for result in self.tasks if result.task.id == task), None)
 
 
-def compute(study: Study, pairs: Mapping[str, tuple[str, str]]) -> Results:
+def compute(
+    study: Study, pairs: Mapping[str, tuple[str, str]], dissimilarities: Mapping[frozenset[str], float]
+) -> Results:
     """Every result of a study.
 
     Args:
         study: see `analysis.dataset.read`.
         pairs: task -> the pair of materials that was published for it; the most confused pair is always tested.
+        dissimilarities: of pairs of materials, such as those of their spectra; confusions are compared with them where
+            no pair is missing.
     """
+    table = _pairwise(study.materials, dissimilarities)
     tasks = tuple(_task(study, task) for task in study.tasks if len(study.trials(task.id)))
     data, statement = _crossed(tasks)
     return Results(
         tasks=tasks,
+        identifications=tuple(
+            identify(task.task.id, task.confusion, table, np.random.default_rng([SEED, place]))
+            for place, task in enumerate(tasks)
+        ),
         pairs=tuple(test for task in tasks for test in _pairs(task, pairs.get(task.task.id))),
         two_way=tuple(two_way(data, kind) for kind in TYPES) if data else (),
         two_way_statement=statement,
@@ -128,10 +157,22 @@ def _task(study: Study, task: Task) -> TaskResult:
         float(chance),
         matrix,
         tuple(
-            MaterialTest(material, test, adjusted.get(index))
+            MaterialTest(material, test, adjusted.get(index), *_strength(test))
             for index, (material, test) in enumerate(zip(study.materials, tests, strict=True))
         ),
     )
+
+
+def _strength(test: TTest) -> tuple[EffectSize | None, float | None]:
+    return (None, None) if test.t is None else (cohens_d(test.t, test.df), log_bayes_factor(test.t, test.n))
+
+
+def _pairwise(materials: Sequence[str], dissimilarities: Mapping[frozenset[str], float]) -> NDArray[np.float64] | None:
+    """The dissimilarities as a symmetric table, shape (M, M); None where one is missing."""
+    pairs = {frozenset((a, b)) for a in materials for b in materials if a != b}
+    if not pairs <= set(dissimilarities):
+        return None
+    return np.array([[dissimilarities[frozenset((a, b))] if a != b else 0.0 for b in materials] for a in materials])
 
 
 def _chance(study: Study, task: str) -> Fraction:

@@ -9,9 +9,11 @@ from analysis.anova import Anova, Effect
 from analysis.compared import comparison_section
 from analysis.comparison import Comparison
 from analysis.dataset import Study
+from analysis.effect_sizes import EffectSize
 from analysis.icc import NAMES
+from analysis.identification_sections import identification_sections
 from analysis.results import ComponentReliability, Reliability, Results, TaskResult
-from analysis.tables import Section, Table, number, probability
+from analysis.tables import Section, Table, bayes_factor, interval, number, probability
 from experiment.records import NO_ANSWER
 
 MANY = 20
@@ -26,6 +28,7 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
         exclusions_section(study),
         confusion_section(results),
         tests_section(results),
+        *identification_sections(study, results),
         anova_section(results),
         icc_section(results),
         *compared,
@@ -99,24 +102,28 @@ def tests_section(results: Results) -> Section:
             r = test.result
             rows.append(
                 (test.material, str(r.n), number(r.mean), number(r.sd), number(r.t, 2), str(r.df), probability(r.p),
-                 probability(test.p_holm), number(r.d, 2), r.stars)
+                 probability(test.p_holm), number(r.d, 2), interval(test.d, 2), bayes_factor(test.log_bf10), r.stars)
             )  # fmt: skip
             records.append(
                 {"task": task.task.id, "material": test.material, "n": r.n, "mean": r.mean, "sd": r.sd,
                  "chance": r.chance, "t": r.t, "df": r.df, "p": r.p, "p_holm": test.p_holm, "cohens_d": r.d,
-                 "stars": r.stars, "statement": r.statement}
+                 "d_low": test.d.low if test.d else None, "d_high": test.d.high if test.d else None,
+                 "log_bf10": test.log_bf10, "stars": r.stars, "statement": r.statement}
             )  # fmt: skip
         notes = tuple(f"{test.material}: {test.result.statement}." for test in task.tests if test.result.statement)
-        header = ("presented", "n", "mean", "SD", "t", "df", "P", "P (Holm)", "Cohen's d", "")
+        header = ("presented", "n", "mean", "SD", "t", "df", "P", "P (Holm)", "d", "95 % CI of d", "BF10", "")
         title = f"{task.task.title}: correct answers against chance, {task.chance:.4g}"
-        tables.append(Table(title, header, tuple(rows), left=frozenset({0, 9}), notes=notes))
-    about = "One-sample t-tests, two-tailed. Holm's correction is taken over the materials of a task; stars follow P."
+        tables.append(Table(title, header, tuple(rows), left=frozenset({0, 11}), notes=notes))
+    about = (
+        "One-sample t-tests, two-tailed. Holm's correction is taken over the materials of a task; stars follow P; d is "
+        "Cohen's. BF10 is the JZS Bayes factor, above 1 for a mean that differs from chance."
+    )
     return Section("tests", "Tests against chance", (about,), tuple(tables), tuple(records))
 
 
 def anova_section(results: Results) -> Section:
     """One-way ANOVA of confused materials; two-way ANOVA of correct ratios in types I to III."""
-    header = ("source", "SS", "df", "MS", "F", "P")
+    header = ("source", "SS", "df", "MS", "F", "P", "partial η²", "90 % CI")
     one_way = [
         (pair.task, f"{' and '.join(pair.pair)} ({pair.chosen})", line)
         for pair in results.pairs
@@ -247,17 +254,30 @@ def _confusion_table(task: TaskResult) -> Table:
     return Table(title, header, tuple(rows), marked=marked, notes=tuple(notes))
 
 
-def _lines(anova: Anova | None) -> tuple[Effect, ...]:
-    return (*anova.effects, anova.residual) if anova else ()
+Line = tuple[Effect, EffectSize | None]
 
 
-def _cells(line: Effect) -> tuple[str, ...]:
-    f, p = ("", "") if line.f is None else (number(line.f, 2), probability(line.p))
-    return line.name, number(line.ss, 4), str(line.df), number(line.ms, 4), f, p
+def _lines(anova: Anova | None) -> tuple[Line, ...]:
+    if anova is None:
+        return ()
+    return (*((effect, anova.eta_squared(effect)) for effect in anova.effects), (anova.residual, None))
 
 
-def _record(line: Effect) -> dict[str, object]:
-    return {"source": line.name, "ss": line.ss, "df": line.df, "ms": line.ms, "f": line.f, "p": line.p}
+def _cells(line: Line) -> tuple[str, ...]:
+    effect, size = line
+    tested = ("", "", "", "")
+    if size is not None:
+        tested = number(effect.f, 2), probability(effect.p), number(size.value), interval(size)
+    return effect.name, number(effect.ss, 4), str(effect.df), number(effect.ms, 4), *tested
+
+
+def _record(line: Line) -> dict[str, object]:
+    effect, size = line
+    sizes = (size.value, size.low, size.high) if size else (None, None, None)
+    return {
+        "source": effect.name, "ss": effect.ss, "df": effect.df, "ms": effect.ms, "f": effect.f, "p": effect.p,
+        **dict(zip(("partial_eta_squared", "eta_low", "eta_high"), sizes, strict=True)),
+    }  # fmt: skip
 
 
 def _icc_rows(reliability: Reliability) -> tuple[tuple[str, ...], ...]:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 WIDTH = 100
 """Columns that a terminal table may take."""
@@ -70,6 +72,34 @@ def probability(p: float | None) -> str:
         return f"{p:.3f}"
     mantissa, _, exponent = f"{p:.2e}".partition("e")
     return f"{mantissa}e{int(exponent)}"
+
+
+class Limits(Protocol):
+    """Something with two ends, of which one may not be defined."""
+
+    @property
+    def low(self) -> float | None: ...
+
+    @property
+    def high(self) -> float | None: ...
+
+
+def interval(limits: Limits | None, decimals: int = 3) -> str:
+    """Both limits at fixed decimals; `-` where they are not defined."""
+    if limits is None or limits.low is None or limits.high is None:
+        return "-"
+    return f"{limits.low:.{decimals}f} to {limits.high:.{decimals}f}"
+
+
+def bayes_factor(log: float | None) -> str:
+    """A Bayes factor from its natural logarithm, to three digits, in powers of ten where it is far from 1."""
+    if log is None:
+        return "-"
+    if abs(log) < math.log(1000):
+        return f"{math.exp(log):.3g}"
+    exponent, rest = divmod(log / math.log(10), 1)
+    digits, _, carried = f"{10**rest:.2e}".partition("e")
+    return f"{digits}e{exponent + int(carried):.0f}"
 
 
 def text(section: Section, width: int = WIDTH) -> str:

@@ -164,7 +164,7 @@ def test_the_report_needs_nothing_else(okamoto: Analysis) -> None:
     assert page.loads == []
     assert {target.removeprefix("#") for target in page.targets} <= set(page.ids)
     assert not re.search(r"@import|url\((?!#)", text)
-    assert text.count("<svg ") == 2
+    assert text.count("<svg ") == 4
 
 
 def test_the_report_states_label_exclusions_and_formulas(okamoto: Analysis) -> None:

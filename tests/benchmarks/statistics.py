@@ -1,8 +1,8 @@
 """What the exact statistics cost: run `python -m tests.benchmarks.statistics`; medians of one run, and their ratios.
 
-The tables are those of the paper's study: 16 cells x 15 participants for the intraclass correlations, the correct ratios
-of two tasks with 15 and 10 participants for the two-way ANOVA. The other software takes turns with ours, on the same
-values, and both must agree to 1e-10. Not a test of speed: the figures belong to the machine that printed them.
+The tables have the sizes of the paper's study: 16 cells x 15 participants for the intraclass correlations, the correct
+ratios of two tasks with 15 and 10 participants for the two-way ANOVA. The other software takes turns with ours, on the
+same values, and both must agree to 1e-10. Not a test of speed: the figures belong to the machine that printed them.
 """
 
 from __future__ import annotations

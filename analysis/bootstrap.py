@@ -1,0 +1,77 @@
+"""Bootstrap over participants: whole participants are drawn again with replacement, never single trials.
+
+Intervals are BCa, bias-corrected and accelerated (Efron 1987, J. Am. Stat. Assoc. 82, 171-185), the acceleration by
+leaving out one participant at a time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.exact import NotDefined
+from analysis.intervals import CONFIDENCE, Interval
+
+RESAMPLES = 4999
+LEAST = 3
+"""Fewer participants than this leave nothing to draw again."""
+
+Floats = NDArray[np.float64]
+
+
+def resamples(participants: int, count: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """How often each participant stands in each resample, shape (count, participants).
+
+    Raises:
+        NotDefined: with too few participants.
+    """
+    if participants < LEAST:
+        raise NotDefined(f"a bootstrap needs {LEAST} participants, got {participants}")
+    return np.asarray(
+        rng.multinomial(participants, np.full(participants, 1 / participants), size=count), dtype=np.int64
+    )
+
+
+def leave_one_out(participants: int) -> NDArray[np.int64]:
+    """The same for leaving out each participant in turn, shape (participants, participants)."""
+    return np.ones((participants, participants), dtype=np.int64) - np.eye(participants, dtype=np.int64)
+
+
+def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CONFIDENCE) -> Interval:
+    """BCa interval of one statistic.
+
+    Args:
+        observed: its value in the sample.
+        drawn: its values in the resamples, shape (B,).
+        left_out: its values with each participant left out, shape (P,).
+        confidence: of the interval.
+
+    Raises:
+        NotDefined: where the resamples do not vary, or all lie on one side of the observed value.
+    """
+    from scipy.special import ndtr, ndtri
+
+    if np.ptp(drawn) <= 1e-12 * np.abs(drawn).max():
+        raise NotDefined("no variance among participants: the bootstrap has no interval")
+    below = (np.count_nonzero(drawn < observed) + np.count_nonzero(drawn <= observed)) / (2 * drawn.size)
+    if not 0 < below < 1:
+        raise NotDefined("every resample lies on one side of the value: the bootstrap has no BCa interval")
+    differences = left_out.mean() - left_out
+    scale = float((differences**2).sum()) ** 1.5
+    acceleration = float((differences**3).sum()) / (6 * scale) if scale else 0.0
+    bias = float(ndtri(below))
+    normal = bias + ndtri(np.array([(1 - confidence) / 2, (1 + confidence) / 2]))
+    shares = ndtr(bias + normal / (1 - acceleration * normal))
+    low, high = np.quantile(drawn, shares)
+    return Interval(float(low), float(high), confidence)
+
+
+def mean_interval(values: Floats, rng: np.random.Generator, confidence: float = CONFIDENCE) -> Interval:
+    """BCa interval of the mean among participants, values of shape (P,).
+
+    Raises:
+        NotDefined: see `resamples` and `bca`.
+    """
+    weights = resamples(values.size, RESAMPLES, rng)
+    left_out = leave_one_out(values.size) @ values / (values.size - 1)
+    return bca(float(values.mean()), weights @ values / values.size, left_out, confidence)
