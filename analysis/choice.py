@@ -50,7 +50,7 @@ def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Ch
     """Fit counts of presented x answered, shape (M, M); trials without an answer are left out before.
 
     Raises:
-        NotDefined: for fewer than two materials, one that was never recognised, or where the fit does not settle.
+        NotDefined: for fewer than two materials, one that was never recognised, or an estimate on the edge.
     """
     count = len(counts)
     if count < 2:
@@ -60,7 +60,7 @@ def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Ch
         raise NotDefined(f"{', '.join(never)}: never recognised, so no similarity to it is defined")
     similarities, biases, fitted, settled = fit(counts[None])
     if not settled[0]:
-        raise NotDefined(f"the choice model does not settle in {ROUNDS} rounds")
+        raise NotDefined(f"no fit in {ROUNDS} rounds: an estimate lies on the edge of what the choice model allows")
     seen = counts > 0
     g2 = 2 * float((counts[seen] * np.log(counts[seen] / fitted[0][seen])).sum())
     empty = np.count_nonzero(np.triu(counts + counts.T == 0, k=1))
