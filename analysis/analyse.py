@@ -189,6 +189,7 @@ def _numbers(study: Study, results: Results, comparison: Comparison | None) -> d
         "one_way": [{**_plain(pair), "anova": _anova(pair.anova)} for pair in results.pairs],
         "two_way": [_anova(anova) for anova in results.two_way],
         "two_way_statement": results.two_way_statement,
+        "trials": _plain(results.trials),
         "icc": [asdict(reliability) for reliability in results.reliabilities],
         "variance_components": _plain(results.components),
         "comparison": _plain(comparison),

@@ -47,6 +47,7 @@ class Study:
         materials: in the order in which tables show them.
         tasks: in the order in which tables show them.
         participants: every participant of `participants.tsv`.
+        first_tasks: the task that a participant did first, of those of whom it is known.
         attempts: one row an attempt: participant, task, trial, attempt, counted, presented, answered,
             response_time_s, foot_speed_mm_s, frames_lost, redo_reason, included.
         exclusions: the reason for every row that is not included, and for participants without rows.
@@ -60,6 +61,7 @@ class Study:
     materials: tuple[str, ...]
     tasks: tuple[Task, ...]
     participants: tuple[str, ...]
+    first_tasks: Mapping[str, str]
     attempts: pd.DataFrame
     exclusions: tuple[Exclusion, ...]
     protocol: Protocol | None
@@ -78,7 +80,7 @@ def read(root: Path) -> Study:
     """
     description = _json(root / "dataset_description.json", "give the folder of a dataset made by palpate")
     facts = _facts(description, root / "dataset_description.json")
-    withdrawn = _participants(root / "participants.tsv")
+    withdrawn, first_tasks = _participants(root / "participants.tsv")
     _no_strangers(root, set(withdrawn), tuple(facts["Tasks"]))
     rows: list[dict[str, object]] = []
     tasks: dict[str, Task] = {}
@@ -109,6 +111,7 @@ def read(root: Path) -> Study:
         materials=materials,
         tasks=tuple(tasks[task] for task in facts["Tasks"] if task in tasks),
         participants=tuple(withdrawn),
+        first_tasks=first_tasks,
         attempts=attempts,
         exclusions=exclusions,
         protocol=protocol,
@@ -167,18 +170,22 @@ def _table(path: Path) -> tuple[list[str], list[list[str]]]:
     return lines[0], lines[1:]
 
 
-def _participants(path: Path) -> dict[str, bool]:
+def _participants(path: Path) -> tuple[dict[str, bool], dict[str, str]]:
+    """Whether each participant withdrew, and the task done first of those of whom it is known."""
     columns, rows = _table(path)
     if "participant_id" not in columns:
         raise DatasetError(f"{path}: no column participant_id; got {columns}; make the dataset again")
     found: dict[str, bool] = {}
+    first: dict[str, str] = {}
     for number, row in enumerate(rows, start=2):
         cells = dict(zip(columns, row, strict=True))
         label = cells["participant_id"].removeprefix("sub-")
         if label in found:
             raise DatasetError(f"{path}: line {number}: participant {label} stands twice; keep one line")
         found[label] = cells.get("withdrawn", MISSING) == "1"
-    return found
+        if (task := cells.get("first_task", MISSING)) != MISSING:
+            first[label] = task
+    return found, first
 
 
 def _protocol(path: Path) -> Protocol | None:

@@ -103,6 +103,12 @@ METHODS: tuple[tuple[str, str], ...] = (
         "count as "
         "zero.",
     ),
+    (
+        "Single trials",
+        "logit P(right) = intercept + task + material + covariates. GEE, exchangeable within a participant, covariance "
+        "of Mancl and DeRouen (2001), Wald tests; mixed logit with a normal intercept a participant, variational "
+        "Bayes. statsmodels.",
+    ),
     ("Correlation with the paper", "Pearson's r over the cells of one printed table."),
 )
 """Name and formula, in the order in which the report needs them."""

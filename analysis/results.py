@@ -18,6 +18,7 @@ from analysis.exact import NotDefined
 from analysis.icc import Icc, icc
 from analysis.identification import Identification, identify
 from analysis.significance import TTest, holm, t_against_chance
+from analysis.trial_level import TrialLevel, trial_level
 from analysis.variance_components import VarianceComponents, icc_of_mean, variance_components
 
 TASK, MATERIAL = "task", "material"
@@ -106,6 +107,7 @@ class Results:
     two_way_statement: str
     components: ComponentReliability | None
     reliabilities: tuple[Reliability, ...]
+    trials: TrialLevel
 
     def task(self, task: str) -> TaskResult | None:
         """The result of one task; None when the dataset has no such task."""
@@ -137,6 +139,7 @@ def compute(
         two_way_statement=statement,
         components=_components(data, tasks) if data else None,
         reliabilities=tuple(_reliabilities(study, tasks)),
+        trials=trial_level(study),
     )
 
 

@@ -10,10 +10,11 @@ from analysis.compared import comparison_section
 from analysis.comparison import Comparison
 from analysis.dataset import Study
 from analysis.effect_sizes import EffectSize
-from analysis.icc import NAMES
+from analysis.icc_sections import icc_section
 from analysis.identification_sections import identification_sections
-from analysis.results import ComponentReliability, Reliability, Results, TaskResult
+from analysis.results import Results, TaskResult
 from analysis.tables import Section, Table, bayes_factor, interval, number, probability
+from analysis.trial_sections import trials_section
 from experiment.records import NO_ANSWER
 
 MANY = 20
@@ -31,6 +32,7 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
         *identification_sections(study, results),
         anova_section(results),
         icc_section(results),
+        trials_section(results),
         *compared,
     )
 
@@ -161,37 +163,6 @@ def anova_section(results: Results) -> Section:
     return Section("anova", "Analysis of variance", tuple(paragraphs), tuple(tables), tuple(records))
 
 
-def icc_section(results: Results) -> Section:
-    """Every ICC form for every matrix, and the variance-component form."""
-    header = ("Shrout-Fleiss", "McGraw-Wong", "ICC", "95 % CI", "F", "df1", "df2", "P")
-    tables = [
-        Table(table.matrix, header, _icc_rows(table), left=frozenset({0, 1}), notes=_icc_notes(table))
-        for table in results.reliabilities
-    ]
-    brief = [_icc_brief(results)]
-    records: list[Mapping[str, object]] = [
-        {"matrix": table.matrix, "form": form.shrout_fleiss, "also": form.mcgraw_wong, "model": form.model,
-         "icc": form.value, "f": form.f, "df1": form.df1, "df2": form.df2, "p": form.p, "low": form.low,
-         "high": form.high}
-        for table in results.reliabilities if table.icc for form in table.icc.forms
-    ]  # fmt: skip
-    if results.components:
-        tables.append(_components_table(results.components))
-        brief.append(tables[-1])
-        records += [
-            {"matrix": "two-way ANOVA", "form": f"variance-component, k = {k}", "model": meaning, "icc": value}
-            for k, meaning, value in results.components.by_k
-        ]
-    about = (
-        "Targets are the cells, raters the participants. ICC(1,.) = ICC(1), ICC(k): one-way random. ICC(2,.) = "
-        "ICC(A,.): two-way, absolute agreement. ICC(3,.) = ICC(C,.): two-way, consistency. The second names are McGraw "
-        "and Wong's, whose random and mixed cases share these formulas. (.,1): a single participant; (.,k): the mean "
-        "of k. Where all cells are targets, the ratios of one presented material add up to one: P and intervals are "
-        "approximate."
-    )
-    return Section("icc", "Intraclass correlations", (about,), tuple(tables), tuple(records), tuple(brief))
-
-
 def exclusions_section(study: Study) -> Section:
     """Everything that was left out, and why."""
     records = tuple(
@@ -278,41 +249,3 @@ def _record(line: Line) -> dict[str, object]:
         "source": effect.name, "ss": effect.ss, "df": effect.df, "ms": effect.ms, "f": effect.f, "p": effect.p,
         **dict(zip(("partial_eta_squared", "eta_low", "eta_high"), sizes, strict=True)),
     }  # fmt: skip
-
-
-def _icc_rows(reliability: Reliability) -> tuple[tuple[str, ...], ...]:
-    forms = reliability.icc.forms if reliability.icc else ()
-    return tuple(
-        (f.shrout_fleiss, f.mcgraw_wong, number(f.value),
-         "-" if f.low is None or f.high is None else f"{f.low:.3f} to {f.high:.3f}",
-         number(f.f, 2), str(f.df1), str(f.df2), probability(f.p))
-        for f in forms
-    )  # fmt: skip
-
-
-def _icc_notes(reliability: Reliability) -> tuple[str, ...]:
-    return (f"Not defined: {reliability.statement}.",) if reliability.statement else ()
-
-
-def _icc_brief(results: Results) -> Table:
-    names = tuple(NAMES)
-    rows = tuple(
-        (r.matrix, *(number(r.icc.form(name).value) if r.icc else "-" for name in names)) for r in results.reliabilities
-    )
-    notes = tuple(note for r in results.reliabilities for note in _icc_notes(r))
-    return Table("", ("matrix", *names), rows, notes=(*notes, "F, P and intervals stand in the report and in icc.csv."))
-
-
-def _components_table(reliability: ComponentReliability) -> Table:
-    c = reliability.components
-    parts = zip((*c.names, "residual"), (c.first, c.second, c.interaction, c.residual), strict=True)
-    estimates = ", ".join(f"{name} {value:.5f}" for name, value in parts)
-    notes = [
-        f"Components of variance (Henderson's method III): {estimates}. ICC = S / (S + residual / k), S the sum of the "
-        "others."
-    ]
-    if c.negative:
-        notes.append(f"Estimated below zero and taken as zero: {', '.join(c.negative)}.")
-    rows = tuple((str(k), number(value), meaning) for k, meaning, value in reliability.by_k)
-    title = "Two-way ANOVA, task x material: variance-component ICC of the mean of k participants"
-    return Table(title, ("k", "ICC", "k is"), rows, left=frozenset({2}), notes=tuple(notes))

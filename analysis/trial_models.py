@@ -1,0 +1,160 @@
+"""Single trials: was the answer right, as a logit of task, material and what went with the trial.
+
+Two ways of allowing for trials of one participant being alike, participants who did several tasks included. GEE
+(Liang and Zeger 1986): odds in the population, one correlation within a participant, standard errors of Mancl and
+DeRouen (2001) for few participants. Mixed logit: odds for one participant, a random intercept each, by variational
+Bayes; its standard deviations are too small by construction, so no interval is made of them. Both are statsmodels'.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.exact import NotDefined
+from analysis.trials import Design
+
+LEAST = 6
+"""Participants, below which standard errors by participant say nothing."""
+
+LARGEST = 12.0
+"""A log odds ratio beyond this is taken as one without limit."""
+
+FIXED_PRIOR_SD, RANDOM_PRIOR_SD = 2.0, 1.0
+"""Priors of the mixed logit, statsmodels' own: of each fixed effect, and of the log of the random one's SD."""
+
+
+START = 1
+"""Names the draw of the mixed logit's start values."""
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """A log odds ratio; standard error, 95 % interval and two-sided P where the model gives them."""
+
+    name: str
+    estimate: float
+    error: float | None = None
+    low: float | None = None
+    high: float | None = None
+    p: float | None = None
+
+
+@dataclass(frozen=True)
+class Term:
+    """Wald's test that all coefficients of a term are zero."""
+
+    name: str
+    chi2: float
+    df: int
+    p: float
+
+
+@dataclass(frozen=True)
+class TrialModel:
+    """A fitted model; `spread` is GEE's correlation within a participant, or the SD of the random intercepts."""
+
+    trials: int
+    participants: int
+    coefficients: tuple[Coefficient, ...]
+    terms: tuple[Term, ...]
+    spread: float
+
+
+def gee(design: Design) -> TrialModel:
+    """Population-averaged logit, exchangeable within participants.
+
+    Raises:
+        NotDefined: with too few participants for the parameters, or where it does not converge.
+    """
+    people = _participants(design)
+
+    from statsmodels.genmod.cov_struct import Exchangeable
+    from statsmodels.genmod.families import Binomial
+    from statsmodels.genmod.generalized_estimating_equations import GEE
+
+    structure = Exchangeable()
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        model = GEE(design.correct, design.matrix, groups=design.participants, family=Binomial(), cov_struct=structure)
+        fitted = model.fit(cov_type="bias_reduced", maxiter=200)
+    estimates, covariance = np.asarray(fitted.params), np.asarray(fitted.cov_params())
+    if not fitted.converged:
+        raise NotDefined(f"the GEE logit does not converge ({'; '.join(str(one.message) for one in heard)})")
+    coefficients = _coefficients(design, estimates, np.sqrt(np.diag(covariance)))
+    terms = tuple(_wald(name, estimates, covariance, columns) for name, columns in design.terms.items())
+    return TrialModel(len(design.correct), people, coefficients, terms, float(structure.dep_params))
+
+
+def mixed(design: Design) -> TrialModel:
+    """Logit with a random intercept a participant.
+
+    Raises:
+        NotDefined: with too few participants for the parameters, or where it does not converge.
+    """
+    people = _participants(design)
+
+    from statsmodels.genmod.bayes_mixed_glm import BinomialBayesMixedGLM
+
+    random = np.zeros((len(design.correct), people))
+    random[np.arange(len(design.correct)), design.participants] = 1
+    model = BinomialBayesMixedGLM(
+        design.correct,
+        design.matrix,
+        random,
+        np.zeros(people, dtype=np.int64),
+        vcp_p=RANDOM_PRIOR_SD,
+        fe_p=FIXED_PRIOR_SD,
+    )
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        fitted = model.fit_vb(rng=np.random.default_rng(START))
+    if any("not converge" in str(one.message) for one in heard):
+        raise NotDefined("the mixed logit does not converge")
+    estimates = np.asarray(fitted.fe_mean)
+    _bounded(estimates)
+    coefficients = tuple(map(Coefficient, design.names, estimates.tolist()))
+    return TrialModel(len(design.correct), people, coefficients, (), math.exp(float(fitted.vcp_mean[0])))
+
+
+def _participants(design: Design) -> int:
+    people = int(design.participants.max()) + 1
+    least = max(LEAST, len(design.names) + 1)
+    if people < least:
+        raise NotDefined(
+            f"a trial-level model of {len(design.names)} parameters needs {least} participants, got {people}"
+        )
+    return people
+
+
+def _coefficients(
+    design: Design, estimates: NDArray[np.float64], errors: NDArray[np.float64]
+) -> tuple[Coefficient, ...]:
+    from scipy.special import ndtr, ndtri
+
+    _bounded(estimates, errors)
+    reach = float(ndtri(0.975))
+    return tuple(
+        Coefficient(
+            name, value, error, value - reach * error, value + reach * error, float(2 * ndtr(-abs(value) / error))
+        )
+        for name, value, error in zip(design.names, estimates.tolist(), errors.tolist(), strict=True)
+    )
+
+
+def _bounded(*values: NDArray[np.float64]) -> None:
+    if not all(np.isfinite(part).all() and np.abs(part).max() < LARGEST for part in values):
+        raise NotDefined("the odds of some term have no limit: answers are all right or all wrong where it holds")
+
+
+def _wald(name: str, estimates: NDArray[np.float64], covariance: NDArray[np.float64], columns: tuple[int, ...]) -> Term:
+    from scipy.special import chdtrc
+
+    chosen = list(columns)
+    part = estimates[chosen]
+    chi2 = float(part @ np.linalg.solve(covariance[np.ix_(chosen, chosen)], part))
+    return Term(name, chi2, len(chosen), float(chdtrc(len(chosen), chi2)))

@@ -1,0 +1,71 @@
+"""Models of single trials -> a section: odds of each term, and what could not be used."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from analysis.results import Results
+from analysis.tables import Section, Table, number, probability
+from analysis.trial_level import TrialLevel
+from analysis.trial_models import Coefficient, TrialModel
+
+HEADER = ("term", "odds ratio", "95 % CI", "P")
+
+
+def trials_section(results: Results) -> Section:
+    """Both models, one below the other."""
+    found = results.trials
+    paragraphs = (
+        "Whether an answer was right, trial by trial. Odds ratios are per step that the term names; trials of one "
+        "participant, in whatever task, count as alike.",
+        *(f"Not in the models: {name}: {why}." for name, why in found.absent.items()),
+        *([f"{found.left_out} trials without one of these values are left out."] if found.left_out else []),
+        *(f"Not defined: {name}: {why}." for name, why in found.statements.items()),
+    )
+    tables = [table for table in (_gee(found), _mixed(found)) if table]
+    records = [*_records("GEE logit", found.gee), *_records("mixed logit", found.mixed)]
+    return Section("trials", "Single trials", paragraphs, tuple(tables), tuple(records))
+
+
+def _gee(found: TrialLevel) -> Table | None:
+    if (model := found.gee) is None:
+        return None
+    rows = tuple((one.name, *_odds(one), probability(one.p)) for one in model.coefficients)
+    tests = "; ".join(f"{t.name}: chi2({t.df}) = {t.chi2:.2f}, P = {probability(t.p)}" for t in model.terms)
+    notes = (
+        f"Wald tests: {tests}.",
+        f"Correlation within a participant: {model.spread:.3f}. Standard errors of Mancl and DeRouen.",
+    )
+    title = f"GEE logit: {model.trials} trials of {model.participants} participants"
+    return Table(title, HEADER, rows, notes=notes)
+
+
+def _mixed(found: TrialLevel) -> Table | None:
+    if (model := found.mixed) is None:
+        return None
+    rows = tuple((one.name, number(math.exp(one.estimate), 2)) for one in model.coefficients)
+    notes = (
+        f"SD of the random intercepts: {model.spread:.2f}. Variational Bayes: its standard deviations are too small, "
+        "and no interval is given; those of the GEE logit stand above.",
+    )
+    title = f"Mixed logit, a random intercept a participant: {model.trials} trials"
+    return Table(title, HEADER[:2], rows, notes=notes)
+
+
+def _odds(one: Coefficient) -> tuple[str, str]:
+    limits = "-" if one.low is None or one.high is None else f"{math.exp(one.low):.2f} to {math.exp(one.high):.2f}"
+    return number(math.exp(one.estimate), 2), limits
+
+
+def _records(kind: str, model: TrialModel | None) -> list[Mapping[str, object]]:
+    if model is None:
+        return []
+    records: list[Mapping[str, object]] = [
+        {"model": kind, "term": one.name, "log_odds": one.estimate, "se": one.error, "low": one.low, "high": one.high,
+         "p": one.p}
+        for one in model.coefficients
+    ]  # fmt: skip
+    records += [{"model": kind, "term": t.name, "chi2": t.chi2, "df": t.df, "p": t.p} for t in model.terms]
+    spread = "correlation within a participant" if kind.startswith("GEE") else "SD of the random intercepts"
+    return [*records, {"model": kind, "term": spread, "value": model.spread}]

@@ -1,0 +1,125 @@
+"""Models of single trials: statsmodels' formula interface, known odds, and trials that cannot be modelled."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+import statsmodels.formula.api as smf
+
+from analysis.dataset import Study, read
+from analysis.exact import NotDefined
+from analysis.trial_level import trial_level
+from analysis.trial_models import gee, mixed
+from analysis.trials import LATER, RESPONSE, SPEED, TRIAL, design
+from tests.analysis.datasets import MATERIALS, trial, write_dataset
+
+
+def _session(
+    rng: np.random.Generator, skill: float, *, slope: float = 0.0, speeds: bool = True
+) -> list[dict[str, object]]:
+    rows = []
+    for number in range(1, 31):
+        shown = MATERIALS[int(rng.integers(3))]
+        speed = round(float(rng.uniform(60, 300)), 1)
+        odds = skill + slope * (speed - 180) / 100
+        said = shown if rng.random() < 1 / (1 + math.exp(-odds)) else MATERIALS[(MATERIALS.index(shown) + 1) % 3]
+        known: dict[str, object] = {"foot_speed": speed, "response_time": round(float(rng.uniform(1, 4)), 3)}
+        rows.append(trial(number, shown, said, **(known if speeds else {})))
+    return rows
+
+
+def _study(root: Path, people: int = 12, *, slope: float = 0.0, spread: float = 0.5, speeds: bool = True) -> Study:
+    rng = np.random.default_rng(11)
+    sessions = {}
+    for who in range(people):
+        skill = rng.normal(0.4, spread)
+        tasks = {task: _session(rng, skill, slope=slope, speeds=speeds) for task in ("virtual", "real")}
+        sessions[str(who)] = tasks
+    return read(write_dataset(root, sessions))
+
+
+def _with_order(study: Study) -> Study:
+    return replace(study, first_tasks={who: ("virtual", "real")[int(who) % 2] for who in study.participants})
+
+
+def test_gee_is_that_of_the_formula_interface(tmp_path: Path) -> None:
+    study = _with_order(_study(tmp_path))
+    found = gee(design(study))
+    frame = study.attempts.copy()
+    frame["right"] = (frame["presented"] == frame["answered"]).astype(int)
+    frame["later"] = [
+        int(study.first_tasks[who] != task) for who, task in zip(frame["participant"], frame["task"], strict=True)
+    ]
+    formula = (
+        "right ~ C(task, Treatment('virtual')) + C(presented, Treatment('glass')) + trial + foot_speed_mm_s"
+        " + response_time_s + later"
+    )
+    expected = smf.gee(
+        formula, "participant", frame, family=sm.families.Binomial(), cov_struct=sm.cov_struct.Exchangeable()
+    ).fit(cov_type="bias_reduced", maxiter=200)
+    names = [one.name for one in found.coefficients]
+    levels = ["real (against virtual)", "sand (against glass)", "snow (against glass)"]
+    assert names == ["intercept", *levels, TRIAL, SPEED, RESPONSE, LATER]
+    steps = np.array([1, 1, 1, 1, 10, 100, 1, 1])
+    assert [one.estimate for one in found.coefficients[1:]] == pytest.approx(
+        (expected.params * steps)[1:].tolist(), rel=1e-4
+    )
+    assert [one.error for one in found.coefficients[1:]] == pytest.approx((expected.bse * steps)[1:].tolist(), rel=1e-4)
+    assert [term.df for term in found.terms] == [1, 2, 1, 1, 1, 1]
+    assert found.participants == 12
+
+
+def test_known_odds_come_back(tmp_path: Path) -> None:
+    """The foot's speed changes the log odds by 1 per 100 mm/s; everyone differs by an SD of 0.5."""
+    trials = design(_study(tmp_path, 30, slope=1.0))
+    for model in (gee(trials), mixed(trials)):
+        speed = next(one for one in model.coefficients if one.name == SPEED)
+        assert speed.estimate == pytest.approx(1.0, abs=0.25)
+    assert mixed(trials).spread == pytest.approx(0.5, abs=0.25)
+
+
+def test_the_same_trials_give_the_same_numbers(tmp_path: Path) -> None:
+    trials = design(_study(tmp_path, 8))
+    assert mixed(trials) == mixed(trials)
+
+
+def test_what_is_not_in_the_dataset_is_said(tmp_path: Path) -> None:
+    trials = design(_study(tmp_path, speeds=False))
+    assert trials.absent == {
+        SPEED: "known of 0 of 720 trials",
+        RESPONSE: "known of 0 of 720 trials",
+        LATER: "the order of the tasks is not known of everyone",
+    }
+    assert trials.names[-1] == TRIAL
+
+
+def test_trials_without_a_value_are_left_out_and_counted(tmp_path: Path) -> None:
+    study = _study(tmp_path)
+    study.attempts.loc[study.attempts.index[:7], "foot_speed_mm_s"] = float("nan")
+    trials = design(study)
+    assert (trials.left_out, len(trials.correct)) == (7, 713)
+
+
+def test_a_reconstruction_has_no_single_trials(repository_root: Path) -> None:
+    found = trial_level(read(repository_root / "participants" / "okamoto2012"))
+    assert (found.gee, found.mixed) == (None, None)
+    assert "no order of trials" in found.statements["GEE logit and mixed logit"]
+
+
+def test_a_material_that_is_always_recognised(tmp_path: Path) -> None:
+    study = _study(tmp_path)
+    always = study.attempts["presented"] == "snow"
+    study.attempts.loc[always, "answered"] = "snow"
+    with pytest.raises(NotDefined, match="every answer to material snow is right"):
+        design(study)
+
+
+def test_too_few_participants(tmp_path: Path) -> None:
+    found = trial_level(_study(tmp_path, 4))
+    assert set(found.statements) == {"GEE logit", "mixed logit"}
+    assert "participants, got 4" in found.statements["GEE logit"]
