@@ -1,9 +1,9 @@
-"""The whole analysis of one dataset: read it, compute, compare with print, and write tables, figures and report."""
+"""The whole analysis of one dataset or several: read, compute, compare with print, write tables and report."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from importlib import metadata
 from pathlib import Path
@@ -14,8 +14,10 @@ import numpy as np
 from analysis import published, report
 from analysis.anova import Anova
 from analysis.comparison import Comparison, compare
-from analysis.dataset import Study, read
+from analysis.dataset import Study
+from analysis.latex import latex
 from analysis.output import MANIFEST, publish
+from analysis.pooling import read_pooled
 from analysis.published import spectra as published_spectra
 from analysis.results import Results, TaskResult, compute
 from analysis.sections import sections
@@ -67,23 +69,24 @@ class Analysis:
         return {**_numbers(self.study, self.results, self.comparison), **paths}
 
 
-def analyse(dataset: Path, out: Path | None = None, *, figures: bool = True) -> Analysis:
-    """Analyse the dataset in the folder `dataset` and write everything into `out`.
+def analyse(datasets: Sequence[Path], out: Path | None = None, *, figures: bool = True) -> Analysis:
+    """Analyse the datasets in these folders, pooled where there are several, and write everything into `out`.
 
     Args:
-        dataset: a BIDS dataset made by palpate.
-        out: folder of the results; `derivatives/palpate` in the dataset by default.
+        datasets: BIDS datasets made by palpate.
+        out: folder of the results; `derivatives/palpate` in the dataset by default, where there is one.
         figures: whether to draw the figures, which takes most of the time.
 
     Raises:
-        DatasetError: for a dataset that cannot be read or has no trial left, and for a file in the way.
+        DatasetError: for a dataset that cannot be read or pooled or has no trial left, and for a file in the way.
         ProtocolError: for a broken copy of the protocol in the dataset.
     """
-    place = _place(dataset, out)
-    study = read(dataset)
+    place = _place(datasets, out)
+    study = read_pooled(datasets)
     if not study.attempts["included"].any():
         reasons = "; ".join(dict.fromkeys(exclusion.reason for exclusion in study.exclusions))
-        raise DatasetError(f"{dataset}: every trial is left out ({reasons}); check the exclusion rules of the protocol")
+        named = ", ".join(map(str, datasets))
+        raise DatasetError(f"{named}: every trial is left out ({reasons}); check the exclusion rules of the protocol")
     printed = published.load(study.id)
     spectra = published_spectra.load() if printed else None
     dissimilarities = {pair: value.value for pair, value in spectra.pairs.items()} if spectra else {}
@@ -94,16 +97,19 @@ def analyse(dataset: Path, out: Path | None = None, *, figures: bool = True) -> 
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label))
 
 
-def _place(dataset: Path, out: Path | None) -> Path:
+def _place(datasets: Sequence[Path], out: Path | None) -> Path:
     if out is None:
-        return dataset / DERIVATIVES
+        if len(datasets) > 1:
+            raise DatasetError("--out: got none; allowed: a folder for the results of several datasets; name it")
+        return datasets[0] / DERIVATIVES
     inside = out.resolve()
-    root = dataset.resolve()
-    allowed = root / "derivatives"
-    if (inside == root or root in inside.parents) and allowed not in inside.parents:
-        raise DatasetError(
-            f"{out} lies within the dataset; results may stand there only below {dataset / 'derivatives'}"
-        )
+    for dataset in datasets:
+        root = dataset.resolve()
+        allowed = root / "derivatives"
+        if (inside == root or root in inside.parents) and allowed not in inside.parents:
+            raise DatasetError(
+                f"{out} lies within the dataset; results may stand there only below {dataset / 'derivatives'}"
+            )
     return out
 
 
@@ -131,6 +137,8 @@ def _content(
             files[f"tables/{section.slug}.csv"] = comma_separated(section, study.label).encode()
         if section.tables or section.paragraphs:
             files[f"tables/{section.slug}.md"] = markdown(section, study.label).encode()
+        if section.tables:
+            files[f"tables/{section.slug}.tex"] = latex(section, study.label).encode()
     numbers = _numbers(study, results, comparison)
     files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
     files[REPORT] = report.html(title, study.label, software, parts, drawings).encode()

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import typer
 
 from experiment import __version__
+from experiment.cli_analysis import analyst
 from experiment.cli_engine import engine
 from experiment.cli_lab import Participant, ProtocolFile, lab
 from experiment.errors import Interrupted, PalpateError
@@ -134,12 +135,14 @@ def rehearse(
             tick=tick,
             screen=screen,
         )
-    _analyse(dataset, None, as_json=as_json, figures=True)
+    _analyse([dataset], None, as_json=as_json, figures=True)
 
 
 @app.command(epilog="Example: palpate analyse participants/okamoto2012 --out tables")
 def analyse(
-    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a BIDS dataset.")],
+    datasets: Annotated[
+        list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several: pooled.")
+    ],
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for tables, figures and report; inside DATASET by default.")
     ] = None,
@@ -148,10 +151,10 @@ def analyse(
 ) -> None:
     """Make the tables and the report of a dataset.
 
-    Confusion matrices, tests, ANOVAs, ICCs, figures and one HTML report; a study that was published is compared
-    with its paper, value by value.
+    Confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs, ICCs, models of single
+    trials, figures and one HTML report; a study that was published is compared with its paper, value by value.
     """
-    _analyse(dataset, out, as_json=as_json, figures=figures)
+    _analyse(datasets, out, as_json=as_json, figures=figures)
 
 
 @app.command(epilog="Example: palpate spectrum recording.lvm --plot spectrum.svg")
@@ -223,10 +226,10 @@ def free(path: Path) -> Path:
     return next((name for name in names if not name.exists()), path)
 
 
-def _analyse(dataset: Path, out: Path | None, *, as_json: bool, figures: bool) -> None:
+def _analyse(datasets: list[Path], out: Path | None, *, as_json: bool, figures: bool) -> None:
     from analysis import analyse as analyses
 
-    result = analyses.analyse(dataset, out, figures=figures)
+    result = analyses.analyse(datasets, out, figures=figures)
     if as_json:
         _json(result.as_dict())
     else:
@@ -237,6 +240,7 @@ def _json(document: object) -> None:
     typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
 
 
+app.add_typer(analyst)
 app.add_typer(engine)
 app.add_typer(lab)
 

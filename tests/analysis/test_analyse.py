@@ -23,7 +23,7 @@ OKAMOTO = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
 
 @pytest.fixture(scope="module")
 def okamoto(repository_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Analysis:
-    return analyse(repository_root / "participants" / "okamoto2012", tmp_path_factory.mktemp("out"))
+    return analyse([repository_root / "participants" / "okamoto2012"], tmp_path_factory.mktemp("out"))
 
 
 def _p(value: float | None) -> str:
@@ -178,15 +178,15 @@ def test_the_report_states_label_exclusions_and_formulas(okamoto: Analysis) -> N
 
 def test_a_second_run_gives_the_same_bytes(repository_root: Path, okamoto: Analysis) -> None:
     before = {path: path.read_bytes() for path in okamoto.files}
-    analyse(repository_root / "participants" / "okamoto2012", okamoto.out)
+    analyse([repository_root / "participants" / "okamoto2012"], okamoto.out)
     assert {path: path.read_bytes() for path in okamoto.files} == before
 
 
 def test_without_figures_earlier_figures_go(tmp_path: Path) -> None:
     root = write_dataset(tmp_path / "data", {"1": {"real": balanced(1)}, "2": {"real": balanced(2)}})
-    first = analyse(root)
+    first = analyse([root])
     assert first.out == root / "derivatives" / "palpate"
-    second = analyse(root, figures=False)
+    second = analyse([root], figures=False)
     assert not list(second.out.glob("figures/*"))
     assert "<svg" not in second.report.read_text()
 
@@ -195,7 +195,7 @@ def test_results_never_stand_among_the_data(tmp_path: Path) -> None:
     root = write_dataset(tmp_path / "data", {"1": {"real": balanced(1)}, "2": {"real": balanced(2)}})
     for out in (root, root / "sub-1", root / "sourcedata", root / "derivatives"):
         with pytest.raises(DatasetError, match="lies within the dataset"):
-            analyse(root, out, figures=False)
+            analyse([root], out, figures=False)
     assert not (root / "derivatives").exists()
 
 
@@ -209,13 +209,13 @@ def _no_nan(found: Analysis) -> str:
 
 def test_one_task(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": balanced(k)} for k in range(1, 5)}
-    shown = _no_nan(analyse(write_dataset(tmp_path, sessions)))
+    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)]))
     assert "No two-way ANOVA: two-way ANOVA needs two levels of task, got 1." in shown
     assert "Against the paper" not in shown
 
 
 def test_one_participant(tmp_path: Path) -> None:
-    shown = _no_nan(analyse(write_dataset(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})))
+    shown = _no_nan(analyse([write_dataset(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})]))
     assert "one participant: SD, t and P are not defined" in shown
     assert "an ICC needs two targets and two raters" in shown
     assert "No two-way ANOVA: two-way ANOVA needs two participants in a cell" in shown
@@ -224,21 +224,21 @@ def test_one_participant(tmp_path: Path) -> None:
 def test_constant_answers(tmp_path: Path) -> None:
     rows = trials([(material, MATERIALS[0]) for material in MATERIALS for _ in range(3)])
     sessions = {str(k): {"virtual": rows, "real": rows} for k in range(1, 4)}
-    shown = _no_nan(analyse(write_dataset(tmp_path, sessions)))
+    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)]))
     assert "no variance, t and P are not defined" in shown
     assert "Not defined: two-way, type III: no variance within the groups" in shown
 
 
 def test_the_same_answer_to_everything_by_everyone(tmp_path: Path) -> None:
     rows = trials([(material, material) for material in MATERIALS for _ in range(3)])
-    shown = _no_nan(analyse(write_dataset(tmp_path, {str(k): {"real": rows} for k in range(1, 4)})))
+    shown = _no_nan(analyse([write_dataset(tmp_path, {str(k): {"real": rows} for k in range(1, 4)})]))
     assert "all ratings are the same: no ICC is defined" in shown
 
 
 def test_unequal_numbers_missing_answers_and_missing_materials(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": balanced(k), "real": balanced(k + 1)} for k in range(1, 5)}
     sessions["5"] = {"virtual": trials([("sand", "sand"), ("sand", "(none)"), ("snow", "snow")])}
-    found = analyse(write_dataset(tmp_path, sessions))
+    found = analyse([write_dataset(tmp_path, sessions)])
     shown = _no_nan(found)
     assert "glass: presented to 4 of 5 participants." in shown
     assert "(none)" in shown
@@ -249,7 +249,7 @@ def test_two_materials_with_long_names_and_many_exclusions(tmp_path: Path) -> No
     names = ("a material whose name says much more than a name should ever say", "b")
     rows = [trial(k, names[k % 2], names[k % 3 % 2], attempt=2) for k in range(1, 31)]
     again = [trial(k, names[k % 2], "n/a", counted=False, redo_reason="slipped") for k in range(1, 31)]
-    found = analyse(write_dataset(tmp_path, {"1": {"real": again + rows}, "2": {"real": rows}}, materials=names))
+    found = analyse([write_dataset(tmp_path, {"1": {"real": again + rows}, "2": {"real": rows}}, materials=names)])
     shown = _no_nan(found)
     assert re.search(r"done again +30", shown)
     assert found.report.read_text().count("was done again: slipped") == 30
@@ -260,7 +260,7 @@ def test_a_rehearsal_is_labelled_and_compared_in_its_own_words(tmp_path: Path) -
         str(k): {"virtual": balanced(k, 10, OKAMOTO), "real": balanced(k + 1, 10, OKAMOTO)} for k in range(1, 5)
     }
     root = write_dataset(tmp_path, sessions, study="okamoto2012", origin="REHEARSAL", materials=OKAMOTO)
-    shown = _no_nan(analyse(root))
+    shown = _no_nan(analyse([root]))
     assert shown.startswith("REHEARSAL - simulated participants")
     assert "nothing about the paper's results" in " ".join(shown.split())
     assert "the 16 cells of the printed table correlate" in " ".join(shown.split())
@@ -270,12 +270,12 @@ def test_a_rehearsal_is_labelled_and_compared_in_its_own_words(tmp_path: Path) -
 def test_nothing_left_is_an_error_with_the_reason(tmp_path: Path) -> None:
     root = write_dataset(tmp_path, {"1": {"real": balanced(1)}}, withdrawn=["1"])
     with pytest.raises(DatasetError, match=r"every trial is left out \(withdrew\)"):
-        analyse(root)
+        analyse([root])
 
 
 def test_markup_in_a_dataset_stays_text(tmp_path: Path) -> None:
     names = ("<script>alert(1)</script>", "snow & ice")
-    found = analyse(write_dataset(tmp_path, {"1": {"real": balanced(1, 4, names)}}, materials=names))
+    found = analyse([write_dataset(tmp_path, {"1": {"real": balanced(1, 4, names)}}, materials=names)])
     page = _Links()
     page.feed(found.report.read_text())
     assert page.loads == []
@@ -285,7 +285,7 @@ def test_the_analysis_loads_no_oracle_and_prints_nothing(tmp_path: Path) -> None
     root = write_dataset(tmp_path, {"1": {"real": balanced(1)}, "2": {"real": balanced(2)}})
     code = (
         "import sys; from pathlib import Path; from analysis.analyse import analyse\n"
-        f"analyse(Path({str(root)!r}), figures=False)\n"
+        f"analyse([Path({str(root)!r})], figures=False)\n"
         "heavy = {'statsmodels', 'scipy.stats', 'matplotlib', 'psychopy', 'serial', 'experiment.session'}\n"
         "sys.exit(sorted(heavy & set(sys.modules)) or 0)"
     )
@@ -295,6 +295,6 @@ def test_the_analysis_loads_no_oracle_and_prints_nothing(tmp_path: Path) -> None
 
 def test_a_material_that_was_never_presented(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": balanced(k, 4, MATERIALS[:2])} for k in range(1, 4)}
-    shown = _no_nan(analyse(write_dataset(tmp_path, sessions)))
+    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)]))
     assert "snow: nobody was presented this material." in shown
     assert "snow: presented to 0 of 3 participants." in shown

@@ -64,7 +64,7 @@ def test_a_dataset_with_times_a_foot_trace_and_results(validator: str, tmp_path:
         description="Foot height from the tracker.",
         origin="PARTICIPANT",
     )
-    found = analyse(root, figures=False)
+    found = analyse([root], figures=False)
     assert found.out.parent == root / "derivatives"
     issues = _issues(validator, root)
     assert not [issue for issue in issues if issue["severity"] == "error"]
@@ -73,7 +73,7 @@ def test_a_dataset_with_times_a_foot_trace_and_results(validator: str, tmp_path:
 
 def test_the_results_are_a_derivative_of_their_own(validator: str, tmp_path: Path) -> None:
     root = write_dataset(tmp_path, {"01": {"real": balanced(1)}, "02": {"real": balanced(2)}})
-    issues = _issues(validator, analyse(root).out)
+    issues = _issues(validator, analyse([root]).out)
     assert not [issue for issue in issues if issue["severity"] == "error"]
 
 

@@ -15,7 +15,7 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
 @pytest.fixture(scope="module")
 def report(repository_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return analyse(repository_root / "participants" / "okamoto2012", tmp_path_factory.mktemp("report")).report
+    return analyse([repository_root / "participants" / "okamoto2012"], tmp_path_factory.mktemp("report")).report
 
 
 @pytest.fixture

@@ -1,0 +1,196 @@
+"""Study -> tables for other software, and a dictionary of every column.
+
+`trials.csv` is tidy: one row an attempt. `long.csv` is what R reads, counts by participant and cell; `wide.csv` what
+JASP reads for repeated measures, one row a participant; `psychopy.csv` has the columns of PsychoPy's own data files.
+Files are UTF-8 with commas; a missing value is NA, and empty for PsychoPy.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from analysis.confusion import confusion
+from analysis.dataset import MISSING, Study
+from analysis.output import publish
+from analysis.pooling import read_pooled
+from experiment.errors import DatasetError
+from experiment.records import NO_ANSWER
+
+LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated or reconstructed", "text")
+PARTICIPANT = ("participant", "label of the participant", "text")
+TASK = ("task", "id of the task", "text")
+PRESENTED = ("presented", "material presented", "text")
+
+COLUMNS: Mapping[str, tuple[tuple[str, str, str], ...]] = {
+    "trials.csv": (
+        LABEL,
+        PARTICIPANT,
+        TASK,
+        ("trial", "place of the trial in its order, from 1", "whole number"),
+        ("attempt", "1 for the first attempt at this trial", "whole number"),
+        ("counted", "1: the attempt that counts; 0: done again", "0 or 1"),
+        ("included", "1: in the analysis; 0: left out, see exclusions.csv", "0 or 1"),
+        PRESENTED,
+        ("answered", f"material named; {NO_ANSWER}: none was named", "text"),
+        ("correct", "1: the material presented was named; NA: the attempt has no answer yet", "0 or 1"),
+        ("response_time_s", "contact of the foot to the confirmed answer", "seconds"),
+        ("foot_speed_mm_s", "10 mm divided by the time from 20 to 10 mm above the panel", "mm/s"),
+        ("frames_lost", "tracker frames lost or damaged between arming and contact", "whole number"),
+        ("first_task", "the task that the participant did first", "text"),
+    ),
+    "long.csv": (
+        LABEL,
+        PARTICIPANT,
+        TASK,
+        PRESENTED,
+        ("answered", f"material named; {NO_ANSWER}: none was named", "text"),
+        ("count", "included trials with this answer", "whole number"),
+        ("trials", "included trials with this material", "whole number"),
+        ("ratio", "count / trials", "0 to 1"),
+    ),
+    "exclusions.csv": (
+        LABEL,
+        PARTICIPANT,
+        ("task", "id of the task; all: every one", "text"),
+        ("trial", "trial left out; NA: the whole participant", "whole number"),
+        ("attempt", "attempt left out; NA: the whole participant", "whole number"),
+        ("rule", "rule of the protocol, or what happened", "text"),
+        ("reason", "in words", "text"),
+    ),
+    "psychopy.csv": (
+        LABEL,
+        PARTICIPANT,
+        ("session", "id of the task", "text"),
+        ("trials.thisN", "place of the trial in its order, from 0", "whole number"),
+        PRESENTED,
+        ("corrAns", "the right answer: the material presented", "text"),
+        ("key_resp.keys", "material named; None: none was named", "text"),
+        ("key_resp.corr", "1: right", "0 or 1"),
+        ("key_resp.rt", "contact of the foot to the confirmed answer", "seconds"),
+        ("expName", "id of the study", "text"),
+    ),
+}
+"""File -> its columns: name, what it holds, unit or kind."""
+
+DICTIONARY = "data_dictionary.csv"
+
+
+def export(datasets: Sequence[Path], out: Path) -> tuple[Path, ...]:
+    """Write every table of the datasets, pooled where there are several, into the folder `out`.
+
+    Raises:
+        DatasetError: for a dataset that cannot be read or pooled, a folder within a dataset, or a file in the way.
+    """
+    for dataset in datasets:
+        if dataset.resolve() in (out.resolve(), *out.resolve().parents):
+            raise DatasetError(f"--out {out}: lies within the dataset {dataset}; choose a folder outside of it")
+    study = read_pooled(datasets)
+    return publish(out, files(study), study.label)
+
+
+def files(study: Study) -> dict[str, bytes]:
+    """Every file by name; the dictionary describes every column of the others."""
+    wide, wide_columns = _wide(study)
+    frames = {
+        "trials.csv": _trials(study),
+        "long.csv": _long(study),
+        "wide.csv": wide,
+        "exclusions.csv": _exclusions(study),
+        "psychopy.csv": _psychopy(study),
+    }
+    described = {**COLUMNS, "wide.csv": wide_columns}
+    dictionary = pd.DataFrame(
+        [(name, *column) for name, columns in described.items() for column in columns],
+        columns=["file", "column", "description", "unit"],
+    )
+    written = {}
+    for name, frame in {**frames, DICTIONARY: dictionary}.items():
+        if name in described:
+            frame.insert(0, LABEL[0], study.label or "measured")
+            frame = frame[[column for column, _, _ in described[name]]]
+        missing = "" if name == "psychopy.csv" else "NA"
+        written[name] = frame.to_csv(index=False, na_rep=missing, lineterminator="\n").encode()
+    return written
+
+
+def _trials(study: Study) -> pd.DataFrame:
+    frame = study.attempts.copy()
+    frame["answered"] = frame["answered"].where(frame["answered"] != MISSING)
+    right = (frame["presented"] == frame["answered"]).astype("Int64")
+    frame["correct"] = right.where(frame["answered"].notna())
+    frame["first_task"] = [study.first_tasks.get(who) for who in frame["participant"]]
+    frame["frames_lost"] = frame["frames_lost"].astype("Int64")
+    return frame.assign(counted=frame["counted"].astype(int), included=frame["included"].astype(int))
+
+
+def _long(study: Study) -> pd.DataFrame:
+    rows = []
+    for task in study.tasks:
+        trials = study.trials(task.id)
+        matrix = confusion(
+            trials["participant"].tolist(), trials["presented"].tolist(), trials["answered"].tolist(), study.materials
+        )
+        for p, who in enumerate(matrix.participants):
+            for i, presented in enumerate(matrix.materials):
+                total = int(matrix.trials[p, i])
+                for j, answered in enumerate((*matrix.materials, NO_ANSWER)):
+                    count = int(matrix.counts[p, i, j])
+                    rows.append((who, task.id, presented, answered, count, total, count / total if total else None))
+    return pd.DataFrame(rows, columns=[name for name, _, _ in COLUMNS["long.csv"][1:]])
+
+
+def _wide(study: Study) -> tuple[pd.DataFrame, tuple[tuple[str, str, str], ...]]:
+    """One row a participant: the correct ratio of every task and material, and which task was first."""
+    long = _long(study)
+    right = long[long["presented"] == long["answered"]]
+    ratios = {
+        (who, task, material): ratio
+        for who, task, material, ratio in zip(
+            right["participant"], right["task"], right["presented"], right["ratio"], strict=True
+        )
+    }
+    people = list(dict.fromkeys(long["participant"]))
+    described = [LABEL, PARTICIPANT, ("first_task", "the task that the participant did first", "text")]
+    columns: dict[str, list[object]] = {
+        "participant": list(people),
+        "first_task": [study.first_tasks.get(who) for who in people],
+    }
+    for task in study.tasks:
+        for material in study.materials:
+            name = _name(f"{task.id}_{material}", columns)
+            columns[name] = [ratios.get((who, task.id, material)) for who in people]
+            described.append((name, f"correct answers to {material} in task {task.id} / its trials", "0 to 1"))
+    return pd.DataFrame(columns), tuple(described)
+
+
+def _name(text: str, taken: Mapping[str, object]) -> str:
+    """A name that R, JASP and Python take as it is, and that no other column has."""
+    name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_") or "column"
+    return name if name not in taken else f"{name}_{len(taken)}"
+
+
+def _exclusions(study: Study) -> pd.DataFrame:
+    rows = [(one.participant, one.task, one.trial, one.attempt, one.rule, one.reason) for one in study.exclusions]
+    frame = pd.DataFrame(rows, columns=[name for name, _, _ in COLUMNS["exclusions.csv"][1:]])
+    return frame.astype({"trial": "Int64", "attempt": "Int64"})
+
+
+def _psychopy(study: Study) -> pd.DataFrame:
+    trials = study.attempts[study.attempts["included"]]
+    return pd.DataFrame(
+        {
+            "participant": trials["participant"],
+            "session": trials["task"],
+            "trials.thisN": trials["trial"] - 1,
+            "presented": trials["presented"],
+            "corrAns": trials["presented"],
+            "key_resp.keys": trials["answered"].replace(NO_ANSWER, "None"),
+            "key_resp.corr": (trials["presented"] == trials["answered"]).astype(int),
+            "key_resp.rt": trials["response_time_s"],
+            "expName": study.id,
+        }
+    )
