@@ -11,18 +11,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.bayes import log_bayes_factor
+from tests.analysis.reference import printed
 
 
-@pytest.mark.parametrize(
-    ("t", "n", "printed"),
-    [
-        # Rouder et al. (2009), the two experiments of Grider and Malmberg: t(79) = 2.24 and 2.03, r = 1, BF01
-        (2.24, 80, 1.02),
-        (2.03, 80, 1.56),
-    ],
-)
-def test_printed_bayes_factors(t: float, n: int, printed: float) -> None:
-    assert math.exp(-log_bayes_factor(t, n, scale=1.0)) == pytest.approx(printed, abs=0.005)
+@pytest.mark.parametrize(("t", "n", "wanted"), printed("rouder")["bayes_factors"])
+def test_printed_bayes_factors(t: float, n: int, wanted: float) -> None:
+    assert math.exp(-log_bayes_factor(t, n, scale=1.0)) == pytest.approx(wanted, abs=0.005)
 
 
 @pytest.mark.parametrize(

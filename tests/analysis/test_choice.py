@@ -11,21 +11,16 @@ from numpy.typing import NDArray
 
 from analysis.choice import fit, similarity_choice
 from analysis.exact import NotDefined
-
-# Unaided distance vision of 7477 women, right eye x left eye (Stuart 1955); quasi-symmetry G2 = 7.27, 3 df (Bishop,
-# Fienberg and Holland 1975, Discrete Multivariate Analysis, chapter 8; Agresti 2002, section 10.4)
-VISION = [[1520, 266, 124, 66], [234, 1512, 432, 78], [117, 362, 1772, 205], [36, 82, 179, 492]]
-
-# Residence in 1980 x 1985; quasi-symmetry G2 = 2.99, 3 df (Agresti 2002, Categorical Data Analysis, section 10.4)
-MIGRATION = [[11607, 100, 366, 124], [87, 13677, 515, 302], [172, 225, 17819, 270], [63, 176, 286, 10192]]
+from tests.analysis.reference import printed
 
 NAMES = ("a", "b", "c", "d")
 
 
-@pytest.mark.parametrize(("table", "g2"), [(VISION, 7.27), (MIGRATION, 2.99)])
-def test_printed_fits(table: list[list[int]], g2: float) -> None:
-    found = similarity_choice(np.array(table), NAMES)
-    assert (round(found.g2, 2), found.df) == (g2, 3)
+@pytest.mark.parametrize("name", ["quasi_symmetry_vision", "quasi_symmetry_migration"])
+def test_printed_fits(name: str) -> None:
+    wanted = printed(name)
+    found = similarity_choice(np.array(wanted["counts"]), NAMES)
+    assert (round(found.g2, 2), found.df) == (wanted["g2"], wanted["df"])
 
 
 def _counts(seed: int, size: int = 4) -> NDArray[np.int64]:

@@ -10,25 +10,18 @@ from scipy import stats
 
 from analysis.detection import corrected, d_prime, proportion_correct
 from analysis.exact import NotDefined
+from tests.analysis.reference import printed
 
 
-@pytest.mark.parametrize(
-    ("proportion", "printed"), [(0.1, 0.0), (0.3, 0.8680), (0.5, 1.4748), (0.7, 2.0872), (0.9, 2.9829)]
-)
-def test_the_example_of_palamedes(proportion: float, printed: float) -> None:
-    """Prins and Kingdom, Palamedes toolbox, example of PAL_SDT_MAFC_PCtoDP with M = 10.
-
-    Its search ends within 1e-4.
-    """
-    assert d_prime(proportion, 10) == pytest.approx(printed, abs=1e-4)
+@pytest.mark.parametrize(("proportion", "wanted"), printed("palamedes")["d_prime_of_10"])
+def test_the_example_of_palamedes(proportion: float, wanted: float) -> None:
+    """Its search ends within 1e-4."""
+    assert d_prime(proportion, 10) == pytest.approx(wanted, abs=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("value", "printed"), [(0, 0.04), (1, 0.1997), (2, 0.5218), (3, 0.8263), (4, 0.9648), (5, 0.9961)]
-)
-def test_the_other_example_of_palamedes(value: float, printed: float) -> None:
-    """The same toolbox, example of PAL_SDT_MAFC_DPtoPC with M = 25."""
-    assert proportion_correct(value, 25) == pytest.approx(printed, abs=6e-5)
+@pytest.mark.parametrize(("value", "wanted"), printed("palamedes")["share_of_25"])
+def test_the_other_example_of_palamedes(value: float, wanted: float) -> None:
+    assert proportion_correct(value, 25) == pytest.approx(wanted, abs=6e-5)
 
 
 @settings(max_examples=30, deadline=None)

@@ -14,22 +14,11 @@ from scipy import stats
 
 from analysis.exact import NotDefined
 from analysis.icc import icc
+from tests.analysis.reference import printed
 
-# Shrout and Fleiss (1979), Table 2: six targets, four judges
-EXAMPLE = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]]
-
-# Shrout and Fleiss (1979), Table 4
-PUBLISHED = {"ICC(1,1)": 0.17, "ICC(2,1)": 0.29, "ICC(3,1)": 0.71, "ICC(1,k)": 0.44, "ICC(2,k)": 0.62, "ICC(3,k)": 0.91}
-
-# The same example in R: F, its degrees of freedom, P and 95 % limits as psych::ICC prints them
-PSYCH = {
-    "ICC(1,1)": (1.8, 5, 18, 0.16477, -0.133, 0.72),
-    "ICC(2,1)": (11.0, 5, 15, 0.00013, 0.019, 0.76),
-    "ICC(3,1)": (11.0, 5, 15, 0.00013, 0.342, 0.95),
-    "ICC(1,k)": (1.8, 5, 18, 0.16477, -0.884, 0.91),
-    "ICC(2,k)": (11.0, 5, 15, 0.00013, 0.071, 0.93),
-    "ICC(3,k)": (11.0, 5, 15, 0.00013, 0.676, 0.99),
-}
+EXAMPLE = printed("shrout_fleiss")["ratings"]
+PUBLISHED = printed("shrout_fleiss")["forms"]
+PSYCH = {name: line for name, line in printed("shrout_fleiss_in_r").items() if name != "source"}
 
 
 def _table(seed: int) -> list[list[int]]:

@@ -11,15 +11,15 @@ from scipy import stats
 
 from analysis.exact import NotDefined
 from analysis.information import information, likely_answers, transmitted
+from tests.analysis.reference import printed
 
-# Cover and Thomas (2006), Elements of Information Theory, example 2.2.1, in 32nds: rows Y, columns X.
-# H(X) = 7/4 bits, H(Y) = 2 bits, I(X; Y) = 3/8 bit
-TEXTBOOK = np.array([[4, 2, 1, 1], [2, 4, 1, 1], [2, 2, 2, 2], [8, 0, 0, 0]])
+TEXTBOOK = np.array(printed("cover_thomas")["counts"])
 
 
 def test_the_textbook_example() -> None:
-    assert (information(TEXTBOOK).presented, information(TEXTBOOK.T).presented) == (2.0, 1.75)
-    assert information(TEXTBOOK).transmitted == pytest.approx(0.375, abs=1e-14)
+    columns, rows, both = printed("cover_thomas")["bits"]
+    assert (information(TEXTBOOK).presented, information(TEXTBOOK.T).presented) == (rows, columns)
+    assert information(TEXTBOOK).transmitted == pytest.approx(both, abs=1e-14)
 
 
 @pytest.mark.parametrize(("count", "bits"), [(2, 1.0), (4, 2.0), (8, 3.0)])

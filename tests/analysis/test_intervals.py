@@ -9,20 +9,13 @@ from scipy import stats
 from statsmodels.stats.proportion import proportion_confint
 
 from analysis.intervals import clopper_pearson, wilson
-
-# Newcombe (1998), Statist. Med. 17, 857-872, Table I: count, trials, Wilson (method 3), Clopper-Pearson (method 5)
-PRINTED = [
-    (81, 263, (0.2553, 0.3662), (0.2527, 0.3676)),
-    (15, 148, (0.0624, 0.1605), (0.0578, 0.1617)),
-    (0, 20, (0.0000, 0.1611), (0.0000, 0.1684)),
-    (1, 29, (0.0061, 0.1718), (0.0009, 0.1776)),
-]
+from tests.analysis.reference import printed
 
 
-@pytest.mark.parametrize(("count", "trials", "score", "exact"), PRINTED)
-def test_printed_intervals(count: int, trials: int, score: tuple[float, float], exact: tuple[float, float]) -> None:
-    for found, printed in ((wilson(count, trials), score), (clopper_pearson(count, trials), exact)):
-        assert (found.low, found.high) == pytest.approx(printed, abs=6e-5)
+@pytest.mark.parametrize(("count", "trials", "score", "exact"), printed("newcombe")["intervals"])
+def test_printed_intervals(count: int, trials: int, score: list[float], exact: list[float]) -> None:
+    for found, wanted in ((wilson(count, trials), score), (clopper_pearson(count, trials), exact)):
+        assert [found.low, found.high] == pytest.approx(wanted, abs=6e-5)
 
 
 @settings(max_examples=60, deadline=None)
