@@ -66,12 +66,11 @@ def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CO
     return Interval(float(low), float(high), confidence)
 
 
-def mean_interval(values: Floats, rng: np.random.Generator, confidence: float = CONFIDENCE) -> Interval:
-    """BCa interval of the mean among participants, values of shape (P,).
+def mean_interval(values: Floats, weights: NDArray[np.int64], confidence: float = CONFIDENCE) -> Interval:
+    """BCa interval of the mean among participants, values of shape (P,), from resamples of shape (B, P).
 
     Raises:
-        NotDefined: see `resamples` and `bca`.
+        NotDefined: see `bca`.
     """
-    weights = resamples(values.size, RESAMPLES, rng)
     left_out = leave_one_out(values.size) @ values / (values.size - 1)
     return bca(float(values.mean()), weights @ values / values.size, left_out, confidence)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.bootstrap import bca, leave_one_out, mean_interval, resamples
+from analysis.bootstrap import RESAMPLES, bca, leave_one_out, mean_interval, resamples
 from analysis.choice import Choice, fit, similarity_choice
 from analysis.confusion import Confusion
 from analysis.detection import corrected, d_prime
@@ -140,6 +140,7 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
     answers = (*matrix.materials, "")
     pooled = matrix.counts.sum(axis=0)
     cells = []
+    draws: dict[int, NDArray[np.int64]] = {}
     for i, presented in enumerate(matrix.materials):
         for j, answered in enumerate(answers[: len(matrix.materials)]):
             count, trials = int(pooled[i, j]), int(pooled[i].sum())
@@ -149,7 +150,9 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
             values = np.array([float(ratio) for ratio in matrix.ratios(i, j).values()])
             drawn, statement = None, ""
             try:
-                drawn = mean_interval(values, rng)
+                if values.size not in draws:
+                    draws[values.size] = resamples(values.size, RESAMPLES, rng)
+                drawn = mean_interval(values, draws[values.size])
             except NotDefined as reason:
                 statement = str(reason)
             exact = wilson(count, trials), clopper_pearson(count, trials)
@@ -175,7 +178,7 @@ def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
     said, value, interval = [], None, None
     try:
         value = d_prime(float(shares.mean()), count)
-        drawn = mean_interval(shares, rng)
+        drawn = mean_interval(shares, resamples(shares.size, RESAMPLES, rng))
         interval = Interval(d_prime(drawn.low, count), d_prime(drawn.high, count), CONFIDENCE)
     except NotDefined as reason:
         said.append(str(reason))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.bootstrap import LEAST, bca, leave_one_out, mean_interval, resamples
+from analysis.bootstrap import LEAST, RESAMPLES, bca, leave_one_out, mean_interval, resamples
 from analysis.exact import NotDefined
 
 RATIOS = np.array([2, 2, 5, 4, 5, 3, 0, 3, 3, 3, 3, 5, 1, 2, 9]) / 10
@@ -14,7 +14,7 @@ RATIOS = np.array([2, 2, 5, 4, 5, 3, 0, 3, 3, 3, 3, 5, 1, 2, 9]) / 10
 
 def test_the_interval_is_that_of_scipy_within_its_noise() -> None:
     expected = stats.bootstrap((RATIOS,), np.mean, n_resamples=40_000, method="BCa", rng=np.random.default_rng(1))
-    found = mean_interval(RATIOS, np.random.default_rng(2))
+    found = mean_interval(RATIOS, resamples(RATIOS.size, RESAMPLES, np.random.default_rng(2)))
     assert (found.low, found.high) == pytest.approx(tuple(expected.confidence_interval), abs=0.012)
 
 
@@ -44,17 +44,18 @@ def test_it_covers_about_as_often_as_it_says() -> None:
     rng = np.random.default_rng(8)
     hits = 0
     for _ in range(400):
-        found = mean_interval(rng.binomial(10, rng.beta(6, 4, size=20)) / 10, rng)
+        values = rng.binomial(10, rng.beta(6, 4, size=20)) / 10
+        found = mean_interval(values, resamples(20, 1999, rng))
         hits += found.low <= 0.6 <= found.high
     assert 0.88 <= hits / 400 <= 0.98
 
 
 def test_without_variance_there_is_no_interval() -> None:
     with pytest.raises(NotDefined, match="no variance"):
-        mean_interval(np.full(6, 0.4), np.random.default_rng(0))
+        mean_interval(np.full(6, 0.4), resamples(6, 99, np.random.default_rng(0)))
 
 
 @pytest.mark.parametrize("count", [0, 1, LEAST - 1])
 def test_too_few_participants_have_no_interval(count: int) -> None:
     with pytest.raises(NotDefined, match="needs 3 participants"):
-        mean_interval(np.linspace(0, 1, count), np.random.default_rng(0))
+        resamples(count, 99, np.random.default_rng(0))
