@@ -10,13 +10,16 @@ import numpy as np
 import pytest
 import statsmodels.api as sm
 import statsmodels.formula.api as smf
+from scipy.optimize import minimize
+from scipy.special import logsumexp
 
 from analysis.dataset import Study, read
 from analysis.exact import NotDefined
 from analysis.trial_level import trial_level
 from analysis.trial_models import gee, mixed
-from analysis.trials import LATER, RESPONSE, SPEED, TRIAL, design
+from analysis.trials import LATER, RESPONSE, SPEED, TRIAL, Design, design
 from tests.analysis.datasets import MATERIALS, trial, write_dataset
+from tests.analysis.reference import printed
 
 
 def _session(
@@ -72,6 +75,31 @@ def test_gee_is_that_of_the_formula_interface(tmp_path: Path) -> None:
     assert [one.error for one in found.coefficients[1:]] == pytest.approx((expected.bse * steps)[1:].tolist(), rel=1e-4)
     assert [term.df for term in found.terms] == [1, 2, 1, 1, 1, 1]
     assert found.participants == 12
+
+
+def _cbpp() -> Design:
+    counts = np.array(printed("cbpp")["counts"])
+    right = np.concatenate([np.arange(animals) < cases for _, cases, animals, _ in counts]).astype(np.float64)
+    herds, periods = np.repeat(counts[:, 0] - 1, counts[:, 2]), np.repeat(counts[:, 3], counts[:, 2])
+    matrix = np.column_stack([np.ones(len(right)), *(periods == period for period in (2, 3, 4))]).astype(np.float64)
+    return Design(right, herds, ("intercept", "2", "3", "4"), matrix, {"period": (1, 2, 3)}, {}, 0)
+
+
+def test_the_mixed_logit_is_close_to_maximum_likelihood() -> None:
+    """The likelihood by its definition: each herd's integral over a normal intercept, at 60 Hermite nodes."""
+    data = _cbpp()
+    nodes, weights = np.polynomial.hermite_e.hermegauss(60)
+
+    def minus_log_likelihood(parameters: np.ndarray) -> float:
+        odds = (data.matrix @ parameters[:4])[:, None] + np.exp(parameters[4]) * nodes
+        by_herd = np.zeros((15, nodes.size))
+        np.add.at(by_herd, data.participants, data.correct[:, None] * odds - np.logaddexp(0, odds))
+        return -float(logsumexp(by_herd + np.log(weights / weights.sum()), axis=1).sum())
+
+    wanted = minimize(minus_log_likelihood, np.zeros(5)).x
+    found = mixed(data)
+    assert [one.estimate for one in found.coefficients] == pytest.approx(wanted[:4].tolist(), abs=0.05)
+    assert found.spread == pytest.approx(np.exp(wanted[4]), abs=0.1)
 
 
 def test_known_odds_come_back(tmp_path: Path) -> None:
