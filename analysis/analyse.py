@@ -15,10 +15,12 @@ from analysis import published, report
 from analysis.anova import Anova
 from analysis.comparison import Comparison, compare
 from analysis.dataset import Study
+from analysis.dissimilarities import NONE as NO_DISSIMILARITIES
+from analysis.dissimilarities import from_file
+from analysis.dissimilarities import printed as printed_dissimilarities
 from analysis.latex import latex
 from analysis.output import MANIFEST, publish
 from analysis.pooling import read_pooled
-from analysis.published import spectra as published_spectra
 from analysis.results import Results, TaskResult, compute
 from analysis.sections import sections
 from analysis.tables import WIDTH, Section, comma_separated, markdown, text
@@ -69,16 +71,20 @@ class Analysis:
         return {**_numbers(self.study, self.results, self.comparison), **paths}
 
 
-def analyse(datasets: Sequence[Path], out: Path | None = None, *, figures: bool = True) -> Analysis:
+def analyse(
+    datasets: Sequence[Path], out: Path | None = None, *, figures: bool = True, dissimilarities: Path | None = None
+) -> Analysis:
     """Analyse the datasets in these folders, pooled where there are several, and write everything into `out`.
 
     Args:
         datasets: BIDS datasets made by palpate.
         out: folder of the results; `derivatives/palpate` in the dataset by default, where there is one.
         figures: whether to draw the figures, which takes most of the time.
+        dissimilarities: CSV file, see `analysis.dissimilarities.from_file`; the published ones by default.
 
     Raises:
-        DatasetError: for a dataset that cannot be read or pooled or has no trial left, and for a file in the way.
+        DatasetError: for a dataset or file that cannot be read, datasets that do not go together or have no trial left,
+            and a file in the way.
         ProtocolError: for a broken copy of the protocol in the dataset.
     """
     place = _place(datasets, out)
@@ -88,12 +94,14 @@ def analyse(datasets: Sequence[Path], out: Path | None = None, *, figures: bool 
         named = ", ".join(map(str, datasets))
         raise DatasetError(f"{named}: every trial is left out ({reasons}); check the exclusion rules of the protocol")
     printed = published.load(study.id)
-    spectra = published_spectra.load() if printed else None
-    dissimilarities = {pair: value.value for pair, value in spectra.pairs.items()} if spectra else {}
-    results = compute(study, printed.pairs() if printed else {}, dissimilarities)
+    if dissimilarities is not None:
+        alike = from_file(dissimilarities, study.materials)
+    else:
+        alike = printed_dissimilarities() if printed else NO_DISSIMILARITIES
+    results = compute(study, printed.pairs() if printed else {}, alike)
     comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
     parts = sections(study, results, comparison)
-    content = _content(study, results, comparison, parts, dissimilarities, figures=figures)
+    content = _content(study, results, comparison, parts, figures=figures)
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label))
 
 
@@ -118,7 +126,6 @@ def _content(
     results: Results,
     comparison: Comparison | None,
     parts: tuple[Section, ...],
-    dissimilarities: Mapping[frozenset[str], float],
     *,
     figures: bool,
 ) -> dict[str, bytes]:
@@ -129,7 +136,7 @@ def _content(
     if figures:
         from analysis import figures as drawing
 
-        for name, figure in drawing.figures(results, study.label, dissimilarities).items():
+        for name, figure in drawing.figures(results, study.label).items():
             drawings[name] = files[f"figures/{name}.svg"] = drawing.svg(figure)
             files[f"figures/{name}.png"] = drawing.png(figure)
     for section in (*parts, _counts(results)):

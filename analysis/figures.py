@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import io
 import textwrap
-from collections.abc import Mapping
 from typing import Any
 
 import matplotlib as mpl
@@ -35,20 +34,19 @@ STYLE: Any = {
 }
 
 
-def figures(results: Results, label: str, dissimilarities: Mapping[frozenset[str], float]) -> dict[str, Figure]:
+def figures(results: Results, label: str) -> dict[str, Figure]:
     """Every figure, by the name of its files.
 
     Args:
         results: at least one task.
         label: of the dataset; empty for a study's own data.
-        dissimilarities: of pairs of materials; without them one figure fewer.
     """
     with mpl.rc_context(STYLE):
         found = {"correct-ratios": correct_ratios(results, label), "confusion": heat_maps(results, label)}
         if any(one.scaling for one in results.identifications):
             found["map"] = maps(results, label)
         if any(one.mantel for one in results.identifications):
-            found["dissimilarity"] = against_dissimilarity(results, label, dissimilarities)
+            found["dissimilarity"] = against_dissimilarity(results, label)
         return found
 
 
@@ -136,7 +134,7 @@ def maps(results: Results, label: str) -> Figure:
     return figure
 
 
-def against_dissimilarity(results: Results, label: str, dissimilarities: Mapping[frozenset[str], float]) -> Figure:
+def against_dissimilarity(results: Results, label: str) -> Figure:
     """Every confusing ratio against the dissimilarity of the two materials (Okamoto, Fig. 13)."""
     figure = Figure(figsize=(6.4, 4.2), layout="constrained")
     axes = figure.add_subplot()
@@ -145,11 +143,11 @@ def against_dissimilarity(results: Results, label: str, dissimilarities: Mapping
             continue
         means, names = task.confusion.means(), task.confusion.materials
         pairs = [(i, j) for i in range(len(names)) for j in range(len(names)) if i != j]
-        x = [dissimilarities[frozenset((names[i], names[j]))] for i, j in pairs]
+        x = [results.dissimilarities.pairs[frozenset((names[i], names[j]))] for i, j in pairs]
         said = f"{one.task}: Mantel r = {one.mantel.r:.2f}, P = {one.mantel.p_two:.3f}"
         mark, colour = MARKERS[index % len(MARKERS)], COLOURS[index % len(COLOURS)]
         axes.plot(x, [means[i, j] for i, j in pairs], mark, color=colour, alpha=0.8, label=said)
-    axes.set_xlabel("dissimilarity of the spectra, normalised")
+    axes.set_xlabel(f"dissimilarity of the spectra ({results.dissimilarities.source})")
     axes.set_ylabel("confusing answer ratio")
     axes.set_ylim(bottom=0)
     axes.legend(frameon=False, fontsize=9)

@@ -71,7 +71,7 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
         _detection(found),
         *(_choice(one.task, one.choice, materials) for one in found if one.choice),
     ]
-    tables += [_scaling(found), _mantel(found)]
+    tables += [_scaling(found), _mantel(found, results.dissimilarities.source)]
     names = {"information": "information", "choice": "similarity-choice model", "scaling": "map", "mantel": "Mantel"}
     reasons = tuple(
         f"Not defined: {one.task}, {names[key]}: {reason}." for one in found for key, reason in one.statements.items()
@@ -159,15 +159,15 @@ def _scaling(found: tuple[Identification, ...]) -> Table:
     return Table("Map of the materials", header, rows, notes=notes)
 
 
-def _mantel(found: tuple[Identification, ...]) -> Table:
+def _mantel(found: tuple[Identification, ...], source: str) -> Table:
     rows = tuple(
         (one.task, str(test.pairs), f"{test.r:.3f}", str(test.orders), f"{test.p_less:.4f}", f"{test.p_two:.4f}")
         for one in found if (test := one.mantel)
     )  # fmt: skip
     header = ("task", "pairs", "r", "orders", "P, fewer confusions", "P, two-sided")
     notes = (
-        "Mean confusing ratio of a pair against the dissimilarity of their spectra (Table 3 of the paper). Exact: "
-        "every order of the materials is tried, and the smallest P there can be is 1 over their number.",
+        f"Mean confusing ratio of a pair against the dissimilarity of their spectra ({source}). Exact: every order of "
+        "the materials is tried, and the smallest P there can be is 1 over their number.",
     )
     return Table("Confusion against dissimilarity (Mantel's test)", header, rows, notes=notes)
 

@@ -20,8 +20,7 @@ CAPTIONS = {
     "here.",
     "confusion": "Answer ratios as heat maps. The numbers stand in the tables here.",
     "map": "Materials as points: the closer two are, the more they were taken for one another.",
-    "dissimilarity": "Confusing answer ratios against the printed dissimilarity of spectra (as Fig. 13 of Okamoto et "
-    "al.).",
+    "dissimilarity": "Confusing answer ratios against the dissimilarity of spectra (as Fig. 13 of Okamoto et al.).",
 }
 
 STYLE = """

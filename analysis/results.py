@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from numpy.typing import NDArray
 
 from analysis.anova import TYPES, Anova, Cells, cells, one_way, two_way
 from analysis.bayes import log_bayes_factor
 from analysis.confusion import Confusion, confusion
 from analysis.dataset import Study, Task
+from analysis.dissimilarities import NONE as NO_DISSIMILARITIES
+from analysis.dissimilarities import Dissimilarities
 from analysis.effect_sizes import EffectSize, cohens_d
 from analysis.exact import NotDefined
 from analysis.icc import Icc, icc
@@ -102,6 +103,7 @@ class Results:
 
     tasks: tuple[TaskResult, ...]
     identifications: tuple[Identification, ...]
+    dissimilarities: Dissimilarities
     pairs: tuple[PairTest, ...]
     two_way: tuple[Anova, ...]
     two_way_statement: str
@@ -115,7 +117,7 @@ class Results:
 
 
 def compute(
-    study: Study, pairs: Mapping[str, tuple[str, str]], dissimilarities: Mapping[frozenset[str], float]
+    study: Study, pairs: Mapping[str, tuple[str, str]], dissimilarities: Dissimilarities = NO_DISSIMILARITIES
 ) -> Results:
     """Every result of a study.
 
@@ -125,7 +127,7 @@ def compute(
         dissimilarities: of pairs of materials, such as those of their spectra; confusions are compared with them where
             no pair is missing.
     """
-    table = _pairwise(study.materials, dissimilarities)
+    table = dissimilarities.table(study.materials)
     tasks = tuple(_task(study, task) for task in study.tasks if len(study.trials(task.id)))
     data, statement = _crossed(tasks)
     return Results(
@@ -134,6 +136,7 @@ def compute(
             identify(task.task.id, task.confusion, table, np.random.default_rng([SEED, place]))
             for place, task in enumerate(tasks)
         ),
+        dissimilarities=dissimilarities,
         pairs=tuple(test for task in tasks for test in _pairs(task, pairs.get(task.task.id))),
         two_way=tuple(two_way(data, kind) for kind in TYPES) if data else (),
         two_way_statement=statement,
@@ -168,14 +171,6 @@ def _task(study: Study, task: Task) -> TaskResult:
 
 def _strength(test: TTest) -> tuple[EffectSize | None, float | None]:
     return (None, None) if test.t is None else (cohens_d(test.t, test.df), log_bayes_factor(test.t, test.n))
-
-
-def _pairwise(materials: Sequence[str], dissimilarities: Mapping[frozenset[str], float]) -> NDArray[np.float64] | None:
-    """The dissimilarities as a symmetric table, shape (M, M); None where one is missing."""
-    pairs = {frozenset((a, b)) for a in materials for b in materials if a != b}
-    if not pairs <= set(dissimilarities):
-        return None
-    return np.array([[dissimilarities[frozenset((a, b))] if a != b else 0.0 for b in materials] for a in materials])
 
 
 def _chance(study: Study, task: str) -> Fraction:

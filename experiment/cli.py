@@ -147,6 +147,9 @@ def analyse(
         Path | None, typer.Option("--out", help="Folder for tables, figures and report; inside DATASET by default.")
     ] = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
+    dissimilarities: Annotated[
+        Path | None, typer.Option("--dissimilarities", help="CSV of pairs of materials, as `palpate validate` writes.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Make the tables and the report of a dataset.
@@ -154,7 +157,7 @@ def analyse(
     Confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs, ICCs, models of single
     trials, figures and one HTML report; a study that was published is compared with its paper, value by value.
     """
-    _analyse(datasets, out, as_json=as_json, figures=figures)
+    _analyse(datasets, out, as_json=as_json, figures=figures, dissimilarities=dissimilarities)
 
 
 @app.command(epilog="Example: palpate spectrum recording.lvm --plot spectrum.svg")
@@ -226,10 +229,12 @@ def free(path: Path) -> Path:
     return next((name for name in names if not name.exists()), path)
 
 
-def _analyse(datasets: list[Path], out: Path | None, *, as_json: bool, figures: bool) -> None:
+def _analyse(
+    datasets: list[Path], out: Path | None, *, as_json: bool, figures: bool, dissimilarities: Path | None = None
+) -> None:
     from analysis import analyse as analyses
 
-    result = analyses.analyse(datasets, out, figures=figures)
+    result = analyses.analyse(datasets, out, figures=figures, dissimilarities=dissimilarities)
     if as_json:
         _json(result.as_dict())
     else:

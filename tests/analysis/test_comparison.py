@@ -61,7 +61,7 @@ def reconstructed(repository_root: Path) -> Comparison:
 def _compared(root: Path, *, diagnose: bool) -> Comparison:
     printed = load("okamoto2012")
     assert printed is not None
-    return compare(printed, compute(read(root), printed.pairs(), {}), diagnose=diagnose)
+    return compare(printed, compute(read(root), printed.pairs()), diagnose=diagnose)
 
 
 def _lines(comparison: Comparison, **wanted: str) -> list[Line]:
