@@ -10,9 +10,15 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from analysis.exact import NotDefined
+
 CONFIDENCE = 0.95
 ETA_CONFIDENCE = 0.90
 """An F test at 5 % uses one tail: its interval that excludes 0 exactly when P < 0.05 is that of 90 % (Steiger 2004)."""
+
+
+SMALLEST = 1e-100
+"""A t nearer to 0 is taken as 0: scipy's noncentral t has no value there."""
 
 
 @dataclass(frozen=True)
@@ -55,10 +61,11 @@ def cohens_d(t: float, df: int, confidence: float = CONFIDENCE) -> EffectSize:
     from scipy.special import nctdtr
 
     root = math.sqrt(df + 1)
+    observed = 0.0 if abs(t) < SMALLEST else t
     tail = (1 - confidence) / 2
     limits = []
     for probability in (1 - tail, tail):
-        limit = _noncentrality(lambda nc: float(nctdtr(df, nc, t)), probability, None)
+        limit = _noncentrality(lambda nc: float(nctdtr(df, nc, observed)), probability, None)
         limits.append(None if limit is None else limit / root)
     return EffectSize(t / root, limits[0], limits[1], confidence)
 
@@ -68,6 +75,19 @@ def _noncentrality(below: Callable[[float], float], probability: float, least: f
 
     Bisection down to neighbouring numbers. None where the distribution cannot be computed.
     """
+    try:
+        return _bisected(lambda nc: _number(below(nc)), probability, least)
+    except NotDefined:
+        return None
+
+
+def _number(value: float) -> float:
+    if math.isnan(value):
+        raise NotDefined("the distribution cannot be computed")
+    return value
+
+
+def _bisected(below: Callable[[float], float], probability: float, least: float | None) -> float | None:
     if least is not None and below(least) <= probability:
         return least
     low, high = (least if least is not None else -1.0), 1.0

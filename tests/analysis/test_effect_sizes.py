@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import mpmath
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from analysis.effect_sizes import cohens_d, partial_eta_squared
+from analysis.effect_sizes import EffectSize, cohens_d, partial_eta_squared
 
 
 def _below_f(f: float, df1: int, df2: int, noncentrality: float) -> float:
@@ -71,10 +71,17 @@ def test_eta_squared_lies_in_its_unit_interval(f: float, df1: int, df2: int) -> 
         assert 0 <= found.low <= found.high < 1
 
 
-@settings(max_examples=50, deadline=None)
+def test_what_scipy_cannot_compute_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scipy.special.nctdtr", lambda *_: float("nan"))
+    assert cohens_d(2.0, 9) == EffectSize(2.0 / 10**0.5, None, None, 0.95)
+
+
+@settings(max_examples=200, deadline=None)
+@example(4.243404978914429e-122, 1)
 @given(st.floats(-40, 40), st.integers(1, 60))
 def test_d_does_not_care_for_the_side(t: float, df: int) -> None:
     found, other = cohens_d(t, df), cohens_d(-t, df)
     assert found.value == -other.value
+    assert (found.low is None) == (other.high is None)
     if found.low is not None and other.high is not None:
         assert found.low == pytest.approx(-other.high, rel=1e-6, abs=1e-6)
