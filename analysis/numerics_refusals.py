@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,7 +13,7 @@ from analysis import numerics_oracle as oracle
 from analysis.numerics_invariants import BAND_HZ, BINS, OUTPUT_RATES_HZ, Case, Seen, material, refused, some
 from analysis.numerics_oracle import RATE_HZ, SPEEDS_MM_S
 from experiment.errors import PalpateError
-from experiment.synthesis import crinkle, engine, pruning, shaping, spectra
+from experiment.synthesis import crinkle, engine, methods, noise, pruning, shaping, spectra
 from experiment.synthesis.first_block import FirstBlockFirst
 
 Limit = Callable[[ArrayLike, float], tuple[NDArray[np.float64], int]]
@@ -21,6 +22,7 @@ Limit = Callable[[ArrayLike, float], tuple[NDArray[np.float64], int]]
 Call = Callable[[float], object]
 EITHER = {"NaN": np.nan, "infinity": np.inf, "-infinity": -np.inf}
 NAN = {"NaN": np.nan}
+NO_LIMIT = {"NaN": np.nan, "-infinity": -np.inf}
 """Where infinity is a bound like any other."""
 
 FREQUENCIES_HZ, LEVELS_V = np.linspace(10.0, 600.0, 60), np.sqrt(2) * np.array([0.1, 0.5, 1.0, 1.5])
@@ -126,21 +128,34 @@ def _with(values: NDArray[np.float64], value: float) -> NDArray[np.float64]:
 
 
 def _inputs() -> list[tuple[str, Call, dict[str, float]]]:
-    """Every input that is not a whole number, of every public function: name, what calls it so, values to refuse."""
-    return [*_of_spectra(), *_of_crinkle(), *_of_methods(), *_of_shaping()]
+    """Every number that a public function takes: its name, what calls it so, values to refuse."""
+    return [*_of_spectra(), *_of_crinkle(), *_of_methods(), *_of_shaping(), *_of_noise()]
 
 
 def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
     c, f = some()[0], spectra.bin_frequencies_hz(bins=BINS, rate_hz=RATE_HZ)
-    rates = {"rate_hz": RATE_HZ, "output_rate_hz": OUTPUT_RATES_HZ[0]}
+    rates: dict[str, Any] = {"rate_hz": RATE_HZ, "output_rate_hz": OUTPUT_RATES_HZ[0]}
     on = spectra.grid(samples=BINS, bins=BINS, **rates)
     distance = spectra.dissimilarity
     return [
+        ("finite: values", lambda x: spectra.finite(_with(c, x), what="c"), EITHER),
         ("spectrum: samples", lambda x: spectra.spectrum(_with(c, x)), EITHER),
         ("bin_frequencies_hz: rate_hz", lambda x: spectra.bin_frequencies_hz(bins=BINS, rate_hz=x), EITHER),
         ("inverse: coefficients", lambda x: spectra.inverse(_with(c, x)), EITHER),
         ("inverse_on: coefficients", lambda x: spectra.inverse_on(_with(c, x), on), EITHER),
         ("inverse_at_rate: coefficients", lambda x: spectra.inverse_at_rate(_with(c, x), **rates), EITHER),
+        ("inverse_at_rate: rate_hz", lambda x: spectra.inverse_at_rate(c, **{**rates, "rate_hz": x}), EITHER),
+        (
+            "inverse_at_rate: output_rate_hz",
+            lambda x: spectra.inverse_at_rate(c, **{**rates, "output_rate_hz": x}),
+            EITHER,
+        ),
+        ("grid: rate_hz", lambda x: spectra.grid(samples=BINS, bins=BINS, **{**rates, "rate_hz": x}), EITHER),
+        (
+            "grid: output_rate_hz",
+            lambda x: spectra.grid(samples=BINS, bins=BINS, **{**rates, "output_rate_hz": x}),
+            EITHER,
+        ),
         ("dissimilarity: a", lambda x: distance(_with(c, x), c, frequencies_hz=f), EITHER),
         ("dissimilarity: b", lambda x: distance(c, _with(c, x), frequencies_hz=f), EITHER),
         ("dissimilarity: frequencies_hz", lambda x: distance(c, c, frequencies_hz=_with(f, x)), EITHER),
@@ -151,6 +166,21 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
             lambda x: spectra.dissimilarity_matrix(_with(some(), x), frequencies_hz=f),
             EITHER,
         ),
+        (
+            "dissimilarity_matrix: frequencies_hz",
+            lambda x: spectra.dissimilarity_matrix(some(), frequencies_hz=_with(f, x)),
+            EITHER,
+        ),
+        (
+            "dissimilarity_matrix: band_hz, lowest",
+            lambda x: spectra.dissimilarity_matrix(some(), frequencies_hz=f, band_hz=(x, 500.0)),
+            NAN,
+        ),
+        (
+            "dissimilarity_matrix: band_hz, highest",
+            lambda x: spectra.dissimilarity_matrix(some(), frequencies_hz=f, band_hz=(0.0, x)),
+            NAN,
+        ),
     ]
 
 
@@ -160,9 +190,19 @@ def _of_crinkle() -> list[tuple[str, Call, dict[str, float]]]:
     make = partial(crinkle.CrinkleSpectra, rate_hz=RATE_HZ)
     subtract = partial(crinkle.subtract, rate_hz=RATE_HZ)
     return [
-        ("spectra: speeds_mm_s", lambda x: make(speeds_mm_s=_with(speeds, x), amplitudes=a, signs=of.signs), EITHER),
-        ("spectra: amplitudes", lambda x: make(speeds_mm_s=speeds, amplitudes=_with(a, x), signs=of.signs), EITHER),
-        ("spectra: signs", lambda x: make(speeds_mm_s=speeds, amplitudes=a, signs=_with(of.signs, x)), EITHER),
+        ("rising: speeds_mm_s", lambda x: crinkle.rising(_with(speeds, x)), EITHER),
+        ("foot_speed: speed_mm_s", crinkle.foot_speed, EITHER),
+        (
+            "CrinkleSpectra: speeds_mm_s",
+            lambda x: make(speeds_mm_s=_with(speeds, x), amplitudes=a, signs=of.signs),
+            EITHER,
+        ),
+        (
+            "CrinkleSpectra: amplitudes",
+            lambda x: make(speeds_mm_s=speeds, amplitudes=_with(a, x), signs=of.signs),
+            EITHER,
+        ),
+        ("CrinkleSpectra: signs", lambda x: make(speeds_mm_s=speeds, amplitudes=a, signs=_with(of.signs, x)), EITHER),
         (
             "subtract: speeds_mm_s",
             lambda x: subtract(speeds_mm_s=_with(speeds, x), panel_object_takes=takes, panel_takes=takes),
@@ -185,6 +225,9 @@ def _of_crinkle() -> list[tuple[str, Call, dict[str, float]]]:
 
 def _of_methods() -> list[tuple[str, Call, dict[str, float]]]:
     of, rate_hz = material(some()), OUTPUT_RATES_HZ[0]
+    on, band_hz = of.grid(rate_hz), (100.0, 500.0)
+    share = partial(pruning.largest_share, of, carried=on.carried)
+    loudest = partial(pruning.loudest_outside, of)
     begin = FirstBlockFirst().prepare(of, output_rate_hz=rate_hz).begin
     choose = partial(engine.choose, of, output_rate_hz=rate_hz)
     rendered = [
@@ -200,6 +243,12 @@ def _of_methods() -> list[tuple[str, Call, dict[str, float]]]:
         ("choose: band_hz, highest", lambda x: choose(band_hz=(0.0, x)), NAN),
         ("prune: band_hz, lowest", lambda x: pruning.prune(of, band_hz=(x, 500.0)), EITHER),
         ("prune: band_hz, highest", lambda x: pruning.prune(of, band_hz=(0.0, x)), NAN),
+        ("largest_share: band_hz, lowest", lambda x: share(band_hz=(x, 500.0)), EITHER),
+        ("largest_share: band_hz, highest", lambda x: share(band_hz=(0.0, x)), NAN),
+        ("loudest_outside: band_hz, lowest", lambda x: loudest(band_hz=(x, 500.0), fastest_mm_s=600.0), EITHER),
+        ("loudest_outside: band_hz, highest", lambda x: loudest(band_hz=(0.0, x), fastest_mm_s=600.0), NAN),
+        ("loudest_outside: fastest_mm_s", lambda x: loudest(band_hz=band_hz, fastest_mm_s=x), EITHER),
+        ("rms: amplitudes", lambda x: methods.rms(_with(some(), x), on), EITHER),
     ]
 
 
@@ -209,19 +258,21 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     shape = partial(shaping.shape, response=response, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     drive = partial(shaping.drive, rate_hz=RATE_HZ, response=response)
     move = partial(shaping.accelerations, response=response)
+    within: Callable[..., object] = partial(drive, c, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     unbounded = partial(shaping.shape, c, frequencies_hz=f, response=response)
     return [
         (
-            "response: frequencies_hz",
+            "Response: frequencies_hz",
             lambda x: shaping.Response(_with(FREQUENCIES_HZ, x), LEVELS_V, _answers()),
             EITHER,
         ),
-        ("response: levels_v", lambda x: shaping.Response(FREQUENCIES_HZ, _with(LEVELS_V, x), _answers()), EITHER),
+        ("Response: levels_v", lambda x: shaping.Response(FREQUENCIES_HZ, _with(LEVELS_V, x), _answers()), EITHER),
         (
-            "response: accelerations_m_s2",
+            "Response: accelerations_m_s2",
             lambda x: shaping.Response(FREQUENCIES_HZ, LEVELS_V, _with(_answers(), x)),
             EITHER,
         ),
+        ("not_rising: accelerations_m_s2", lambda x: shaping.not_rising(_with(_answers(), x)), EITHER),
         ("shape: coefficients", lambda x: shape(_with(c, x), frequencies_hz=f), EITHER),
         ("shape: frequencies_hz", lambda x: shape(c, frequencies_hz=_with(f, x)), EITHER),
         ("shape: gain_limit_v_per_m_s2", lambda x: unbounded(gain_limit_v_per_m_s2=x), EITHER),
@@ -229,6 +280,16 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
         ("accelerations: frequencies_hz", lambda x: move(c, frequencies_hz=_with(f, x)), EITHER),
         ("drive: waveform_m_s2", lambda x: drive(_with(c, x), gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2), EITHER),
         ("drive: gain_limit_v_per_m_s2", lambda x: drive(c, gain_limit_v_per_m_s2=x), EITHER),
+        ("drive: limit_m_s2", lambda x: within(limit_m_s2=x), NO_LIMIT),
+        ("drive: limit_v", lambda x: within(limit_v=x), NO_LIMIT),
+    ]
+
+
+def _of_noise() -> list[tuple[str, Call, dict[str, float]]]:
+    make: Callable[..., object] = partial(noise.noise, colour="pink", rng=np.random.default_rng(1))
+    return [
+        ("noise: samples", lambda x: make(samples=x, rate_hz=OUTPUT_RATES_HZ[0]), EITHER),
+        ("noise: rate_hz", lambda x: make(samples=OUTPUT_RATES_HZ[0], rate_hz=x), EITHER),
     ]
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, foot_speed, synthesise
-from experiment.synthesis.methods import ROUNDING, Estimate, held_bytes, rms, transform_error
+from experiment.synthesis.methods import LEAST, ROUNDING, Estimate, held_bytes, rms, transform_error
 from experiment.synthesis.spectra import inverse_on
 
 CANCELLATION = 8.0
@@ -80,13 +80,16 @@ class Basis:
         on = spectra.grid(output_rate_hz)
         levels = rms(spectra.amplitudes, on)
         scales = np.ones(len(levels))
+        amplitudes = spectra.amplitudes[:, : on.carried].copy()
+        amplitudes[:, 0] = 0.0  # it sounds in no waveform, and may be larger than what does
         if self.single:
-            largest = spectra.amplitudes.max(axis=1)
-            scales = np.where(largest > 0, np.ldexp(1.0, np.frexp(largest)[1] - 1), 1.0)
+            largest = amplitudes.max(axis=1)
+            # Of silence the least: a larger one would outweigh the waveform of a quiet neighbour.
+            scales = np.where(largest > 0, np.ldexp(1.0, np.frexp(largest)[1] - 1), LEAST)
 
         @cache
         def waveform(at: int, sign: int) -> NDArray[Any]:
-            samples = inverse_on(spectra.amplitudes[at] / scales[at] * spectra.signs[sign], on)
+            samples = inverse_on(amplitudes[at] / scales[at] * spectra.signs[sign, : on.carried], on)
             return samples.astype(np.float32 if self.single else np.float64)
 
         lowest, highest = _holds_between(spectra, levels)
