@@ -1,22 +1,23 @@
 """First block first: the samples that an actuator needs at once, then the rest.
 
-It is for a driver that can begin to play before the rest is there: `begin` returns the first block, `Begun.complete` the
-whole. Sessions do not use it: they limit and shape whole stimuli, and between measured speeds the whole takes some 12 us.
+It is for a driver that can begin to play before the rest is there: `begin` returns the first block, `Begun.complete`
+the whole. Sessions do not use it: they limit and shape whole stimuli, and between measured speeds the whole takes some
+12 us.
 
 Where the weighted sum of `basis.py` holds, the first block is its first samples. Beyond the measured speeds, where bins
 are floored one after the other, it is a sum over the bins that still sound. Bins are kept in the order in which they
 fall to zero, with the sums over all bins from every `STRIDE`-th of them on, so that only a few are left to add. The
 rest of such a stimulus needs a whole inverse DCT.
 
-How far these sums may err, in units u of one rounding. At g gaps beyond the nearest speed bin k sounds at L_k + g R_k, R_k
-being its rise over a gap, and M bins at most sound. Each L_k cos and each g R_k cos is rounded: R_k once, g three times,
-the cosine `COSINE_ROUNDINGS` times, product and sum of a stride `STRIDE` times, the sum of P strides P times; g R_k, its sum
-with L_k and the sum with the bins between two strides once each. A bin that falls within 5 u of g may be counted or left
-out wrongly, by 5 u L_k. That makes E = STRIDE + P + COSINE_ROUNDINGS + 7 roundings, and one more for what is of second
-order, of the sum of all L_k + g |R_k|. A rising bin adds just what it sounds at to this sum, and a falling one that
-still sounds less than 2 L_k. With the rms r of the whole, at least that of all L_k, the inequality of Cauchy and Schwarz
-makes this sum at most sqrt(2) r (sqrt(M_rising) + 2 sqrt(M_falling)) <= sqrt(10 M) r, and the error of any sample at most
-(E + 1) u sqrt(10 M) r.
+How far these sums may err, in units u of one rounding. At g gaps beyond the nearest speed bin k sounds at L_k + g R_k,
+R_k being its rise over a gap, and at most M bins sound. R_k is rounded once, g three times, a cosine
+`COSINE_ROUNDINGS` times, product and sum within a stride `STRIDE` times, the sum of P strides P times; g R_k, its sum
+with L_k, and the sum with the bins between two strides once each. A bin that falls within 5 u of g may be counted or
+left out wrongly, by 5 u L_k. That makes E = STRIDE + P + COSINE_ROUNDINGS + 7 roundings, and one more for what is of
+second order, of the sum of all L_k + g |R_k|. To this sum a rising bin adds what it sounds at, and a falling one that
+still sounds at most 2 L_k. Let r be the rms of the whole, and at least that of all L_k. By the inequality of Cauchy and
+Schwarz the sum is at most sqrt(2) r (sqrt(M_rising) + 2 sqrt(M_falling)) <= sqrt(10 M) r, and no sample errs by more
+than (E + 1) u sqrt(10 M) r.
 """
 
 from __future__ import annotations

@@ -29,8 +29,8 @@ AT_SPEED_ROUNDINGS = 8
 """Roundings in equation (3): at most seven a bin, whatever the speed (see `crinkle.at_speed`)."""
 
 COSINE_ROUNDINGS = 13
-"""Roundings, of 1, in a cosine of `cosines`: an angle below 2 pi is the product of a whole number below 2^53 and pi/2p, and
-so within 2.4 roundings of itself; its cosine within 2.4 max(x sin x) = 11.6, and one for the cosine itself."""
+"""Roundings, of 1, in a cosine of `cosines`: an angle below 2 pi is the product of a whole number below 2^53 and
+pi / 2p, and so within 2.4 roundings of itself; its cosine within 2.4 max |x sin x| = 11.6, and one of its own."""
 
 LEAST = 5e-324
 """The smallest float64: what the rounding of a denormal number costs at most, twice."""
@@ -161,8 +161,8 @@ class _InverseDct:
 def printed_sum_error(bins: int) -> float:
     """Bound on the relative error of any sample of a printed sum, equation (3) included.
 
-    Each term is within the roundings of its amplitude, its cosine and its product, and of a sum of blocks of 128 terms in
-    eight running sums, then pairwise: 19 + log2(bins). The sum of the amplitudes is at most sqrt(2 bins) times the rms.
+    Each term is within the roundings of its amplitude, its cosine and its product, and of a sum of blocks of 128 terms
+    in eight running sums, then pairwise: 19 + log2(bins). The amplitudes add up to at most sqrt(2 bins) times the rms.
     """
     return (AT_SPEED_ROUNDINGS + COSINE_ROUNDINGS + 20 + log2(bins)) * ROUNDING * sqrt(2 * bins)
 
@@ -170,8 +170,8 @@ def printed_sum_error(bins: int) -> float:
 def denormal_error_m_s2(samples: int) -> float:
     """What the rounding of numbers below 1e-307 may add to an error, m/s^2.
 
-    Equation (3) and the weights of scaled waveforms round twice a bin, by half of `LEAST` each; the waveforms themselves
-    are made of normal numbers (`spectra.LIFT`), rounded once a sample, and weighted by 15 at most (`basis.CANCELLATION`).
+    Equation (3), or the weights of scaled waveforms, round twice a bin, by `LEAST` at most. The waveforms are made of
+    normal numbers (`spectra.LIFT`), rounded once a sample, and weighted by 15 at most (`basis.CANCELLATION`).
 
     Args:
         samples: N of the recordings.

@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis import numerics_cases, numerics_invariants, numerics_refusals
 from analysis.numerics_invariants import Case, Outcome, refused, settle
+from experiment import synthesis
 from experiment.apparatus.limiter import limit
 from experiment.errors import SynthesisError
-from experiment import synthesis
 from experiment.synthesis import basis, crinkle, shaping
 from experiment.synthesis.basis import Weights
 from experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed

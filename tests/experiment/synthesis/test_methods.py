@@ -1,4 +1,4 @@
-"""Every method keeps the error that it claims, at the paper's size and in extreme cases (random ones: `test_bounds.py`)."""
+"""Every method keeps the error that it claims: at the paper's size and in extreme cases (random: `test_bounds.py`)."""
 
 from __future__ import annotations
 
