@@ -7,6 +7,11 @@ are summed beforehand, 3 S - 2 of them for S speeds, and a step costs two produc
 Beyond the measured speeds the same holds, as long as no bin is floored and the two terms, of opposite sign, stay within
 `CANCELLATION` times the vibration at the nearest measured speed. The speeds between which both hold are found
 beforehand, and outside them the inverse DCT takes over: one floored bin is one cosine too many in every sample.
+
+No cheaper way past the first floored bin was found that stays small. The sums of `first_block.py`, for 24,000 samples
+instead of 64, would take 30 MB a side and material, and then up to 31 cosines a sample. Taking each fallen bin's cosine
+out of the weighted sum costs some 30 us a bin, a quarter of the inverse DCT; and of a simulated material's 2,500 bins
+up to 13 are floored 10 mm/s beyond the fastest recording, 17 to 34 at 50 mm/s beyond, and 60 to 90 at 100 mm/s.
 """
 
 from __future__ import annotations

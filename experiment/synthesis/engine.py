@@ -22,7 +22,8 @@ EXACT = 1e-12
 
 FASTEST_FIRST: tuple[Method, ...] = (Basis(), FirstBlockFirst(), Basis(single=True), InverseDct(), PrintedSum())
 """By the time from the speed to the complete waveform: `tests/benchmarks/synthesis.py` prints the order it measures.
-The first three differ by less than their spread; among them the more exact and the smaller comes first."""
+The first three are within some 20 % of one another, and their order changes with what else fills the caches: single
+precision is the faster of them in cold ones and the slower in warm ones. So the more exact comes before it."""
 
 TAKEN = {
     "basis waveforms": "wherever its error and memory are allowed, as in a session",
