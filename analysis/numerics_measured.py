@@ -131,6 +131,7 @@ def _first_block(method: Method, samples: int, rate_hz: int, v: float, extent: E
         given={"samples": samples, "output_rate_hz": rate_hz, "speed_mm_s": v},
         timed=_timed(lambda: render.begin(v), extent),
         error=float(oracle.error(first, replace(exact, samples=exact.samples[: first.size])) / exact.scale),
+        claimed=method.estimate(spectra, output_rate_hz=rate_hz).first_block_error,
     )
 
 

@@ -25,7 +25,7 @@ RATE_HZ, PAPER_SAMPLES, SPEEDS_MM_S = 5000, 2500, (50.0, 100.0, 200.0, 300.0)
 PI = 4 * np.arctan(np.longdouble(1))
 
 LEAST = 5e-324
-"""The smallest float64, m/s^2: what rounding a denormal may cost a bin."""
+"""The smallest float64, m/s^2."""
 
 OCTAVES_HZ = (31.5, 63.0, 125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0, 16000.0)
 """Nominal centres of the octave bands; the exact ones are 1000 times a power of 10^0.3 (IEC 61260-1)."""
@@ -41,18 +41,18 @@ class Exact:
     Attributes:
         samples: shape (n,), m/s^2.
         scale: what a relative error is divided by, as `experiment.synthesis.methods` defines it.
-        rounding: what rounding denormals may add to the error at most, m/s^2.
         floored: bins that the line of equation (3) makes negative.
         extrapolated: whether the speed lies outside the measured ones.
         dropped: bins that the output rate cannot carry.
+        bins: N of the recordings.
     """
 
     samples: Extended
     scale: np.longdouble
-    rounding: np.longdouble
     floored: int
     extrapolated: bool
     dropped: int
+    bins: int
 
 
 def extended_epsilon() -> float:
@@ -86,10 +86,10 @@ def stimulus(spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int)
     return Exact(
         samples=_inverse(wanted[:carried], _places(spectra, output_rate_hz)),
         scale=length / np.sqrt(np.longdouble(2)),
-        rounding=spectra.samples * np.longdouble(LEAST),
         floored=floored,
         extrapolated=nearest is not None,
         dropped=wanted.size - carried,
+        bins=spectra.samples,
     )
 
 

@@ -152,10 +152,7 @@ def _cases(outcomes: tuple[Outcome, ...]) -> Section:
     return Section(
         slug="cases",
         title="Extreme cases",
-        paragraphs=(
-            "Every method at every output rate, and every input that is not a whole number (whole numbers have "
-            "neither NaN nor infinity).",
-        ),
+        paragraphs=("Every method at every output rate, and every number that a public function of synthesis takes.",),
         tables=tuple(full),
         records=tuple(
             {

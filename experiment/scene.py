@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -114,9 +114,15 @@ def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_r
         RecordingError: a recording is missing or unusable.
         SynthesisError: no waveform can be made of the recordings at one of the rates.
     """
-    from experiment.synthesis import crinkle, methods
-
     spectra = load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    return prepare_stimuli(spectra, protocol=protocol, output_rates_hz=output_rates_hz)
+
+
+def prepare_stimuli(
+    spectra: Mapping[str, CrinkleSpectra], *, protocol: Protocol, output_rates_hz: Sequence[int] = ()
+) -> Render:
+    """What renders a stimulus from spectra; arguments and errors as in `open_stimuli`."""
+    from experiment.synthesis import crinkle, methods
 
     @cache
     def renderer(material: str, output_rate_hz: int) -> methods.Renderer:
@@ -124,7 +130,7 @@ def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_r
         return choice.prepare(spectra[material], output_rate_hz=output_rate_hz)
 
     for output_rate_hz in output_rates_hz:
-        for material in scene.materials:
+        for material in spectra:
             renderer(material, output_rate_hz)
 
     def render(material: str, speed_mm_s: float, output_rate_hz: int) -> crinkle.Synthesised:

@@ -42,6 +42,26 @@ SPEEDS_MM_S = tuple(float(v) for v in range(40, 420, 20))
 """Foot speeds at which times and errors are taken."""
 
 REPEATS = 5
+TURNS = 51
+"""Rounds over all speeds where single steps are timed, for what lies between two ways may be less than 1 us."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A time, as the median of repeats, and how far these spread.
+
+    Attributes:
+        ms: median, ms.
+        spread_ms: from the lower to the upper quartile, ms.
+    """
+
+    ms: float
+    spread_ms: float
+
+    @property
+    def measurable(self) -> bool:
+        """Whether it is more than the spread of the repeats; what is not is no saving."""
+        return abs(self.ms) > self.spread_ms
 
 
 @dataclass(frozen=True)
@@ -51,16 +71,41 @@ class Omission:
     Attributes:
         kind: what sort of thing.
         what: in words.
-        saves_ms: time saved, ms; None where there is none to measure.
+        saves: time saved, negative where leaving it out takes longer; None where there is none to measure.
         saves_kb: memory saved, kB (1000 bytes); None as above.
         cost: the error that leaving it out makes, in words and figures.
     """
 
     kind: Kind
     what: str
-    saves_ms: float | None
+    saves: Taken | None
     saves_kb: float | None
     cost: str
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON; `saves_ms` is null where no difference could be measured."""
+        time = self.saves
+        return {
+            "kind": self.kind,
+            "what": self.what,
+            "saves_ms": time.ms if time is not None and time.measurable else None,
+            "spread_ms": time.spread_ms if time is not None else None,
+            "saves_kb": self.saves_kb,
+            "cost": self.cost,
+        }
+
+    def saved(self) -> str:
+        """In words."""
+        time, parts = self.saves, []
+        if time is not None and time.measurable:
+            parts.append(f"{_time(time.ms)} (repeats spread over {_time(time.spread_ms)})")
+        if self.saves_kb is not None:
+            parts.append(f"{self.saves_kb:.0f} kB")
+        saved = f"saves {' and '.join(parts) or 'attention'}"
+        if time is None or time.measurable:
+            return saved
+        seen = f"no measurable difference in time ({_time(time.ms)}, repeats spread over {_time(time.spread_ms)})"
+        return f"{saved}; {seen}" if parts else seen
 
 
 @dataclass(frozen=True)
@@ -71,14 +116,16 @@ class TaskPlan:
     title: str
     needs: tuple[str, ...]
     left_out: tuple[Omission, ...]
+    ways: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
         return {
             "task": self.task,
             "needs": list(self.needs),
+            "ways": list(self.ways),
             "never_left_out": list(ALWAYS),
-            "left_out": [dict(vars(omission)) for omission in self.left_out],
+            "left_out": [omission.as_dict() for omission in self.left_out],
         }
 
     def text(self) -> str:
@@ -88,16 +135,12 @@ class TaskPlan:
             "",
             "needs",
             *(f"  {need}" for need in self.needs),
+            *(["", "ways to compute a stimulus", *(f"  {way}" for way in self.ways)] if self.ways else []),
             "",
             "leaves out",
         ]
         for o in self.left_out:
-            saved = [_time(o.saves_ms)] if o.saves_ms is not None else []
-            saved += [f"{o.saves_kb:.0f} kB"] if o.saves_kb is not None else []
-            lines += [
-                f"  {o.kind:9} {o.what}",
-                f"            saves {' and '.join(saved) or 'attention'}; costs {o.cost}",
-            ]
+            lines += [f"  {o.kind:9} {o.what}", f"            {o.saved()}; costs {o.cost}"]
         return "\n".join([*lines, "", f"never left out: {', '.join(ALWAYS)}"])
 
 
@@ -120,29 +163,31 @@ def plan(*, protocol: Protocol, rig: Rig, task_id: str, recordings: Path) -> Tas
     scene = scenes.plan(protocol=protocol, task_id=task_id)
     title = protocol.task(task_id).title
     if scene.synthesis:
-        return TaskPlan(task_id, title, *_virtual(scene, protocol, rig, recordings))
+        from experiment.synthesis import engine
+
+        ways = tuple(f"{name}: {when}" for name, when in engine.TAKEN.items())
+        return TaskPlan(task_id, title, *_virtual(scene, protocol, rig, recordings), ways)
     needs = (f"parts     {', '.join(ALWAYS)}", "steps     laying out the real object before each trial")
     return TaskPlan(task_id, title, needs, _real(protocol, rig, recordings))
 
 
 def _real(protocol: Protocol, rig: Rig, recordings: Path) -> tuple[Omission, ...]:
     virtual = scenes.Scene("", True, True, False, tuple(material.id for material in protocol.materials))
-    import_ms, import_kb = import_cost(STIMULUS_MODULES)
-    spectra_ms, spectra_kb = _measured(
-        lambda: scenes.load_spectra(scene=virtual, protocol=protocol, recordings=recordings)
-    )
-    stimuli_ms, stimuli_kb = _measured(lambda: _opened(virtual, protocol, rig, recordings))
-    render = _opened(virtual, protocol, rig, recordings)
-    first = virtual.materials[0]
-    step_ms = _median_ms([partial(render, first, v, rig.actuator.rate_hz) for v in SPEEDS_MM_S])
+    load = partial(scenes.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
+    imported, imported_kb = import_cost(STIMULUS_MODULES)
+    loaded, loaded_kb = _measured(load)
+    prepare = partial(scenes.prepare_stimuli, load(), protocol=protocol, output_rates_hz=(rig.actuator.rate_hz,))
+    prepared, prepared_kb = _measured(prepare)
+    first, render = virtual.materials[0], prepare()
+    rendered = _taken([_step_ms(lambda v: render(first, v, rig.actuator.rate_hz)) for _ in range(TURNS)])
     nothing = "nothing: no stimulus is played, so not a bit of any record differs"
     return (
-        Omission("parts", "synthesis engine: prepared stimuli of every material", stimuli_ms, stimuli_kb, nothing),
+        Omission("parts", "synthesis engine: prepared stimuli of every material", prepared, prepared_kb, nothing),
         Omission("parts", "actuator, its frequency shaping and its port", None, None, nothing),
-        Omission("imports", ", ".join(STIMULUS_MODULES), import_ms, import_kb, nothing),
-        Omission("materials", f"spectra of {', '.join(virtual.materials)}", spectra_ms, spectra_kb, nothing),
+        Omission("imports", ", ".join(STIMULUS_MODULES), imported, imported_kb, nothing),
+        Omission("materials", f"spectra of {', '.join(virtual.materials)}", loaded, loaded_kb, nothing),
         Omission("channels", "the actuator's channel", None, None, nothing),
-        Omission("steps", "rendering a stimulus between gate and contact, each trial", step_ms, None, nothing),
+        Omission("steps", "rendering a stimulus between gate and contact, each trial", rendered, None, nothing),
     )
 
 
@@ -173,7 +218,7 @@ def _bins(material: str, spectra: CrinkleSpectra, protocol: Protocol, rate_hz: i
     chosen, exact = scenes.choose(spectra, protocol, rate_hz), engine.choose(spectra, output_rate_hz=rate_hz)
     pruned, whole = (one.prepare(spectra, output_rate_hz=rate_hz) for one in (chosen, exact))
     errors = [_relative_error(pruned(v).waveform_m_s2, whole(v).waveform_m_s2) for v in SPEEDS_MM_S]
-    whole_ms, pruned_ms = (_median_ms([partial(render, v) for v in SPEEDS_MM_S]) for render in (whole, pruned))
+    saves = _taken([_step_ms(whole) - _step_ms(pruned) for _ in range(TURNS)])
     bins = spectra.samples - pruning.prune(spectra, band_hz=tactile.band_hz).amplitudes.shape[1]
     fastest = scenes.fastest_mm_s(protocol)
     loudest = pruning.loudest_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
@@ -184,7 +229,7 @@ def _bins(material: str, spectra: CrinkleSpectra, protocol: Protocol, rate_hz: i
     )
     what = f"{bins} of {spectra.samples} bins of {material}, outside {tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     saves_kb = (exact.estimate.memory_bytes - chosen.estimate.memory_bytes) / 1e3
-    return Omission("bins", what, whole_ms - pruned_ms, saves_kb, cost)
+    return Omission("bins", what, saves, saves_kb, cost)
 
 
 def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> float:
@@ -193,13 +238,8 @@ def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> f
     return float(np.sqrt(np.mean((found - right) ** 2))) / rms if rms else 0.0
 
 
-def _opened(scene: scenes.Scene, protocol: Protocol, rig: Rig, recordings: Path) -> scenes.Render:
-    rates_hz = (rig.actuator.rate_hz,)
-    return scenes.open_stimuli(scene=scene, protocol=protocol, recordings=recordings, output_rates_hz=rates_hz)
-
-
-def import_cost(modules: tuple[str, ...]) -> tuple[float, float | None]:
-    """Time, ms, and resident memory, kB, that importing `modules` adds to a session without them; medians.
+def import_cost(modules: tuple[str, ...]) -> tuple[Taken, float | None]:
+    """Time, and the median of resident memory, kB, that importing `modules` adds to a session without them.
 
     Each time a new interpreter first imports what every session needs. No memory where the system does not tell it.
     """
@@ -223,25 +263,32 @@ def import_cost(modules: tuple[str, ...]) -> tuple[float, float | None]:
     outputs = [subprocess.run(command, capture_output=True, check=True).stdout for _ in range(REPEATS)]  # noqa: S603
     runs = [json.loads(output) for output in outputs]
     resident_kb = None if runs[0][1] is None else statistics.median(run[1] for run in runs)
-    return statistics.median(run[0] for run in runs), resident_kb
+    return _taken([run[0] for run in runs]), resident_kb
 
 
-def _measured(call: Callable[[], object]) -> tuple[float, float]:
-    """Median time, ms, and the memory that the result holds, kB."""
-    ms = _median_ms([call] * REPEATS)
+def _measured(call: Callable[[], object]) -> tuple[Taken, float]:
+    """What a call takes, and the memory that its result holds, kB."""
+    taken = _taken([_ms(call) for _ in range(REPEATS)])
     tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
     result = call()
     held = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     del result
-    return ms, held / 1e3
+    return taken, held / 1e3
 
 
-def _median_ms(calls: list[Callable[[], object]]) -> float:
-    times = []
-    for call in calls:
-        begun = time.perf_counter()
-        call()
-        times.append((time.perf_counter() - begun) * 1e3)
-    return statistics.median(times)
+def _taken(ms: list[float]) -> Taken:
+    lower, median, upper = np.quantile(ms, [0.25, 0.5, 0.75]).tolist()
+    return Taken(median, upper - lower)
+
+
+def _step_ms(render: Callable[[float], object]) -> float:
+    """Time of one step, the mean over `SPEEDS_MM_S`, ms."""
+    return sum(_ms(partial(render, v)) for v in SPEEDS_MM_S) / len(SPEEDS_MM_S)
+
+
+def _ms(call: Callable[[], object]) -> float:
+    begun = time.perf_counter()
+    call()
+    return (time.perf_counter() - begun) * 1e3

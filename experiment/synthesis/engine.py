@@ -1,4 +1,10 @@
-"""The engine: the fastest way to compute a stimulus whose stated error, and memory, a scene allows."""
+"""The engine: the fastest way to compute a stimulus whose stated error, and memory, a scene allows.
+
+Where memory is no limit, as in a session, the basis waveforms are always taken: no other way is faster at an error of
+`EXACT`. `TAKEN` says when each of the others would be. Two are there for other callers than `choose`: first block
+first claims no less error than the basis and holds more, and is for a driver that calls `begin`; and the printed sum
+claims no less than the inverse DCT, and is the oracle of the others.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +21,20 @@ EXACT = 1e-12
 """Relative error below which a method counts as exact."""
 
 FASTEST_FIRST: tuple[Method, ...] = (Basis(), FirstBlockFirst(), Basis(single=True), InverseDct(), PrintedSum())
-"""By the time from the speed to the complete waveform, as `tests/benchmarks/synthesis.py` measures it."""
+"""By the time from the speed to the complete waveform: `tests/benchmarks/synthesis.py` prints the order it measures.
+The first three are within some 20 % of one another, and their order changes with what else fills the caches: single
+precision is the faster of them in cold ones and the slower in warm ones. So the more exact comes before it."""
+
+TAKEN = {
+    "basis waveforms": "wherever its error and memory are allowed, as in a session",
+    "first block first": "never by choice; for a driver that begins to play before the rest is there. Sessions limit "
+    "and shape whole stimuli, and do not use it",
+    "single precision": "where the memory allowed is below that of the basis, and the error allowed above 2e-6",
+    "inverse DCT": "where the memory allowed is below both, or the error allowed below that of the basis",
+    "printed sum": "never by choice; the oracle of the others",
+}
+"""When `choose` takes each of `FASTEST_FIRST`, by name. Pruned to a band each is taken before it is on all bins, where
+the error allowed covers the bins left out."""
 
 
 @dataclass(frozen=True)

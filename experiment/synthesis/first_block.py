@@ -1,22 +1,37 @@
 """First block first: the samples that an actuator needs at once, then the rest.
 
+It is for a driver that can begin to play before the rest is there: `begin` returns the first block, `Begun.complete`
+the whole. Sessions do not use it: they limit and shape whole stimuli, and between measured speeds the whole takes some
+12 us.
+
 Where the weighted sum of `basis.py` holds, the first block is its first samples. Beyond the measured speeds, where bins
 are floored one after the other, it is a sum over the bins that still sound. Bins are kept in the order in which they
 fall to zero, with the sums over all bins from every `STRIDE`-th of them on, so that only a few are left to add. The
 rest of such a stimulus needs a whole inverse DCT.
+
+How far these sums may err, in units u of one rounding. At g gaps beyond the nearest speed bin k sounds at L_k + g R_k,
+R_k being its rise over a gap, and at most M bins sound. R_k is rounded once, g three times, a cosine
+`COSINE_ROUNDINGS` times, product and sum within a stride `STRIDE` times, the sum of P strides P times; g R_k, its sum
+with L_k, and the sum with the bins between two strides once each. A bin that falls within 5 u of g may be counted or
+left out wrongly, by 5 u L_k. That makes E = STRIDE + P + COSINE_ROUNDINGS + 7 roundings, and one more for what is of
+second order, of the sum of all L_k + g |R_k|. To this sum a rising bin adds what it sounds at, and a falling one that
+still sounds at most 2 L_k. Let r be the rms of the whole, and at least that of all L_k. By the inequality of Cauchy and
+Schwarz the sum is at most sqrt(2) r (sqrt(M_rising) + 2 sqrt(M_falling)) <= sqrt(10 M) r, and no sample errs by more
+than (E + 1) u sqrt(10 M) r.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.synthesis.basis import Basis, BasisRenderer, Weights
 from experiment.synthesis.crinkle import FARTHEST, CrinkleSpectra, Synthesised, at_speed
-from experiment.synthesis.methods import Estimate, cosines
+from experiment.synthesis.methods import COSINE_ROUNDINGS, LEAST, ROUNDING, Estimate, cosines, printed_sum_error
 from experiment.synthesis.spectra import Grid
 
 FIRST_BLOCK = 64
@@ -24,6 +39,9 @@ FIRST_BLOCK = 64
 
 STRIDE = 32
 """Bins between two sums."""
+
+NEAREST = 1e-290
+"""Gaps beyond the measured speeds below which, as beyond `FARTHEST`, the bins are summed one by one."""
 
 LINE, RISE = 0, 1
 
@@ -40,9 +58,12 @@ class FirstBlockFirst:
         on = spectra.grid(output_rate_hz)
         rows = Basis().estimate(spectra, output_rate_hz=output_rate_hz)
         block, sounding = min(FIRST_BLOCK, on.count), on.carried - 1
+        outward = max(outward_error(sounding), printed_sum_error(on.carried))
         return replace(
             rows,
+            relative_error=rows.relative_error + outward * sqrt(block / on.count),
             why=f"{rows.why}, whose first block is a sum over the bins that sound",
+            first_block_error=max(outward, rows.relative_error * sqrt(on.count / block)),
             memory_bytes=rows.memory_bytes + 8 * (block * sounding + 2 * (4 * sounding + 2 * block * _sums(sounding))),
         )
 
@@ -69,14 +90,16 @@ class Outward:
         gap_mm_s: from the measured speed next to it, negative below.
         falls_after: gaps beyond the nearest speed at which each bin is at zero, rising, shape (K - 1,).
         order: place in `first_cosines` of each, shape (K - 1,).
-        lines: amplitude with sign at the nearest speed, and its change a gap, m/s^2, shape (2, K - 1).
-        sums: both, times the cosines, summed over the bins from each `STRIDE`-th on, m/s^2, shape (2, sums, n).
+        scale: a power of two near the largest amplitude at the nearest speed, m/s^2.
+        lines: amplitude with sign at the nearest speed, and its change a gap, in units of `scale`, shape (2, K - 1).
+        sums: both, times the cosines, summed over the bins from each `STRIDE`-th on, likewise, shape (2, sums, n).
     """
 
     nearest_mm_s: float
     gap_mm_s: float
     falls_after: NDArray[np.float64]
     order: NDArray[np.intp]
+    scale: float
     lines: NDArray[np.float64]
     sums: NDArray[np.float64]
 
@@ -87,6 +110,7 @@ class Outward:
         block: NDArray[np.float64] = self.sums[LINE, place] + gaps * self.sums[RISE, place]
         left = slice(fallen, place * STRIDE)
         block += (self.lines[LINE, left] + gaps * self.lines[RISE, left]) @ first_cosines[self.order[left]]
+        block *= self.scale
         return block
 
 
@@ -122,10 +146,11 @@ class FirstBlockRenderer:
             return Begun(self.rows.weighted(where, slice(FIRST_BLOCK)), self, where)
         side = self.above if speed_mm_s > self.above.nearest_mm_s else self.below
         gaps = (speed_mm_s - side.nearest_mm_s) / side.gap_mm_s
-        if gaps < FARTHEST:
+        if NEAREST <= gaps < FARTHEST:
             return Begun(side.first(gaps, self.first_cosines), self, speed_mm_s)
-        wanted = at_speed(self.rows.spectra, speed_mm_s=speed_mm_s)
-        return Begun(wanted.coefficients[1 : self.on.carried] @ self.first_cosines, self, speed_mm_s)
+        wanted = at_speed(self.rows.spectra, speed_mm_s=speed_mm_s).coefficients[1 : self.on.carried]
+        # In rows of terms, which numpy sums pairwise.
+        return Begun(np.multiply(self.first_cosines.T, wanted, order="C").sum(axis=1), self, speed_mm_s)
 
     def __call__(self, speed_mm_s: float) -> Synthesised:
         return self.begin(speed_mm_s).complete()
@@ -155,6 +180,16 @@ class Begun:
         return made
 
 
+def outward_error(sounding: int) -> float:
+    """Bound on the relative error of any sample of `Outward.first` (see the module).
+
+    Args:
+        sounding: M.
+    """
+    roundings = STRIDE + _sums(sounding) + COSINE_ROUNDINGS + 7
+    return (roundings + 1) * ROUNDING * sqrt(10 * sounding)
+
+
 def _sums(sounding: int) -> int:
     return -(-sounding // STRIDE) + 1
 
@@ -168,7 +203,10 @@ def _outward(
     with np.errstate(over="ignore"):
         np.divide(level, -rise, out=falls_after, where=rise < 0)
     order = np.argsort(falls_after, kind="stable")
-    lines = (np.stack([level, rise]) * spectra.signs[nearest, bins])[:, order]
+    # What is silent from the first step on has no line: it might fall more steeply than the scale can say.
+    at_once = falls_after < NEAREST
+    scale = max(float(np.ldexp(1.0, np.frexp(level.max(initial=0.0))[1] - 1)), LEAST)
+    lines = np.where(at_once, 0.0, np.stack([level, rise]) * spectra.signs[nearest, bins])[:, order] / scale
     sums = np.zeros((2, _sums(level.size), first_cosines.shape[1]))
     for place in range(sums.shape[1] - 2, -1, -1):
         some = slice(place * STRIDE, (place + 1) * STRIDE)
@@ -178,6 +216,7 @@ def _outward(
         gap_mm_s=gap_mm_s,
         falls_after=falls_after[order],
         order=order,
+        scale=scale,
         lines=lines,
         sums=sums,
     )

@@ -3,7 +3,7 @@
 The relative error of a waveform is the rms of its difference from the exact one, divided by the rms of the exact one,
 both by Parseval: `rms` of the bins that the output rate carries. In extrapolation a spectrum may vanish at a speed;
 there the divisor is at least the rms at the nearest measured speed. Rounding of numbers below 1e-307 comes on top: at
-most 5e-324 m/s^2 a bin.
+most `denormal_error_m_s2`.
 
 Frequency shaping (7) is not linear in amplitude, so no method weights shaped waveforms: every method returns m/s^2, and
 the actuator's driver shapes what it is given (`shaping.drive`).
@@ -20,13 +20,20 @@ from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
 from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, at_speed, synthesise
-from experiment.synthesis.spectra import Grid, transformable
+from experiment.synthesis.spectra import Grid, finite, transformable
 
 ROUNDING = float(np.finfo(np.float64).eps) / 2
 """u, the largest relative error of one rounding of a float64."""
 
 AT_SPEED_ROUNDINGS = 8
 """Roundings in equation (3): at most seven a bin, whatever the speed (see `crinkle.at_speed`)."""
+
+COSINE_ROUNDINGS = 13
+"""Roundings, of 1, in a cosine of `cosines`: an angle below 2 pi is the product of a whole number below 2^53 and
+pi / 2p, and so within 2.4 roundings of itself; its cosine within 2.4 max |x sin x| = 11.6, and one of its own."""
+
+LEAST = 5e-324
+"""The smallest float64: what the rounding of a denormal number costs at most, twice."""
 
 CHUNK_BYTES = 2**20
 """Memory for the terms that `PrintedSum` sums at a time, bytes; their phases take as much again, twice."""
@@ -40,11 +47,14 @@ class Estimate:
         relative_error: bound on the relative error (see the module) at any speed.
         why: what the bound rests on, in words.
         memory_bytes: what the prepared renderer holds, the spectra among it.
+        first_block_error: the same for the first block by itself, where a method hands it out before the rest; the
+            divisor is that of the whole stimulus.
     """
 
     relative_error: float
     why: str
     memory_bytes: int
+    first_block_error: float | None = None
 
 
 class Renderer(Protocol):
@@ -87,10 +97,9 @@ class PrintedSum:
 
     def estimate(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Estimate:
         bins = spectra.grid(output_rate_hz).carried
-        pairwise = 16 + log2(bins)
         return Estimate(
-            relative_error=(AT_SPEED_ROUNDINGS + 10 + pairwise) * ROUNDING * sqrt(2 * bins),
-            why="each cosine within 10 roundings, its phase reduced in whole numbers; pairwise sums; "
+            relative_error=printed_sum_error(bins),
+            why=f"each cosine within {COSINE_ROUNDINGS} roundings, its phase reduced in whole numbers; pairwise sums; "
             "and the sum of the amplitudes is at most sqrt(2 bins) times the rms",
             memory_bytes=held_bytes(spectra) + 3 * CHUNK_BYTES,
         )
@@ -149,8 +158,29 @@ class _InverseDct:
         return synthesise(self.spectra, speed_mm_s=speed_mm_s, output_rate_hz=self.output_rate_hz)
 
 
+def printed_sum_error(bins: int) -> float:
+    """Bound on the relative error of any sample of a printed sum, equation (3) included.
+
+    Each term is within the roundings of its amplitude, its cosine and its product, and of a sum of blocks of 128 terms
+    in eight running sums, then pairwise: 19 + log2(bins). The amplitudes add up to at most sqrt(2 bins) times the rms.
+    """
+    return (AT_SPEED_ROUNDINGS + COSINE_ROUNDINGS + 20 + log2(bins)) * ROUNDING * sqrt(2 * bins)
+
+
+def denormal_error_m_s2(samples: int) -> float:
+    """What the rounding of numbers below 1e-307 may add to an error, m/s^2.
+
+    Equation (3), or the weights of scaled waveforms, round twice a bin, by `LEAST` at most. The waveforms are made of
+    normal numbers (`spectra.LIFT`), rounded once a sample, and weighted by 15 at most (`basis.CANCELLATION`).
+
+    Args:
+        samples: N of the recordings.
+    """
+    return (2 * samples + 16) * LEAST
+
+
 def cosines(on: Grid, *, start: int, stop: int) -> NDArray[np.float64]:
-    """cos(pi k q (i + 1/2) / p) of bins 1 to carried - 1 at some samples, each within 10 roundings of 1.
+    """cos(pi k q (i + 1/2) / p) of bins 1 to carried - 1 at some samples, each within `COSINE_ROUNDINGS` of 1.
 
     Args:
         on: the grid.
@@ -183,8 +213,11 @@ def rms(amplitudes: NDArray[np.float64], on: Grid) -> NDArray[np.float64]:
 
     Returns:
         Shape (...).
+
+    Raises:
+        SynthesisError: one that is NaN or infinite.
     """
-    sounding = amplitudes[..., 1 : on.carried]
+    sounding = finite(amplitudes, what="amplitudes")[..., 1 : on.carried]
     largest = np.max(np.abs(sounding), axis=-1, initial=0.0)
     unit = np.where(largest > 0, largest, 1.0)
     relative: NDArray[np.float64] = np.sqrt(np.sum((sounding / unit[..., None]) ** 2, axis=-1) / 2)

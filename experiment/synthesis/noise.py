@@ -7,6 +7,7 @@ sinusoids is. The end goes over into the beginning: played in a loop, it has no 
 
 from __future__ import annotations
 
+from math import inf
 from typing import Literal, get_args
 
 import numpy as np
@@ -40,13 +41,13 @@ def noise(*, colour: Colour, samples: int, rate_hz: int, rng: np.random.Generato
     """
     if colour not in get_args(Colour):
         raise SynthesisError(f"colour: got {colour!r}; allowed: {' or '.join(get_args(Colour))}; correct the protocol")
-    if not rate_hz >= 4 * LOWEST_HZ:
+    if not 4 * LOWEST_HZ <= rate_hz < inf:
         raise SynthesisError(
             f"rate_hz: got {rate_hz}; allowed: {4 * LOWEST_HZ:g} Hz or more, an octave above the lowest frequency; "
             "correct the rig file"
         )
     shortest = int(np.ceil(rate_hz / LOWEST_HZ))
-    if not samples >= shortest:
+    if not shortest <= samples < inf:
         raise SynthesisError(
             f"samples: got {samples}; allowed: {shortest} or more at {rate_hz} Hz, a period of {LOWEST_HZ:g} Hz; "
             "ask for longer noise"

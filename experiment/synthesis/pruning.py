@@ -53,9 +53,12 @@ class BandPruned:
         on = spectra.grid(output_rate_hz)
         inner = self.method.estimate(prune(spectra, band_hz=self.band_hz), output_rate_hz=output_rate_hz)
         share = largest_share(spectra, band_hz=self.band_hz, carried=on.carried)
+        first = inner.first_block_error
         return replace(
             inner,
             relative_error=inner.relative_error + share * sqrt(on.p / on.count),
+            # The bins left out may all peak in one sample: their sum is at most sqrt(2 bins) times their rms.
+            first_block_error=None if first is None else first + share * sqrt(2 * on.carried),
             why=f"{inner.why}; and the bins left out are at most {share:.2g} of the rms at any speed, as measured",
         )
 

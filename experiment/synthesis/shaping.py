@@ -85,9 +85,13 @@ def not_rising(accelerations_m_s2: NDArray[np.float64]) -> tuple[int, int] | Non
 
     Returns:
         The first such place (row, column); None if there is none.
+
+    Raises:
+        SynthesisError: values that are not finite.
     """
-    before = np.insert(accelerations_m_s2[:, :-1], 0, 0.0, axis=1)
-    wrong = np.argwhere((accelerations_m_s2 <= before) & np.any(accelerations_m_s2 != 0, axis=1, keepdims=True))
+    a = finite(accelerations_m_s2, what="accelerations_m_s2 of the response")
+    before = np.insert(a[:, :-1], 0, 0.0, axis=1)
+    wrong = np.argwhere((a <= before) & np.any(a != 0, axis=1, keepdims=True))
     return (int(wrong[0, 0]), int(wrong[0, 1])) if wrong.size else None
 
 
@@ -217,16 +221,21 @@ def drive(
         rate_hz: sampling rate F of the waveform and of the voltages, Hz.
         response: of the rig.
         gain_limit_v_per_m_s2: as in `shape`.
-        limit_m_s2: largest magnitude of the acceleration that the voltages bring about.
-        limit_v: largest magnitude of the voltages.
+        limit_m_s2: largest magnitude of the acceleration that the voltages bring about, above zero.
+        limit_v: largest magnitude of the voltages, above zero.
 
     Returns:
         V, shape (n,); and what shaping did. A waveform made by (5) has the spectrum it was made from, to round-off
         (`ROUND_OFF` of its peak), at any output rate whose samples fill the same time.
 
     Raises:
-        SynthesisError: as `shape`.
+        SynthesisError: as `shape`, or a limit that is none.
     """
+    for name, limit in (("limit_m_s2", limit_m_s2), ("limit_v", limit_v)):
+        if not limit > 0:
+            raise SynthesisError(
+                f"{name}: got {limit}; allowed: a number above 0; correct the protocol or the rig file"
+            )
     y = finite(waveform_m_s2, what="waveform")
     coefficients = spectrum(y)
     coefficients[np.abs(coefficients) <= ROUND_OFF * np.abs(y).max()] = 0.0

@@ -22,6 +22,10 @@ LONGEST_TRANSFORM = 2**26
 """Longest inverse DCT (512 MiB); only incommensurate rates of very long recordings need more."""
 
 
+QUIET, LIFT = 2.0**-900, 2.0**900
+"""Below the one, spectra are transformed after multiplication by the other, lest intermediate results be denormal."""
+
+
 @dataclass(frozen=True)
 class Waveform:
     """A waveform made from a spectrum.
@@ -145,7 +149,7 @@ def grid(*, samples: int, bins: int, rate_hz: int, output_rate_hz: int) -> Grid:
         SynthesisError: a rate below 1 Hz, or one too low for a single sample.
     """
     for name, rate in (("rate_hz", rate_hz), ("output_rate_hz", output_rate_hz)):
-        if rate < 1:
+        if not 1 <= rate < inf:
             raise SynthesisError(f"{name}: got {rate}; allowed: 1 Hz or more; correct the rig file or the manifest")
     divisor = gcd(samples * output_rate_hz, rate_hz)
     p, q = samples * output_rate_hz // divisor, rate_hz // divisor
@@ -185,14 +189,18 @@ def inverse_on(coefficients: ArrayLike, on: Grid) -> NDArray[np.float64]:
     """
     c = finite(coefficients, what="coefficients")
     transformable(on)
+    sounding = c[..., 1 : on.carried]
+    lift = LIFT if np.max(np.abs(sounding), initial=0.0) < QUIET else 1.0
     padded = np.zeros((*c.shape[:-1], on.p))
-    padded[..., on.q : on.carried * on.q : on.q] = c[..., 1 : on.carried] / 2
+    padded[..., on.q : on.carried * on.q : on.q] = sounding * (lift / 2)
     samples: NDArray[np.float64] = fft.dct(padded, type=3, axis=-1, overwrite_x=True)[..., : on.count]
     if not np.isfinite(samples).all():
         raise SynthesisError(
             f"coefficients: got magnitudes up to {np.abs(c).max():g}, whose sum overflows; "
             "allowed: a finite waveform; check the recording's unit"
         )
+    if lift != 1.0:
+        samples /= lift
     return samples
 
 

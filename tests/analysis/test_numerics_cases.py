@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
+import inspect
+import pkgutil
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,11 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from analysis import numerics_cases, numerics_invariants, numerics_refusals
 from analysis.numerics_invariants import Case, Outcome, refused, settle
+from experiment import synthesis
 from experiment.apparatus.limiter import limit
 from experiment.errors import SynthesisError
 from experiment.synthesis import basis, crinkle, shaping
 from experiment.synthesis.basis import Weights
 from experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed
+from experiment.synthesis.engine import FASTEST_FIRST
 
 CASES = [*numerics_cases.cases(), *numerics_refusals.cases(limit)]
 
@@ -46,7 +51,25 @@ def test_every_case_of_the_issue_is_there() -> None:
         "a plateau between two levels",
         "a reversal between two levels",
     }
-    assert len([name for group, name in given if group == "NaN and infinity"]) > 40
+
+
+NUMBERS = ("float", "ArrayLike", "NDArray[np.float64]", "tuple[float, float]", "tuple[float, float] | None")
+"""Annotations of what could be NaN or infinite."""
+
+
+def test_every_number_that_a_public_function_takes_is_tried_with_nan_and_infinity() -> None:
+    tried = {case.given.partition(",")[0] for case in CASES if case.group == "NaN and infinity"}
+    wanted = {"CrinkleSpectra: speeds_mm_s", "CrinkleSpectra: amplitudes", "CrinkleSpectra: signs"}
+    wanted |= {"Response: frequencies_hz", "Response: levels_v", "Response: accelerations_m_s2"}
+    wanted |= {f"{method.name}: speed_mm_s" for method in FASTEST_FIRST} | {"first block alone: speed_mm_s"}
+    for found in pkgutil.iter_modules(synthesis.__path__):
+        module = importlib.import_module(f"{synthesis.__name__}.{found.name}")
+        for name, function in inspect.getmembers(module, inspect.isfunction):
+            if function.__module__ == module.__name__ and not name.startswith("_"):
+                taken = inspect.signature(function).parameters.values()
+                wanted |= {f"{name}: {one.name}" for one in taken if one.annotation in NUMBERS}
+    assert wanted - tried == {"methods: band_hz"}, "which nothing looks at before `choose`"
+    assert len(wanted) > 40
 
 
 def test_an_unexpected_exception_breaks_an_invariant() -> None:

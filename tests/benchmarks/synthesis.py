@@ -7,7 +7,6 @@ nothing, because these figures belong to the machine that printed them.
 
 from __future__ import annotations
 
-import statistics
 import subprocess
 import sys
 import time
@@ -15,6 +14,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import fft
 
 from experiment.synthesis.basis import Basis
@@ -68,8 +68,8 @@ def paper() -> CrinkleSpectra:
     )
 
 
-def medians_us(calls: dict[str, Callable[[], object]]) -> dict[str, float]:
-    """Median time of each call, in turns, us."""
+def times_us(calls: dict[str, Callable[[], object]]) -> dict[str, NDArray[np.float64]]:
+    """Times of each call, in turns, us."""
     times: dict[str, list[int]] = {name: [] for name in calls}
     for turn in range(WARM_UP + ROUNDS):
         for name, call in calls.items():
@@ -77,7 +77,17 @@ def medians_us(calls: dict[str, Callable[[], object]]) -> dict[str, float]:
             call()
             if turn >= WARM_UP:
                 times[name].append(time.perf_counter_ns() - begun)
-    return {name: statistics.median(taken) / 1e3 for name, taken in times.items()}
+    return {name: np.array(taken) / 1e3 for name, taken in times.items()}
+
+
+def print_order(times: dict[str, NDArray[np.float64]], claimed: list[str]) -> None:
+    """The order of the methods by median, with quartiles, and in how many turns each was faster than the next."""
+    measured = sorted(claimed, key=lambda name: float(np.median(times[name])))
+    print(f"fastest first, as measured ({'as' if measured == claimed else 'not as'} the engine says):")
+    for name, after in zip(measured, [*measured[1:], None], strict=True):
+        low, median, high = np.quantile(times[name], [0.25, 0.5, 0.75]).tolist()
+        share = "" if after is None else f"; faster than the next in {np.mean(times[name] < times[after]):.0%} of turns"
+        print(f"  {name:45s} {median:10.1f} us   ({low:.1f} to {high:.1f}{share})")
 
 
 def memory(*, traced: bool) -> list[float]:
@@ -102,7 +112,7 @@ def main() -> None:
     slow = PrintedSum().name
     fast = {name: render for name, render in renderers.items() if name != slow}
     first = FirstBlockFirst().prepare(spectra, output_rate_hz=OUTPUT_RATE_HZ)
-    took = medians_us(
+    times = times_us(
         {
             "bare a*x + b*y, new array": lambda: 0.3 * x + 0.7 * y,
             "bare a*x + b*y, preallocated": preallocated,
@@ -113,12 +123,14 @@ def main() -> None:
             f"first {FIRST_BLOCK} samples, bins floored": lambda: first.begin(FLOORED_MM_S),
         }
     )
+    took = {name: float(np.median(taken)) for name, taken in times.items()}
     begun = time.perf_counter_ns()
     oracle = renderers[slow](BETWEEN_MM_S).waveform_m_s2
     took[f"{slow}, once"] = (time.perf_counter_ns() - begun) / 1e3
     print(f"0.5 s at 48 kHz, one material of 2,500 bins; medians of {ROUNDS}, in turns")
     for name, us in took.items():
         print(f"  {name:45s} {us:10.1f} us")
+    print_order(times, list(fast))
     engine, new, idct = took[Basis().name], took["bare a*x + b*y, new array"], took["scipy.fft.idct of 24,000"]
     print(f"gate to waveform / bare sum into a new array      {engine / new:8.2f}   (at most 1.5)")
     print(f"gate to waveform / bare sum, preallocated         {engine / took['bare a*x + b*y, preallocated']:8.2f}")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -118,20 +120,63 @@ def test_the_plan_lists_and_measures_what_each_task_leaves_out(protocol: Protoco
     real = scene_cost.plan(protocol=protocol, rig=rig, task_id="real", recordings=recordings)
     assert {omission.kind for omission in real.left_out} == {"parts", "imports", "materials", "channels", "steps"}
     assert not any("synthesis" in need or "actuator" in need or "spectra" in need for need in real.needs)
-    measured = [omission for omission in real.left_out if omission.saves_ms is not None]
-    assert len(measured) == 4
-    assert all(omission.saves_ms > 0 for omission in measured if omission.saves_ms is not None)
+    assert len([omission for omission in real.left_out if omission.saves is not None]) == 4
+    assert all(omission.saves.ms > 0 for omission in real.left_out if omission.saves is not None)
+    assert real.ways == ()
     virtual = scene_cost.plan(protocol=protocol, rig=rig, task_id="virtual", recordings=recordings)
     bins = [omission for omission in virtual.left_out if omission.kind == "bins"]
     left_out = [omission.what.split(" of ")[2].split(",")[0] for omission in bins]
     assert left_out == ["aluminum foil", "polypropylene", "typing paper"]
     assert all(omission.saves_kb is not None and omission.saves_kb > 0 for omission in bins)
+    assert all(f"  {name}: {when}" in virtual.text() for name, when in engine.TAKEN.items())
     for planned in (real, virtual):
         assert "never left out: tracker, gate and contact, limiter, exposure account, journal" in planned.text()
 
 
+def test_no_part_is_measured_with_the_spectra_of_the_materials(
+    protocol: Protocol, recordings: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stimuli are prepared from spectra that are there: loading them is the row of the materials alone."""
+    running: list[str] = []
+    load, measured = scene.load_spectra, scene_cost._measured
+    loaded_within = []
+
+    def watched(call: Callable[[], object]) -> tuple[scene_cost.Taken, float]:
+        running.append("row")
+        loaded_within.append(0)
+        result = measured(call)
+        running.pop()
+        return result
+
+    def counted(**given: Any) -> object:
+        if running:
+            loaded_within[-1] += 1
+        return load(**given)
+
+    monkeypatch.setattr(scene_cost, "_measured", watched)
+    monkeypatch.setattr(scene, "load_spectra", counted)
+    rig = rigs.load(shipped("rigs/rehearsal.toml"))
+    scene_cost.plan(protocol=protocol, rig=rig, task_id="real", recordings=recordings)
+    assert loaded_within == [scene_cost.REPEATS + 1, 0]
+
+
+def test_what_lies_within_the_spread_of_the_repeats_is_no_saving() -> None:
+    noise, gain, loss = (
+        scene_cost.Omission("bins", "some", scene_cost.Taken(ms, 0.002), 128.0, "nothing")
+        for ms in (-0.0001, 0.05, -0.05)
+    )
+    assert noise.saved() == "saves 128 kB; no measurable difference in time (-0.1 us, repeats spread over 2.0 us)"
+    assert (noise.as_dict()["saves_ms"], noise.as_dict()["spread_ms"]) == (None, 0.002)
+    assert gain.saved() == "saves 50.0 us (repeats spread over 2.0 us) and 128 kB"
+    assert loss.as_dict()["saves_ms"] == -0.05
+
+
+def test_a_spread_is_that_between_the_quartiles() -> None:
+    assert scene_cost._taken([5.0, 1.0, 2.0, 4.0, 3.0]) == scene_cost.Taken(3.0, 2.0)
+
+
 def test_what_the_plan_says_is_imported_is_not_there_before() -> None:
-    ms, kb = scene_cost.import_cost(("json",))
-    more_ms, more_kb = scene_cost.import_cost(scene_cost.STIMULUS_MODULES)
-    assert more_ms > ms
+    time, kb = scene_cost.import_cost(("json",))
+    more, more_kb = scene_cost.import_cost(scene_cost.STIMULUS_MODULES)
+    assert more.ms > time.ms
     assert kb is None or (more_kb is not None and more_kb > kb)

@@ -12,11 +12,13 @@ import pytest
 
 from experiment.session import journal
 from experiment.session.resume import progress
+from tests.faults.signalled import HALT
+
+ANSWERS, TRIALS = 40, 480
 
 
 def command(out: Path) -> list[str]:
-    palpate = Path(sys.executable).with_name("palpate")
-    return [str(palpate), "rehearse", "--participants", "6", "--jobs", "2", "--out", str(out), "--json"]
+    return ["rehearse", "--participants", "6", "--jobs", "2", "--out", str(out), "--json"]
 
 
 def answered(out: Path) -> int:
@@ -41,19 +43,18 @@ def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(
     tmp_path: Path, repository_root: Path, number: signal.Signals, code: int
 ) -> None:
     out = tmp_path / "rehearsal"
-    begun = subprocess.Popen(command(out), cwd=repository_root, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    signalled = [sys.executable, "-m", "tests.faults.signalled", str(int(number)), str(ANSWERS), *command(out)]
+    ended = subprocess.run(signalled, cwd=repository_root, capture_output=True, timeout=120, check=False)
+    assert ended.returncode == code, ended.stderr
+    assert b"Traceback" not in ended.stderr
     deadline = time.monotonic() + 60
-    while answered(out) < 40 and time.monotonic() < deadline:
-        time.sleep(0.02)
-    begun.send_signal(number)
-    _, err = begun.communicate(timeout=60)
-    assert begun.returncode == code
-    assert b"Traceback" not in err
     while processes_of(out) and time.monotonic() < deadline:
         time.sleep(0.02)
     assert processes_of(out) == []
-    before = answered(out)
-    assert 40 <= before < 480
-    done = subprocess.run(command(out), cwd=repository_root, capture_output=True, text=True, timeout=120, check=False)
+    assert ANSWERS <= answered(out) <= 2 * HALT
+    palpate = Path(sys.executable).with_name("palpate")
+    done = subprocess.run(
+        [palpate, *command(out)], cwd=repository_root, capture_output=True, text=True, timeout=120, check=False
+    )
     assert done.returncode == 0, done.stderr
-    assert answered(out) == 480
+    assert answered(out) == TRIALS

@@ -23,18 +23,9 @@ from experiment.rehearsal import study
 from experiment.rehearsal.foot import Faults, Foot
 from experiment.rehearsal.movement import Trajectory
 from experiment.session import journal, places
+from tests.reference.okamoto2012 import MATERIALS, TABLE_1, TABLE_2
 
-MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
-PUBLISHED = {
-    # Okamoto et al., Tables 1 and 2: answer ratios; rows presented, columns answered, in the order of MATERIALS.
-    "virtual": [
-        [0.79, 0.047, 0.053, 0.11],
-        [0.033, 0.39, 0.21, 0.36],
-        [0.013, 0.19, 0.65, 0.12],
-        [0.007, 0.48, 0.23, 0.29],
-    ],
-    "real": [[0.97, 0.01, 0.01, 0.01], [0.02, 0.51, 0.22, 0.25], [0, 0.15, 0.63, 0.22], [0.01, 0.36, 0.15, 0.48]],
-}
+PUBLISHED = {"virtual": TABLE_1, "real": TABLE_2}
 
 Rehearse = Callable[..., Path]
 

@@ -12,15 +12,12 @@ from experiment.errors import RecordingError, SessionError, SynthesisError
 from experiment.rehearsal.materials import SimulatedMaterials
 from experiment.rehearsal.observer import Observer, third_octaves
 from experiment.synthesis.crinkle import CrinkleSpectra, subtract, synthesise
+from tests.reference.okamoto2012 import MATERIALS as IDS
+from tests.reference.okamoto2012 import TABLE_1, TABLE_2
 
-IDS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
 MATERIALS = SimulatedMaterials(rate_hz=5000, samples=2500)
 SPEEDS = (50.0, 100.0, 200.0, 300.0)
 OUTPUT_HZ = 48_000
-
-TABLE_1 = [[0.79, 0.047, 0.053, 0.11], [0.033, 0.39, 0.21, 0.36], [0.013, 0.19, 0.65, 0.12], [0.007, 0.48, 0.23, 0.29]]
-TABLE_2 = [[0.97, 0.01, 0.01, 0.01], [0.02, 0.51, 0.22, 0.25], [0.0, 0.15, 0.63, 0.22], [0.01, 0.36, 0.15, 0.48]]
-"""Okamoto et al., means of Tables 1 and 2 as printed; rows presented, columns answered, in the order of `IDS`."""
 
 Delivered = NDArray[np.float64] | None
 Deliver = Callable[[int, float, np.random.Generator], Delivered]

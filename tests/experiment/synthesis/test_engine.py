@@ -8,7 +8,7 @@ import pytest
 from experiment.errors import SynthesisError
 from experiment.synthesis.basis import Basis
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.engine import FASTEST_FIRST, choose, methods
+from experiment.synthesis.engine import FASTEST_FIRST, TAKEN, choose, methods
 from tests.experiment.synthesis.oracle import random_spectra
 
 
@@ -68,6 +68,28 @@ def test_a_choice_prepares_what_it_chose() -> None:
 def test_every_method_has_a_name_of_its_own() -> None:
     names = [m.name for m in methods(band_hz=(10.0, 500.0))]
     assert len(set(names)) == len(names) == 2 * len(FASTEST_FIRST)
+
+
+def test_it_is_said_of_every_method_when_it_is_taken() -> None:
+    assert list(TAKEN) == [method.name for method in FASTEST_FIRST]
+
+
+@pytest.mark.parametrize("error", [1e-18, 1e-14, 5e-14, 1.3e-13, 1e-12, 1e-9, 1.8e-6, 2e-6, 1e-3, 1.0])
+def test_what_is_said_to_be_never_chosen_is_never_chosen(error: float) -> None:
+    """And the others when they are said to be: over every error and memory that makes a difference."""
+    s = paper()
+    estimates = {m.name: m.estimate(s, output_rate_hz=48_000) for m in FASTEST_FIRST}
+    basis, single = estimates["basis waveforms"], estimates["single precision"]
+    for memory in [*(e.memory_bytes + step for e in estimates.values() for step in (-1, 0)), 1e12]:
+        try:
+            name = choose(
+                s, output_rate_hz=48_000, allowed_relative_error=error, allowed_memory_bytes=memory
+            ).method.name
+        except SynthesisError:
+            continue
+        fits = basis.memory_bytes <= memory and basis.relative_error <= error
+        halved = single.memory_bytes <= memory and single.relative_error <= error
+        assert name == ("basis waveforms" if fits else "single precision" if halved else "inverse DCT")
 
 
 def test_what_is_promised_to_be_held_is_held() -> None:
