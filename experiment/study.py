@@ -208,7 +208,7 @@ def run(
             drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
             actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive)
             opened.callback(actuator.close)
-        tracker = opening.open_tracker(rig)
+        tracker = opening.open_tracker(rig, clock=clock)
         opened.callback(tracker.close)
         asked = header(
             protocol=protocol,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from experiment import files
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Accelerometer, Actuator, Drive, Tracker
 from experiment.apparatus.rig import REHEARSAL, AccelerometerRig, Rig
 from experiment.clock import Clock
@@ -30,12 +31,14 @@ def keep(rig_file: Path, kept: Path) -> None:
     files.write(kept, rig_file.read_bytes())
 
 
-def open_tracker(rig: Rig, *, port: str | None = None) -> Tracker:
+def open_tracker(rig: Rig, *, clock: Clock, port: str | None = None, clock_map: ClockMap | None = None) -> Tracker:
     """Open the rig's tracker.
 
     Args:
         rig: the rig.
+        clock: the session's; stamps arrivals.
         port: used instead of the one that the rig names.
+        clock_map: of a simulated device whose clock is known; estimated from arrivals if None.
 
     Raises:
         TrackerError: the port cannot be opened.
@@ -44,7 +47,7 @@ def open_tracker(rig: Rig, *, port: str | None = None) -> Tracker:
 
     if port is None and rig.tracker.port == REHEARSAL:
         raise TrackerError(_simulated_only(rig, "tracker.port"))
-    return SerialTracker(port or rig.tracker.port, rig.tracker)
+    return SerialTracker(port or rig.tracker.port, rig.tracker, clock=clock, clock_map=clock_map)
 
 
 def open_actuator(rig: Rig, *, limit_m_s2: float, drive: Drive | None = None, address: str | None = None) -> Actuator:

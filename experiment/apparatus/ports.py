@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment.apparatus.clock_map import ClockMap
 from experiment.records import Driven, Shaping
 
 Drive = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], Shaping]]
@@ -25,12 +26,14 @@ class Samples:
         raw: the bytes taken from the line since the samples before, damaged frames included. Joined in order
             they decode to the same samples; a frame may be torn between two of them.
         ends: where in `raw` each sample's frame ends, int64, shape (n,).
+        arrived_ns: session time at which the last of them came, ns.
     """
 
     device_us: NDArray[np.int64]
     height_mm: NDArray[np.float64]
     raw: bytes
     ends: NDArray[np.int64]
+    arrived_ns: int
 
 
 @dataclass(frozen=True)
@@ -69,11 +72,16 @@ class LinkCounts:
 
 
 class Tracker(Protocol):
-    """Where the foot is. Time is the device's own counter."""
+    """Where the foot is. Time is the device's own counter; `clock_map` says which session time that is."""
 
     @property
     def counts(self) -> LinkCounts:
-        """Frames received, lost, damaged and repeated since the port was opened."""
+        """Frames received, lost, damaged and repeated in all that was read, reconnections included."""
+        ...
+
+    @property
+    def clock_map(self) -> ClockMap | None:
+        """Session time of device time, as of the newest sample that has come; None before the first."""
         ...
 
     def drain(self) -> None:
@@ -86,6 +94,14 @@ class Tracker(Protocol):
         Raises:
             TrackerStopped: within 200 ms of silence, or when the port has gone.
             TrackerError: the device's clock is no longer the one it was.
+        """
+        ...
+
+    def reconnect(self, timeout_s: float) -> None:
+        """Wait until the device is back and speaks. It may have restarted: a new `clock_map` begins; `counts` go on.
+
+        Raises:
+            TrackerStopped: it was not back in time; it may be called again.
         """
         ...
 

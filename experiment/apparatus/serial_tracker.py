@@ -1,22 +1,30 @@
-"""The foot's tracker behind a serial port: a device path, a pseudo-terminal, or pyserial's `socket://host:port`.
+"""The foot's tracker behind a serial port.
 
-Time comes from the device's counter (frames.py), never from arrival; the clock here only measures silence.
+A thread of its own takes what comes, stamps it at once and decodes it (frames.py), so that neither a slow reader nor
+the system's small buffer loses a frame. Time comes from the device's counter; arrivals only tell which session time
+that is (clock_map.py).
+
+Reading less often costs less: after a read that found no backlog the thread pauses for `PAUSE_PER_HZ_S` times the rate,
+0.8 ms at 1 kHz and 4 ms at 5 kHz, and a sample is older by no more than that.
 """
 
 from __future__ import annotations
 
-import errno
-from importlib.util import find_spec
-from typing import TYPE_CHECKING, NoReturn
+import threading
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from experiment.apparatus import clock_map as clock_maps
+from experiment.apparatus.clock_map import ClockMap, ClockState
 from experiment.apparatus.frames import FRAME_BYTES, Decoder
 from experiment.apparatus.ports import LinkCounts, Samples
+from experiment.apparatus.serial_devices import identity_of, port_of
+from experiment.apparatus.serial_port import VANISHED, SerialPort, reason
 from experiment.clock import Clock, MonotonicClock
 from experiment.errors import TrackerError, TrackerStopped
 
 if TYPE_CHECKING:
-    import serial
-
     from experiment.apparatus.rig import TrackerRig
 
 SLICES = 4
@@ -26,37 +34,35 @@ for a silent device."""
 USABLE = 0.9
 """Part of the silence allowed that is spent waiting; the rest is left to the operating system."""
 
-BACKLOG_S = 0.02
-"""A look at the port is calm if it finds no more than the frames of this time, s."""
+PAUSE_PER_HZ_S = 0.8e-6
+"""Pause after a read, s, per Hz of the device's rate."""
 
-CALM_LOOKS = 2
-"""Draining ends after this many calm looks one after the other."""
+KEPT_S = 10.0
+"""So much is kept of what nobody reads, s at the rig's rate. Then the line fills, and what it cannot take is lost."""
 
-SETTLE_NS = 1_000_000
-"""How long the operating system gets between two looks to pass on what it holds, ns."""
+RETRY_S = 0.05
+"""How often a port that has gone is looked for, s."""
 
-MOST_LOOKS = 1000
-"""Draining ends after this many looks, even if the line is faster than it may be."""
 
-LARGEST_READ = 65536
-
-_VANISHED: tuple[type[Exception], ...] = (OSError,)
-if find_spec("termios"):
-    import termios
-
-    _VANISHED = (OSError, termios.error)
+@dataclass(frozen=True)
+class _Arrival:
+    samples: Samples
+    link: LinkCounts
 
 
 class SerialTracker:
     """Implements `Tracker`."""
 
-    def __init__(self, port: str, settings: TrackerRig, *, clock: Clock | None = None) -> None:
+    def __init__(
+        self, port: str, settings: TrackerRig, *, clock: Clock | None = None, clock_map: ClockMap | None = None
+    ) -> None:
         """Open the port, for this process alone where the system can.
 
         Args:
             port: device path, pseudo-terminal or pyserial URL.
             settings: speed, rate, silence allowed and calibration.
-            clock: measures silence; the machine's monotonic clock if None.
+            clock: stamps arrivals: the session's; the machine's monotonic clock if None.
+            clock_map: of a simulated device whose clock is known; estimated from arrivals if None.
 
         Raises:
             TrackerError: the port cannot be opened.
@@ -64,16 +70,27 @@ class SerialTracker:
         self._name = port
         self._settings = settings
         self._clock = clock or MonotonicClock()
-        self._is_device = "://" not in port
-        self._slice_ns = int(settings.stall_ms * 1e6 * USABLE / SLICES)
-        self._port = _opened(port, settings.baud, self._slice_ns / 1e9)
-        self._decoder = Decoder()
+        self._known_map = clock_map
+        self._pause_ns = int(settings.rate_hz * PAUSE_PER_HZ_S * 1e9)
+        # What a pause brings, and as much again.
+        self._calm_bytes = FRAME_BYTES * (2 + int(2 * self._pause_ns * 1e-9 * settings.rate_hz))
+        self._most_bytes = int(KEPT_S * settings.rate_hz) * FRAME_BYTES
+        self._slice_s = settings.stall_ms * 1e-3 * USABLE / SLICES
         self._counts = LinkCounts()
-        self._raw = b""
+        self._changed = threading.Condition()
+        self._decoder = Decoder()
+        self._closing = False
+        self._open(port)
+        self._identity = identity_of(port)
 
     @property
     def counts(self) -> LinkCounts:
         return self._counts
+
+    @property
+    def clock_map(self) -> ClockMap | None:
+        state = self._clock_state
+        return None if state is None else self._known_map or state.map()
 
     def drain(self) -> None:
         """Throw away what arrived before now.
@@ -81,15 +98,16 @@ class SerialTracker:
         Raises:
             TrackerStopped: the port has gone.
         """
-        try:
-            if self._is_device:
-                self._port.reset_input_buffer()
-            else:
-                self._read_away()
-        except _VANISHED as error:
-            self._gone(error)
-        self._decoder = self._decoder.skipped()
-        self._raw = b""
+        with self._changed:
+            if isinstance(self._failure, TrackerStopped):
+                raise self._failure
+            try:
+                self._port.discard()
+            except VANISHED as error:
+                raise self._gone(error) from error
+            self._decoder = self._decoder.skipped()
+            self._forget()
+            self._changed.notify_all()
 
     def read(self) -> Samples:
         """Wait for the next samples, at least one.
@@ -98,101 +116,147 @@ class SerialTracker:
             TrackerStopped: no good frame for the silence allowed, or the port has gone.
             TrackerError: the device restarted.
         """
-        silent_ns = 0
-        heard = 0
-        while silent_ns < (SLICES - 0.5) * self._slice_ns:
-            begun_ns = self._clock.now_ns()
-            data = self._received()
-            heard += len(data)
-            kept = len(self._raw)
-            self._raw += data
-            self._decoder, frames = self._decoder.feed(data)
-            self._counts = self._counts.plus(frames.link)
-            if frames.restarted:
-                raise TrackerError(
-                    f"tracker at {self._name}: the device's clock no longer runs on from {self._decoder.device_us} us; "
-                    "it restarted, or its firmware does not count microseconds; see to it, then resume the session"
-                )
-            if frames.device_us.size:
-                raw, self._raw = self._raw, b""
-                return Samples(frames.device_us, self._settings.height_mm(frames.counts), raw, kept + frames.ends)
-            silent_ns += min(self._clock.now_ns() - begun_ns, self._slice_ns)
-        if heard:
-            raise TrackerStopped(
-                f"tracker at {self._name}: {heard} bytes within {self._settings.stall_ms} ms, but no good frame; "
-                f"see that the device sends palpate's frames at {self._settings.baud} baud"
-            )
+        with self._changed:
+            for _ in range(SLICES):
+                if self._changed.wait_for(self._has_news, self._slice_s):
+                    break
+            if self._arrivals:
+                arrival = self._arrivals.popleft()
+                self._kept_bytes -= len(arrival.samples.raw)
+                self._changed.notify_all()
+                self._counts = self._counts.plus(arrival.link)
+                return arrival.samples
+            if self._failure is not None:
+                raise self._failure
+            raise self._silent()
+
+    def reconnect(self, timeout_s: float) -> None:
+        """Wait until the device is back, at the same port or, if it has a USB serial number, at any, and speaks.
+
+        Args:
+            timeout_s: how long to wait.
+
+        Raises:
+            TrackerStopped: it was not back in time; it may be called again.
+        """
+        why = f"no frame since; see that the device at {self._name} is powered and sampling"
+        self.close()
+        for _ in range(max(round(timeout_s / RETRY_S), 1)):
+            if not self._thread.is_alive():
+                try:
+                    self._open(port_of(self._identity) or self._name)
+                except TrackerError as error:
+                    why = str(error)
+                    MonotonicClock().sleep_ns(int(RETRY_S * 1e9))
+                    continue
+            with self._changed:
+                self._changed.wait_for(self._has_news, RETRY_S)
+                if self._arrivals:
+                    return
+            if self._failure is not None:
+                why = str(self._failure)
+                self.close()
+        self.close()
         raise TrackerStopped(
-            f"tracker at {self._name}: no frame for {self._settings.stall_ms} ms; "
-            "see that the device is powered, connected and sampling, then resume the session"
+            f"tracker at {self._name}: not back within {timeout_s:g} s ({why}); plug the device in again"
         )
 
     def close(self) -> None:
-        # pyserial leaves a socket open whose other end went away first.
-        connection = getattr(self._port, "_socket", None)
+        if self._closing:
+            return
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        self._port.wake()
+        self._thread.join()
         self._port.close()
-        if connection is not None:
-            connection.close()
 
-    def _read_away(self) -> None:
-        """Empty a port that cannot be told to: one look is not enough, for some may still be on its way."""
-        backlog = max(FRAME_BYTES, round(self._settings.rate_hz * BACKLOG_S) * FRAME_BYTES)
-        calm_looks = 0
-        for _ in range(MOST_LOOKS):
-            calm_looks = calm_looks + 1 if len(self._waiting()) <= backlog else 0
-            if calm_looks == CALM_LOOKS:
-                return
-            self._clock.sleep_ns(SETTLE_NS)
+    def _open(self, port: str) -> None:
+        self._port = SerialPort(port, self._settings.baud)
+        self._decoder = Decoder()
+        self._clock_state: ClockState | None = None
+        self._failure: Exception | None = None
+        self._closing = False
+        self._forget()
+        self._thread = threading.Thread(target=self._run, name="tracker", daemon=True)
+        self._thread.start()
 
-    def _received(self) -> bytes:
-        """Whatever comes within one slice; returns as soon as anything has come."""
+    def _forget(self) -> None:
+        self._arrivals: deque[_Arrival] = deque()
+        self._kept_bytes = 0
+        self._raw = b""
+        self._link = LinkCounts()
+
+    def _has_news(self) -> bool:
+        return bool(self._arrivals) or self._failure is not None
+
+    def _has_room(self) -> bool:
+        return self._closing or self._kept_bytes + len(self._raw) < self._most_bytes
+
+    def _run(self) -> None:
         try:
-            first = self._port.read(1)
-            return first + self._waiting() if first else b""
-        except OSError as error:
-            self._gone(error)
+            while not self._closing:
+                if not self._port.wait(self._slice_s):
+                    continue
+                with self._changed:
+                    self._changed.wait_for(self._has_room)
+                    if self._closing:
+                        return
+                    data = self._port.take()
+                    self._arrive(data, self._clock.now_ns())
+                    if self._failure is not None:
+                        self._changed.notify_all()
+                        return
+                if len(data) <= self._calm_bytes:
+                    MonotonicClock().sleep_ns(self._pause_ns)
+        except VANISHED as error:
+            self._fail(self._gone(error), error)
+        except Exception as error:
+            # Whoever reads next learns of it.
+            self._fail(error, None)
 
-    def _waiting(self) -> bytes:
-        """What has arrived and can be taken without waiting."""
-        if self._is_device:
-            return bytes(self._port.read(self._port.in_waiting))
-        # A URL handler says that something waits, not how much.
-        self._port.timeout = 0
-        try:
-            return bytes(self._port.read(LARGEST_READ))
-        finally:
-            self._port.timeout = self._slice_ns / 1e9
+    def _fail(self, failure: Exception, cause: Exception | None) -> None:
+        failure.__cause__ = cause
+        with self._changed:
+            self._failure = failure
+            self._changed.notify_all()
 
-    def _gone(self, error: Exception) -> NoReturn:
-        raise TrackerStopped(
-            f"tracker at {self._name}: the port has gone ({_reason(error)}); "
+    def _arrive(self, data: bytes, now_ns: int) -> None:
+        kept = len(self._raw)
+        self._raw += data
+        self._decoder, frames = self._decoder.feed(data)
+        self._link = self._link.plus(frames.link)
+        if frames.restarted:
+            self._failure = TrackerError(
+                f"tracker at {self._name}: the device's clock no longer runs on from {self._decoder.device_us} us; "
+                "it restarted, or its firmware does not count microseconds; see to it, then resume the session"
+            )
+        elif frames.device_us.size:
+            newest_us = int(frames.device_us[-1])
+            if self._clock_state is None:
+                self._clock_state = clock_maps.init(newest_us, now_ns)
+            else:
+                self._clock_state = clock_maps.step(self._clock_state, newest_us, now_ns)
+            heights_mm = self._settings.height_mm(frames.counts)
+            samples = Samples(frames.device_us, heights_mm, self._raw, kept + frames.ends, now_ns)
+            self._arrivals.append(_Arrival(samples, self._link))
+            self._kept_bytes += len(self._raw)
+            self._raw, self._link = b"", LinkCounts()
+            self._changed.notify_all()
+
+    def _gone(self, error: Exception) -> TrackerStopped:
+        return TrackerStopped(
+            f"tracker at {self._name}: the port has gone ({reason(error)}); "
             "plug the device in again, then resume the session"
-        ) from error
+        )
 
-
-def _opened(port: str, baud: int, timeout_s: float) -> serial.Serial:
-    import serial
-
-    try:
-        return serial.serial_for_url(port, baudrate=baud, timeout=timeout_s, exclusive=True)
-    except OSError as error:
-        remedy = {
-            errno.ENOENT: f"no such port; {_present()}",
-            errno.EACCES: "not permitted; let this user open serial ports (on Linux: group dialout)",
-            errno.EBUSY: "another program holds it; close that program",
-            errno.EAGAIN: "another program holds it; close that program",
-        }.get(error.errno or 0, f"{_reason(error)}; see that it is a serial port and in order; {_present()}")
-        raise TrackerError(f"tracker at {port}: {remedy}") from error
-    except ValueError as error:
-        raise TrackerError(f"tracker at {port}: {error}; correct [tracker] in the rig file") from error
-
-
-def _present() -> str:
-    from serial.tools.list_ports import comports
-
-    found = ", ".join(sorted(port.device for port in comports()))
-    return f"connected are {found}; set tracker.port in the rig file" if found else "no serial port is connected"
-
-
-def _reason(error: Exception) -> str:
-    return " ".join(str(error).split())
+    def _silent(self) -> TrackerStopped:
+        if len(self._raw) > FRAME_BYTES:
+            return TrackerStopped(
+                f"tracker at {self._name}: {len(self._raw)} bytes, but no good frame for {self._settings.stall_ms} ms; "
+                f"see that the device sends palpate's frames at {self._settings.baud} baud"
+            )
+        return TrackerStopped(
+            f"tracker at {self._name}: no frame for {self._settings.stall_ms} ms; "
+            "see that the device is powered, connected and sampling, then resume the session"
+        )

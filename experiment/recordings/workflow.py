@@ -159,7 +159,7 @@ def record_on_rig(
     clock = MonotonicClock()
     accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.synthesis.rate_hz, clock=clock)
     try:
-        tracker = opening.open_tracker(rig)
+        tracker = opening.open_tracker(rig, clock=clock)
         try:
             detector = GateDetector(protocol.step)
             return record(

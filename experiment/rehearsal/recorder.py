@@ -11,6 +11,7 @@ from pathlib import Path
 
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.gate import GateDetector
 from experiment.clock import Clock, ManualClock
 from experiment.errors import RecordingError
@@ -129,9 +130,10 @@ def record_simulated(
         line = opened.enter_context(SerialLine())
         foot = Foot(line, rig.tracker)
         opened.callback(foot.close)
-        tracker = opening.open_tracker(rig, port=line.url)
-        opened.callback(tracker.close)
         clock = ManualClock(0)
+        known = ClockMap(anchor_us=0, anchor_ns=0)
+        tracker = opening.open_tracker(rig, clock=clock, port=line.url, clock_map=known)
+        opened.callback(tracker.close)
         sensor = Sensor(opening.accelerometer_of(rig), clock)
         opened.callback(sensor.close)
         accelerometer = opening.open_accelerometer(rig, rate_hz=planned.rate_hz, address=sensor.address, clock=clock)

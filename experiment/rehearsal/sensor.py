@@ -14,6 +14,7 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Accelerometer, Heard, LinkCounts, Samples, Tracker
 from experiment.apparatus.rig import AccelerometerRig
 from experiment.clock import Clock, ManualClock
@@ -129,6 +130,10 @@ class PassingTime:
     def counts(self) -> LinkCounts:
         return self._tracker.counts
 
+    @property
+    def clock_map(self) -> ClockMap | None:
+        return self._tracker.clock_map
+
     def drain(self) -> None:
         self._tracker.drain()
 
@@ -136,6 +141,9 @@ class PassingTime:
         samples = self._tracker.read()
         self._pass_until(int(samples.device_us[-1]) * 1000)
         return samples
+
+    def reconnect(self, timeout_s: float) -> None:
+        self._tracker.reconnect(timeout_s)
 
     @property
     def rate_hz(self) -> int:

@@ -10,6 +10,7 @@ from pathlib import Path
 from experiment import dataset, scene, study
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Actuator, Console
 from experiment.clock import ManualClock, MonotonicClock
 from experiment.errors import Interrupted
@@ -98,7 +99,9 @@ def _rehearse_task(
         powered_ns = clock.now_ns()
         foot = Foot(line, rig.tracker, real_time=job.real_time)
         opened.callback(foot.close)
-        tracker = opening.open_tracker(rig, port=line.url)
+        # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
+        known = None if job.real_time else ClockMap(anchor_us=0, anchor_ns=powered_ns)
+        tracker = opening.open_tracker(rig, clock=clock, port=line.url, clock_map=known)
         opened.callback(tracker.close)
         panel: Panel | None = None
         actuator: Actuator | None = None

@@ -22,7 +22,7 @@ Events = tuple[Gate | Contact, ...]
 
 
 def samples(us: NDArray[np.int64], mm: Heights) -> Samples:
-    return Samples(us, mm, b"", np.zeros(us.size, np.int64))
+    return Samples(us, mm, b"", np.zeros(us.size, np.int64), 0)
 
 
 def watch(us: NDArray[np.int64], mm: Heights, places: list[int] | None = None, step: Step = STEP) -> Events:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
+from experiment.clock import ManualClock
 from experiment.errors import ActuatorError, RigError, TrackerError
 from experiment.protocol.models import Step
 from experiment.records import Shaping
@@ -234,6 +235,6 @@ def test_counts_are_the_inverse_of_heights_to_half_a_count(data: st.DataObject) 
 
 def test_simulated_ports_exist_only_in_a_rehearsal(rehearsal: Rig) -> None:
     with pytest.raises(TrackerError, match=r"only inside `palpate rehearse`; give a rig file whose tracker\.port"):
-        opening.open_tracker(rehearsal)
+        opening.open_tracker(rehearsal, clock=ManualClock(0))
     with pytest.raises(ActuatorError, match=r"only inside `palpate rehearse`; .* actuator\.address"):
         opening.open_actuator(rehearsal, limit_m_s2=10.0)

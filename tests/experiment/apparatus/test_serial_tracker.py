@@ -1,64 +1,72 @@
-"""The tracker's driver against a scripted port, in simulated time. Real ports are in tests/rig."""
+"""The tracker's driver against a scripted port. Real ports are in tests/rig."""
 
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable, Iterable
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 import pytest
 import serial
 
+from experiment.apparatus import serial_tracker
+from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.frames import Decoder, encode
-from experiment.apparatus.ports import LinkCounts, Samples
+from experiment.apparatus.ports import LinkCounts
 from experiment.apparatus.rig import CalibrationPoint, TrackerRig
 from experiment.apparatus.serial_tracker import SerialTracker
 from experiment.clock import ManualClock
-from experiment.errors import TrackerError, TrackerStopped
+from experiment.errors import PalpateError, TrackerError, TrackerStopped
 
 SETTINGS = TrackerRig(
     port="scripted",
     baud=1_000_000,
     rate_hz=1000,
-    stall_ms=200,
+    stall_ms=50,
     calibration=(CalibrationPoint(counts=0, mm=-5.0), CalibrationPoint(counts=4200, mm=100.0)),
 )
-SILENCE = None
-
-Arrival = bytes | Exception | None
+Arrival = bytes | Exception
 
 
 class ScriptedPort:
-    """What arrives, one entry at a time: bytes, an exception, or a whole time-out of silence."""
+    """What arrives, one entry a read: bytes, or an exception. Where the script is over there is silence."""
 
-    def __init__(self, clock: ManualClock) -> None:
-        self.script: list[Arrival] = []
-        self.timeout = 0.0
+    def __init__(self, script: Iterable[Arrival]) -> None:
+        self._script = deque(script)
+        self._changed = threading.Condition()
+        self._woken = False
         self.closed = False
-        self._clock = clock
-        self._held = b""
 
-    @property
-    def in_waiting(self) -> int:
-        return len(self._held)
+    def wait(self, timeout_s: float) -> bool:
+        with self._changed:
+            return self._changed.wait_for(lambda: bool(self._script) or self._woken, timeout_s) and not self._woken
 
-    def read(self, size: int) -> bytes:
-        if not self._held and size:
-            arrival = self.script.pop(0)
-            if isinstance(arrival, Exception):
-                raise arrival
-            if arrival is None:
-                self._clock.sleep_ns(int(self.timeout * 1e9))
-                return b""
-            self._held = arrival
-        taken, self._held = self._held[:size], self._held[size:]
-        return taken
+    def take(self) -> bytes:
+        with self._changed:
+            arrival = self._script.popleft() if self._script else b""
+            self._changed.notify_all()
+        if isinstance(arrival, Exception):
+            raise arrival
+        return arrival
 
-    def arrive_unread(self, data: bytes) -> None:
-        self._held += data
+    def arrive(self, *arrivals: Arrival) -> None:
+        """Returns when all of it has been taken."""
+        with self._changed:
+            self._script.extend(arrivals)
+            self._changed.notify_all()
+            assert self._changed.wait_for(lambda: not self._script, 10)
 
-    def reset_input_buffer(self) -> None:
-        self._held = b""
+    def discard(self) -> None:
+        with self._changed:
+            self._script.clear()
+            self._changed.notify_all()
+
+    def wake(self) -> None:
+        with self._changed:
+            self._woken = True
+            self._changed.notify_all()
 
     def close(self) -> None:
         self.closed = True
@@ -69,24 +77,34 @@ Open = Callable[..., tuple[SerialTracker, ScriptedPort]]
 
 @pytest.fixture
 def clock() -> ManualClock:
-    return ManualClock(0)
+    return ManualClock(10**18)
 
 
 @pytest.fixture
-def scripted(monkeypatch: pytest.MonkeyPatch, clock: ManualClock) -> Open:
-    def opened(script: Iterable[Arrival], url: str = "scripted") -> tuple[SerialTracker, ScriptedPort]:
-        port = ScriptedPort(clock)
-        port.script = list(script)
+def scripted(monkeypatch: pytest.MonkeyPatch, clock: ManualClock) -> Iterator[Open]:
+    trackers: list[SerialTracker] = []
 
-        def for_url(asked: str, *, baudrate: int, timeout: float, exclusive: bool) -> ScriptedPort:
-            assert (asked, baudrate, exclusive) == (url, 1_000_000, True)
-            port.timeout = timeout
+    def opened(*scripts: Iterable[Arrival] | PalpateError) -> tuple[SerialTracker, ScriptedPort]:
+        """A tracker on the last of the ports; where there are several, each opening takes the next."""
+        ports = [ScriptedPort(script) if not isinstance(script, PalpateError) else script for script in scripts]
+        waiting = deque(ports)
+
+        def next_port(asked: str, baud: int) -> ScriptedPort:
+            assert (asked, baud) == ("scripted", 1_000_000)
+            port = waiting.popleft()
+            if isinstance(port, PalpateError):
+                raise port
             return port
 
-        monkeypatch.setattr(serial, "serial_for_url", for_url)
-        return SerialTracker(url, SETTINGS, clock=clock), port
+        monkeypatch.setattr(serial_tracker, "SerialPort", next_port)
+        trackers.append(SerialTracker("scripted", SETTINGS, clock=clock))
+        last = ports[-1]
+        assert isinstance(last, ScriptedPort)
+        return trackers[-1], last
 
-    return opened
+    yield opened
+    for tracker in trackers:
+        tracker.close()
 
 
 def frames(first: int, count: int) -> bytes:
@@ -102,12 +120,11 @@ def test_samples_are_those_of_the_frames_in_mm(scripted: Open) -> None:
     assert tracker.counts == LinkCounts(received=4)
     tracker.close()
     assert port.closed
-    assert port.script == []
 
 
 def test_a_torn_frame_is_waited_for_and_no_byte_of_it_is_missing_from_raw(scripted: Open) -> None:
     data = frames(0, 6)
-    tracker, _ = scripted([data[:5], SILENCE, data[5:20], data[20:50], data[50:]])
+    tracker, _ = scripted([data[:5], data[5:20], data[20:50], data[50:]])
     read = [tracker.read() for _ in range(3)]
     assert b"".join(samples.raw for samples in read) == data
     assert [samples.device_us.size for samples in read] == [1, 3, 2]
@@ -118,10 +135,11 @@ def test_raw_decodes_to_the_same_samples(scripted: Open) -> None:
     damaged = bytearray(frames(0, 400))
     damaged[1000:1013] = b"no frame here"
     edges = np.sort(rng.integers(0, len(damaged), 30)).tolist()
-    pieces = [bytes(damaged[a:b]) for a, b in zip([0, *edges], [*edges, len(damaged)], strict=True) if a < b]
-    tracker, port = scripted(pieces)
-    read: list[Samples] = []
-    while port.script:
+    tracker, _ = scripted(
+        [bytes(damaged[a:b]) for a, b in zip([0, *edges], [*edges, len(damaged)], strict=True) if a < b]
+    )
+    read = [tracker.read()]
+    while read[-1].device_us[-1] < 399_000:
         read.append(tracker.read())
     _, again = Decoder().feed(b"".join(samples.raw for samples in read))
     assert np.array_equal(again.device_us, np.concatenate([samples.device_us for samples in read]))
@@ -129,35 +147,63 @@ def test_raw_decodes_to_the_same_samples(scripted: Open) -> None:
     assert again.link == tracker.counts
 
 
-def test_silence_is_an_error_within_200_ms(scripted: Open, clock: ManualClock) -> None:
-    tracker, port = scripted([frames(0, 1), *[SILENCE] * 4])
+def test_arrivals_are_stamped_and_mapped(scripted: Open, clock: ManualClock) -> None:
+    tracker, port = scripted([])
+    assert tracker.clock_map is None
+    read = []
+    for i in range(5):
+        clock.sleep_ns(1_000_000)
+        port.arrive(frames(i, 1))
+        read.append(tracker.read())
+    assert [samples.arrived_ns for samples in read] == [10**18 + 1_000_000 * i for i in range(1, 6)]
+    assert tracker.clock_map is not None
+    assert tracker.clock_map.session_ns(2500) == 10**18 + 3_500_000
+
+
+def test_a_known_clock_is_not_estimated(monkeypatch: pytest.MonkeyPatch, scripted: Open) -> None:
+    known = ClockMap(anchor_us=0, anchor_ns=7)
+    port = ScriptedPort([])
+    monkeypatch.setattr(serial_tracker, "SerialPort", lambda *_: port)
+    tracker = SerialTracker("scripted", SETTINGS, clock_map=known)
+    assert tracker.clock_map is None
+    port.arrive(frames(0, 1))
     tracker.read()
-    before_ns = clock.now_ns()
+    assert tracker.clock_map is known
+    tracker.close()
+
+
+def test_silence_is_an_error_with_a_remedy(scripted: Open) -> None:
+    tracker, _ = scripted([frames(0, 1)])
+    tracker.read()
     with pytest.raises(
-        TrackerStopped, match=r"tracker at scripted: no frame for 200 ms; see that the device is powered"
+        TrackerStopped, match=r"tracker at scripted: no frame for 50 ms; see that the device is powered"
     ):
         tracker.read()
-    assert 150e6 <= clock.now_ns() - before_ns <= 200e6
-    assert port.script == []
 
 
-def test_short_silences_are_none(scripted: Open) -> None:
-    tracker, port = scripted([SILENCE, SILENCE, SILENCE, frames(0, 1), SILENCE, SILENCE, SILENCE, frames(1, 1)])
-    assert [tracker.read().device_us.tolist() for _ in range(2)] == [[0], [1000]]
-    assert port.script == []
+def test_a_pause_of_the_whole_machine_is_not_a_silent_device(scripted: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+    tracker, port = scripted([])
+    wait_for = threading.Condition.wait_for
+    pauses = iter([True])
 
+    def stopped_at_first(
+        condition: threading.Condition, ready: Callable[[], bool], timeout: float | None = None
+    ) -> bool:
+        if timeout is None or not next(pauses, False):
+            return wait_for(condition, ready, timeout)
+        condition.release()
+        port.arrive(frames(0, 1))
+        condition.acquire()
+        return False
 
-def test_a_pause_of_the_whole_machine_is_not_a_silent_device(scripted: Open) -> None:
-    tracker, port = scripted([SILENCE, frames(0, 1)])
-    port.timeout = 3600.0
+    monkeypatch.setattr(threading.Condition, "wait_for", stopped_at_first)
     assert tracker.read().device_us.tolist() == [0]
 
 
 def test_bytes_that_are_no_frames_do_not_hide_silence(scripted: Open) -> None:
-    tracker, port = scripted([b"noise\0", SILENCE, b"more noise\0", SILENCE, SILENCE, SILENCE])
-    with pytest.raises(TrackerStopped, match=r"17 bytes within 200 ms, but no good frame; .* at 1000000 baud"):
+    tracker, _ = scripted([b"noise\0", b"more noise\0"])
+    with pytest.raises(TrackerStopped, match=r"17 bytes, but no good frame for 50 ms; .* at 1000000 baud"):
         tracker.read()
-    assert port.script == []
 
 
 @pytest.mark.parametrize(
@@ -171,7 +217,22 @@ def test_bytes_that_are_no_frames_do_not_hide_silence(scripted: Open) -> None:
 def test_a_port_that_vanishes_is_an_error_with_a_remedy(scripted: Open, error: Exception) -> None:
     tracker, _ = scripted([frames(0, 1), error])
     tracker.read()
-    with pytest.raises(TrackerStopped, match=r"the port has gone \(.*\); plug the device in again, then resume"):
+    for act in (tracker.read, tracker.drain):
+        with pytest.raises(TrackerStopped, match=r"the port has gone \(.*\); plug the device in again, then resume"):
+            act()
+
+
+def test_what_came_before_the_port_vanished_is_read_first(scripted: Open) -> None:
+    tracker, port = scripted([])
+    port.arrive(frames(0, 3), OSError(errno.EIO, "Input/output error"))
+    assert tracker.read().device_us.size == 3
+    with pytest.raises(TrackerStopped, match="the port has gone"):
+        tracker.read()
+
+
+def test_a_mistake_in_the_thread_reaches_the_reader(scripted: Open) -> None:
+    tracker, _ = scripted([ZeroDivisionError("in the thread")])
+    with pytest.raises(ZeroDivisionError, match="in the thread"):
         tracker.read()
 
 
@@ -183,29 +244,49 @@ def test_a_restart_is_an_error_and_stays_one(scripted: Open) -> None:
 
 
 def test_what_is_drained_is_neither_read_nor_lost(scripted: Open) -> None:
-    tracker, port = scripted([frames(0, 1), frames(2500, 2)])
+    tracker, port = scripted([frames(0, 1)])
     tracker.read()
-    port.arrive_unread(frames(1, 2400) + frames(2401, 1)[:7])
+    port.arrive(frames(1, 2400) + frames(2401, 1)[:7])
     tracker.drain()
+    port.arrive(frames(2500, 2))
     samples = tracker.read()
     assert samples.device_us.tolist() == [2_500_000, 2_501_000]
     assert samples.raw == frames(2500, 2)
     assert tracker.counts == LinkCounts(received=3)
 
 
-def test_draining_forgets_a_torn_frame(scripted: Open) -> None:
-    data = frames(0, 2)
-    tracker, port = scripted([data[:15], data[15:]])
-    assert tracker.read().raw == data[:15]
-    tracker.drain()
-    assert port.read(100) == data[15:]
+def test_what_nobody_reads_is_left_on_the_line(scripted: Open) -> None:
+    data = frames(0, 50_000)
+    tracker, _ = scripted([data[i : i + 12_000] for i in range(0, len(data), 12_000)])
+    read = [tracker.read()]
+    while read[-1].device_us[-1] < 49_999_000:
+        read.append(tracker.read())
+    assert b"".join(samples.raw for samples in read) == data
+    assert tracker.counts == LinkCounts(received=50_000)
 
 
-def test_a_line_that_never_empties_cannot_hold_up_draining(scripted: Open, monkeypatch: pytest.MonkeyPatch) -> None:
-    tracker, port = scripted([], "socket://scripted:1")
-    monkeypatch.setattr(port, "read", lambda size: b"x" * size)
-    tracker.drain()
-    assert tracker.counts == LinkCounts()
+def test_reconnecting_goes_on_with_the_counts_and_begins_another_clock(scripted: Open) -> None:
+    gone = TrackerError("tracker at scripted: no such port")
+    tracker, _ = scripted([frames(60_000, 5), OSError(errno.EIO, "Input/output error")], gone, [frames(0, 2)])
+    tracker.read()
+    before = tracker.clock_map
+    with pytest.raises(TrackerStopped):
+        tracker.read()
+    tracker.reconnect(5.0)
+    assert tracker.read().device_us.tolist() == [0, 1000]
+    assert tracker.counts == LinkCounts(received=7)
+    assert before is not None
+    assert tracker.clock_map is not None
+    assert (before.anchor_us, tracker.clock_map.anchor_us) == (60_004_000, 1000)
+
+
+def test_a_device_that_does_not_come_back_is_named_with_the_reason(scripted: Open) -> None:
+    gone = [TrackerError("tracker at scripted: no such port; no serial port is connected") for _ in range(2)]
+    tracker, _ = scripted([OSError(errno.EIO, "Input/output error")], *gone, [])
+    with pytest.raises(TrackerStopped, match=r"not back within 0.1 s \(.*no such port.*\); plug the device in"):
+        tracker.reconnect(0.1)
+    with pytest.raises(TrackerStopped, match=r"not back within 0.05 s \(no frame since; see that"):
+        tracker.reconnect(0.05)
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ class World:
 
     rate_hz = 1000
     counts = LinkCounts()
+    clock_map = None
 
     def __init__(self, speeds: Iterator[float], *, windows: Iterator[Window | None] | None = None) -> None:
         self.clock = ManualClock(0)
@@ -52,7 +53,9 @@ class World:
         height_mm = 30.0 - self._next * t_us / 1e6
         begin_us, self._us = self._us, self._us + int(t_us[-1]) + 1000
         self.clock.sleep_ns((begin_us + int(t_us[-1])) * 1000 + HELD_UP_NS - self.clock.now_ns())
-        return Samples(t_us + begin_us, height_mm, b"", np.zeros(t_us.size, np.int64))
+        return Samples(t_us + begin_us, height_mm, b"", np.zeros(t_us.size, np.int64), self.clock.now_ns())
+
+    def reconnect(self, timeout_s: float) -> None: ...
 
     def close(self) -> None: ...
 

@@ -75,7 +75,7 @@ def plain(seed: int = 0, speed_mm_s: float = 180.0, hesitation: Hesitation = "no
 
 def detected(us: np.ndarray, mm: np.ndarray) -> tuple[Gate, Contact]:
     detector = GateDetector(STEP)
-    _, events = detector.step(detector.init(), Samples(us.astype(np.int64), mm, b"", np.zeros(us.size, np.int64)))
+    _, events = detector.step(detector.init(), Samples(us.astype(np.int64), mm, b"", np.zeros(us.size, np.int64), 0))
     gates = [event for event in events if isinstance(event, Gate)]
     (contact,) = (event for event in events if isinstance(event, Contact))
     return gates[-1], contact

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import LinkCounts, Played, Samples
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerStopped
@@ -20,7 +21,7 @@ def step_samples(start_us: int, speed_mm_s: float) -> Samples:
     seconds = np.arange(0, 30 / speed_mm_s + 0.2, 1e-3)
     height = np.maximum(30 - speed_mm_s * seconds, 0)
     device_us = np.rint(start_us + seconds * 1e6).astype(np.int64)
-    return Samples(device_us, height, bytes(len(seconds)), np.arange(len(seconds)) + 1)
+    return Samples(device_us, height, bytes(len(seconds)), np.arange(len(seconds)) + 1, START_NS)
 
 
 class ScriptedTracker:
@@ -33,6 +34,13 @@ class ScriptedTracker:
 
     def drain(self) -> None:
         pass
+
+    @property
+    def clock_map(self) -> ClockMap:
+        return ClockMap(anchor_us=0, anchor_ns=START_NS)
+
+    def reconnect(self, timeout_s: float) -> None:
+        raise TrackerStopped("the script has no reconnection")
 
     def read(self) -> Samples:
         if not self._steps:

@@ -225,6 +225,7 @@ def test_what_follows_contact_in_the_same_read_is_another_step(protocol: Protoco
         np.concatenate([first.height_mm, second.height_mm]),
         first.raw + second.raw,
         np.concatenate([first.ends, len(first.raw) + second.ends]),
+        second.arrived_ns,
     )
     one = bench("cpt", [both, step_samples(4_000_000, 150.0), step_samples(6_000_000, 150.0)])
     one.run(protocol, header("virtual"), tmp_path)

@@ -1,0 +1,168 @@
+"""Which session time a device's time is: offset and drift of its clock, from when its samples arrived.
+
+A sample arrives after it was taken, never before: arrival = true time + delay, and the delay has a heavy tail. An
+operating system that is busy holds a read up for 31 ms and then passes on a burst. So the true line lies along the
+lower edge of what is seen, and late arrivals say nothing:
+
+- the newest sample of each read is looked at, for it waited least;
+- of each `BIN_US` of device time the read with the least delay is kept, of the last `BINS` of them;
+- drift is the median of the slopes between every two kept reads (Theil 1950; Sen 1968, J. Am. Stat. Assoc. 63), within
+  `DRIFT_LIMIT_PPM`, which no crystal exceeds. It is zero until `TRUSTED_BINS` are kept;
+- the offset is the largest that puts no kept read, nor any read since, before its own sample.
+
+Hence the newest sample is never put later than its arrival. A stall that leaves any read of its second untouched moves
+nothing; only while every read so far was held up is the map late, by the least of their delays. A delay that every
+read has, such as the device's own and its cable's, cannot be told from an offset: it is part of the rig's latency.
+
+Simulated time may stand still while samples arrive. Then samples seem to come before they were taken, and the map puts
+the newest one at the time of its arrival, and all others so much earlier. Who simulates the device knows its clock, and
+says so with a `ClockMap` of their own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+BIN_US = 1_000_000
+"""Of each such stretch of device time one read is kept, microseconds."""
+
+BINS = 64
+"""Reads that are kept: about a minute, in which a crystal's rate changes by less than can be seen."""
+
+TRUSTED_BINS = 3
+"""Fewer say nothing about drift."""
+
+DRIFT_LIMIT_PPM = 500.0
+"""Largest drift that is believed: several times what a ceramic resonator is sold with, parts per million."""
+
+_DELAY_EDGES_US = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 121)])
+
+
+@dataclass(frozen=True)
+class ClockMap:
+    """A straight line from device time to session time.
+
+    Attributes:
+        anchor_us: device time of the newest sample that it was made from, microseconds.
+        anchor_ns: session time of that sample, ns.
+        drift_ppm: how much longer a microsecond of the device is than one of the session, parts per million.
+        reads: how many it was made from; 0 for a map that was given.
+        span_s: device time between the first and the last of them, s.
+        delay_median_us: median time by which reads came after the line, microseconds, to a part in ten.
+        delay_p99_us: 99 of 100 reads came at most this much after it.
+    """
+
+    anchor_us: int
+    anchor_ns: int
+    drift_ppm: float = 0.0
+    reads: int = 0
+    span_s: float = 0.0
+    delay_median_us: float = 0.0
+    delay_p99_us: float = 0.0
+
+    def session_ns(self, device_us: float) -> int:
+        """Session time of a device time, ns.
+
+        Args:
+            device_us: device time, microseconds; may lie before the first sample or after the last.
+        """
+        elapsed_us = device_us - self.anchor_us
+        return self.anchor_ns + round(elapsed_us * 1000) + round(elapsed_us * self.drift_ppm * 1e-3)
+
+    def device_us(self, session_ns: int) -> float:
+        """Device time of a session time, microseconds; the inverse of `session_ns`.
+
+        Args:
+            session_ns: session time, ns.
+        """
+        return self.anchor_us + (session_ns - self.anchor_ns) / (1000 + self.drift_ppm * 1e-3)
+
+
+@dataclass(frozen=True)
+class ClockState:
+    """What was seen of one device since it was opened.
+
+    Since the first read and in microseconds, `x` is device time and `y` by how much arrivals have fallen behind it.
+
+    Attributes:
+        origin_us: device time of the first read, microseconds.
+        origin_ns: its arrival, ns.
+        newest_x: of the newest read.
+        kept: (x, y) of the read with the least delay of each stretch that is over.
+        low: (x, y) of the one of the present stretch.
+        slope: y per x.
+        level: y at x = 0.
+        delays: reads by how much after the line they came, counted per decade in twenty steps.
+    """
+
+    origin_us: int
+    origin_ns: int
+    newest_x: float
+    kept: tuple[tuple[float, float], ...]
+    low: tuple[float, float]
+    slope: float
+    level: float
+    delays: tuple[int, ...]
+
+    def map(self) -> ClockMap:
+        """The line as it stands."""
+        lead_us = self.level + self.slope * self.newest_x
+        delays = np.cumsum(self.delays)
+        median, p99 = np.searchsorted(delays, np.array([0.5, 0.99]) * delays[-1])
+        return ClockMap(
+            anchor_us=self.origin_us + round(self.newest_x),
+            anchor_ns=self.origin_ns + round((self.newest_x + lead_us) * 1000),
+            drift_ppm=self.slope * 1e6,
+            reads=int(delays[-1]),
+            span_s=self.newest_x / 1e6,
+            delay_median_us=float(_DELAY_EDGES_US[median]),
+            delay_p99_us=float(_DELAY_EDGES_US[p99]),
+        )
+
+
+def init(device_us: int, arrived_ns: int) -> ClockState:
+    """After the first read.
+
+    Args:
+        device_us: device time of its newest sample, microseconds.
+        arrived_ns: session time at which it came, ns.
+    """
+    delays = (1, *[0] * (_DELAY_EDGES_US.size - 1))
+    return ClockState(device_us, arrived_ns, 0.0, (), (0.0, 0.0), 0.0, 0.0, delays)
+
+
+def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
+    """Take the next read.
+
+    Args:
+        state: from `init` or the step before.
+        device_us: device time of its newest sample, microseconds; later than any before.
+        arrived_ns: session time at which it came, ns.
+    """
+    x = float(device_us - state.origin_us)
+    y = (arrived_ns - state.origin_ns) / 1000 - x
+    kept, low, slope, level = state.kept, state.low, state.slope, state.level
+    if x // BIN_US == low[0] // BIN_US:
+        if y - slope * x < low[1] - slope * low[0]:
+            low = (x, y)
+        level = min(level, y - slope * x)
+    else:
+        kept = (*kept, low)[-BINS:]
+        low = (x, y)
+        slope = _slope(kept)
+        level = min(at_y - slope * at_x for at_x, at_y in (*kept, low))
+    place = int(np.searchsorted(_DELAY_EDGES_US, y - slope * x - level))
+    place = min(place, len(state.delays) - 1)
+    delays = (*state.delays[:place], state.delays[place] + 1, *state.delays[place + 1 :])
+    return replace(state, newest_x=x, kept=kept, low=low, slope=slope, level=level, delays=delays)
+
+
+def _slope(kept: tuple[tuple[float, float], ...]) -> float:
+    if len(kept) < TRUSTED_BINS:
+        return 0.0
+    x, y = np.array(kept).T
+    first, second = np.triu_indices(x.size, 1)
+    slopes = (y[second] - y[first]) / (x[second] - x[first])
+    return float(np.clip(np.median(slopes), -DRIFT_LIMIT_PPM * 1e-6, DRIFT_LIMIT_PPM * 1e-6))
