@@ -21,7 +21,8 @@ says so with a `ClockMap` of their own.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from bisect import bisect_left
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -37,7 +38,7 @@ TRUSTED_BINS = 3
 DRIFT_LIMIT_PPM = 500.0
 """Largest drift that is believed: several times what a ceramic resonator is sold with, parts per million."""
 
-_DELAY_EDGES_US = np.concatenate([[0.0], np.geomspace(1.0, 1e6, 121)])
+_DELAY_EDGES_US = (0.0, *np.geomspace(1.0, 1e6, 121).tolist())
 
 
 @dataclass(frozen=True)
@@ -117,8 +118,8 @@ class ClockState:
             drift_ppm=self.slope * 1e6,
             reads=int(delays[-1]),
             span_s=self.newest_x / 1e6,
-            delay_median_us=float(_DELAY_EDGES_US[median]),
-            delay_p99_us=float(_DELAY_EDGES_US[p99]),
+            delay_median_us=_DELAY_EDGES_US[median],
+            delay_p99_us=_DELAY_EDGES_US[p99],
         )
 
 
@@ -129,7 +130,7 @@ def init(device_us: int, arrived_ns: int) -> ClockState:
         device_us: device time of its newest sample, microseconds.
         arrived_ns: session time at which it came, ns.
     """
-    delays = (1, *[0] * (_DELAY_EDGES_US.size - 1))
+    delays = (1, *[0] * (len(_DELAY_EDGES_US) - 1))
     return ClockState(device_us, arrived_ns, 0.0, (), (0.0, 0.0), 0.0, 0.0, delays)
 
 
@@ -153,10 +154,9 @@ def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
         low = (x, y)
         slope = _slope(kept)
         level = min(at_y - slope * at_x for at_x, at_y in (*kept, low))
-    place = int(np.searchsorted(_DELAY_EDGES_US, y - slope * x - level))
-    place = min(place, len(state.delays) - 1)
+    place = min(bisect_left(_DELAY_EDGES_US, y - slope * x - level), len(state.delays) - 1)
     delays = (*state.delays[:place], state.delays[place] + 1, *state.delays[place + 1 :])
-    return replace(state, newest_x=x, kept=kept, low=low, slope=slope, level=level, delays=delays)
+    return ClockState(state.origin_us, state.origin_ns, x, kept, low, slope, level, delays)
 
 
 def _slope(kept: tuple[tuple[float, float], ...]) -> float:

@@ -6,9 +6,11 @@ It is a device path, a pseudo-terminal, or anything that pyserial opens by URL, 
 from __future__ import annotations
 
 import errno
+import os
 import select
 import socket
 import threading
+from contextlib import suppress
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -79,12 +81,16 @@ class SerialPort:
                 if self._woken.wait(LOOK_S):
                     return False
             return False
-        woken = self._wakes.fileno()
-        ready, _, _ = select.select([self._port.fileno(), woken], [], [], timeout_s)
-        return bool(ready) and woken not in ready
+        return self._ready(timeout_s)
 
     def take(self) -> bytes:
         """What has come and can be had without waiting; raises one of `VANISHED` if the port has gone."""
+        if self._selectable and os.name == "posix":
+            # Nothing may be left of what `wait` saw. A port that has gone seems ready all the time, and gives nothing.
+            data = self._read()
+            if not data and self._ready(0.0) and not (data := self._read()):
+                raise OSError(errno.EIO, "it seems ready but returns no data, as a device that was unplugged")
+            return data
         # A URL handler says that something waits, not how much.
         size = (self._port.in_waiting or 1) if self._is_device else LARGEST_READ
         return bytes(self._port.read(size))
@@ -101,6 +107,16 @@ class SerialPort:
             if calm_looks == CALM_LOOKS:
                 return
             MonotonicClock().sleep_ns(SETTLE_NS)
+
+    def _ready(self, timeout_s: float) -> bool:
+        woken = self._wakes.fileno()
+        ready, _, _ = select.select([self._port.fileno(), woken], [], [], timeout_s)
+        return bool(ready) and woken not in ready
+
+    def _read(self) -> bytes:
+        with suppress(BlockingIOError):
+            return os.read(self._port.fileno(), LARGEST_READ)
+        return b""
 
     def wake(self) -> None:
         """Have `wait` return at once, now and from now on."""

@@ -4,8 +4,8 @@ A thread of its own takes what comes, stamps it at once and decodes it (frames.p
 the system's small buffer loses a frame. Time comes from the device's counter; arrivals only tell which session time
 that is (clock_map.py).
 
-Reading less often costs less: after a read that found no backlog the thread pauses for `PAUSE_PER_HZ_S` times the rate,
-0.8 ms at 1 kHz and 4 ms at 5 kHz, and a sample is older by no more than that.
+Reading less often costs less: after a read that found no backlog the thread pauses, 1.6 ms at 1 kHz and 4 ms at 5 kHz,
+and a sample is older by no more than that when it is read.
 """
 
 from __future__ import annotations
@@ -34,8 +34,9 @@ for a silent device."""
 USABLE = 0.9
 """Part of the silence allowed that is spent waiting; the rest is left to the operating system."""
 
-PAUSE_PER_HZ_S = 0.8e-6
-"""Pause after a read, s, per Hz of the device's rate."""
+PAUSE_S = 1e-3
+PAUSE_PER_HZ_S = 0.6e-6
+"""Pause after a read, s, and how much longer it is for each Hz of the device's rate."""
 
 KEPT_S = 10.0
 """So much is kept of what nobody reads, s at the rig's rate. Then the line fills, and what it cannot take is lost."""
@@ -71,7 +72,7 @@ class SerialTracker:
         self._settings = settings
         self._clock = clock or MonotonicClock()
         self._known_map = clock_map
-        self._pause_ns = int(settings.rate_hz * PAUSE_PER_HZ_S * 1e9)
+        self._pause_ns = int((PAUSE_S + settings.rate_hz * PAUSE_PER_HZ_S) * 1e9)
         # What a pause brings, and as much again.
         self._calm_bytes = FRAME_BYTES * (2 + int(2 * self._pause_ns * 1e-9 * settings.rate_hz))
         self._most_bytes = int(KEPT_S * settings.rate_hz) * FRAME_BYTES
@@ -139,7 +140,8 @@ class SerialTracker:
         Raises:
             TrackerStopped: it was not back in time; it may be called again.
         """
-        why = f"no frame since; see that the device at {self._name} is powered and sampling"
+        silent = "no frame since; see that the device is powered and sampling"
+        why = silent
         self.close()
         for _ in range(max(round(timeout_s / RETRY_S), 1)):
             if not self._thread.is_alive():
@@ -149,6 +151,7 @@ class SerialTracker:
                     why = str(error)
                     MonotonicClock().sleep_ns(int(RETRY_S * 1e9))
                     continue
+                why = silent
             with self._changed:
                 self._changed.wait_for(self._has_news, RETRY_S)
                 if self._arrivals:

@@ -9,7 +9,9 @@ import os
 import select
 import socket
 import threading
+from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 from types import TracebackType
 from typing import Literal, Protocol, Self
 
@@ -30,6 +32,7 @@ class _End(Protocol):
     """The device's end: takes bytes without waiting, or waits for room."""
 
     url: str
+    tcp_port: int
 
     def take(self, data: memoryview) -> int: ...
 
@@ -41,13 +44,19 @@ class _End(Protocol):
 class SerialLine:
     """A line that stays usable from one opening of its port to the next, until it is unplugged."""
 
-    def __init__(self, kind: Kind = HERE) -> None:
+    def __init__(self, kind: Kind = HERE, *, link: Path | None = None) -> None:
         """Lay the line.
 
         Args:
             kind: `pty` for a pseudo-terminal, `tcp` for a server on the loopback interface.
+            link: gives a pseudo-terminal a name that lasts from one plugging in to the next, as Linux keeps them under
+                /dev/serial/by-id.
         """
-        self._end: _End = _PseudoTerminal() if kind == "pty" else _Server()
+        self._lay: Callable[[], _End]
+        self._lay = (lambda: _PseudoTerminal(link)) if kind == "pty" else (lambda: _Server(self._tcp_port))
+        self._tcp_port = 0
+        self._end: _End = self._lay()
+        self._tcp_port = self._end.tcp_port
         self._lock = threading.Lock()
         self._unplugged = False
         self.url = self._end.url
@@ -96,6 +105,17 @@ class SerialLine:
                 self._unplugged = True
                 self._end.close()
 
+    def replug(self) -> None:
+        """After `unplug`: the device's end comes back, at the same address and with a line that holds nothing.
+
+        A pseudo-terminal without a link comes back as another one; `url` says which.
+        """
+        with self._lock:
+            if self._unplugged:
+                self._end = self._lay()
+                self.url = self._end.url
+                self._unplugged = False
+
     def _check(self) -> None:
         if self._unplugged:
             raise UnpluggedError("the line is unplugged")
@@ -110,7 +130,9 @@ class SerialLine:
 
 
 class _PseudoTerminal:
-    def __init__(self) -> None:
+    tcp_port = 0
+
+    def __init__(self, link: Path | None) -> None:
         import pty
         import tty
 
@@ -118,7 +140,11 @@ class _PseudoTerminal:
         # Held open, so that the line outlives each reader and keeps raw mode.
         tty.setraw(self._port)
         os.set_blocking(self._device, False)
+        self._link = link
         self.url = os.ttyname(self._port)
+        if link is not None:
+            link.symlink_to(self.url)
+            self.url = str(link)
 
     def take(self, data: memoryview) -> int:
         with suppress(BlockingIOError):
@@ -129,16 +155,19 @@ class _PseudoTerminal:
         select.select([], [self._device], [], timeout_s)
 
     def close(self) -> None:
+        if self._link is not None:
+            self._link.unlink()
         os.close(self._device)
         os.close(self._port)
 
 
 class _Server:
-    def __init__(self) -> None:
-        self._server = socket.create_server(("127.0.0.1", 0))
+    def __init__(self, port: int) -> None:
+        self._server = socket.create_server(("127.0.0.1", port))
         self._server.setblocking(False)
         self._reader: socket.socket | None = None
-        self.url = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
+        self.tcp_port = int(self._server.getsockname()[1])
+        self.url = f"socket://127.0.0.1:{self.tcp_port}"
 
     def take(self, data: memoryview) -> int:
         self._accept()

@@ -148,6 +148,43 @@ def test_a_line_that_nobody_reads_fills_up_until_somebody_does(line: SerialLine,
     assert line.offer(b"x") == 1
 
 
+@pytest.mark.parametrize("kind", ["pty", "tcp"])
+def test_a_tracker_goes_on_where_its_line_is_plugged_in_again(
+    kind: Kind, tmp_path: Path, settings: TrackerRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("serial.urlhandler.protocol_socket.time.sleep", lambda _s: None)
+    with SerialLine(kind, link=tmp_path / "tracker" if kind == "pty" else None) as line:
+        tracker = SerialTracker(line.url, settings)
+        line.write(frames(70_000, 5))
+        read_until(tracker, 70_004_000)
+        line.unplug()
+        with pytest.raises(TrackerStopped, match="the port has gone"):
+            tracker.read()
+        with pytest.raises(TrackerStopped, match=r"not back within 0.1 s \(.*\); plug the device in"):
+            tracker.reconnect(0.1)
+
+        back = threading.Event()
+        sent: list[int] = []
+
+        def plug_in() -> None:
+            line.replug()
+            # Opening a port throws away what came before, so that a device has to go on speaking.
+            while not back.wait(0.01):
+                line.write(frames(len(sent), 1))
+                sent.append(len(sent))
+
+        hand = threading.Thread(target=plug_in)
+        hand.start()
+        tracker.reconnect(30.0)
+        back.set()
+        hand.join()
+        read = np.concatenate([samples.device_us for samples in read_until(tracker, 1000 * sent[-1])])
+        assert tracker.counts == LinkCounts(received=5 + read.size)
+        assert tracker.clock_map is not None
+        assert tracker.clock_map.anchor_us == read[-1] == 1000 * sent[-1]
+        tracker.close()
+
+
 @pytest.mark.parametrize("line", ["pty"], indirect=True)
 def test_a_line_outlives_its_readers(line: SerialLine, settings: TrackerRig) -> None:
     for _ in range(2):

@@ -266,3 +266,44 @@ def test_a_decoder_is_not_changed_by_feeding_it() -> None:
         _, frames = decoder.feed(b"".join(stream(3, sequence=3, start_us=3000)))
         assert frames.link == LinkCounts(received=2, damaged=1)
     assert decoder == same
+
+
+@given(st.integers(0, 2**32), st.lists(st.integers(0, 2000)), st.data())
+def test_the_short_way_reads_what_the_long_one_reads(seed: int, places: list[int], data: st.DataObject) -> None:
+    rng = np.random.default_rng(seed)
+    start_us = int(rng.choice([0, WRAP_US - 30_000, 5_000_000]))
+    sent = stream(100, sequence=int(rng.choice([0, 65_500])), start_us=start_us)
+    for kind in data.draw(
+        st.lists(st.sampled_from(["drop", "repeat", "flip", "zero", "garbage", "restart"]), max_size=3)
+    ):
+        at = int(rng.integers(0, len(sent)))
+        frame = bytearray(sent[at])
+        frame[int(rng.integers(0, len(frame)))] ^= 1 << int(rng.integers(0, 8))
+        frames = {
+            "drop": [],
+            "repeat": [sent[at], sent[at]],
+            "flip": [bytes(frame)],
+            "zero": [sent[at], b"\0"],
+            "garbage": [rng.bytes(12), sent[at]],
+            "restart": [*stream(3), sent[at]],
+        }[kind]
+        sent[at : at + 1] = frames
+    short = long = Decoder()
+    for piece in cut(b"".join(sent), places):
+        taken = short._unbroken(short.tail + piece)
+        (short, quick), (long, slow) = short.feed(piece), long._any(long.tail + piece)
+        assert taken is None or taken[0] == short
+        assert short == long
+        assert quick.device_us.tolist() == slow.device_us.tolist()
+        assert quick.counts.tolist() == slow.counts.tolist()
+        assert quick.ends.tolist() == slow.ends.tolist()
+        assert (quick.link, quick.restarted) == (slow.link, slow.restarted)
+
+
+def test_an_unbroken_stream_takes_the_short_way() -> None:
+    frames = stream(300, sequence=65_400, start_us=2**32 - 100_000)
+    decoder, _ = Decoder().feed(b"".join(frames[:10]))
+    taken = [
+        decoder._unbroken(decoder.tail + piece) for piece in (frames[10], frames[11][:5], frames[11][:5] + frames[12])
+    ]
+    assert [found is not None for found in taken] == [True, False, False]
