@@ -13,6 +13,7 @@ from experiment import __version__
 from experiment.cli_analysis import analyst
 from experiment.cli_engine import engine
 from experiment.cli_lab import Participant, ProtocolFile, lab
+from experiment.cli_rig import rig_commands
 from experiment.errors import Interrupted, PalpateError
 
 app = typer.Typer(
@@ -248,6 +249,7 @@ def _json(document: object) -> None:
 app.add_typer(analyst)
 app.add_typer(engine)
 app.add_typer(lab)
+app.add_typer(rig_commands)
 
 
 def main() -> None:

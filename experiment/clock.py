@@ -7,7 +7,7 @@ time. Nothing else in palpate asks the operating system for the time.
 from __future__ import annotations
 
 import time
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from typing import Protocol
 
 
@@ -47,6 +47,15 @@ class ManualClock:
 
     def sleep_ns(self, duration_ns: int) -> None:
         self._now_ns += max(duration_ns, 0)
+
+
+def day(now_ns: int) -> date:
+    """The day of a clock reading, where this machine stands.
+
+    Args:
+        now_ns: reading of a `Clock`, ns.
+    """
+    return datetime.fromtimestamp(now_ns / 1e9, tz=UTC).astimezone().date()
 
 
 def utc(now_ns: int) -> str:

@@ -6,16 +6,16 @@ import json
 import secrets
 import shutil
 from contextlib import ExitStack
-from datetime import UTC, date, datetime
+from datetime import date
 from pathlib import Path
 
 from filelock import FileLock
 
 from experiment import __version__, dataset, dataset_files, roster, scene, schedule
-from experiment.apparatus import opening
+from experiment.apparatus import calibration, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Actuator, Console
-from experiment.clock import Clock, MonotonicClock, utc
+from experiment.clock import Clock, MonotonicClock, day, utc
 from experiment.errors import DatasetError, PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import canonical, load, seal
 from experiment.protocol.models import Protocol
@@ -177,13 +177,15 @@ def run(
     protocol = load.load(protocol_file)
     if protocol.consent.voice_recordings:
         raise SessionError(f"{protocol_file}: asks for voice recordings, which palpate cannot make yet; leave them out")
-    seal.verify(protocol_file, protocol, datetime.fromtimestamp(clock.now_ns() / 1e9, tz=UTC).astimezone().date())
+    today = day(clock.now_ns())
+    seal.verify(protocol_file, protocol, today)
     root = root or default_root(protocol)
     roster.Roster.load(dataset.roster_path(root)).may_run(participant, protocol)
     rig = rigs.load(rig_file)
     if rig.rig.simulated:
         raise RigError(f"{rig_file}: the rig is simulated; give a rig file of real devices, or use palpate rehearse")
     rigs.check(rig, protocol.step)
+    calibration.check_age(rig, today)
     seed = _settle(root, protocol_file, protocol, None)
     allocation = roster.find(roster.allocate(protocol, seed), participant)
     _check_turn(root, allocation, task_id)
@@ -210,6 +212,7 @@ def run(
             opened.callback(actuator.close)
         tracker = opening.open_tracker(rig, clock=clock)
         opened.callback(tracker.close)
+        calibration.check_reading(tracker, rig.tracker)
         asked = header(
             protocol=protocol,
             rig=rig,

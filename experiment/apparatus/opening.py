@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import importlib
+from collections.abc import Callable
 from pathlib import Path
 
 from experiment import files
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Accelerometer, Actuator, Drive, Tracker
-from experiment.apparatus.rig import REHEARSAL, AccelerometerRig, Rig
+from experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, Rig
 from experiment.clock import Clock
 from experiment.errors import ActuatorError, RigError, TrackerError
 
@@ -42,12 +44,27 @@ def open_tracker(rig: Rig, *, clock: Clock, port: str | None = None, clock_map: 
 
     Raises:
         TrackerError: the port cannot be opened.
+        RigError: the rig names a driver that there is not.
     """
-    from experiment.apparatus.serial_tracker import SerialTracker
-
     if port is None and rig.tracker.port == REHEARSAL:
         raise TrackerError(_simulated_only(rig, "tracker.port"))
-    return SerialTracker(port or rig.tracker.port, rig.tracker, clock=clock, clock_map=clock_map)
+    return _tracker_driver(rig)(port or rig.tracker.port, rig.tracker, clock=clock, clock_map=clock_map)
+
+
+def _tracker_driver(rig: Rig) -> Callable[..., Tracker]:
+    if rig.tracker.driver == FRAMES:
+        from experiment.apparatus.serial_tracker import SerialTracker
+
+        return SerialTracker
+    module, _, name = rig.tracker.driver.partition(":")
+    try:
+        driver: Callable[..., Tracker] = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise RigError(
+            f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({error}); allowed: {FRAMES}, or a "
+            "class that can be imported; install the package that holds it, or correct the rig file"
+        ) from error
+    return driver
 
 
 def open_actuator(rig: Rig, *, limit_m_s2: float, drive: Drive | None = None, address: str | None = None) -> Actuator:

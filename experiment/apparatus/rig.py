@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
+from datetime import date
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
@@ -27,6 +28,9 @@ from experiment.protocol.rules import Broken, Rules
 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
+
+FRAMES = "palpate-frames"
+"""The tracker's driver unless a rig names another."""
 
 ABOVE_GATE_MM = 5.0
 """How far above the gate the calibration must reach, mm: more than a fast foot moves in several samples."""
@@ -115,16 +119,28 @@ class TrackerRig(Confined):
     """The foot's sensor, and the serial port that it speaks through.
 
     `port` is a device path, or a URL that pyserial opens such as `socket://127.0.0.1:4711`. After `stall_ms` without a
-    frame the tracker counts as stopped. `calibration` has two points or more, both columns strictly monotone.
+    frame the tracker counts as stopped. `calibration` has two points or more, both columns strictly monotone; a real
+    rig says when it was made and for how many days it holds. `driver` is palpate's own for the frames of frames.py, or
+    `package.module:Class` for a class that is called as `SerialTracker` is.
     """
 
     RULES: ClassVar[Rules] = _tracker_rules
 
+    driver: Annotated[
+        str,
+        Field(
+            pattern=r"^(palpate-frames|[A-Za-z_][\w.]*:[A-Za-z_]\w*)$",
+            description="palpate-frames, or package.module:Class of a driver of your own",
+        ),
+    ] = FRAMES
     port: Text
     baud: Annotated[int, Field(ge=9600, le=12_000_000)]
     rate_hz: Annotated[int, Field(ge=1000, le=5000)]
     stall_ms: Annotated[int, Field(ge=50, le=200)]
     calibration: Annotated[tuple[CalibrationPoint, ...], Field(min_length=2)]
+    calibrated_on: date | None = None
+    calibration_days: Annotated[int, Field(ge=1, le=3650)] | None = None
+    noise_mm: Annotated[float, Field(ge=0)] | None = None
 
     def height_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
         """Height above the panel of each reading, mm; beyond the outermost points that of the nearest one.

@@ -16,11 +16,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol as Port
 
-from experiment.apparatus import opening
+from experiment.apparatus import calibration, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import Contact, Gate, GateDetector
 from experiment.apparatus.ports import Accelerometer, Tracker, Window
-from experiment.clock import Clock, MonotonicClock
+from experiment.clock import Clock, MonotonicClock, day
 from experiment.errors import RecordingError
 from experiment.protocol import load
 from experiment.recordings import partial
@@ -147,6 +147,8 @@ def record_on_rig(
     if rig.rig.simulated:
         raise RecordingError(f"{rig_file}: a simulated rig; allowed: a real one; name another, or record --simulated")
     rigs.check(rig, protocol.step)
+    clock = MonotonicClock()
+    calibration.check_age(rig, day(clock.now_ns()))
     planned = plan(
         protocol,
         source=f"rig {rig.rig.name}",
@@ -156,11 +158,11 @@ def record_on_rig(
         takes=takes,
     )
     partial.check(out, planned)
-    clock = MonotonicClock()
     accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.synthesis.rate_hz, clock=clock)
     try:
         tracker = opening.open_tracker(rig, clock=clock)
         try:
+            calibration.check_reading(tracker, rig.tracker)
             detector = GateDetector(protocol.step)
             return record(
                 planned,

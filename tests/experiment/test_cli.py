@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import pty
 import shutil
 from collections.abc import Callable
 from datetime import date, timedelta
@@ -14,7 +12,10 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
+from experiment.apparatus import rig as rigs
 from experiment.protocol.shipped import shipped
+from experiment.rehearsal.foot import Foot
+from experiment.rehearsal.serial_line import SerialLine
 from tests.conftest import Palpate
 
 
@@ -142,6 +143,7 @@ class TestALaboratorysStudy:
         path = tmp_path / "rig.toml"
         shutil.copy(shipped("rigs/rehearsal-response.csv"), tmp_path)
         text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
+        text = text.replace("[tracker]", f"[tracker]\ncalibrated_on = {date.today()}\ncalibration_days = 30")
         text = text.replace('port = "rehearsal"', f'port = "{(tmp_path / "no-such-port").as_posix()}"')
         path.write_text(text.replace('address = "rehearsal"', 'address = "127.0.0.1:9"'), "utf-8")
         return path
@@ -238,16 +240,21 @@ class TestALaboratorysStudy:
         self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
         root = protocol.with_name("dataset")
-        device, port = pty.openpty()
+        line = SerialLine()
+        foot = Foot(line, rigs.load(rig).tracker, real_time=True)
         missing = (rig.parent / "no-such-port").as_posix()
-        rig.write_text(rig.read_text("utf-8").replace(missing, os.ttyname(port)), "utf-8")
+        rig.write_text(rig.read_text("utf-8").replace(missing, line.url), "utf-8")
         protocol.write_text(protocol.read_text("utf-8").replace("min_s = 180", "min_s = 0"), "utf-8")
         self.seal(palpate, protocol)
         self.enrol(palpate, protocol)
-        monkeypatch.setattr("builtins.input", lambda _: "")
+
+        def falls_silent(prompt: str) -> str:
+            if "Lay out" in prompt:
+                foot.close()
+            return ""
+
+        monkeypatch.setattr("builtins.input", falls_silent)
         code, out, err = self.run(palpate, protocol, rig)
-        os.close(device)
-        os.close(port)
         assert code == 2
         assert "Trial 1 of 40. Armed" in out
         assert len(lines(err)) == 1
@@ -257,3 +264,6 @@ class TestALaboratorysStudy:
         code, out, _ = palpate("journal", journal)
         assert code == 0
         assert "ended: error tracker at" in out
+        code, out, err = self.run(palpate, protocol, rig)
+        line.unplug()
+        assert (code, "Trial" in out, "no frame for 200 ms" in err) == (2, False, True)

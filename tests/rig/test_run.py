@@ -35,6 +35,7 @@ def laboratory(
     panel = Panel(simulated_rig.actuator)
     with SerialLine() as line:
         text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
+        text = text.replace("[tracker]", f"[tracker]\ncalibrated_on = {date.today()}\ncalibration_days = 30")
         text = text.replace('port = "rehearsal"', f'port = "{line.url}"')
         shutil.copy(shipped("rigs/rehearsal-response.csv"), tmp_path)
         (tmp_path / "rig.toml").write_text(text.replace('address = "rehearsal"', f'address = "{panel.address}"'))

@@ -351,6 +351,8 @@ port = "/dev/no-such-port"
 baud = 600_000
 rate_hz = 5000
 stall_ms = 150
+calibrated_on = 2026-01-01
+calibration_days = 3650
 calibration = [{ counts = 100, mm = 60.0 }, { counts = 900, mm = -2.0 }]
 [actuator]
 driver = "pcm-tcp"
@@ -380,6 +382,11 @@ trigger_m_s2 = 0.3
         (RIG.replace("simulated = false", "simulated = true"), RecordingError, "a simulated rig; allowed: a real one"),
         (RIG + ACCELEROMETER.replace("= 0.3", "= 30.0"), RigError, r"trigger_m_s2: got .* less than full_scale_m_s2"),
         (RIG + ACCELEROMETER.replace("127.0.0.1:4712", "rehearsal"), RigError, "accelerometer.address: got"),
+        (
+            (RIG + ACCELEROMETER).replace("= 3650", "= 1").replace("2026-01", "2025-01"),
+            RigError,
+            "tracker.calibrated_on: got 2025-01-01; allowed: at most 1 days before today",
+        ),
         (RIG + ACCELEROMETER, PalpateError, "tracker at /dev/no-such-port: no such port"),
     ],
 )

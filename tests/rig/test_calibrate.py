@@ -1,0 +1,143 @@
+"""`palpate calibrate tracker` and `palpate devices` over a real port, unattended: a hand that obeys the prompts."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiment.apparatus import rig as rigs
+from experiment.apparatus import serial_devices
+from experiment.apparatus.frames import encode
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal.serial_line import SerialLine
+from tests.conftest import Palpate
+
+NOISE_MM = 0.05
+
+
+class Sensor:
+    """SIMULATED: a target that a hand holds at a height, before the sensor of the rehearsal's rig."""
+
+    def __init__(self, line: SerialLine) -> None:
+        self.mm = 0.0
+        self._line = line
+        self._truth = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._send)
+        self._thread.start()
+
+    def _send(self) -> None:
+        rng = np.random.default_rng(1)
+        sent = 0
+        while not self._over.wait(0.002):
+            counts = self._truth.counts(self.mm + rng.normal(0, NOISE_MM, 50)).tolist()
+            self._line.offer(b"".join(encode(sent + i, 1000 * (sent + i), reading) for i, reading in enumerate(counts)))
+            sent += len(counts)
+
+    def close(self) -> None:
+        self._over.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Sensor]:
+    with SerialLine() as line:
+        held = Sensor(line)
+        text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
+        text = text.replace('port = "rehearsal"', f'port = "{line.url}"').replace('"rehearsal"', '"127.0.0.1:9"')
+        (tmp_path / "rig.toml").write_text(text.replace('name = "127.0.0.1:9"', 'name = "bench"'), "utf-8")
+
+        def obey(prompt: str) -> str:
+            found = re.search(r"hold the target (\S+) mm above", prompt)
+            assert found
+            held.mm = float(found[1])
+            return ""
+
+        monkeypatch.setattr("builtins.input", obey)
+        monkeypatch.chdir(tmp_path)
+        yield held
+        held.close()
+
+
+def test_a_calibration_finds_the_sensor_and_writes_a_new_rig_file(
+    sensor: Sensor, palpate: Palpate, tmp_path: Path
+) -> None:
+    before = (tmp_path / "rig.toml").read_bytes()
+    where = ["--rig", "rig.toml", "--out", "new.toml", "--protocol", shipped("okamoto2012.toml")]
+    code, out, err = palpate("calibrate", "tracker", *where, "--points=-5,0,10,20,50,100", "--days", "30")
+    assert (code, err) == (0, "")
+    assert "It reaches past the gate (20 mm) and the panel (0 mm)." in out
+    made = rigs.load(tmp_path / "new.toml").tracker
+    truth = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+    assert [p.mm for p in made.calibration] == [p.mm for p in truth.calibration]
+    # The last point lies at the converter's end, which cuts off half of the noise.
+    assert [p.counts for p in made.calibration] == pytest.approx([p.counts for p in truth.calibration], abs=2)
+    assert (made.calibrated_on, made.calibration_days) == (date.today(), 30)
+    assert made.noise_mm == pytest.approx(NOISE_MM, rel=0.15)
+    assert (tmp_path / "rig.toml").read_bytes() == before
+    code, _, err = palpate("calibrate", "tracker", *where)
+    assert (code, err) == (2, "palpate: new.toml: exists; allowed: a new file; name another\n")
+
+
+def test_without_a_new_file_the_table_is_printed(sensor: Sensor, palpate: Palpate, tmp_path: Path) -> None:
+    code, out, _ = palpate("calibrate", "tracker", "--rig", "rig.toml", "--points", "0,50")
+    assert code == 0
+    assert f"calibrated_on = {date.today()}\ncalibration_days = 90\n" in out
+    assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
+
+
+def test_a_target_that_stays_where_it_is_calibrates_nothing(
+    sensor: Sensor, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("builtins.input", lambda _: "")
+    code, _, err = palpate("calibrate", "tracker", "--rig", "rig.toml", "--points", "0,50")
+    assert code == 2
+    assert re.match(r"palpate: calibration: got \d+(\.5)? counts at 0 mm and .*; see that nothing moves", err)
+    assert err.count("\n") == 1
+
+
+def test_a_calibration_can_be_interrupted(sensor: Sensor, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(_: str) -> str:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("builtins.input", interrupted)
+    code, _, err = palpate("calibrate", "tracker", "--rig", "rig.toml", "--out", "new.toml")
+    assert (code, err) == (130, "palpate: the calibration was interrupted; nothing was written\n")
+    assert not Path("new.toml").exists()
+
+
+def test_devices_are_listed(palpate: Palpate) -> None:
+    code, out, err = palpate("devices")
+    assert (code, err) == (0, "")
+    assert out.startswith("Serial ports, as tracker.port names them:\n")
+    assert all(device.port in out for device in serial_devices.devices())
+
+
+@pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="only Linux tells who holds a port")
+def test_who_holds_a_port_is_named() -> None:
+    with SerialLine() as line:
+        holder = subprocess.Popen(
+            [
+                sys.executable,
+                "-c",
+                "import sys; f = open(sys.argv[1], 'rb'); print(flush=True); sys.stdin.read()",
+                line.url,
+            ],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        assert holder.stdout is not None
+        holder.stdout.readline()
+        assert any(held.endswith(f"({holder.pid})") for held in serial_devices.holders(line.url))
+        assert all(not held.endswith(f"({os.getpid()})") for held in serial_devices.holders(line.url))
+        holder.communicate()
+        assert serial_devices.holders(line.url) == ()
