@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -57,14 +59,20 @@ def calibrate_tracker(
         typer.echo(f"Rig file: {out}")
 
 
-@rig_commands.command(epilog="Example: palpate devices")
-def devices() -> None:
+@rig_commands.command(epilog="Example: palpate devices --json")
+def devices(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
     """List the devices of this machine: serial ports, what is behind them, and who holds them."""
     from experiment.apparatus import serial_devices
 
+    serial = serial_devices.devices()
+    if as_json:
+        typer.echo(json.dumps({"serial": [asdict(device) for device in serial]}, indent=2, ensure_ascii=False))
+        return
     typer.echo("Serial ports, as tracker.port names them:")
-    for device in serial_devices.devices():
+    for device in serial:
         held = f"  held by {', '.join(device.held_by)}" if device.held_by else ""
         typer.echo(f"  {device.port}  {device.description}  {device.identity}".rstrip() + held)
-    if not serial_devices.devices():
+    if not serial:
         typer.echo("  none")

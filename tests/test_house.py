@@ -57,7 +57,11 @@ def test_every_command_has_help_with_an_example() -> None:
 
     group = typer.main.get_command(app)
     assert isinstance(group, typer.core.TyperGroup)
+    commands = dict(group.commands)
     for name, command in group.commands.items():
+        if isinstance(command, typer.core.TyperGroup):
+            commands |= {f"{name} {inner}": part for inner, part in command.commands.items()}
+    for name, command in commands.items():
         assert command.help, name
         assert (command.epilog or "").startswith(f"Example: palpate {name} "), name
         for parameter in command.params:

@@ -24,7 +24,8 @@ class Samples:
         device_us: device time of each sample, microseconds, int64, shape (n,), strictly rising.
         height_mm: height of the sole above the panel, mm, float64, shape (n,).
         raw: the bytes taken from the line since the samples before, damaged frames included. Joined in order
-            they decode to the same samples; a frame may be torn between two of them.
+            they decode to the same samples; a frame may be torn between two of them. A device that sends anything but
+            the frames of frames.py has its driver encode them, for a session keeps its traces so.
         ends: where in `raw` each sample's frame ends, int64, shape (n,).
         arrived_ns: session time at which the last of them came, ns.
     """

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -120,6 +121,8 @@ def test_devices_are_listed(palpate: Palpate) -> None:
     assert (code, err) == (0, "")
     assert out.startswith("Serial ports, as tracker.port names them:\n")
     assert all(device.port in out for device in serial_devices.devices())
+    found = json.loads(palpate("devices", "--json")[1])
+    assert [device["port"] for device in found["serial"]] == [device.port for device in serial_devices.devices()]
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="only Linux tells who holds a port")

@@ -166,7 +166,7 @@ def test_speed_and_contact_are_the_foots(run: RunBoard, rate_hz: int, speed_mm_s
     got = run(foot.us, foot.height_mm, run_us=foot.duration_us, RATE_HZ=rate_hz)
     detector = GateDetector(STEP)
     _, events = detector.step(
-        detector.init(), Samples(got.device_us, got.height_mm, b"", np.zeros(got.device_us.size, dtype=np.int64))
+        detector.init(), Samples(got.device_us, got.height_mm, b"", np.zeros(got.device_us.size, dtype=np.int64), 0)
     )
     gate, contact = events
     assert isinstance(gate, Gate)
