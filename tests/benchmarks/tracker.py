@@ -2,7 +2,7 @@
 
 Another process sends frames through a pseudo-terminal at a steady rate, each with the machine's monotonic time in its
 device clock, so that a sample's age when `read` returns is known. Processor time is that of this whole process while it
-reads and follows the foot; a process that only waits takes none.
+reads. What a bare loop takes, which sleeps 4 ms and does nothing else, says how busy the machine is.
 
 Not a test: it asserts nothing, because these figures belong to the machine that printed them.
 """
@@ -23,13 +23,12 @@ import numpy as np
 
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.frames import encode
-from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.serial_tracker import SerialTracker
-from experiment.protocol.models import Step
 
 RATES_HZ = (1000, 5000)
 RUNS = 5
 SECONDS = 6.0
+BARE_TURNS = 500
 CLOCK_US = 2**32
 
 
@@ -83,20 +82,17 @@ def read(rate_hz: int) -> Run:
     tty.setraw(port)
     rig = rigs.load(Path(__file__).parents[2] / "protocols" / "rigs" / "rehearsal.toml").tracker
     tracker = SerialTracker(os.ttyname(port), rig.model_copy(update={"rate_hz": rate_hz}), clock=Bare())
-    detector = GateDetector(Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0))
     code = f"from tests.benchmarks.tracker import send; send({device}, {rate_hz})"
     sender = subprocess.Popen([sys.executable, "-c", code], pass_fds=[device])
     while tracker.clock_map is None:
         time.sleep(0.01)
     tracker.drain()
     begun_s, used_s = time.monotonic(), time.process_time()
-    state = detector.init()
     ages_us: list[float] = []
     while (passed_s := time.monotonic() - begun_s) < SECONDS:
         samples = tracker.read()
         newest_us = int(samples.device_us[-1])
         ages_us.append(lag_us(newest_us))
-        state, _ = detector.step(state, samples)
     core = (time.process_time() - used_s) / passed_s
     late_us = (tracker.clock_map.session_ns(newest_us) / 1e3 - newest_us) % CLOCK_US
     tracker.close()
@@ -108,14 +104,26 @@ def read(rate_hz: int) -> Run:
     return Run(core, len(ages_us) / passed_s, np.array(ages_us) / 1e3, tracker.counts.lost, map_us)
 
 
+def bare() -> float:
+    """Processor time of a turn of a loop that only sleeps, microseconds."""
+    used_s = time.process_time()
+    for _ in range(BARE_TURNS):
+        time.sleep(0.004)
+    return (time.process_time() - used_s) / BARE_TURNS * 1e6
+
+
 def main() -> None:
-    print(f"medians of {RUNS} runs of {SECONDS:g} s, (least to most); load average {os.getloadavg()[0]:.1f}")
+    print(
+        f"medians of {RUNS} runs of {SECONDS:g} s, (least to most); load average {os.getloadavg()[0]:.1f} on "
+        f"{os.cpu_count()} cores; a bare loop takes {bare():.0f} microseconds a turn"
+    )
     for rate_hz in RATES_HZ:
         runs = [read(rate_hz) for _ in range(RUNS)]
         core = [100 * run.core for run in runs]
         print(
             f"{rate_hz} Hz: {statistics.median(core):.1f} % of a core ({min(core):.1f} to {max(core):.1f}), "
-            f"{statistics.median(run.reads for run in runs):.0f} reads/s"
+            f"{statistics.median(run.reads for run in runs):.0f} reads/s, "
+            f"{statistics.median(run.core / run.reads for run in runs) * 1e6:.0f} microseconds a read"
         )
         for name, part in (("median", 0.5), ("p99", 0.99)):
             ages_ms = [float(np.quantile(run.age_ms, part)) for run in runs]
