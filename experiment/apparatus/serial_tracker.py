@@ -121,6 +121,8 @@ class SerialTracker:
             for _ in range(SLICES):
                 if self._changed.wait_for(self._has_news, self._slice_s):
                     break
+            else:
+                self._look()
             if self._arrivals:
                 arrival = self._arrivals.popleft()
                 self._kept_bytes -= len(arrival.samples.raw)
@@ -205,18 +207,29 @@ class SerialTracker:
                     self._changed.wait_for(self._has_room)
                     if self._closing:
                         return
-                    data = self._port.take()
-                    self._arrive(data, self._clock.now_ns())
+                    taken = self._take()
                     if self._failure is not None:
                         self._changed.notify_all()
                         return
-                if len(data) <= self._calm_bytes:
+                if taken <= self._calm_bytes:
                     MonotonicClock().sleep_ns(self._pause_ns)
         except VANISHED as error:
             self._fail(self._gone(error), error)
         except Exception as error:
             # Whoever reads next learns of it.
             self._fail(error, None)
+
+    def _look(self) -> None:
+        """On a busy machine the thread may not have had its turn; what has come meanwhile is no silence."""
+        try:
+            self._take()
+        except VANISHED as error:
+            raise self._gone(error) from error
+
+    def _take(self) -> int:
+        data = self._port.take()
+        self._arrive(data, self._clock.now_ns())
+        return len(data)
 
     def _fail(self, failure: Exception, cause: Exception | None) -> None:
         failure.__cause__ = cause
