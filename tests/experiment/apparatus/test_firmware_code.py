@@ -142,7 +142,7 @@ def test_a_passage_is_the_one_that_palpate_times(code: ctypes.CDLL, speed_mm_s: 
     counts = np.rint(82 + 8.2 * foot.at(us)).astype(np.int64)
     ((_, duration_us),) = passages(code, us.tolist(), counts.tolist())
     detector = GateDetector(Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0))
-    samples = Samples(us, (counts - 82) / 8.2, b"", np.zeros(us.size, dtype=np.int64))
+    samples = Samples(us, (counts - 82) / 8.2, b"", np.zeros(us.size, dtype=np.int64), 0)
     _, events = detector.step(detector.init(), samples)
     (gate,) = (event for event in events if isinstance(event, Gate))
     assert duration_us == pytest.approx(gate.bottom_us - gate.top_us, abs=1.001)
