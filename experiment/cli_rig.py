@@ -33,7 +33,7 @@ def calibrate_tracker(
     Walks through the heights, reads the sensor at each, and prints points, residuals and noise. The rig file itself is
     never changed: --out writes a new one, or the printed lines replace the old ones under [tracker].
     """
-    from experiment import dataset_files
+    from experiment import files
     from experiment.apparatus import calibrating
     from experiment.apparatus import rig as rigs
     from experiment.clock import MonotonicClock
@@ -55,7 +55,7 @@ def calibrate_tracker(
     if out is None:
         typer.echo(f"\n{calibrating.table(after)}")
     else:
-        dataset_files.write_bytes(out, calibrating.rewritten(rig.read_text("utf-8-sig"), after).encode())
+        files.write(out, calibrating.rewritten(rig.read_text("utf-8-sig"), after).encode())
         typer.echo(f"Rig file: {out}")
 
 
