@@ -1,4 +1,4 @@
-"""The comparison with the paper as a section: one line a printed cell or test."""
+"""Printed numbers beside recomputed ones as a section: one line a printed cell or test."""
 
 from __future__ import annotations
 
@@ -6,30 +6,44 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 
-from analysis.comparison import Comparison, Line
+from analysis.comparison import Comparison
 from analysis.tables import Section, Table
+from analysis.verdicts import Line
 
-OWN = {"REHEARSAL": "rehearsed", "RECONSTRUCTION": "recomputed", "PARTICIPANT": "measured"}
-"""Heading of the dataset's own numbers, by origin."""
+PRINT = "PRINT"
+"""Stands for an origin where printed numbers are held against one another, not against a dataset."""
+
+OWN = {"REHEARSAL": "rehearsed", "RECONSTRUCTION": "recomputed", "PARTICIPANT": "measured", PRINT: "recomputed"}
+"""Heading of the numbers that printed ones are held against, by origin."""
 
 ABOUT = {
     "REHEARSAL": "A rehearsal's answers are simulated. What follows says how close the simulation comes to the "
     "paper, and nothing about the paper's results.",
     "RECONSTRUCTION": "The dataset was searched for so that it agrees with the printed tables: agreement shows that "
-    "the printed numbers can stand together, not that they are right. Means must agree to the printed digit, other "
-    "numbers to one unit of the last one.",
-    "PARTICIPANT": "New answers are expected to differ from the paper's. Means are called the same at the printed "
-    "digit, other numbers within one unit of the last one.",
+    "the printed numbers can stand together, not that they are right. A number agrees when rounding the recomputed "
+    "one, or cutting off its digits, prints it.",
+    "PARTICIPANT": "New answers are expected to differ from the paper's. A number is called the same when "
+    "rounding the new one, or cutting off its digits, prints it.",
+    PRINT: "Printed numbers held against one another. Recomputed is what means, SDs and counts in print leave open, "
+    "each rounded or truncated. A number that differs is in conflict with those; the reason is the simplest mistake "
+    "that gives it, not a proof of one.",
 }
+
+HELD = ("RECONSTRUCTION", PRINT)
+"""Origins of which the printed numbers are asked whether they stand; new answers are only like or unlike them."""
 
 OTHERWISE = {
     "differs": "differ",
+    "impossible": "impossible",
     "cannot be decided": "cannot be decided",
     "not in this dataset": "are not in this dataset",
 }
 """How a sentence counts the verdicts that are no agreement."""
 
-SAME = {"agrees": "same", "agrees within one unit": "same within one unit"}
+MARKS = {"mean": "", "SD": " ± ", "stars": ""}
+"""What stands before each part of a cell."""
+
+SAME = {"agrees": "same", "agrees if truncated": "same if truncated"}
 """Verdicts in words that fit answers of one's own."""
 
 
@@ -37,17 +51,20 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
     """Every printed number beside the one from this dataset.
 
     Args:
-        origin: PARTICIPANT, REHEARSAL or RECONSTRUCTION; it decides the wording.
+        origin: PARTICIPANT, REHEARSAL, RECONSTRUCTION or PRINT; it decides the wording.
         comparison: see `analysis.comparison.compare`.
     """
-    own, word = OWN[origin], "agree" if origin == "RECONSTRUCTION" else "are the same"
+    own, word = OWN[origin], "agree" if origin in HELD else "are the same"
     tables = []
-    for (where, task), lines in groupby(comparison.lines, key=lambda line: (line.where, line.task)):
-        groups = [list(group) for _, group in groupby(lines, key=lambda line: line.subject)]
+    places: dict[tuple[str, str], list[Line]] = {}
+    for line in comparison.lines:
+        places.setdefault((line.where, line.task), []).append(line)
+    for (where, task), lines in places.items():
+        groups = [list(group) for _, group in groupby(lines, key=lambda line: (line.subject, line.quantity in MARKS))]
         rows = tuple(_row(group, origin) for group in groups)
         doubtful = [i for i, group in enumerate(groups) if not all(line.agrees for line in group)]
-        marked = frozenset((i, 3) for i in doubtful if origin == "RECONSTRUCTION")
-        header = ("quantity", "printed", own, "agrees?" if origin == "RECONSTRUCTION" else "same?")
+        marked = frozenset((i, 3) for i in doubtful if origin in HELD)
+        header = ("quantity", "printed", own, "agrees?" if origin in HELD else "same?")
         tables.append(Table(f"{where}, {task}", header, rows, left=frozenset(range(4)), marked=marked))
     records: list[Mapping[str, object]] = [
         {
@@ -57,7 +74,8 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
             "quantity": line.quantity,
             "printed": line.printed,
             own: line.recomputed,
-            "value": line.value,
+            "low": line.low,
+            "high": line.high,
             "verdict": _verdict(line, origin),
             "reason": line.reason,
         }
@@ -68,12 +86,19 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
         + (f"r = {c.r:.4f}." if c.r is not None else f"no r: {c.statement}.")
         for c in comparison.correlations
     )
-    paragraphs = (
+    counted = "printed numbers and rows" if origin == PRINT else "printed numbers"
+    paragraphs = [
         f"{comparison.source}. {ABOUT[origin]}",
-        f"Of {len(comparison.lines)} printed numbers {comparison.agreeing} {word}{_rest(comparison)}.",
-        correlations,
-    )
-    return Section("comparison", "Against the paper", paragraphs, tuple(tables), tuple(records))
+        f"Of {len(comparison.lines)} {counted} {comparison.agreeing} {word}{_rest(comparison)}.",
+        *([correlations] if correlations else []),
+    ]
+    title = "Printed numbers against one another" if origin == PRINT else "Against the paper"
+    return Section("comparison", title, tuple(paragraphs), tuple(tables), tuple(records))
+
+
+def with_name(line: Line) -> str:
+    """The printed number behind its name; a row speaks for itself."""
+    return line.printed if line.quantity == "row" else f"{line.quantity} = {line.printed}"
 
 
 def _rest(comparison: Comparison) -> str:
@@ -82,15 +107,17 @@ def _rest(comparison: Comparison) -> str:
 
 
 def _verdict(line: Line, origin: str) -> str:
-    return line.verdict if origin == "RECONSTRUCTION" else SAME.get(line.verdict, line.verdict)
+    return line.verdict if origin in HELD else SAME.get(line.verdict, line.verdict)
 
 
 def _row(lines: Sequence[Line], origin: str) -> tuple[str, str, str, str]:
+    # Degrees of freedom stand beside their t or F already; they get words only where they are wrong.
+    lines = [line for line in lines if not (line.quantity.startswith("df") and line.agrees)] or lines
     if lines[0].quantity == "mean":
         printed = _cell([(line.quantity, line.printed) for line in lines])
         found = _cell([(line.quantity, line.recomputed) for line in lines])
     else:
-        printed = ", ".join(f"{line.quantity} = {line.printed}" for line in lines)
+        printed = ", ".join(with_name(line) for line in lines)
         found = ", ".join(line.recomputed for line in lines)
     alike = all((line.verdict, line.reason) == (lines[0].verdict, lines[0].reason) for line in lines)
     remarks = [_remark(line, origin, alone=alike) for line in lines if line.verdict != "agrees"] or ["agrees"]
@@ -104,10 +131,9 @@ def _remark(line: Line, origin: str, *, alone: bool) -> str:
     verdict = _verdict(line, origin)
     if line.quantity == "stars":
         verdict = verdict.replace("differs", "differ")
-    explained = line.reason and (origin == "RECONSTRUCTION" or line.verdict not in SAME)
+    explained = line.reason and (origin in HELD or line.verdict not in SAME)
     return f"{subject}{verdict}{f': {line.reason}' if explained else ''}"
 
 
 def _cell(parts: Sequence[tuple[str, str]]) -> str:
-    marks = {"mean": "", "SD": " ± ", "stars": ""}
-    return "".join(f"{marks[quantity]}{text}" for quantity, text in parts if text != "none")
+    return "".join(f"{MARKS[quantity]}{text}" for quantity, text in parts if text != "none")

@@ -46,9 +46,9 @@ class TTest:
         return stars(self.p) if above and self.p is not None else ""
 
 
-def stars(p: float) -> str:
-    """`*`, `**`, `***` for P below 0.05, 0.01, 0.001; empty otherwise."""
-    return next((mark for level, mark in STARS if p < level), "")
+def stars(p: float, levels: Sequence[tuple[float, str]] = STARS) -> str:
+    """The stars of the first level that P is below, `*`, `**`, `***` for 0.05, 0.01, 0.001; empty otherwise."""
+    return next((mark for level, mark in levels if p < level), "")
 
 
 def p_two_tailed(t: float, df: int) -> float:

@@ -5,6 +5,7 @@ PalpateError                exit code 2, one line for the experimenter
 ├── ScheduleError           an order that no arrangement of trials satisfies
 ├── RosterError             an unknown participant, or one that may not run
 ├── RigError                a rig file that cannot be used
+├── PublishedError          a file of printed numbers that cannot be used
 ├── RecordingError          a recording or manifest that cannot be used
 ├── SynthesisError          input that no equation of synthesis/ accepts
 ├── TrackerError            the foot's serial port
@@ -73,6 +74,10 @@ class RosterError(PalpateError):
 
 class RigError(PalpateError):
     """A rig file that cannot be used."""
+
+
+class PublishedError(PalpateError):
+    """A file of a study's printed numbers that cannot be used."""
 
 
 class RecordingError(PalpateError):

@@ -21,7 +21,9 @@ def test_a_trial_flows_one_way(repository_root: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("command", [["--help"], ["--version"], ["rehearse", "--help"], ["analyse", "--help"]])
+@pytest.mark.parametrize(
+    "command", [["--help"], ["--version"], ["rehearse", "--help"], ["analyse", "--help"], ["audit", "--help"]]
+)
 def test_help_imports_nothing_heavy(repository_root: Path, command: list[str]) -> None:
     code = f"""
 import sys

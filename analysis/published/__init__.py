@@ -2,143 +2,167 @@
 
 from __future__ import annotations
 
-import tomllib
-from dataclasses import dataclass
-from decimal import Decimal
+from collections.abc import Iterator
+from fractions import Fraction
 from importlib import resources
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from analysis.granularity import Scale
+from analysis.published.numbers import (
+    PrintedCell,
+    PrintedChoices,
+    PrintedClaim,
+    PrintedF,
+    PrintedIcc,
+    PrintedSource,
+    PrintedSources,
+    PrintedT,
+    PrintedTable,
+    PrintedTask,
+    Published,
+)
+from analysis.published.printed import Printed, as_printed
+from experiment.errors import ProtocolError, PublishedError
+
+if TYPE_CHECKING:
+    from analysis.published.models import Document
+
+__all__ = [
+    "Printed",
+    "PrintedCell",
+    "PrintedChoices",
+    "PrintedClaim",
+    "PrintedF",
+    "PrintedIcc",
+    "PrintedSource",
+    "PrintedSources",
+    "PrintedT",
+    "PrintedTable",
+    "PrintedTask",
+    "Published",
+    "as_printed",
+    "load",
+    "of_document",
+    "read",
+    "shipped",
+]
 
 
-@dataclass(frozen=True)
-class Printed:
-    """A number as it is printed: its text tells value and precision.
-
-    `unit` is one unit of the last printed digit. A bare "0" is a count of nothing, with no digit to round: unit 0.
-    """
-
-    text: str
-
-    @property
-    def value(self) -> float:
-        """The number; a percentage as a ratio."""
-        return float(self._decimal)
-
-    @property
-    def unit(self) -> float:
-        """One unit of the last printed digit."""
-        if self.text == "0":
-            return 0.0
-        exponent = self._decimal.as_tuple().exponent
-        return float(Decimal(1).scaleb(int(exponent)))
-
-    @property
-    def _decimal(self) -> Decimal:
-        if self.text.endswith("%"):
-            return Decimal(self.text.removesuffix("%")).scaleb(-2)
-        return Decimal(self.text)
-
-
-@dataclass(frozen=True)
-class PrintedCell:
-    """A cell of a confusion matrix; `sd` is None where none is printed, `stars` where the place shows none."""
-
-    where: str
-    task: str
-    presented: str
-    answered: str
-    mean: Printed
-    sd: Printed | None
-    stars: str | None
-
-
-@dataclass(frozen=True)
-class PrintedT:
-    """A t-test against chance."""
-
-    where: str
-    task: str
-    material: str
-    df: int
-    t: Printed
-    p: Printed
-
-
-@dataclass(frozen=True)
-class PrintedF:
-    """An F: `subject` is the effect's name, or the pair of materials."""
-
-    where: str
-    task: str | None
-    subject: tuple[str, ...]
-    df: tuple[int, int]
-    f: Printed
-    p: Printed
-
-
-@dataclass(frozen=True)
-class Published:
-    """Everything that one study prints about answers."""
-
-    study: str
-    source: str
-    chance: Printed
-    cells: tuple[PrintedCell, ...]
-    tests: tuple[PrintedT, ...]
-    one_way: PrintedF
-    two_way: PrintedF
-    icc: Printed
-    icc_where: str
-
-    def tables(self) -> tuple[PrintedCell, ...]:
-        """The cells that stand in tables, without those that the text repeats."""
-        return tuple(cell for cell in self.cells if cell.stars is not None)
-
-    def pairs(self) -> dict[str, tuple[str, str]]:
-        """Task -> the two materials whose ratios the one-way ANOVA compares."""
-        first, second = self.one_way.subject
-        return {self.one_way.task: (first, second)} if self.one_way.task else {}
+def shipped() -> dict[str, Path]:
+    """Study -> the file of its printed numbers, for the studies that palpate brings along."""
+    folder = Path(str(resources.files(__name__)))
+    return {path.stem: path for path in sorted(folder.glob("*.toml")) if not path.stem.endswith("_spectra")}
 
 
 def load(study: str) -> Published | None:
     """The printed numbers of a study, by its id; None when none are held."""
-    file = resources.files(__name__).joinpath(f"{study}.toml")
-    if not study.isalnum() or not file.is_file():
-        return None
-    return _published(tomllib.loads(file.read_text(encoding="utf-8")))
+    file = shipped().get(study)
+    return read(file) if file else None
 
 
-def _published(content: dict[str, Any]) -> Published:
-    cells = [
-        PrintedCell(table["where"], table["task"], shown, said, Printed(mean), Printed(sd) if sd else None, stars)
-        for table in content["table"]
-        for shown, said, mean, sd, stars in table["cells"]
-    ]
-    cells += [
-        PrintedCell(text["where"], text["task"], shown, said, Printed(mean), Printed(sd) if sd else None, None)
-        for text in content["text"]
-        for shown, said, mean, sd in text["cells"]
-    ]
-    tests = [
-        PrintedT(group["where"], task, material, int(df), Printed(t), Printed(p))
-        for group in content["t"]
-        for task, material, df, t, p in group["tests"]
-    ]
-    one_way, two_way = content["one_way"], content["two_way"]
+def read(path: Path) -> Published:
+    """The printed numbers in the file at `path`.
+
+    Raises:
+        PublishedError: with every problem of the file at once.
+    """
+    from analysis.published.models import Document
+    from experiment.protocol import load as files
+
+    try:
+        document = files.read(path, Document)
+    except ProtocolError as error:
+        raise PublishedError(str(error)) from error
+    return of_document(document)
+
+
+def of_document(document: Document) -> Published:
+    """The printed numbers of a file, as read."""
+    levels = [(Printed(level.p).value, level.stars) for level in document.levels]
     return Published(
-        study=content["study"],
-        source=content["source"],
-        chance=Printed(content["chance"]),
-        cells=tuple(cells),
-        tests=tuple(tests),
-        one_way=_f(one_way, one_way["task"], tuple(one_way["pair"])),
-        two_way=_f(two_way, None, (two_way["effect"],)),
-        icc=Printed(content["icc"]["value"]),
-        icc_where=content["icc"]["where"],
+        study=document.study,
+        source=document.source,
+        chance=Fraction(document.chance) if document.chance else None,
+        levels=tuple(sorted(levels)),
+        tasks=tuple(PrintedTask(task.id, task.participants, task.trials) for task in document.task),
+        cells=tuple(_cells(document)),
+        confusions=tuple(_tables(document)),
+        tests=tuple(_tests(document)),
+        one_way=tuple(
+            PrintedF(one.where, one.task, one.pair, (one.df[0], one.df[1]), Printed(one.f), Printed(one.p))
+            for one in document.one_way
+        ),
+        two_way=tuple(
+            PrintedF(one.where, None, (one.effect,), (one.df[0], one.df[1]), Printed(one.f), Printed(one.p))
+            for one in document.two_way
+        ),
+        sources=tuple(
+            PrintedSources(
+                table.where,
+                tuple(
+                    PrintedSource(one.name, one.df, _number(one.ss), _number(one.ms), _number(one.f), _number(one.p))
+                    for one in table.lines
+                ),
+            )
+            for table in document.anova
+        ),
+        icc=tuple(PrintedIcc(one.where, Printed(one.value)) for one in document.icc),
+        claims=tuple(PrintedClaim(one.where, one.task, one.significant, one.of) for one in document.claim),
+        choices=tuple(
+            PrintedChoices(
+                one.where,
+                one.task,
+                one.participants,
+                one.trials,
+                tuple(((cell.pair[0], cell.pair[1]), Printed(cell.correct)) for cell in one.cells),
+            )
+            for one in document.choices
+        ),
     )
 
 
-def _f(content: dict[str, Any], task: str | None, subject: tuple[str, ...]) -> PrintedF:
-    first, second = content["df"]
-    return PrintedF(
-        content["where"], task, subject, (int(first), int(second)), Printed(content["f"]), Printed(content["p"])
-    )
+def _tables(document: Document) -> Iterator[PrintedTable]:
+    for table in document.table:
+        scale, starred = _ratios(document, table.task), any(cell.stars for cell in table.cells)
+        cells = tuple(
+            PrintedCell(
+                table.where, table.task, cell.presented, cell.answered, Printed(cell.mean), _number(cell.sd),
+                cell.stars if starred else None, scale,
+            )
+            for cell in table.cells
+        )  # fmt: skip
+        yield PrintedTable(table.where, table.task, table.complete, cells)
+
+
+def _cells(document: Document) -> Iterator[PrintedCell]:
+    for table in _tables(document):
+        yield from table.cells
+    for scores in document.score:
+        scale = Scale(scores.items, scores.low, scores.high) if scores.items else None
+        starred = any(score.stars for score in scores.cells)
+        for score in scores.cells:
+            name, mean = score.name, Printed(score.mean)
+            sd, stars = _number(score.sd), score.stars if starred else None
+            yield PrintedCell(scores.where, scores.task, name, name, mean, sd, stars, scale, is_score=True)
+    for text in document.text:
+        scale = _ratios(document, text.task)
+        for cell in text.cells:
+            shown, said, mean = cell.presented, cell.answered, Printed(cell.mean)
+            yield PrintedCell(text.where, text.task, shown, said, mean, _number(cell.sd), None, scale, in_table=False)
+
+
+def _tests(document: Document) -> Iterator[PrintedT]:
+    for group in document.t:
+        for test in group.tests:
+            null = Fraction(test.null or document.chance or 0)
+            yield PrintedT(group.where, test.task, test.of, test.df, Printed(test.t), _number(test.p), null)
+
+
+def _ratios(document: Document, task: str) -> Scale | None:
+    trials = next((one.trials for one in document.task if one.id == task), None)
+    return Scale(trials) if trials else None
+
+
+def _number(text: str | None) -> Printed | None:
+    return Printed(text) if text else None

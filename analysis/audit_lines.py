@@ -1,0 +1,210 @@
+"""What is asked of printed numbers alone: rows as whole counts, ANOVA tables, and what percentages are shares of."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from itertools import pairwise
+
+from analysis.denominators import common, counts, either, rounded, smallest, truncated
+from analysis.evidence import FromPrint
+from analysis.published import Printed, PrintedCell, PrintedChoices, PrintedSources, PrintedTable, Published
+from analysis.recomputed import effect, p_of_f, quotient
+from analysis.rows import Row, Undecided, examine, row_sum
+from analysis.spans import Span, hull
+from analysis.verdicts import Line, Verdict
+from analysis.walk import Place, Walk
+
+LISTED = 5
+"""Numbers that a reason lists at most."""
+
+UNDECIDED: Verdict = "cannot be decided"
+
+
+def print_lines(published: Published) -> tuple[Line, ...]:
+    """Every line of a study whose printed numbers are held against one another."""
+    evidence = FromPrint(published)
+    walk = Walk(published, evidence, diagnose=True)
+    lines = list(walk.lines())
+    for table in published.confusions:
+        if table.complete:
+            lines += [_row(published, walk, evidence, table, shown, cells) for shown, cells in table.rows()]
+    for sources in published.sources:
+        lines += _sources(sources)
+    for icc in published.icc:
+        place = Place(icc.where, "both", "reliability of the two-way ANOVA", UNDECIDED)
+        reason = "no formula is printed, and means and SDs do not tell how each participant answered in every cell"
+        lines.append(place.text("ICC", icc.value.text, "-", UNDECIDED, reason))
+    for choices in published.choices:
+        lines += _choices(choices)
+    return tuple(lines)
+
+
+def _row(
+    published: Published,
+    walk: Walk,
+    evidence: FromPrint,
+    table: PrintedTable,
+    presented: str,
+    cells: Sequence[PrintedCell],
+) -> Line:
+    place = Place(table.where, table.task, f"row of {presented}", UNDECIDED)
+    total = sum((cell.mean.exact for cell in cells), Fraction(0))
+    printed = f"{' + '.join(cell.mean.text for cell in cells)} = {float(total):.4g}"
+    task = published.task(table.task)
+    sums = row_sum([cell.mean for cell in cells])
+    if task is None or task.trials is None:
+        verdict: Verdict = "agrees" if sums.holds(Fraction(1)) else "impossible"
+        return place.text("row", printed, f"{float(sums.low):.4g} to {float(sums.high):.4g}", verdict)
+    pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, walk, evidence, cell))}
+    try:
+        row = examine(cells, task.participants, task.trials, pinned)
+    except Undecided as reason:
+        return place.text("row", printed, "-", UNDECIDED, str(reason))
+    return _judged(place, printed, cells, row, given=", given the printed t" if pinned else "")
+
+
+def _pinned(published: Published, walk: Walk, evidence: FromPrint, cell: PrintedCell) -> Span | None:
+    """The variances that agree with the cell's t, where there is one."""
+    tests = [t for t in published.tests if (t.task, t.material, t.material) == cell.key]
+    if not tests:
+        return None
+    pins = walk.effects(tests[0])
+    held = [
+        one.variance
+        for one in evidence.sample(cell).moments
+        if (size := effect(one, tests[0].null)) is not None and any(size.meets(pin) for pin in pins)
+    ]
+    return hull(held) if held else None
+
+
+def _judged(place: Place, printed: str, cells: Sequence[PrintedCell], row: Row, *, given: str) -> Line:
+    if row.stands:
+        found = f"{row.trials} of {row.trials} trials"
+        if not row.truncated:
+            return place.text("row", printed, found, "agrees")
+        names = " and ".join(f"-> {cells[i].answered}" for i in row.truncated)
+        reason = f"whole counts give the row where {names} is truncated{given}"
+        return place.text("row", printed, found, "agrees if truncated", reason)
+    found = f"{row.fewest} to {row.most} of {row.trials} trials" if row.fewest != row.most else f"{row.most} trials"
+    reasons = []
+    if gaps := row.missing or row.missing_truncated:
+        fewer = row.missing_truncated if row.missing_truncated != gaps else None
+        less = f" ({fewer}, if means are truncated)" if fewer else ""
+        reasons.append(f"{gaps} trials without an answer would explain it{less}")
+    if row.misprinted:
+        names = ", ".join(f"-> {cells[i].answered}" for i in row.misprinted)
+        reasons.append(f"a misprint of one of: {names}")
+    if row.fewest > row.trials or row.most < row.trials:
+        reasons.insert(0, "the ratios cannot sum to 1")
+        text = "; ".join(reasons)
+    else:
+        text = "; ".join([f"no whole counts give all means and SDs at once{given}", *reasons])
+    return place.text("row", printed, found, "impossible", text)
+
+
+def _sources(table: PrintedSources) -> Iterator[Line]:
+    """MS = SS / df, F = MS / MS of the residual, P of F: each from what stands beside it."""
+    residual = table.lines[-1]
+    for line in table.lines:
+        place = Place(table.where, "both", line.name, UNDECIDED, "the line does not print enough")
+        ms = _over(line.ss, line.df)
+        if line.ms is not None:
+            yield place.number("MS", line.ms, [ms] if ms else [])
+        own, rest = _mean_square(line.ms, ms), _mean_square(residual.ms, _over(residual.ss, residual.df))
+        f = quotient(own, rest) if own and rest and line is not residual else None
+        if line.f is not None:
+            yield place.number("F", line.f, [f] if f else [])
+        if line.p is not None:
+            ratio = line.f.either if line.f else f
+            yield place.number("P", line.p, [p_of_f(ratio, (line.df, residual.df))] if ratio else [])
+
+
+def _over(ss: Printed | None, df: int) -> Span | None:
+    return ss.either.times(Fraction(1, df)) if ss else None
+
+
+def _mean_square(printed: Printed | None, computed: Span | None) -> Span | None:
+    """A mean square as printed and as SS / df at once, where both can be."""
+    if printed is None:
+        return computed
+    both = printed.either
+    return both.common(computed) if computed and both.meets(computed) else both
+
+
+def _choices(choices: PrintedChoices) -> Iterator[Line]:
+    percentages = [printed for _, printed in choices.cells]
+    pairs = len(percentages)
+    shares = [choices.trials * people // pairs for people in (choices.participants, 1)]
+    for (first, second), printed in choices.cells:
+        place = Place(choices.where, choices.task, f"{first} and {second}", UNDECIDED)
+        yield _choice(place, printed, shares)
+    place = Place(choices.where, choices.task, f"all {pairs} pairs", UNDECIDED)
+    yield _common(place, choices, percentages, max(shares))
+    yield _unequal(place, choices, percentages)
+
+
+def _choice(place: Place, printed: Printed, shares: Sequence[int]) -> Line:
+    """One percentage, were the trials shared equally among pairs: those of every participant, or of all together.
+
+    Nothing printed says that they were, so a percentage that does not fit is no mistake by itself.
+    """
+    asked = [share for share in shares if share]
+    found = {name: [(k, n) for n in asked for k in counts(printed, n, read)] for name, read in READINGS.items()}
+    if fits := found["rounded"]:
+        return place.text("correct", printed.text, " or ".join(f"{k} of {n}" for k, n in fits[:LISTED]), "agrees")
+    near = [(round(printed.exact * share), share) for share in asked]
+    shown = " or ".join(f"{k} of {n} = {100 * k / n:.1f}%" for k, n in found["truncated"] or near)
+    cut = ", though one is cut off to it" if found["truncated"] else ""
+    trials = f"{' or '.join(map(str, asked))} trials, equal for all pairs,"
+    reason = f"no share of {trials} rounds to it{cut}; one of {smallest(printed, rounded)} does"
+    return place.text("correct", printed.text, shown, UNDECIDED, reason)
+
+
+def _common(place: Place, choices: PrintedChoices, percentages: Sequence[Printed], most: int) -> Line:
+    """Whether one number of trials a pair gives every percentage."""
+    pairs = len(percentages)
+    fitting = {name: list(common(percentages, reading)) for name, reading in READINGS.items()}
+    allowed = {name: [n for n in numbers if n <= most] for name, numbers in fitting.items()}
+    quantity, total = "common number of trials", choices.trials * choices.participants
+    printed = f"{choices.trials} trials, {choices.participants} participants"
+    if allowed["rounded"]:
+        return place.text(quantity, printed, _listed(allowed["rounded"]), "agrees")
+    if allowed["truncated"]:
+        return place.text(quantity, printed, _listed(allowed["truncated"]), "agrees if truncated")
+    least = "; ".join(
+        f"{name}, {numbers[0]} at least ({numbers[0] * pairs} trials)"
+        for name, numbers in fitting.items()
+        if numbers and name != "either"
+    )
+    reason = f"{least}; {choices.participants} x {choices.trials} = {total} trials allow {most}"
+    if allowed["either"]:
+        reason += f"; some rounded and some truncated: {_listed(allowed['either'])}"
+    return place.text(quantity, printed, f"none from 1 to {most}", "impossible", reason)
+
+
+def _unequal(place: Place, choices: PrintedChoices, percentages: Sequence[Printed]) -> Line:
+    """The fewest trials that the percentages take when pairs may differ in them."""
+    least = sum(smallest(printed, rounded) for printed in percentages)
+    all_of = choices.trials * choices.participants
+    for total, who in ((choices.trials, "all together"), (all_of, "every participant")):
+        if least <= total:
+            reason = f"if pairs were shown unequally often and {choices.trials} are those of {who}"
+            return place.text("trials in all", str(choices.trials), f"at least {least}", "agrees", reason)
+    reason = f"more than {choices.participants} x {choices.trials}"
+    return place.text("trials in all", str(choices.trials), f"at least {least}", "impossible", reason)
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    """Numbers in words, runs as runs."""
+    runs: list[list[int]] = [[numbers[0], numbers[0]]]
+    for before, number in pairwise(numbers):
+        if number == before + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    texts = [str(low) if low == high else f"{low} to {high}" for low, high in runs]
+    return ", ".join(texts[:LISTED]) + (", ..." if len(texts) > LISTED else "")
+
+
+READINGS = {"rounded": rounded, "truncated": truncated, "either": either}

@@ -1,0 +1,148 @@
+"""The simplest mistakes that could have produced a printed number that does not agree, simplest first.
+
+Each mistake computes the number as it would have made it; the first whose values the printed number can stand for is
+named, the others that fit are listed after it. A mistake that fits is an explanation, not a proof.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from analysis.granularity import Moments
+from analysis.published.printed import Printed, as_printed
+from analysis.recomputed import effect, p_of_f, p_of_t, t_of
+from analysis.spans import Span, hull, image
+from analysis.verdicts import AGREES, judge
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What may have gone wrong, and the values that it would have given; `squares` as in `judge`."""
+
+    text: str
+    values: tuple[Span, ...]
+    squares: bool = False
+
+
+def explain(printed: Printed, mistakes: Iterable[Mistake]) -> str:
+    """The first mistake that gives the printed number, and the others that do; empty where none does."""
+    fitting = [
+        mistake.text
+        for mistake in mistakes
+        if mistake.values and judge(printed, mistake.values, squares=mistake.squares)[0] in AGREES
+    ]
+    return "" if not fitting else fitting[0] + "".join(f"; or {other}" for other in fitting[1:])
+
+
+def of_mean(means: Sequence[Span], n: int, sizes: Iterable[int]) -> Iterator[Mistake]:
+    """Mistakes in a mean of `n`; `sizes` are the study's other numbers of participants."""
+    for size in sizes:
+        values = tuple(mean.times(Fraction(n, size)) for mean in means)
+        yield Mistake(f"the sum was divided by {size} participants, where n is {n}", values)
+    yield Mistake("it was printed as a percentage", tuple(mean.times(Fraction(100)) for mean in means))
+    yield Mistake("it is what is left to 1", tuple(mean.times(Fraction(-1)).plus(_ONE) for mean in means))
+
+
+def of_sd(moments: Sequence[Moments]) -> Iterator[Mistake]:
+    """Mistakes in a standard deviation."""
+    variances = tuple(one.variance for one in moments)
+    n = moments[0].n
+    population = tuple(variance.times(Fraction(n - 1, n)) for variance in variances)
+    yield Mistake("it is the population SD, divided by n, not n - 1", population, squares=True)
+    yield Mistake("it is the standard error", tuple(one.times(Fraction(1, n)) for one in variances), squares=True)
+    yield Mistake("it is the variance", variances)
+
+
+def of_t(
+    effects: Sequence[Span], moments: Sequence[Moments], printed: Printed, n: int, sizes: Iterable[int]
+) -> Iterator[Mistake]:
+    """Mistakes in a one-sample t with effect sizes `effects`, printed as `printed`."""
+    correct = tuple(t_of(one, n) for one in effects)
+    yield Mistake("its sign is lost", tuple(one.times(Fraction(-1)) for one in correct))
+    alike = [one.common(printed.either) for one in effects if one.meets(printed.either)]
+    yield Mistake(f"what is printed as t is Cohen's d{_span(alike)}", tuple(effects))
+    factor = math.sqrt(n / (n - 1))
+    yield Mistake("it was formed with the population SD", tuple(image(lambda t: t * factor, one) for one in correct))
+    yield Mistake("it was formed with sqrt(n - 1)", tuple(image(lambda t: t / factor, one) for one in correct))
+    for size in sizes:
+        text = f"it is d * sqrt({size}), where n is {n}"
+        yield Mistake(text, tuple(t_of(one, size) for one in effects))
+    from_zero = [of_zero for one in moments if (of_zero := effect(one, Fraction(0))) is not None]
+    yield Mistake("it is the t against 0", tuple(t_of(one, n) for one in from_zero))
+
+
+def of_p(
+    effects: Sequence[Span], t: Printed, df: int, n: int, sizes: Sequence[int], *, tests: int, t_agrees: bool
+) -> Iterator[Mistake]:
+    """Mistakes in the P of a one-sample t; `tests` are in its family, `t` and `df` are printed beside it."""
+    correct = [t_of(one, n) for one in effects]
+    yield Mistake("it is one-tailed", tuple(p_of_t(one, n - 1).times(_HALF) for one in correct))
+    if not t_agrees:
+        yield Mistake("it follows the printed t", (p_of_t(t.either, df),))
+        yield Mistake("it follows the printed t, one-tailed", (p_of_t(t.either, df).times(_HALF),))
+    yield Mistake(f"it was taken at {n} df, where n is {n}", tuple(p_of_t(one, n) for one in correct))
+    for size in sizes:
+        text = f"it was taken at {size - 1} df, where n is {n}"
+        yield Mistake(text, tuple(p_of_t(one, size - 1) for one in correct))
+    for size in sizes:
+        text = f"it is the P of d * sqrt({size}) at {size - 1} df, where n is {n}"
+        yield Mistake(text, tuple(p_of_t(t_of(one, size), size - 1) for one in effects))
+    yield Mistake("it was taken from the normal distribution", tuple(image(_p_of_z, one.absolute()) for one in correct))
+    if tests > 1:
+        family = tuple(p_of_t(one, n - 1).times(Fraction(tests)) for one in correct)
+        yield Mistake(f"it was multiplied by the {tests} tests of its task", family)
+
+
+def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
+    """Mistakes in a P that has nothing but a t and its df beside it."""
+    yield Mistake("it is one-tailed", (p_of_t(t.either, df).times(_HALF),))
+    for other in (df + 1, df - 1):
+        if other > 0:
+            yield Mistake(f"it was taken at {other} df", (p_of_t(t.either, other),))
+    yield Mistake("it was taken from the normal distribution", (image(_p_of_z, t.either.absolute()),))
+
+
+def of_f(f: Sequence[Span], df: tuple[int, int], values: int) -> Iterator[Mistake]:
+    """Mistakes in an F; `values` is how many numbers the ANOVA is of."""
+    yield Mistake("it is one over F", tuple(image(lambda one: 1 / one if one > 0 else math.inf, f_) for f_ in f))
+    yield Mistake("it is the root of F, a t", tuple(image(lambda one: math.sqrt(max(one, 0.0)), f_) for f_ in f))
+    population = Fraction(values, df[1])
+    yield Mistake("its residual was divided by the number of values", tuple(one.times(population) for one in f))
+    eta = tuple(image(lambda one: one * df[0] / (one * df[0] + df[1]), f_) for f_ in f)
+    yield Mistake("what is printed as F is eta squared", eta)
+
+
+def of_p_of_f(f: Sequence[Span], printed: Printed, df: tuple[int, int], values: int) -> Iterator[Mistake]:
+    """Mistakes in the P of an F; `printed` and `df` stand beside it."""
+    yield Mistake("it follows the printed F", (p_of_f(printed.either, df),))
+    yield Mistake("it is one-tailed", tuple(p_of_f(one, df).times(_HALF) for one in f))
+    for other in (values, values - 1, df[1] - df[0]):
+        if other > 0:
+            text = f"it was taken at {df[0]}, {other} df"
+            yield Mistake(text, tuple(p_of_f(one, (df[0], other)) for one in f))
+
+
+def of_df(n: int, sizes: Iterable[int]) -> Iterator[tuple[int, str]]:
+    """What else could have been printed as the df of a t."""
+    yield n, "it is the number of participants"
+    for size in sizes:
+        yield size - 1, f"it is that of {size} participants, where n is {n}"
+
+
+def _p_of_z(z: float) -> float:
+    return math.erfc(z / math.sqrt(2))
+
+
+def _span(effects: Sequence[Span]) -> str:
+    if not effects:
+        return ""
+    both = hull(effects)
+    texts = [as_printed(Printed("0.00"), float(end)) for end in (both.low, both.high)]
+    return f" = {texts[0]}" if texts[0] == texts[1] else f" = {texts[0]} to {texts[1]}"
+
+
+_ONE = Span(Fraction(1), Fraction(1))
+_HALF = Fraction(1, 2)

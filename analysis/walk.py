@@ -1,0 +1,278 @@
+"""The walk over a study's printed numbers: each beside what it is recomputed to, from print or from a dataset.
+
+A number agrees when rounding one of its recomputed values prints it, and agrees if truncated when cutting digits off
+does. It never differs because of what print leaves open: for data that were printed without a mistake no line does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from analysis import mistakes
+from analysis.evidence import NO_STEPS, Evidence, Sample
+from analysis.mistakes import Mistake, explain
+from analysis.published import Printed, PrintedCell, PrintedClaim, PrintedF, PrintedT, Published
+from analysis.recomputed import effect, p_of_f, p_of_t, t_of
+from analysis.significance import stars
+from analysis.spans import Span, image
+from analysis.verdicts import AGREES, Line, Verdict, judge, shown
+
+CONSTANT = "every value is the same: no variance, t and P are not defined"
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a printed number stands and what it is about; makes its lines.
+
+    `missing` is the verdict on a number that nothing is known about, `statement` the reason.
+    """
+
+    where: str
+    task: str
+    subject: str
+    missing: Verdict
+    statement: str = ""
+
+    def number(
+        self,
+        quantity: str,
+        printed: Printed,
+        values: Sequence[Span],
+        why: Callable[[], Iterable[Mistake]] = tuple,
+        *,
+        squares: bool = False,
+        remark: str = "",
+        otherwise: tuple[Verdict, str] = ("differs", ""),
+    ) -> Line:
+        """A number against the values that it can have.
+
+        Args:
+            quantity: what it is.
+            printed: the number in print.
+            values: see `judge`.
+            why: gives the mistakes to try, if any may be tried.
+            squares: see `judge`.
+            remark: stands after the recomputed number.
+            otherwise: the verdict where none fits, and the reason where no mistake gives it.
+        """
+        if not values:
+            return self.text(quantity, printed.text, "-", self.missing, self.statement)
+        verdict, fitting = judge(printed, values, squares=squares)
+        text, low, high = shown(printed, fitting, squares=squares)
+        reason = ""
+        if verdict == "differs":
+            verdict, reason = otherwise[0], explain(printed, why()) or otherwise[1]
+        found = text + remark
+        return Line(self.where, self.task, self.subject, quantity, printed.text, found, low, high, verdict, reason)
+
+    def text(self, quantity: str, printed: str, found: str, verdict: Verdict, reason: str = "") -> Line:
+        """What is compared as text."""
+        return Line(self.where, self.task, self.subject, quantity, printed, found, None, None, verdict, reason)
+
+
+class Walk:
+    """All lines of a study's printed numbers against one evidence, in the order of the paper's tables."""
+
+    def __init__(self, published: Published, evidence: Evidence, *, diagnose: bool) -> None:
+        self._published = published
+        self._evidence = evidence
+        self._diagnose = diagnose
+        self._sizes = sorted({task.participants for task in published.tasks if task.participants > 1}, reverse=True)
+
+    def lines(self) -> Iterator[Line]:
+        """Cells, t-tests, ANOVAs, claims."""
+        for cell in self._published.cells:
+            yield from self._cell(cell)
+        for test in self._published.tests:
+            yield from self._test(test)
+        for printed in self._published.one_way:
+            subject = f"one-way ANOVA, {' and '.join(printed.subject)}"
+            yield from self._f(self._place(printed.where, printed.task or "", subject), printed)
+        for printed in self._published.two_way:
+            yield from self._f(self._place(printed.where, "both", f"two-way ANOVA, {printed.subject[0]}"), printed)
+        for claim in self._published.claims:
+            yield self._claim(claim)
+
+    def effects(self, test: PrintedT) -> tuple[Span, ...]:
+        """Effect sizes of a t-test, as far as the printed t pins them: as t, or as Cohen's d where it is that."""
+        sample = self._evidence.tested(test)
+        effects = _effects(sample, test.null)
+        as_t = image(lambda t: t / math.sqrt(max(sample.n, 1)), test.t.either)
+        for pin in (as_t, test.t.either):
+            if pinned := tuple(one.common(pin) for one in effects if one.meets(pin)):
+                return pinned
+        return effects
+
+    def _place(self, where: str, task: str, subject: str, statement: str = "") -> Place:
+        return Place(where, task, subject, self._evidence.missing, statement)
+
+    def _others(self, n: int) -> list[int]:
+        return [size for size in self._sizes if size != n]
+
+    def _cell(self, cell: PrintedCell) -> Iterator[Line]:
+        known, sample = self._evidence.mean(cell), self._evidence.sample(cell)
+        place = self._place(cell.where, cell.task, cell.subject, known.statement)
+
+        def mean_mistakes() -> Iterable[Mistake]:
+            return mistakes.of_mean(known.values, sample.n, self._others(sample.n)) if self._diagnose else ()
+
+        def sd_mistakes() -> Iterable[Mistake]:
+            return mistakes.of_sd(sample.every) if self._diagnose else ()
+
+        no_counts = f"no whole counts of {sample.n} participants give it"
+        otherwise = self._evidence.refuted, no_counts if self._evidence.refuted == "impossible" else ""
+        repeated: tuple[Verdict, str] = ("differs", "")
+        contradiction = otherwise if cell.in_table else repeated
+        yield place.number("mean", cell.mean, known.values, mean_mistakes, otherwise=contradiction)
+        if not known.values and not known.statement:
+            return
+        if cell.sd is not None:
+            variances = [one.variance for one in sample.every]
+            unknown = known.statement or ("no whole counts give the mean" if cell.scale else NO_STEPS)
+            place = Place(place.where, place.task, place.subject, place.missing, unknown)
+            yield place.number("SD", cell.sd, variances, sd_mistakes, squares=True, otherwise=contradiction)
+        test = next((one for one in self._published.tests if _is_of(one, cell)), None)
+        null = test.null if test else self._published.chance
+        if self._published.levels and cell.stars is not None and cell.presented == cell.answered and null is not None:
+            yield self._stars(place, cell, null, test)
+
+    def _stars(self, place: Place, cell: PrintedCell, null: Fraction, test: PrintedT | None) -> Line:
+        sample = self._evidence.sample(cell)
+        every = _marks(sample, _effects(sample, null), self._published.levels)
+        pinned = _marks(sample, self.effects(test), self._published.levels) if test else every
+        printed = cell.stars or "none"
+        if not every:
+            verdict = place.missing if sample.statement or sample.n < 2 else "cannot be decided"
+            return place.text("stars", printed, "none", "agrees" if printed == "none" else verdict, CONSTANT)
+        found = pinned if printed in pinned or printed not in every else every
+        shown_as = " or ".join(found)
+        if printed in found:
+            return place.text("stars", printed, shown_as, "agrees")
+        reason = ""
+        if self._diagnose and test and test.p and _marks_of(test.p, self._published.levels) == printed:
+            ps = [p_of_t(t_of(one, sample.n), sample.n - 1) for one in self.effects(test)]
+            value = " to ".join(dict.fromkeys(f"{float(p):.2g}" for p in (ps[0].low, ps[-1].high)))
+            reason = f"they follow the printed P = {test.p.text}; recomputed P = {value}"
+        return place.text("stars", printed, shown_as, "differs", reason)
+
+    def _test(self, test: PrintedT) -> Iterator[Line]:
+        sample = self._evidence.tested(test)
+        effects = _effects(sample, test.null)
+        statement = sample.statement or (CONSTANT if sample.moments and not effects else "")
+        place = self._place(test.where, test.task, test.material, statement)
+        n, others = sample.n, self._others(sample.n)
+        remark = f" at {n - 1} df" if effects and n - 1 != test.df else ""
+        ts = [t_of(one, n) for one in effects]
+        t = place.number(
+            f"t({test.df})",
+            test.t,
+            ts,
+            lambda: mistakes.of_t(effects, sample.moments, test.t, n, others) if self._diagnose else (),
+            remark=remark,
+        )
+        yield t
+        if test.p is not None:
+            yield self._p(place, test, test.p, sample, effects, t_agrees=t.agrees)
+        yield _df(place, test.df, n - 1 if n > 1 else None, mistakes.of_df(n, others) if self._diagnose else ())
+
+    def _p(
+        self, place: Place, test: PrintedT, p: Printed, sample: Sample, effects: Sequence[Span], *, t_agrees: bool
+    ) -> Line:
+        n = sample.n
+        if not effects and place.missing == "cannot be decided":
+            # Nothing else is printed: P can still be held against the t and df beside it.
+            return place.number("P", p, [p_of_t(test.t.either, test.df)], lambda: mistakes.of_lone_p(test.t, test.df))
+        pinned = self.effects(test)
+        every, narrow = ([p_of_t(t_of(one, n), n - 1) for one in sizes] for sizes in (effects, pinned))
+        # A t that was read as something else accuses no P that the means and SDs allow.
+        lenient = not t_agrees and judge(p, narrow)[0] not in AGREES and judge(p, every)[0] in AGREES
+
+        def why() -> Iterable[Mistake]:
+            if not self._diagnose:
+                return ()
+            family = sum(one.task == test.task for one in self._published.tests)
+            sizes = self._others(n)
+            return mistakes.of_p(pinned, test.t, test.df, n, sizes, tests=family, t_agrees=t_agrees)
+
+        return place.number("P", p, every if lenient else narrow, why)
+
+    def _f(self, place: Place, printed: PrintedF) -> Iterator[Line]:
+        found = self._evidence.variances(printed)
+        place = Place(place.where, place.task, place.subject, place.missing, found.statement)
+        own = found.df
+        remark = f" at {own[0]}, {own[1]} df" if own and own != printed.df else ""
+        values = [found.f] if found.f else []
+
+        def f_mistakes() -> Iterable[Mistake]:
+            return mistakes.of_f(values, own, found.values) if self._diagnose and own else ()
+
+        def p_mistakes() -> Iterable[Mistake]:
+            return mistakes.of_p_of_f(values, printed.f, own, found.values) if self._diagnose and own else ()
+
+        line = place.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, f_mistakes, remark=remark)
+        yield line
+        if own is None or not values:
+            from_print = [p_of_f(printed.f.either, printed.df)] if place.missing == "cannot be decided" else []
+            yield place.number("P", printed.p, from_print)
+        else:
+            narrow = [one.common(printed.f.either) if line.agrees else one for one in values]
+            yield place.number("P", printed.p, [p_of_f(one, own) for one in narrow], p_mistakes)
+        for k, name in enumerate(("df of the effect", "df of the residual")):
+            yield _df(place, printed.df[k], own[k] if own else None, (), name)
+
+    def _claim(self, claim: PrintedClaim) -> Line:
+        place = self._place(claim.where, claim.task, "materials above chance")
+        cells = [cell for cell in self._published.tables() if cell.task == claim.task]
+        least = most = known = 0
+        for cell in cells:
+            test = next((one for one in self._published.tests if _is_of(one, cell)), None)
+            if cell.presented != cell.answered or test is None:
+                continue
+            found = _marks(self._evidence.tested(test), self.effects(test), self._published.levels)
+            known += bool(found)
+            least += bool(found) and "none" not in found
+            most += any(mark != "none" for mark in found)
+        text, printed = f"{claim.significant} of {claim.of}", f"{least}" if least == most else f"{least} to {most}"
+        if known != claim.of:
+            return place.text("significant", text, "-", place.missing, "not all of them are tested")
+        verdict: Verdict = "agrees" if least <= claim.significant <= most else "differs"
+        return place.text("significant", text, f"{printed} of {known}", verdict)
+
+
+def _df(place: Place, printed: int, found: int | None, other: Iterable[tuple[int, str]], name: str = "df") -> Line:
+    if found is None:
+        return place.text(name, str(printed), "-", place.missing, place.statement)
+    reason = next((text for value, text in other if value == printed), "") if printed != found else ""
+    verdict: Verdict = "agrees" if printed == found else "differs"
+    line = place.text(name, str(printed), str(found), verdict, reason)
+    return Line(**{**vars(line), "low": float(found), "high": float(found)})
+
+
+def _is_of(test: PrintedT, cell: PrintedCell) -> bool:
+    return (test.task, test.material, test.material) == cell.key
+
+
+def _effects(sample: Sample, null: Fraction) -> tuple[Span, ...]:
+    return tuple(dict.fromkeys(size for one in sample.moments if (size := effect(one, null)) is not None))
+
+
+def _marks_of(p: Printed, levels: Sequence[tuple[float, str]]) -> str:
+    """The stars that a printed P earns; an upper bound earns those of anything below it."""
+    return stars(math.nextafter(p.value, 0.0) if p.is_bound else p.value, levels) or "none"
+
+
+def _marks(sample: Sample, effects: Sequence[Span], levels: Sequence[tuple[float, str]]) -> tuple[str, ...]:
+    """The stars that a mean above chance can have, most first; "none" for none, as where there may be no variance."""
+    marks = ["", *(mark for _, mark in reversed(levels))]
+    found = {""} if effects and any(one.variance.low == 0 for one in sample.moments) else set()
+    for one in effects:
+        p = p_of_t(t_of(one, sample.n), sample.n - 1)
+        reached = [marks.index(stars(float(end), levels)) for end in (p.low, p.high)]
+        if one.high > 0:
+            found |= set(marks[min(reached) : max(reached) + 1])
+        if one.low <= 0:
+            found.add("")
+    return tuple(mark or "none" for mark in sorted(found, key=len, reverse=True))
