@@ -1,14 +1,21 @@
-"""The commands of the analyst's desk: export, audit."""
+"""The commands of the analyst's desk: export, audit, power."""
 
 from __future__ import annotations
 
 import json
+import re
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from experiment.cli_lab import ProtocolFile
+from experiment.errors import Interrupted, PowerError
+
 analyst = typer.Typer()
+
+PARTICIPANTS = "4,5,6,7,8,10,12,15,20,25,30,40"
 
 
 @analyst.command(epilog="Example: palpate export participants/okamoto2012 --out okamoto2012-tables")
@@ -53,3 +60,90 @@ def audit(
         typer.echo(json.dumps(result.as_dict(), indent=2, ensure_ascii=False, allow_nan=False))
     else:
         typer.echo(result.text())
+
+
+@analyst.command(epilog="Example: palpate power protocols/okamoto2012.toml --participants 5-30 --out power")
+def power(
+    protocol_file: ProtocolFile,
+    model: Annotated[
+        str,
+        typer.Option(
+            "--model",
+            help="How participants answer: 'published' tables of this study, the id of another published study, the "
+            "folder of a dataset, or a TOML file.",
+        ),
+    ] = "published",
+    participants: Annotated[
+        str, typer.Option("--participants", help="Sizes to try, such as 5,10,15 or 5-30.")
+    ] = PARTICIPANTS,
+    studies: Annotated[int, typer.Option("--studies", help="Simulated studies of each size.")] = 10_000,
+    alpha: Annotated[
+        float | None, typer.Option("--alpha", help="Level of every test; each test's own by default.")
+    ] = None,
+    target: Annotated[float, typer.Option("--target", help="Power wanted.")] = 0.8,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Names every random draw.")] = 1,
+    jobs: Annotated[int, typer.Option("--jobs", min=0, help="Chunks of studies at a time; 0: one a core.")] = 0,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler to work on instead.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown) and plot.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """Say how many participants a study needs.
+
+    Simulates whole studies from a choice model, and tests each as the protocol plans: power by number of participants,
+    with its Monte Carlo error, and the type I error when everybody guesses. The same seed gives the same result on any
+    number of cores or machines.
+    """
+    from analysis import choice_models, planned_tests, power_report, published, workers
+    from analysis import power as simulated
+    from experiment.cli_progress import progress
+    from experiment.protocol import load
+
+    for name, share in (("--alpha", alpha), ("--target", target)):
+        if share is not None and not 0 < share < 1:
+            raise PowerError(f"{name} {share}: allowed: a number between 0 and 1; give one")
+    sizes = _sizes(participants)
+    protocol = load.load(protocol_file)
+    chosen = choice_models.find(model, protocol)
+    printed = published.load(model) or published.load(protocol.study.id)
+    planned = planned_tests.design(protocol, printed.pairs() if printed else {}, alpha)
+    runner = (
+        partial(workers.on_cores, jobs=jobs) if scheduler is None else partial(workers.on_cluster, address=scheduler)
+    )
+    try:
+        with progress(simulated.LABEL, quiet=as_json) as (total, tick):
+            result = simulated.run(
+                protocol,
+                planned,
+                chosen,
+                participants=sizes,
+                studies=studies,
+                seed=seed,
+                target=target,
+                runner=runner,
+                total=total,
+                tick=tick,
+            )
+    except KeyboardInterrupt:
+        raise Interrupted("the simulation was interrupted; nothing was written") from None
+    if out is not None:
+        power_report.write(result, out)
+    if as_json:
+        typer.echo(json.dumps(power_report.as_dict(result), indent=2, ensure_ascii=False, allow_nan=False))
+    else:
+        typer.echo(power_report.text(result))
+
+
+def _sizes(text: str) -> list[int]:
+    """`5,10,15`, `5-30`, or both."""
+    found: list[int] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*([0-9]{1,6})(?:\s*-\s*([0-9]{1,6}))?\s*", part)
+        if match is None or (match[2] and int(match[2]) < int(match[1])):
+            raise PowerError(
+                f"--participants: got {text!r}; allowed: whole numbers and rising ranges between commas, such as "
+                "5,10,20-30"
+            )
+        found += range(int(match[1]), int(match[2] or match[1]) + 1)
+    return found

@@ -15,6 +15,7 @@ PalpateError                exit code 2, one line for the experimenter
 │   └── SessionLocked       another runner holds this participant
 ├── SessionError            a step that the session's state does not allow
 ├── Interrupted             ended at the keyboard; exit code 130
+├── PowerError              a choice model, a number or a cluster that simulated studies cannot be run with
 └── DatasetError            a dataset that cannot be read, or would be overwritten
 """
 
@@ -120,3 +121,7 @@ class Interrupted(PalpateError):
 
 class DatasetError(PalpateError):
     """A dataset that cannot be read, or that would be overwritten."""
+
+
+class PowerError(PalpateError):
+    """A choice model, a number of participants or a cluster that simulated studies cannot be run with."""

@@ -1,0 +1,55 @@
+"""What `palpate power` prints and writes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from analysis.output import publish
+from analysis.power import LABEL, Power
+from analysis.power_sections import sections
+from analysis.tables import WIDTH, comma_separated, markdown
+from analysis.tables import text as in_terminal
+from analysis.workers import software
+
+
+def text(result: Power, width: int = WIDTH) -> str:
+    """Everything for a terminal; what is needed stands last."""
+    parts = sorted(sections(result), key=lambda section: section.slug == "needed")
+    shown = [in_terminal(section, width) for section in parts if section.slug != "control"]
+    return "\n\n\n".join([LABEL, *shown, LABEL])
+
+
+def as_dict(result: Power) -> dict[str, Any]:
+    """Every number, for JSON: None where something is not defined."""
+    return {
+        "label": LABEL,
+        "study": result.study,
+        "model": result.model.source,
+        "notes": list(result.notes),
+        "participants": list(result.participants),
+        "studies": result.studies,
+        "seed": result.seed,
+        "target": result.target,
+        "software": software(),
+        **{f"{section.slug}_rows": [dict(record) for record in section.records] for section in sections(result)},
+    }
+
+
+def write(result: Power, out: Path) -> tuple[Path, ...]:
+    """Write tables (CSV, Markdown) and the plot (PNG, SVG) into a folder.
+
+    Returns:
+        The files.
+
+    Raises:
+        DatasetError: a file in the way, or the file system refuses.
+    """
+    from analysis import figures, power_figures
+
+    parts = sections(result)
+    files = {f"{part.slug}.csv": comma_separated(part, LABEL).encode() for part in parts if part.records != ({},)}
+    files["power.md"] = "\n".join([f"**{LABEL}**\n", *(markdown(part, "") for part in parts)]).encode()
+    figure = power_figures.figure(result)
+    files["power.svg"], files["power.png"] = figures.svg(figure), figures.png(figure)
+    return publish(out, files, LABEL)

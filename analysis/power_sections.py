@@ -1,0 +1,245 @@
+"""The tables of `palpate power`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+
+from analysis.planned_tests import ADJUSTED, Question
+from analysis.power import Kind, Power, Row
+from analysis.tables import Section, Table, number
+
+ABOUT_POWER = (
+    "Power: the share of SIMULATED studies in which P lies below alpha, two-tailed; in brackets Wilson's 95 % "
+    "interval, the Monte Carlo error, which says nothing of what the choice model leaves open. A study whose values "
+    "define no P counts as one that finds nothing."
+)
+ABOUT_GUESSING = (
+    "The same when nobody can tell anything: each answer equally likely, no participant unlike another. Every null "
+    "hypothesis holds then, and the share with P below alpha is the type I error. A pair chosen after looking at the "
+    "answers is tested more often wrongly than alpha says, and ratios of one presented material are no independent "
+    "values."
+)
+
+
+def sections(result: Power) -> tuple[Section, ...]:
+    """What was simulated, what is needed, then every number."""
+    return (
+        _studies(result),
+        _needed(result),
+        _by_size(result, "model", "power", "Power by number of participants", ABOUT_POWER),
+        _by_size(result, "guessing", "control", "Control: type I error", ABOUT_GUESSING),
+        *_estimates(result),
+        _undefined(result),
+    )
+
+
+def subject(question: Question) -> str:
+    """What a question asks about, in a few words."""
+    return f"{question.subject} ({ADJUSTED})" if question.adjusted else question.subject
+
+
+def title(question: Question) -> str:
+    """The planned test and its tasks."""
+    return f"{question.test}, {' and '.join(question.tasks)}"
+
+
+def _studies(result: Power) -> Section:
+    shares = [f"{task.id} {task.of} of {result.design.participants}" for task in result.design.tasks]
+    trials = [f"{task.id} {task.repetitions}" for task in result.design.tasks]
+    paragraphs = (
+        f"{result.studies} SIMULATED studies of each size, seed {result.seed}. Study {result.study}; answers from: "
+        f"{result.model.source}.",
+        f"Participants of a task in the proportion of the protocol ({', '.join(shares)}), rounded; repetitions of each "
+        f"material: {', '.join(trials)}. Participants are those whose answers are analysed: nobody withdraws, and no "
+        "exclusion rule is applied. One participant's answers to two materials, or in two tasks, are independent given "
+        "the model.",
+        *(f"{note[0].upper()}{note[1:]}." if not note.endswith(".") else note for note in result.notes),
+    )
+    header = ("task", "presented", *result.design.materials, "none", "spread")
+    rows, records = [], []
+    for task in result.model.tasks:
+        for material, shares_of, spread in zip(result.design.materials, task.shares, task.spread, strict=True):
+            rows.append((task.task, material, *(f"{share:.3f}" for share in shares_of), f"{spread:.3f}"))
+            named = dict(zip((*result.design.materials, "none"), shares_of.tolist(), strict=True))
+            records.append({"task": task.task, "presented": material, **named, "spread": float(spread)})
+    note = "Mean share of each answer; spread: intraclass correlation of one participant's answers to a material."
+    table = Table("Choice model", header, tuple(rows), left=frozenset({0, 1}), notes=(note,))
+    return Section("model", "Simulated studies", paragraphs, (table,), tuple(records))
+
+
+def _needed(result: Power) -> Section:
+    plan = _as_planned(result)
+    rows, brief, records = [], [], []
+    for question in result.questions:
+        at, control = result.row(question, plan), result.row(question, plan, "guessing")
+        if question.alpha is None or at is None or control is None:
+            continue
+        needed = result.needed(question)
+        size = f"{_size(needed.likely)} ({_size(needed.earliest)} to {_size(needed.surely)})"
+        names = title(question), subject(question)
+        rows.append((*names, f"{question.alpha:g}", _shown(at), _shown(control), size))
+        brief.append((*names, number(at.power), number(control.power), size))
+        records.append(
+            {**_named(question), "participants_planned": plan, "power_planned": at.power,
+             "type_i_error_planned": control.power, "target": result.target, "participants_needed": needed.likely,
+             "at_earliest": needed.earliest, "surely": needed.surely}
+        )  # fmt: skip
+    alphas = ", ".join(dict.fromkeys(f"{question.alpha:g}" for question in result.questions if question.alpha))
+    notes = (
+        f"Power and type I error at n = {plan}, alpha {alphas}. n for {result.target:g}: the smallest of the numbers "
+        f"tried ({_listed(result.participants)}) from which on the power is at least so large, and the same for the "
+        "upper and the lower limit of its Monte Carlo error; -: none of them.",
+    )
+    wanted = f"n for {result.target:g}"
+    left = frozenset({0, 1})
+    table = Table("", ("test", "of", "alpha", "power", "type I error", wanted), tuple(rows), left=left, notes=notes)
+    short = Table("", ("test", "of", "power", "type I", wanted), tuple(brief), left=left, notes=notes)
+    return Section("needed", "Participants needed", (), (table,), tuple(records), (short,))
+
+
+def _by_size(result: Power, kind: Kind, slug: str, name: str, about: str) -> Section:
+    rows = [row for row in result.rows if row.kind == kind and row.question.alpha is not None]
+    questions = list(dict.fromkeys(row.question for row in rows))
+    tables, brief = [], []
+    for group in dict.fromkeys((question.plan, question.tasks) for question in questions):
+        asked = [question for question in questions if (question.plan, question.tasks) == group]
+        tables.append(_sizes_table(result, kind, asked, shown=_shown))
+        plain = [question for question in asked if not question.adjusted]
+        brief.append(_sizes_table(result, kind, plain, shown=lambda row: number(row.power if row else None)))
+    return Section(slug, name, (about,), tuple(tables), tuple(map(_record, rows)), tuple(brief))
+
+
+def _sizes_table(
+    result: Power, kind: Kind, questions: Sequence[Question], *, shown: Callable[[Row | None], str]
+) -> Table:
+    rows = tuple(
+        (_sizes(result, size), *(shown(result.row(question, size, kind)) for question in questions))
+        for size in result.participants
+    )
+    of_tasks = ", ".join(task.id for task in result.design.tasks)
+    apart = any(len(set(result.design.sizes(size))) > 1 for size in result.participants)
+    notes = (f"n: of the study ({of_tasks}).",) if apart else ()
+    return Table(title(questions[0]), ("n", *map(subject, questions)), rows, notes=notes)
+
+
+def _estimates(result: Power) -> tuple[Section, ...]:
+    rows = [row for row in result.rows if row.tally.estimates is not None]
+    if not rows:
+        return ()
+    shown, records = [], []
+    for row in rows:
+        low, middle, high = row.quantiles or (None, None, None)
+        limits = f"{number(low)} to {number(high)}"
+        name = f"{subject(row.question)}, {' and '.join(row.question.tasks)}"
+        shown.append((name, row.kind, str(row.participants), number(middle), limits))
+        records.append(
+            {**_named(row.question), "answers": row.kind, "participants": row.participants,
+             "studies": row.tally.studies, "undefined": row.tally.undefined, "median": middle, "low": low, "high": high}
+        )  # fmt: skip
+    header = ("form", "answers", "n", "median", "95 % of studies")
+    about = "How far estimates lie apart, which a coefficient without a test of its own has in the place of power."
+    left = frozenset({0, 1})
+    few = tuple(line for line, row in zip(shown, rows, strict=True) if row.participants == _as_planned(result))
+    tables = Table("", header, tuple(shown), left=left), Table("", header, few, left=left)
+    return (Section("estimates", "Estimates of reliability", (about,), tables[:1], tuple(records), tables[1:]),)
+
+
+def _undefined(result: Power) -> Section:
+    rows = [row for row in result.rows if row.tally.undefined]
+    if not rows:
+        return Section("undefined", "Not defined", ("Every test of every study is defined.",), records=({},))
+    records = tuple(
+        {**_named(row.question), "answers": row.kind, "participants": row.participants,
+         "undefined": row.tally.undefined, "studies": row.tally.studies, "reason": _reason(result, row)}
+        for row in rows
+    )  # fmt: skip
+    header = ("test", "of", "answers", "n", "studies", "share", "because")
+    left = frozenset({0, 1, 2, 6})
+    every = [row for row in rows if not row.question.adjusted]
+    worst: dict[tuple[Question, Kind], Row] = {}
+    for row in every:
+        held = worst.setdefault((row.question, row.kind), row)
+        if row.tally.undefined > held.tally.undefined:
+            worst[row.question, row.kind] = row
+    tables = [
+        Table("", header, tuple(_undefined_line(result, row) for row in some), left=left)
+        for some in (every, [row for row in worst.values() if row.kind == "model"])
+    ]
+    about = "Studies whose values define no statistic, of all that were simulated; they count as finding nothing."
+    say = "Below, where that was most often." if len(every) > len(worst) else ""
+    brief = replace(tables[1], title=say)
+    return Section("undefined", "Not defined", (about,), (tables[0],), records, (brief,))
+
+
+def _undefined_line(result: Power, row: Row) -> tuple[str, ...]:
+    return (
+        title(row.question),
+        subject(row.question),
+        row.kind,
+        str(row.participants),
+        str(row.tally.undefined),
+        f"{row.tally.undefined / row.tally.studies:.4f}",
+        _reason(result, row),
+    )
+
+
+def _reason(result: Power, row: Row) -> str:
+    sizes = dict(zip((task.id for task in result.design.tasks), result.design.sizes(row.participants), strict=True))
+    if all(sizes[task] < 2 for task in row.question.tasks):
+        return "one participant"
+    return "no variance"
+
+
+def _record(row: Row) -> Mapping[str, object]:
+    low, high = row.interval or (None, None)
+    return {
+        **_named(row.question),
+        "answers": row.kind,
+        "participants": row.participants,
+        "studies": row.tally.studies,
+        "significant": row.tally.significant,
+        "of_these_above_chance": row.tally.above,
+        "undefined": row.tally.undefined,
+        "share": row.power,
+        "low": low,
+        "high": high,
+    }
+
+
+def _named(question: Question) -> dict[str, object]:
+    return {
+        "planned_test": question.plan + 1,
+        "test": question.test,
+        "tasks": " ".join(question.tasks),
+        "of": question.subject,
+        "p": ADJUSTED if question.adjusted else "unadjusted",
+        "alpha": question.alpha,
+    }
+
+
+def _shown(row: Row | None) -> str:
+    if row is None or row.power is None or row.interval is None:
+        return "-"
+    return f"{row.power:.3f} ({row.interval[0]:.3f}-{row.interval[1]:.3f})"
+
+
+def _size(size: int | None) -> str:
+    return "-" if size is None else str(size)
+
+
+def _sizes(result: Power, size: int) -> str:
+    """A size, with those of the tasks where they differ."""
+    of_tasks = result.design.sizes(size)
+    return str(size) if set(of_tasks) == {size} else f"{size} ({', '.join(map(str, of_tasks))})"
+
+
+def _as_planned(result: Power) -> int:
+    """The protocol's number of participants, or of those tried the one that is nearest to it."""
+    return min(result.participants, key=lambda size: (abs(size - result.design.participants), size))
+
+
+def _listed(sizes: tuple[int, ...]) -> str:
+    if len(sizes) > 2 and sizes == tuple(range(sizes[0], sizes[-1] + 1)):
+        return f"{sizes[0]} to {sizes[-1]}"
+    return ", ".join(map(str, sizes))

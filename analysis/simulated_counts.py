@@ -1,0 +1,74 @@
+"""Answers of many simulated participants at once: counts drawn from a choice model, from uniform numbers alone."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.choice_models import Answers
+
+Counts = NDArray[np.int64]
+
+
+def draw(answers: Answers, *, trials: int, participants: int, studies: int, random: np.random.Generator) -> Counts:
+    """Counts of every answer, Dirichlet-multinomial (multinomial without spread).
+
+    One answer after the other is beta-binomial given those before it, and is found from a uniform number in the table
+    of its distribution: the same counts wherever the generator's uniform numbers are the same.
+
+    Args:
+        answers: of one task.
+        trials: of each material, for each participant.
+        participants: in a study.
+        studies: how many.
+        random: source of uniform numbers.
+
+    Returns:
+        Shape (M, M + 1, studies, participants): presented, answered, the last answer "no material named".
+    """
+    materials = len(answers.shares)
+    counts = np.zeros((materials, materials + 1, studies, participants), dtype=np.int64)
+    for row, shares, spread in zip(counts, answers.shares.tolist(), answers.spread.tolist(), strict=True):
+        left = np.full((studies, participants), trials, dtype=np.int64)
+        for answer, share in enumerate(shares):
+            rest = sum(shares[answer + 1 :])
+            if share == 0:
+                continue
+            if rest == 0:
+                row[answer] = left
+                break
+            table = distribution(trials, share, rest, spread)
+            # Row r of the table begins at r (trials + 1) and its values lie from r to r + 1.
+            places = np.searchsorted(table, left + random.random(left.shape), side="right")
+            np.minimum(places - left * (trials + 1), left, out=row[answer])
+            left -= row[answer]
+    return counts
+
+
+def distribution(trials: int, share: float, rest: float, spread: float) -> NDArray[np.float64]:
+    """Cumulative distribution of the count of one answer in 0..`trials` remaining trials, row after row.
+
+    Args:
+        trials: most trials that may remain.
+        share: of this answer.
+        rest: of all answers after it.
+        spread: intraclass correlation; 0 makes it binomial.
+
+    Returns:
+        Shape ((trials + 1)^2,), rising: place r (trials + 1) + k holds r + P(count <= k | r remain).
+    """
+    from scipy.special import betaln, xlog1py, xlogy
+
+    left, count = np.arange(trials + 1.0)[:, None], np.arange(trials + 1.0)[None, :]
+    inside = count <= left
+    missed = np.where(inside, left - count, 0.0)
+    ways = -np.log(left + 1) - betaln(missed + 1, count + 1)
+    if spread > 0:
+        a, b = share * (1 / spread - 1), rest * (1 / spread - 1)
+        log_p = ways + betaln(count + a, missed + b) - betaln(a, b)
+    else:
+        p = share / (share + rest)
+        log_p = ways + xlogy(count, p) + xlog1py(missed, -p)
+    below = np.cumsum(np.where(inside, np.exp(log_p), 0.0), axis=1)
+    below[count >= left] = 1.0
+    return np.asarray(np.ravel(left + np.minimum(below, 1.0)), dtype=np.float64)
