@@ -6,8 +6,8 @@ any order, each with its chunk's place.
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from importlib import metadata
 from typing import Any, TypeVar
 
@@ -21,7 +21,11 @@ PATIENCE = "10s"
 
 
 def on_cores(work: Callable[[Chunk], Result], chunks: Sequence[Chunk], jobs: int = 0) -> Iterator[tuple[int, Result]]:
-    """Results of `work` on this machine; `jobs` at a time, 0 for one a core."""
+    """Results of `work` on this machine; `jobs` at a time, 0 for one a core.
+
+    Raises:
+        PowerError: the system ended a process that worked.
+    """
     from joblib import Parallel, cpu_count, delayed
 
     jobs = min(jobs or cpu_count(), len(chunks))
@@ -29,7 +33,12 @@ def on_cores(work: Callable[[Chunk], Result], chunks: Sequence[Chunk], jobs: int
         yield from ((place, work(chunk)) for place, chunk in enumerate(chunks))
         return
     parallel = Parallel(n_jobs=jobs, return_as="generator_unordered")
-    yield from parallel(delayed(_placed)(work, place, chunk) for place, chunk in enumerate(chunks))
+    try:
+        yield from parallel(delayed(_placed)(work, place, chunk) for place, chunk in enumerate(chunks))
+    except BrokenProcessPool as error:
+        raise PowerError(
+            f"--jobs {jobs}: the system ended a process that worked, perhaps for want of memory; call again with fewer"
+        ) from error
 
 
 def on_cluster(work: Callable[[Chunk], Result], chunks: Sequence[Chunk], address: str) -> Iterator[tuple[int, Result]]:
@@ -67,10 +76,7 @@ def on_cluster(work: Callable[[Chunk], Result], chunks: Sequence[Chunk], address
 
 def software() -> dict[str, str]:
     """What numbers depend on, name -> version."""
-    return {
-        "python": platform.python_version(),
-        **{name: metadata.version(name) for name in ("palpate", "numpy", "scipy")},
-    }
+    return {name: metadata.version(name) for name in ("palpate", "numpy", "scipy")}
 
 
 def _placed(work: Callable[[Chunk], Result], place: int, chunk: Chunk) -> tuple[int, Result]:

@@ -1,0 +1,51 @@
+"""Simulated studies on a real Dask cluster: scheduler and two worker processes, on loopback."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from types import SimpleNamespace
+
+import pytest
+
+from analysis import workers
+from experiment.errors import PowerError
+from experiment.protocol.shipped import shipped
+from tests.conftest import Palpate
+
+distributed = pytest.importorskip("distributed")
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[str]:
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        yield cluster.scheduler_address
+
+
+def test_the_cluster_gives_the_bytes_that_one_core_gives(palpate: Palpate, address: str) -> None:
+    asked = ("power", shipped("okamoto2012.toml"), "--participants", "3,5", "--studies", "1500", "--json")
+    here = palpate(*asked, "--jobs", "1")
+    assert here[0] == 0
+    assert palpate(*asked, "--scheduler", address) == here
+
+
+def test_every_result_comes_with_its_place(address: str) -> None:
+    assert dict(workers.on_cluster(abs, [-3, -2, -1, 0], address)) == {0: 3, 1: 2, 2: 1, 3: 0}
+
+
+def test_workers_with_other_software_are_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "metadata", SimpleNamespace(version=lambda _: "0"))
+    with pytest.raises(PowerError, match=r"allowed: .*'numpy': '0'.*so that results are the same"):
+        list(workers.on_cluster(abs, [1], address))
+
+
+def test_a_worker_that_dies_is_an_error_in_a_line(address: str) -> None:
+    with pytest.raises(PowerError, match=r"the cluster was lost .*call again"):
+        list(workers.on_cluster(_die, [1], address))
+
+
+def _die(_: int) -> None:
+    import os
+
+    os._exit(1)
