@@ -7,8 +7,11 @@ however many cores work, and on which machine.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
 from typing import Literal
 
 import numpy as np
@@ -31,7 +34,7 @@ CHUNK_CELLS = 2_000_000
 """A chunk holds so many studies, fewer where their counts would be more than these."""
 
 MOST_PARTICIPANTS = 1000
-MOST_STUDIES = 10_000_000
+MOST_STUDIES = 1_000_000
 CONFIDENCE = 0.95
 
 
@@ -64,7 +67,7 @@ class Tally:
     significant: int
     above: int | None
     undefined: int
-    estimates: tuple[float, ...] | None = None
+    estimates: array[float] | None = None
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,7 @@ class Row:
         """Share of all studies with P below alpha; None where there is no P."""
         return None if self.question.alpha is None else self.tally.significant / self.tally.studies
 
-    @property
+    @cached_property
     def interval(self) -> tuple[float, float] | None:
         """Wilson's interval of the power: its Monte Carlo error."""
         if self.question.alpha is None:
@@ -93,7 +96,7 @@ class Row:
         )
         return float(low), float(high)
 
-    @property
+    @cached_property
     def quantiles(self) -> tuple[float, float, float] | None:
         """2.5 %, 50 % and 97.5 % of the estimates; None where there is none."""
         if not self.tally.estimates:
@@ -140,12 +143,15 @@ class Power:
 
     def row(self, question: Question, participants: int, kind: Kind = "model") -> Row | None:
         """One row; None where this question is not asked at this number of participants."""
-        wanted = (question, participants, kind)
-        return next((row for row in self.rows if (row.question, row.participants, row.kind) == wanted), None)
+        return self._places.get((question, participants, kind))
+
+    @cached_property
+    def _places(self) -> dict[tuple[Question, int, Kind], Row]:
+        return {(row.question, row.participants, row.kind): row for row in self.rows}
 
     def needed(self, question: Question) -> Needed:
         """How many participants reach the target."""
-        rows = [row for row in self.rows if row.question == question and row.kind == "model"]
+        rows = [row for size in self.participants if (row := self.row(question, size))]
         low = {row.participants: row.interval[0] for row in rows if row.interval}
         high = {row.participants: row.interval[1] for row in rows if row.interval}
         likely = {row.participants: row.power for row in rows if row.power is not None}
@@ -251,7 +257,7 @@ def _tally(question: Question, found: Answer) -> Tally:
         hits, studies = int(np.count_nonzero(significant)), len(found.p)
     elif found.estimate is not None:
         undefined, above, hits, studies = np.isnan(found.estimate), None, 0, len(found.estimate)
-    estimates = None if found.estimate is None else tuple(found.estimate[~np.isnan(found.estimate)].tolist())
+    estimates = None if found.estimate is None else array("d", found.estimate[~np.isnan(found.estimate)])
     return Tally(studies, hits, above, int(np.count_nonzero(undefined)), estimates)
 
 
@@ -263,7 +269,7 @@ def _together(tallies: Sequence[Tally]) -> Tally:
         significant=sum(tally.significant for tally in tallies),
         above=sum(above) if above else None,
         undefined=sum(tally.undefined for tally in tallies),
-        estimates=tuple(value for part in estimates for value in part) if estimates else None,
+        estimates=array("d", chain.from_iterable(estimates)) if estimates else None,
     )
 
 

@@ -84,4 +84,4 @@ def _estimates(axes: Axes, result: Power, questions: Sequence[Question]) -> None
 
 
 def _rows(result: Power, question: Question) -> list[Row]:
-    return [row for row in result.rows if row.question == question and row.kind == "model"]
+    return [row for size in result.participants if (row := result.row(question, size))]

@@ -242,7 +242,7 @@ def test_the_smallest_number_is_stated_with_its_uncertainty() -> None:
         ({"participants": ()}, r"--participants: got none; allowed: numbers from 1 to 1000"),
         ({"participants": (0, 3)}, r"--participants: got 0, 3; allowed"),
         ({"participants": (1001,)}, r"--participants: got 1001; allowed"),
-        ({"studies": 0}, r"--studies 0: allowed: 1 to 10000000"),
+        ({"studies": 0}, r"--studies 0: allowed: 1 to 1000000"),
     ],
 )
 def test_sizes_beyond_what_is_allowed_are_refused(changed: dict[str, Any], message: str) -> None:
