@@ -17,6 +17,7 @@ from typing import Literal
 import numpy as np
 
 from analysis.choice_models import ChoiceModel, guessing
+from analysis.intervals import wilson
 from analysis.planned_tests import Answer, Design, Question, answer, not_simulated
 from analysis.simulated_counts import draw
 from experiment.errors import PowerError
@@ -35,7 +36,6 @@ CHUNK_CELLS = 2_000_000
 
 MOST_PARTICIPANTS = 1000
 MOST_STUDIES = 1_000_000
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -89,12 +89,8 @@ class Row:
         """Wilson's interval of the power: its Monte Carlo error."""
         if self.question.alpha is None:
             return None
-        from statsmodels.stats.proportion import proportion_confint
-
-        low, high = proportion_confint(
-            self.tally.significant, self.tally.studies, alpha=1 - CONFIDENCE, method="wilson"
-        )
-        return float(low), float(high)
+        limits = wilson(self.tally.significant, self.tally.studies)
+        return limits.low, limits.high
 
     @cached_property
     def quantiles(self) -> tuple[float, float, float] | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from analysis.latex import latex
 from analysis.output import publish
 from analysis.power import LABEL, Power
 from analysis.power_sections import sections
@@ -37,7 +38,7 @@ def as_dict(result: Power) -> dict[str, Any]:
 
 
 def write(result: Power, out: Path) -> tuple[Path, ...]:
-    """Write tables (CSV, Markdown) and the plot (PNG, SVG) into a folder.
+    """Write tables (CSV, Markdown, LaTeX) and the plot (PNG, SVG) into a folder.
 
     Returns:
         The files.
@@ -47,9 +48,12 @@ def write(result: Power, out: Path) -> tuple[Path, ...]:
     """
     from analysis import figures, power_figures
 
-    parts = sections(result)
-    files = {f"{part.slug}.csv": comma_separated(part, LABEL).encode() for part in parts if part.records != ({},)}
-    files["power.md"] = "\n".join([f"**{LABEL}**\n", *(markdown(part, "") for part in parts)]).encode()
+    files: dict[str, bytes] = {}
+    for part in sections(result):
+        files[f"{part.slug}.md"] = markdown(part, LABEL).encode()
+        if part.tables:
+            files[f"{part.slug}.csv"] = comma_separated(part, LABEL).encode()
+            files[f"{part.slug}.tex"] = latex(part, LABEL).encode()
     figure = power_figures.figure(result)
     files["power.svg"], files["power.png"] = figures.svg(figure), figures.png(figure)
     return publish(out, files, LABEL)

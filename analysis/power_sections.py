@@ -148,7 +148,7 @@ def _estimates(result: Power) -> tuple[Section, ...]:
 def _undefined(result: Power) -> Section:
     rows = [row for row in result.rows if row.tally.undefined]
     if not rows:
-        return Section("undefined", "Not defined", ("Every test of every study is defined.",), records=({},))
+        return Section("undefined", "Not defined", ("Every test of every study is defined.",))
     records = tuple(
         {**_named(row.question), "answers": row.kind, "participants": row.participants,
          "undefined": row.tally.undefined, "studies": row.tally.studies, "reason": _reason(result, row)}

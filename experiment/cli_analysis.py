@@ -86,7 +86,9 @@ def power(
     scheduler: Annotated[
         str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler to work on instead.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown) and plot.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown, LaTeX) and plot.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
 ) -> None:
     """Say how many participants a study needs.

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 
-from analysis import choice_models, planned_tests, published
-from analysis.dataset import Study, Task
+from analysis import choice_models, dataset, planned_tests, published
+from analysis.dataset import Study
 from analysis.planned_tests import Question
 from analysis.results import Results, compute
 from analysis.simulated_counts import draw
@@ -18,8 +18,10 @@ from experiment.protocol import load
 from experiment.protocol.models import PlannedTest, Protocol
 from experiment.protocol.shipped import shipped
 from experiment.records import NO_ANSWER
+from tests.analysis.datasets import trials, write_dataset
 
-STUDIES = 3
+MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
+STUDIES = 2
 ICC_FORM = PlannedTest(test="ICC", tasks=("virtual", "real"), question="?", form="ICC(2,k)", alpha=0.01)
 
 
@@ -29,22 +31,20 @@ def protocol() -> Protocol:
     return shipped_protocol.model_copy(update={"analysis": (*shipped_protocol.analysis, ICC_FORM)})
 
 
-def study(protocol: Protocol, counts: dict[str, np.ndarray]) -> Study:
-    """The dataset as `analyse` would read it."""
-    materials = tuple(material.id for material in protocol.materials)
-    said = (*materials, NO_ANSWER)
-    rows = [
-        {"participant": f"{person:02d}", "task": task, "presented": shown, "answered": said[j]}
-        for task, cells in counts.items()
-        for i, shown in enumerate(materials)
-        for j in range(len(said))
-        for person in range(cells.shape[2])
-        for _ in range(cells[i, j, person])
-    ]
-    attempts = pd.DataFrame(rows).assign(included=True, counted=True)
-    people = tuple(dict.fromkeys(attempts["participant"].tolist()))
-    tasks = tuple(Task(task.id, task.title, "") for task in protocol.tasks)
-    return Study("okamoto2012", "", "REHEARSAL", "", materials, tasks, people, attempts, (), protocol)
+def study(root: Path, counts: dict[str, np.ndarray]) -> Study:
+    """The dataset of these answers, as `analyse` reads it from disk."""
+    said = (*MATERIALS, NO_ANSWER)
+    sessions: dict[str, dict[str, Sequence[Mapping[str, object]]]] = {}
+    for task, cells in counts.items():
+        for person in range(cells.shape[2]):
+            answers = [
+                (shown, said[j])
+                for i, shown in enumerate(MATERIALS)
+                for j in range(5)
+                for _ in range(cells[i, j, person])
+            ]
+            sessions.setdefault(f"{person:02d}", {})[task] = trials(answers)
+    return dataset.read(write_dataset(root, sessions, materials=MATERIALS, origin="REHEARSAL"))
 
 
 def expected(results: Results, question: Question) -> float | None:
@@ -76,7 +76,7 @@ def expected(results: Results, question: Question) -> float | None:
 
 
 @pytest.mark.parametrize("participants", [2, 6, 15])
-def test_every_number_is_that_of_analyse(protocol: Protocol, participants: int) -> None:
+def test_every_number_is_that_of_analyse(tmp_path: Path, protocol: Protocol, participants: int) -> None:
     printed = published.load("okamoto2012")
     assert printed is not None
     design = planned_tests.design(protocol, printed.pairs())
@@ -90,9 +90,8 @@ def test_every_number_is_that_of_analyse(protocol: Protocol, participants: int) 
     # t 4 + Holm 4 in two tasks, two pairs, four distinct effects, one coefficient, two matrices in two tasks.
     assert len(answers) == 16 + 2 + (3 if len(set(design.sizes(participants))) == 1 else 4) + 1 + 4
     for number in range(STUDIES):
-        results = compute(
-            study(protocol, {task: cells[:, :, number] for task, cells in drawn.items()}), printed.pairs()
-        )
+        made = study(tmp_path / str(number), {task: cells[:, :, number] for task, cells in drawn.items()})
+        results = compute(made, printed.pairs())
         for question, answer in answers.items():
             wanted = expected(results, question)
             values = answer.estimate if question.alpha is None else answer.p

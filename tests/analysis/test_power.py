@@ -27,6 +27,7 @@ from experiment.protocol import load
 from experiment.protocol.models import PlannedTest, Protocol
 from experiment.protocol.shipped import shipped
 
+SLUGS = ("model", "needed", "power", "control", "estimates", "undefined")
 HERE = partial(workers.on_cores, jobs=1)
 
 
@@ -232,7 +233,7 @@ def test_the_smallest_number_is_stated_with_its_uncertainty() -> None:
     needed = replace(result, rows=rows, participants=tuple(shares)).needed(question)
     # Wilson's limits of 70, 81, 85 and 95 of 100: 0.604 to 0.781, 0.722 to 0.875, 0.767 to 0.907, 0.888 to 0.978.
     assert (needed.earliest, needed.likely, needed.surely) == (10, 10, 14)
-    never = replace(result, rows=rows[:1]).needed(question)
+    never = replace(result, rows=rows[:1], participants=(4,)).needed(question)
     assert (never.earliest, never.likely, never.surely) == (4, None, None)
 
 
@@ -263,8 +264,7 @@ def test_files_say_simulated_and_may_be_written_again(tmp_path: Path) -> None:
     result = run(study, guess(study), participants=(4, 15))
     files = power_report.write(result, tmp_path / "out")
     assert {path.name for path in files} == {
-        "model.csv", "needed.csv", "power.csv", "control.csv", "estimates.csv", "undefined.csv", "power.md",
-        "power.svg", "power.png",
+        *(f"{slug}.{kind}" for slug in SLUGS for kind in ("csv", "md", "tex")), "power.svg", "power.png",
     }  # fmt: skip
     for path in (tmp_path / "out").iterdir():
         if path.suffix != ".png":
