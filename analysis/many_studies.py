@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -141,6 +142,13 @@ class Crossed:
 
     def same(self, effect: str) -> list[list[SumsOfSquares]]:
         """The types, grouped by whether they are one test of this effect in this design."""
+        return self._same[effect]
+
+    @cached_property
+    def _same(self) -> dict[str, list[list[SumsOfSquares]]]:
+        return {effect: self._grouped(effect) for effect in "ABX"}
+
+    def _grouped(self, effect: str) -> list[list[SumsOfSquares]]:
         groups: list[list[SumsOfSquares]] = []
         for kind in TYPES:
             own = self.directions[effect, kind]
@@ -154,7 +162,8 @@ class Crossed:
         return groups
 
 
-def crossed(participants: Sequence[int], materials: int) -> Crossed:
+@lru_cache(maxsize=128)
+def crossed(participants: tuple[int, ...], materials: int) -> Crossed:
     """The design of tasks with so many participants each, every one of whom was presented every material.
 
     Raises:

@@ -175,7 +175,7 @@ def _two_way(
     number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios]
 ) -> Iterator[tuple[Question, Answer]]:
     correct = [_correct(every[task]) for task in test.tasks]
-    layout = many.crossed([cells.participants for cells in correct], len(planned.materials))
+    layout = many.crossed(tuple(cells.participants for cells in correct), len(planned.materials))
     for effect, name in (("A", "task"), ("B", "material"), ("X", "task x material")):
         for same in layout.same(effect):
             subject = f"{name}, type{'s' * (len(same) > 1)} {', '.join(same)}"
@@ -190,7 +190,7 @@ def _icc(
     if form == VARIANCE_COMPONENTS:
         if len(test.tasks) > 1:
             correct = [_correct(every[task]) for task in test.tasks]
-            sizes = [cells.participants for cells in correct]
+            sizes = tuple(cells.participants for cells in correct)
             value = many.variance_component_icc(many.crossed(sizes, len(planned.materials)), correct, sum(sizes))
             subject = "variance components, mean over all participants"
             yield Question(number, test.test, test.tasks, subject, None), Answer(estimate=value)

@@ -48,7 +48,7 @@ def _powers(axes: Axes, result: Power, questions: Sequence[Question]) -> None:
             [row.power or 0.0 for row in rows],
             color=colour,
             marker=MARKERS[i % len(MARKERS)],
-            markersize=3,
+            markersize=max(2.0, 4.5 - 0.8 * i),
             linewidth=1,
             clip_on=False,
             label=textwrap.fill(subject(question), 22),

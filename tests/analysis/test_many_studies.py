@@ -89,7 +89,7 @@ def test_two_way_anova_and_variance_components(seed: int, materials: int, people
     made = [counts(seed + i, materials, n) for i, n in enumerate(people)]
     every = np.arange(materials)
     correct = [many_studies.ratios(task, TRIALS)[every, every] for task in made]
-    design = many_studies.crossed(people, materials)
+    design = many_studies.crossed(tuple(people), materials)
     k = sum(people)
     reliability = many_studies.variance_component_icc(design, correct, k)
     for study in range(made[0].shape[2]):
@@ -136,17 +136,17 @@ def test_every_icc_form(seed: int, materials: int, people: int) -> None:
 
 def test_types_are_one_test_where_the_design_makes_them_so() -> None:
     """Numbers in proportion: I and II are one; equal numbers: all three are (Searle 1971, chapter 7)."""
-    apart = many_studies.crossed([15, 10], 4)
+    apart = many_studies.crossed((15, 10), 4)
     assert [apart.same(effect) for effect in "ABX"] == [
         [["I", "II", "III"]],
         [["I", "II"], ["III"]],
         [["I", "II", "III"]],
     ]
-    equal = many_studies.crossed([8, 8], 3)
+    equal = many_studies.crossed((8, 8), 3)
     assert [len(equal.same(effect)) for effect in "ABX"] == [1, 1, 1]
 
 
 @pytest.mark.parametrize(("people", "materials"), [([5], 4), ([5, 5], 1)])
 def test_a_design_that_crosses_nothing_is_refused(people: list[int], materials: int) -> None:
     with pytest.raises(ValueError, match="allowed: at least 2 of each"):
-        many_studies.crossed(people, materials)
+        many_studies.crossed(tuple(people), materials)
