@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -159,3 +160,15 @@ def test_print_that_lacks_a_material_says_which(protocol: Protocol) -> None:
     own = protocol.model_copy(update={"materials": (other, *protocol.materials[1:])})
     with pytest.raises(PowerError, match="tables of okamoto2012: got nothing for task virtual, silk answered silk"):
         choice_models.find("published", own)
+
+
+def test_print_without_participants_and_trials_has_no_spread(protocol: Protocol) -> None:
+    printed = published.load("okamoto2012")
+    assert printed is not None
+    with pytest.raises(PowerError, match="got no number of participants and trials for task virtual"):
+        choice_models.from_print(replace(printed, tasks=()), protocol)
+
+
+def test_a_published_study_of_another_kind_lacks_the_tasks(protocol: Protocol) -> None:
+    with pytest.raises(PowerError, match="the tables of wellman1995"):
+        choice_models.find("wellman1995", protocol)

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-
 from pathlib import Path
 
 import pytest
 
 from experiment.protocol.shipped import shipped
 from tests.conftest import Palpate
-
 
 QUICK = ("--studies", "50", "--jobs", "1")
 
