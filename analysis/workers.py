@@ -64,19 +64,36 @@ def on_cluster(work: Callable[[Chunk], Result], chunks: Sequence[Chunk], address
         ) from None
     with client:
         try:
-            _same_software(address, client.run(software))
+            _same_software(address, client.run(_versions_of(tuple(software()))))
             futures = client.map(_placed, [work] * len(chunks), range(len(chunks)), chunks, pure=False)
             for future in as_completed(futures):  # type: ignore[no-untyped-call]
                 yield future.result()
                 future.release()
         except (KilledWorker, CommClosedError, FutureCancelledError) as error:
-            reason = str(error).splitlines()[0]
+            reason = next(iter(str(error).splitlines()), type(error).__name__)
             raise PowerError(f"--scheduler {address}: the cluster was lost ({reason}); call again") from error
 
 
 def software() -> dict[str, str]:
     """What numbers depend on, name -> version."""
     return {name: metadata.version(name) for name in ("palpate", "numpy", "scipy")}
+
+
+def _versions_of(names: tuple[str, ...]) -> Callable[[], dict[str, str]]:
+    """What finds the versions of packages on a worker; it travels whole, so that the worker needs none of them."""
+
+    def versions() -> dict[str, str]:
+        from importlib import metadata
+
+        found = {}
+        for name in names:
+            try:
+                found[name] = metadata.version(name)
+            except metadata.PackageNotFoundError:
+                found[name] = "none"
+        return found
+
+    return versions
 
 
 def _placed(work: Callable[[Chunk], Result], place: int, chunk: Chunk) -> tuple[int, Result]:

@@ -40,6 +40,12 @@ def test_workers_with_other_software_are_refused(address: str, monkeypatch: pyte
         list(workers.on_cluster(abs, [1], address))
 
 
+def test_a_worker_without_the_software_is_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(workers, "software", lambda: {"no-such-package": "1"})
+    with pytest.raises(PowerError, match=r"got \{'no-such-package': 'none'\}; allowed: .*install the same versions"):
+        list(workers.on_cluster(abs, [1], address))
+
+
 def test_a_worker_that_dies_is_an_error_in_a_line(address: str) -> None:
     with pytest.raises(PowerError, match=r"the cluster was lost .*call again"):
         list(workers.on_cluster(_die, [1], address))
