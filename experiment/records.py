@@ -107,6 +107,25 @@ class Stimulus(Entry):
     driven: Driven | None = None
 
 
+class Delivered(Entry):
+    """What the loopback heard of one stimulus, set beside what was intended.
+
+    `requested_ns`: session time for which its first sample was asked, as reaching the panel. `onset_ns`: when it was
+    measured to reach the panel; None where nothing of it was found, as are `onset_error_ms` (measured minus asked),
+    `gain` (measured by intended) and `residual_db` (what gain and delay do not explain, relative to the intended
+    waveform). `xruns`: of the stream while it sounded. `reason` says why it does not count as delivered.
+    """
+
+    requested_ns: int
+    onset_ns: int | None
+    onset_error_ms: float | None
+    gain: float | None
+    residual_db: float | None
+    xruns: int
+    delivered: bool
+    reason: str = ""
+
+
 class Link(Entry):
     """Frames of the tracker between arming and contact; `received` counts those up to contact."""
 

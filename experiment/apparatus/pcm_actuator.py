@@ -1,7 +1,8 @@
 """An actuator behind a raw PCM port: one TCP connection a stimulus.
 
 The connection carries mono samples as little-endian float32, 1.0 being the device's full scale, and ends with the
-stimulus; the server reads to the end and then closes its side, which is the sign that it took all of it. PulseAudio
+stimulus; the server reads to the end and then closes its side, which is the sign that it took all of it. It sounds
+when the foot has landed: such a port knows no time, so nothing can be scheduled or measured. PulseAudio
 is such a server: `module-simple-protocol-tcp playback=true record=false format=float32le channels=1 rate=... port=...`.
 The stream is neither encrypted nor authenticated: keep the server on the loopback interface.
 
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 from experiment.apparatus.limiter import limit
 from experiment.apparatus.ports import Drive, Played
 from experiment.errors import ActuatorError
-from experiment.records import Driven
+from experiment.records import Delivered, Driven
 
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""
@@ -58,19 +59,24 @@ class PcmActuator:
         self._full_scale = full_scale
         self._peak_m_s2 = limit_m_s2 if drive else min(limit_m_s2, full_scale)
         self._drive = drive
+        self._prepared: NDArray[np.float32] | None = None
 
     @property
     def rate_hz(self) -> int:
         return self._rate_hz
 
-    def play(self, waveform_m_s2: NDArray[np.float64]) -> Played:
-        """Hand a whole stimulus to the device.
+    @property
+    def lead_ns(self) -> int:
+        return 0
+
+    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+        """Limit, shape and keep a stimulus.
 
         Args:
             waveform_m_s2: samples at `rate_hz`, m/s^2, shape (n,), n at least 1.
 
         Raises:
-            ActuatorError: no server, it went away, it did not take all of it, or there is nothing to play.
+            ActuatorError: there is nothing to play.
         """
         if np.ndim(waveform_m_s2) != 1 or np.size(waveform_m_s2) == 0:
             raise ActuatorError(
@@ -87,8 +93,29 @@ class PcmActuator:
             samples = self._scaled(bounded_v, self._full_scale)
             driven = Driven(shaping=shaping, limited=limited_v, peak_v=self._peak(samples))
             peak_m_s2 = float(np.max(np.abs(bounded_m_s2)))
-        self._send(samples.tobytes(), TAKE_S + samples.size / self._rate_hz)
+        self._prepared = samples
         return Played(samples=samples.size, limited=limited, peak_m_s2=peak_m_s2, driven=driven)
+
+    def aim(self, onset_ns: int) -> bool:  # noqa: ARG002
+        """Nothing can be scheduled; `landed` is what sounds it."""
+        return True
+
+    def landed(self, contact_ns: int) -> None:  # noqa: ARG002
+        """Hand the prepared stimulus to the device; it sounds now, whenever contact was.
+
+        Raises:
+            ActuatorError: no server, it went away, or it did not take all of it.
+        """
+        samples, self._prepared = self._prepared, None
+        if samples is not None:
+            self._send(samples.tobytes(), TAKE_S + samples.size / self._rate_hz)
+
+    def withdraw(self) -> bool:
+        self._prepared = None
+        return True
+
+    def delivered(self) -> Delivered | None:
+        return None
 
     def close(self) -> None:
         """Nothing stays open between stimuli."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.records import Driven, Shaping
+from experiment.records import Delivered, Driven, Shaping
 
 Drive = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], Shaping]]
 """Frequency shaping: accelerations, m/s^2, shape (n,), at the device's rate -> V, shape (n,); and what is lost."""
@@ -127,15 +127,54 @@ class Played:
 
 
 class Actuator(Protocol):
-    """What shakes the panel."""
+    """What shakes the panel: one stimulus at a time, prepared while the foot falls, aimed at its contact.
+
+    A driver that can schedule sounds at the time it was last aimed at. One that cannot sounds when the foot has landed.
+    """
 
     @property
     def rate_hz(self) -> int:
-        """Samples a second that `play` expects."""
+        """Samples a second that `prepare` expects."""
         ...
 
-    def play(self, waveform_m_s2: NDArray[np.float64]) -> Played:
-        """Play a whole stimulus from its first sample on. Raises `ActuatorError`."""
+    @property
+    def lead_ns(self) -> int:
+        """How long before its onset a stimulus can no longer be moved or withdrawn, ns; 0 where `landed` sounds it."""
+        ...
+
+    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+        """Make a stimulus ready; nothing sounds yet. It replaces one that was prepared and has not begun.
+
+        Args:
+            waveform_m_s2: samples at `rate_hz`, m/s^2, shape (n,), n at least 1.
+
+        Raises:
+            ActuatorError: there is nothing to play, or the device is gone.
+        """
+        ...
+
+    def aim(self, onset_ns: int) -> bool:
+        """Have the first sample reach the panel at `onset_ns`, session time; called again for a better time.
+
+        Returns:
+            False once the point of no return has passed, or lies too close for this time; nothing changed then.
+        """
+        ...
+
+    def landed(self, contact_ns: int) -> None:
+        """The foot touched the panel at `contact_ns`, session time. What was never aimed sounds at once.
+
+        Raises:
+            ActuatorError: the stimulus could not be handed over.
+        """
+        ...
+
+    def withdraw(self) -> bool:
+        """Take the stimulus back. Returns whether nothing of it will sound."""
+        ...
+
+    def delivered(self) -> Delivered | None:
+        """What was heard of the stimulus, once it has ended; None where nothing measures it. Raises `ActuatorError`."""
         ...
 
     def close(self) -> None: ...

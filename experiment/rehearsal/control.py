@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.ports import Actuator, Played
+from experiment.records import Delivered
 
 
 class SilentActuator:
@@ -18,8 +19,24 @@ class SilentActuator:
     def rate_hz(self) -> int:
         return self._actuator.rate_hz
 
-    def play(self, waveform_m_s2: NDArray[np.float64]) -> Played:
-        return self._actuator.play(np.zeros_like(waveform_m_s2))
+    @property
+    def lead_ns(self) -> int:
+        return self._actuator.lead_ns
+
+    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+        return self._actuator.prepare(np.zeros_like(waveform_m_s2))
+
+    def aim(self, onset_ns: int) -> bool:
+        return self._actuator.aim(onset_ns)
+
+    def landed(self, contact_ns: int) -> None:
+        self._actuator.landed(contact_ns)
+
+    def withdraw(self) -> bool:
+        return self._actuator.withdraw()
+
+    def delivered(self) -> Delivered | None:
+        return self._actuator.delivered()
 
     def close(self) -> None:
         self._actuator.close()

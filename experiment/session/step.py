@@ -85,7 +85,8 @@ def watch(
         samples = tracker.read()
     received += int(np.searchsorted(samples.device_us, contact.us, side="right"))
     link = replace(tracker.counts.since(before), received=received)
-    stimulus = _play(rendered, actuator) if rendered is not None and actuator is not None else None
+    contact_ns = first[1] + round((contact.us - first[0]) * 1e3)
+    stimulus = _play(rendered, actuator, contact_ns) if rendered is not None and actuator is not None else None
     while samples.device_us[-1] < contact.us + TAIL_US:
         raw += samples.raw
         samples = tracker.read()
@@ -94,8 +95,9 @@ def watch(
     return WatchedStep(*first, gate, contact, bytes(raw), link, stimulus)
 
 
-def _play(rendered: Synthesised, actuator: Actuator) -> Stimulus:
-    played = actuator.play(rendered.waveform_m_s2)
+def _play(rendered: Synthesised, actuator: Actuator, contact_ns: int) -> Stimulus:
+    played = actuator.prepare(rendered.waveform_m_s2)
+    actuator.landed(contact_ns)
     return Stimulus(
         sha256=hashlib.sha256(np.asarray(rendered.waveform_m_s2, "<f8").tobytes()).hexdigest(),
         samples=played.samples,

@@ -21,6 +21,7 @@ from experiment import scene
 from experiment.apparatus import opening, pcm_actuator
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.pcm_actuator import PcmActuator
+from experiment.apparatus.ports import Actuator, Played
 from experiment.apparatus.rig import ActuatorRig, ShapingRig
 from experiment.errors import ActuatorError
 from experiment.protocol import load
@@ -46,9 +47,16 @@ def actuator(address: str, limit_m_s2: float = 20.0) -> PcmActuator:
     return PcmActuator(address, rate_hz=RIG.rate_hz, full_scale=RIG.full_scale, limit_m_s2=limit_m_s2)
 
 
+def play(opened: Actuator, waveform_m_s2: np.ndarray) -> Played:
+    """A foot lands, and the stimulus sounds."""
+    played = opened.prepare(waveform_m_s2)
+    opened.landed(0)
+    return played
+
+
 def test_what_is_played_is_felt(panel: Panel) -> None:
     wanted = np.random.default_rng(0).normal(0, 4, 2500)
-    played = actuator(panel.address).play(wanted)
+    played = play(actuator(panel.address), wanted)
     felt = panel.felt(0)
     assert felt is not None
     # float32 carries 24 bits.
@@ -65,7 +73,7 @@ def test_what_is_played_is_felt(panel: Panel) -> None:
 def test_nothing_above_the_limit_is_felt_whatever_was_asked_for(
     panel: Panel, wanted: np.ndarray, limit_m_s2: float
 ) -> None:
-    played = actuator(panel.address, limit_m_s2).play(wanted)
+    played = play(actuator(panel.address, limit_m_s2), wanted)
     felt = panel.felt(0)
     assert felt is not None
     assert felt.size == wanted.size
@@ -74,9 +82,28 @@ def test_nothing_above_the_limit_is_felt_whatever_was_asked_for(
     assert played.limited == np.count_nonzero(~(np.abs(wanted) <= min(limit_m_s2, RIG.full_scale)))
 
 
+def test_nothing_sounds_before_the_foot_has_landed_and_nothing_after_it_was_withdrawn(panel: Panel) -> None:
+    opened = actuator(panel.address)
+    opened.prepare(np.ones(3))
+    assert opened.aim(10**18)
+    assert panel.felt(0) is None
+    assert opened.withdraw()
+    opened.landed(10**18)
+    assert panel.felt(0) is None
+    opened.prepare(np.ones(3))
+    opened.prepare(np.full(3, 2.0))
+    opened.landed(10**18)
+    opened.landed(10**18)
+    felt = panel.felt(0)
+    assert felt is not None
+    assert felt.tolist() == [2.0] * 3
+    assert panel.felt(0) is None
+    assert opened.delivered() is None
+
+
 def test_stimuli_are_felt_one_by_one_in_order(panel: Panel) -> None:
     for value in (1.0, 2.0, 3.0):
-        actuator(panel.address).play(np.full(4, value))
+        play(actuator(panel.address), np.full(4, value))
     felt = [panel.felt(0) for _ in range(4)]
     assert [None if one is None else one.tolist() for one in felt] == [[1.0] * 4, [2.0] * 4, [3.0] * 4, None]
 
@@ -87,7 +114,7 @@ def test_a_stimulus_whose_connection_broke_was_not_delivered(panel: Panel) -> No
     broken.sendall(b"\0" * 4000)
     broken.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
     broken.close()
-    actuator(panel.address).play(np.ones(3))
+    play(actuator(panel.address), np.ones(3))
     felt = panel.felt(0)
     assert felt is not None
     assert felt.tolist() == [1.0] * 3
@@ -102,11 +129,11 @@ def test_it_is_opened_from_a_rig(repository_root: Path) -> None:
     assert opened.rate_hz == rig.actuator.rate_hz
     # 100 Hz; the second is above the limit in two thirds of its samples.
     cosine = np.cos(2 * np.pi * 100 * (np.arange(2500) + 0.5) / opened.rate_hz)
-    assert opened.play(cosine).limited == 0
+    assert play(opened, cosine).limited == 0
     felt = panel.felt(0)
     assert felt is not None
     assert felt == pytest.approx(cosine, abs=1e-3)
-    assert opened.play(4 * cosine).limited == np.count_nonzero(np.abs(cosine) > 0.5)
+    assert play(opened, 4 * cosine).limited == np.count_nonzero(np.abs(cosine) > 0.5)
     opened.close()
     panel.close()
 
@@ -139,7 +166,7 @@ def test_a_device_of_volts_is_limited_before_shaping_and_after_it(wanted: np.nda
         def _send(self, data: bytes, timeout_s: float) -> None:
             sent.append(data)
 
-    played = Kept("127.0.0.1:4711", rate_hz=5000, full_scale=9.0, limit_m_s2=20.0, drive=drive).play(wanted)
+    played = play(Kept("127.0.0.1:4711", rate_hz=5000, full_scale=9.0, limit_m_s2=20.0, drive=drive), wanted)
     assert np.max(np.abs(asked[0])) <= 20.0
     assert played.limited == np.count_nonzero(~(np.abs(wanted) <= 20.0))
     assert played.peak_m_s2 == np.max(np.abs(asked[0]))
@@ -191,7 +218,7 @@ def test_what_the_panel_delivers_through_its_response_is_what_was_asked(
     opened = PcmActuator(
         panel.address, rate_hz=SHAPED.rate_hz, full_scale=SHAPED.full_scale, limit_m_s2=30.0, drive=drive
     )
-    played = opened.play(wanted)
+    played = play(opened, wanted)
     felt = panel.felt(0)
     panel.close()
     assert felt is not None
@@ -220,7 +247,7 @@ def test_nobody_listening_is_an_error_with_a_remedy() -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"127.0.0.1:{server.getsockname()[1]}"
     with pytest.raises(ActuatorError, match=f"actuator at {address}: nothing answers there .*start its server"):
-        actuator(address).play(np.ones(3))
+        play(actuator(address), np.ones(3))
 
 
 Serve = Callable[[Callable[[socket.socket], None]], str]
@@ -256,7 +283,7 @@ def test_a_server_that_breaks_off_is_an_error_with_a_remedy(serve: Serve) -> Non
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b"\1\0\0\0\0\0\0\0")
 
     with pytest.raises(ActuatorError, match=r"the connection broke \(.*\); see that its server runs"):
-        actuator(serve(breaks_off)).play(np.ones(10**6))
+        play(actuator(serve(breaks_off)), np.ones(10**6))
 
 
 def test_a_server_that_never_ends_is_an_error_with_a_remedy(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -267,7 +294,7 @@ def test_a_server_that_never_ends_is_an_error_with_a_remedy(serve: Serve, monkey
         over.wait()
 
     with pytest.raises(ActuatorError, match=r"did not take the stimulus within .* s; see that it reads to the end"):
-        actuator(serve(hangs)).play(np.ones(100))
+        play(actuator(serve(hangs)), np.ones(100))
     over.set()
 
 
@@ -286,7 +313,7 @@ def test_what_is_no_limit_is_refused_before_anything_is_played(limit_m_s2: float
 @pytest.mark.parametrize("wanted", [np.empty(0), np.ones((2, 3)), np.float64(1.0)])
 def test_what_is_no_stimulus_is_refused(wanted: np.ndarray) -> None:
     with pytest.raises(ActuatorError, match=r"got a stimulus of shape .*; allowed: one channel, one sample or more"):
-        actuator("127.0.0.1:4711").play(wanted)
+        play(actuator("127.0.0.1:4711"), wanted)
 
 
 @pytest.fixture
@@ -344,7 +371,7 @@ def test_pulseaudio_plays_every_sample(pulseaudio: tuple[str, dict[str, str]]) -
     ) as recorder:
         assert recorder.stdout is not None
         recorded = recorder.stdout.read(4)
-        played = PcmActuator(address, rate_hz=48_000, full_scale=64.0, limit_m_s2=16.0).play(wanted)
+        played = play(PcmActuator(address, rate_hz=48_000, full_scale=64.0, limit_m_s2=16.0), wanted)
         heard = np.zeros(0, dtype="<f4")
         # The watchdog ends a recorder that would never hear the stimulus.
         watchdog = threading.Timer(20.0, recorder.kill)
@@ -373,7 +400,7 @@ def test_what_a_rig_in_volts_delivers_stays_within_the_limit_of_vibration(
         rig.model_copy(update={"actuator": SHAPED}), limit_m_s2=limit_m_s2, drive=drive, address=panel.address
     )
     seconds = (np.arange(2500) + 0.5) / SHAPED.rate_hz
-    played = opened.play(3 * limit_m_s2 * np.cos(2 * np.pi * frequency_hz * seconds))
+    played = play(opened, 3 * limit_m_s2 * np.cos(2 * np.pi * frequency_hz * seconds))
     felt = panel.felt(1.0)
     panel.close()
     assert felt is not None

@@ -60,13 +60,30 @@ class ScriptedActuator:
     """Implements `Actuator`: keeps what it was asked to play."""
 
     rate_hz = 5000
+    lead_ns = 0
 
     def __init__(self) -> None:
         self.played: list[NDArray[np.float64]] = []
+        self._prepared: NDArray[np.float64] | None = None
 
-    def play(self, waveform_m_s2: NDArray[np.float64]) -> Played:
-        self.played.append(waveform_m_s2)
+    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+        self._prepared = waveform_m_s2
         return Played(samples=len(waveform_m_s2), limited=0, peak_m_s2=float(np.abs(waveform_m_s2).max()))
+
+    def aim(self, onset_ns: int) -> bool:
+        return True
+
+    def landed(self, contact_ns: int) -> None:
+        assert self._prepared is not None
+        self.played.append(self._prepared)
+        self._prepared = None
+
+    def withdraw(self) -> bool:
+        self._prepared = None
+        return True
+
+    def delivered(self) -> None:
+        return None
 
     def close(self) -> None:
         pass
