@@ -57,11 +57,13 @@ class Gate:
         top_us: crossing of the gate's top, device time, microseconds.
         bottom_us: crossing of its bottom.
         speed_mm_s: height of the gate divided by the time between, mm/s.
+        given_us: device time of the sample that gave it.
     """
 
     top_us: float
     bottom_us: float
     speed_mm_s: float
+    given_us: int = field(compare=False)
 
 
 @dataclass(frozen=True)
@@ -70,9 +72,11 @@ class Contact:
 
     Attributes:
         us: device time, microseconds.
+        given_us: device time of the sample that gave it.
     """
 
     us: float
+    given_us: int = field(compare=False)
 
 
 def _none_us() -> NDArray[np.int64]:
@@ -159,10 +163,10 @@ class GateDetector:
             return replace(state, bottom_us=self._crossing_us(us, mm, i, level)), None
         if level == 2 and state.bottom_us is not None:
             height_mm = self._step.gate_top_mm - self._step.gate_bottom_mm
-            gate = Gate(state.top_us, state.bottom_us, height_mm * 1e6 / (state.bottom_us - state.top_us))
+            gate = Gate(state.top_us, state.bottom_us, height_mm * 1e6 / (state.bottom_us - state.top_us), int(us[i]))
             return replace(state, given=gate), gate if gate != state.given else None
         if level == 3 and state.given is not None:
-            contact = Contact(self._contact_us(us, mm, i, state.given.bottom_us))
+            contact = Contact(self._contact_us(us, mm, i, state.given.bottom_us), int(us[i]))
             return replace(state, top_us=None, bottom_us=None, given=None), contact
         return state, None
 
