@@ -75,6 +75,11 @@ def _participant(label: str, rule: str, reason: str) -> Exclusion:
 
 
 def _trials(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]:
+    if rule.when == "undelivered":
+        hit = attempts["included"] & (attempts["delivered"] == 0)
+        found = [_attempt(row, rule.id, rule.reason) for _, row in attempts[hit].iterrows()]
+        attempts.loc[hit, "included"] = False
+        return found
     column, unit = ("frames_lost", "frames lost") if rule.when == "frames-lost" else ("foot_speed_mm_s", "mm/s")
     beyond = attempts[column] < rule.limit if rule.when == "speed-below" else attempts[column] > rule.limit
     hit = attempts["included"] & beyond

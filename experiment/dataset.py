@@ -15,7 +15,7 @@ from experiment.apparatus import rig as rigs
 from experiment.errors import DatasetError
 from experiment.protocol import load
 from experiment.protocol.models import Protocol, Task
-from experiment.records import NO_ANSWER, Answer, FootStep, Redo, TrackerOpened
+from experiment.records import NO_ANSWER, Answer, BrokenOff, FootStep, Onset, Redo, TrackerOpened
 from experiment.roster import Roster
 from experiment.session import journal
 from experiment.session.places import foot_path, rig_path
@@ -51,8 +51,9 @@ def journals(root: Path) -> list[Path]:
 @dataclass(frozen=True)
 class _Session:
     contents: journal.Contents
-    steps: tuple[tuple[FootStep, float], ...]
-    """Each step with its contact, s from the first frame of the session's tracker."""
+    steps: tuple[tuple[FootStep | BrokenOff, float, float], ...]
+    """Each step with the device time of its contact, or of its end where it broke off, us; and s from the first frame
+    of the session's tracker."""
 
 
 def build(root: Path) -> None:
@@ -101,14 +102,19 @@ def _read(path: Path) -> _Session:
     contents = journal.read(path)
     zero: TrackerOpened | None = None
     opened: TrackerOpened | None = None
-    steps: list[tuple[FootStep, float]] = []
+    steps: list[tuple[FootStep | BrokenOff, float, float]] = []
     for entry in contents.entries:
         if isinstance(entry, TrackerOpened):
             zero, opened = zero or entry, entry
-        elif isinstance(entry, FootStep):
+        elif isinstance(entry, FootStep | BrokenOff):
+            at_us = entry.at_us if isinstance(entry, BrokenOff) else entry.contact_us
+            if at_us is None:
+                # No frame came.
+                continue
             if zero is None or opened is None:
                 raise DatasetError(f"{path}: a step stands before its tracker was opened; restore it from a backup")
-            steps.append((entry, (opened.t_ns - zero.t_ns) / 1e9 + (entry.contact_us - opened.device_us) / 1e6))
+            seconds = (opened.t_ns - zero.t_ns) / 1e9 + (at_us - opened.device_us) / 1e6
+            steps.append((entry, at_us, seconds))
     return _Session(contents, tuple(steps))
 
 
@@ -121,13 +127,16 @@ def _rows(session: _Session, origin: files.Origin) -> list[dict[str, object]]:
         elif isinstance(entry, Redo):
             redone[entry.trial, entry.attempt] = entry.reason
     rows: list[dict[str, object]] = []
-    for step, contact_s in session.steps:
+    for step, _, seconds in session.steps:
         attempt = step.trial, step.attempt
         answer = answers.get(attempt)
-        stimulus = step.stimulus
+        landed = step if isinstance(step, FootStep) else None
+        stimulus = landed.stimulus if landed else None
+        heard = landed.onset.delivered if landed and landed.onset else None
+        reason = redone.get(attempt, None if answer else "no answer was confirmed")
         rows.append(
             {
-                "onset": round(contact_s, 6),
+                "onset": round(seconds, 6),
                 "duration": stimulus.samples / stimulus.rate_hz if stimulus else None,
                 "trial": step.trial,
                 "attempt": step.attempt,
@@ -135,14 +144,22 @@ def _rows(session: _Session, origin: files.Origin) -> list[dict[str, object]]:
                 "presented": step.presented,
                 "answered": None if answer is None else answer.answered or NO_ANSWER,
                 "response_time": round(answer.response_time_s, 6) if answer else None,
-                "foot_speed": round(step.speed_mm_s, 3),
+                "foot_speed": round(step.speed_mm_s, 3) if step.speed_mm_s is not None else None,
                 "frames_lost": step.link.lost + step.link.damaged,
                 "floored_bins": stimulus.floored_bins if stimulus else None,
-                "redo_reason": redone.get(attempt, None if answer else "no answer was confirmed"),
+                "delivered": heard.delivered if heard else None,
+                "onset_error": _onset_error_s(landed.onset) if landed else None,
+                "redo_reason": step.reason if isinstance(step, BrokenOff) else reason,
                 "origin": origin,
             }
         )
     return rows
+
+
+def _onset_error_s(onset: Onset | None) -> float | None:
+    if onset is None or onset.delivered is None or onset.delivered.onset_ns is None:
+        return None
+    return round((onset.delivered.onset_ns - onset.contact_ns) / 1e9, 6)
 
 
 def _write_foot(root: Path, session: _Session, journal_file: Path, origin: files.Origin) -> None:
@@ -160,14 +177,14 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: files
         raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
     times: list[np.ndarray] = []
     heights: list[np.ndarray] = []
-    for step, contact_s in session.steps:
+    for step, at_us, at_s in session.steps:
         part = raw[step.trace.offset : step.trace.offset + step.trace.length]
         if hashlib.sha256(part).hexdigest() != step.trace.sha256:
             raise DatasetError(
                 f"{path}: the frames of trial {step.trial} are not those that the journal names; restore the file"
             )
-        _, decoded = frames.Decoder(near_us=int(step.contact_us)).feed(part)
-        times.append(contact_s + (decoded.device_us - step.contact_us) / 1e6)
+        _, decoded = frames.Decoder(near_us=int(at_us)).feed(part)
+        times.append(at_s + (decoded.device_us - at_us) / 1e6)
         heights.append(rig.tracker.height_mm(decoded.counts))
     time_s, height_mm = np.concatenate(times), np.concatenate(heights)
     cuts = np.flatnonzero(np.diff(time_s) > LONGEST_GAP_S) + 1

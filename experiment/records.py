@@ -13,6 +13,10 @@ NO_ANSWER = "(none)"
 """How a trial without an answer stands in tables."""
 
 
+FORMAT: Literal[2] = 2
+"""Of the journal: models and their meaning. 1 was never written down."""
+
+
 class Entry(BaseModel):
     """Base of every entry; the journal adds number, time and the hash of the line before."""
 
@@ -30,9 +34,11 @@ class Header(Entry):
     """What this session is; written before the first trial, never again.
 
     `recordings_sha256` is that of the recordings' manifest, which holds the hash of every take; None without synthesis.
+    `order` falls into blocks of `block_trials`; a trial that is put off is run again at the end of its block.
     """
 
     kind: Literal["header"] = "header"
+    format: Literal[2] = FORMAT
     study: str
     protocol_sha256: str
     software: str
@@ -45,6 +51,7 @@ class Header(Entry):
     task_position: int
     rehearsal: bool
     started_utc: str
+    block_trials: int
     order: tuple[PlannedTrial, ...]
 
 
@@ -126,6 +133,25 @@ class Delivered(Entry):
     reason: str = ""
 
 
+class Onset(Entry):
+    """How a stimulus was brought together with the contact.
+
+    `predicted_us`: contact as predicted last before the point of no return, device time, with its standard error and
+    the newest sample it rests on; None where the foot came too fast to be predicted. `prediction_error_ms`: predicted
+    minus actual contact. `contact_ns`: actual contact, session time. `scheduled_ns`: session time for which the onset
+    was asked; None where the actuator cannot schedule, or was not aimed in time, so that it sounded after contact.
+    `delivered`: what a loopback measured; None where there is none.
+    """
+
+    predicted_us: float | None
+    standard_error_ms: float | None
+    predicted_from_us: int | None
+    prediction_error_ms: float | None
+    contact_ns: int
+    scheduled_ns: int | None
+    delivered: Delivered | None
+
+
 class Link(Entry):
     """Frames of the tracker between arming and contact; `received` counts those up to contact."""
 
@@ -157,6 +183,29 @@ class FootStep(Entry):
     link: Link
     trace: Trace
     stimulus: Stimulus | None
+    onset: Onset | None
+
+
+class BrokenOff(Entry):
+    """A step that ended before the foot had landed, or before its landing was on file; its stimulus was withdrawn.
+
+    `gate_top_us`, `gate_bottom_us` and `speed_mm_s` are None where the foot had not passed the gate, `at_us` (device
+    time of the newest sample) where none had come. `felt`: something may have been felt, so the trial is put off to
+    the end of its block; else it is armed again at once.
+    """
+
+    kind: Literal["broken-off"] = "broken-off"
+    trial: int
+    attempt: int
+    presented: str
+    reason: str
+    felt: bool
+    at_us: int | None
+    gate_top_us: float | None
+    gate_bottom_us: float | None
+    speed_mm_s: float | None
+    link: Link
+    trace: Trace
 
 
 class Answer(Entry):
@@ -172,12 +221,16 @@ class Answer(Entry):
 
 
 class Redo(Entry):
-    """An attempt that does not count, and why; the trial is run again as the next attempt."""
+    """An attempt that does not count, and why; the trial is run again as the next attempt.
+
+    `put_off`: at the end of its block; else at once.
+    """
 
     kind: Literal["redo"] = "redo"
     trial: int
     attempt: int
     reason: str
+    put_off: bool
 
 
 class Resumed(Entry):
@@ -198,7 +251,7 @@ class Footer(Entry):
 
 
 AnyEntry = Annotated[
-    Header | TrackerOpened | Phase | FootStep | Answer | Redo | Resumed | Footer,
+    Header | TrackerOpened | Phase | FootStep | BrokenOff | Answer | Redo | Resumed | Footer,
     Field(discriminator="kind"),
 ]
 ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
@@ -206,8 +259,8 @@ ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
 
 EVENT_COLUMNS: dict[str, dict[str, object]] = {
     "onset": {
-        "Description": "Contact of the foot with the panel, from the first frame of the session's tracker. "
-        "n/a where no clock ran.",
+        "Description": "Contact of the foot with the panel, from the first frame of the session's tracker; where a "
+        "step broke off, when it did. n/a where no clock ran.",
         "Units": "s",
     },
     "duration": {"Description": "Length of the stimulus. n/a where none was played by the rig.", "Units": "s"},
@@ -223,6 +276,14 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
     "foot_speed": {"Description": "10 mm divided by the time from 20 mm to 10 mm above the panel.", "Units": "mm/s"},
     "frames_lost": {"Description": "Tracker frames lost or damaged between arming and contact."},
     "floored_bins": {"Description": "Bins of the synthesised spectrum floored at zero. n/a without synthesis."},
+    "delivered": {
+        "Description": "Whether the loopback heard the stimulus as it was intended. n/a where nothing measured it.",
+        "Levels": {"1": "within the rig's thresholds", "0": "late, changed or not at all"},
+    },
+    "onset_error": {
+        "Description": "Measured onset of the stimulus at the panel minus contact. n/a where nothing measured it.",
+        "Units": "s",
+    },
     "redo_reason": {"Description": "Why this attempt was done again. n/a where it counts."},
     "origin": {
         "Description": "What produced this row.",

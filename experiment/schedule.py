@@ -55,6 +55,13 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
     return tuple(PlannedTrial(trial=place, presented=material) for place, material in enumerate(order, start=1))
 
 
+def block_trials(protocol: Protocol, task_id: str) -> int:
+    """How many trials make a block of a task: each material once where the order is blocked, else the whole task."""
+    task = protocol.task(task_id)
+    blocks = task.repetitions if task.order.kind == "blocked-random" else 1
+    return len(protocol.materials) * task.repetitions // blocks
+
+
 def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> list[str]:
     """One of all orders in which no material stands more than `max_run` times in a row, each equally likely.
 

@@ -14,13 +14,14 @@ from filelock import FileLock
 from experiment import __version__, dataset, dataset_files, roster, scene, schedule
 from experiment.apparatus import calibration, opening
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.landing import NOISE_MM
 from experiment.apparatus.ports import Actuator, Console
 from experiment.clock import Clock, MonotonicClock, day, utc
 from experiment.errors import DatasetError, PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import canonical, load, seal
 from experiment.protocol.models import Protocol
 from experiment.records import Footer, Header
-from experiment.session import journal, places, runner
+from experiment.session import attempt, journal, places, runner
 from experiment.session.resume import progress
 
 LOCK = ".study.lock"
@@ -67,6 +68,7 @@ def header(
         task_position=position,
         rehearsal=rehearsal,
         started_utc=utc(clock.now_ns()),
+        block_trials=schedule.block_trials(protocol, task_id),
         order=schedule.schedule(protocol=protocol, participant=participant, task_id=task_id, seed=seed),
     )
 
@@ -224,7 +226,7 @@ def run(
             rehearsal=False,
             clock=clock,
         )
-        devices = runner.Devices(tracker, rig.tracker.port, actuator, render, console, clock)
+        devices = attempt.Devices(tracker, rig.tracker.port, NOISE_MM, actuator, render, console, clock)
         try:
             footer = runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=root)
         except PalpateError as ended:

@@ -40,6 +40,9 @@ SLOWEST_MM_S, FASTEST_MM_S = 20.0, 1000.0
 QUIETEST_MM = 0.003
 """No sensor is taken to be more exact than this, mm rms."""
 
+NOISE_MM = 0.1
+"""Noise of a sensor whose rig file does not state it, mm rms."""
+
 TURNED_BACK = "the foot turned back above the panel"
 STOPPED = "the foot stopped or hesitated above the panel"
 

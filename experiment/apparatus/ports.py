@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -35,6 +35,26 @@ class Samples:
     raw: bytes
     ends: NDArray[np.int64]
     arrived_ns: int
+
+    def cut(self, count: int) -> tuple[Samples, Samples]:
+        """The first `count` of them, and the others."""
+        end = int(self.ends[count - 1]) if count else 0
+        return (
+            replace(
+                self,
+                device_us=self.device_us[:count],
+                height_mm=self.height_mm[:count],
+                raw=self.raw[:end],
+                ends=self.ends[:count],
+            ),
+            replace(
+                self,
+                device_us=self.device_us[count:],
+                height_mm=self.height_mm[count:],
+                raw=self.raw[end:],
+                ends=self.ends[count:] - end,
+            ),
+        )
 
 
 @dataclass(frozen=True)
@@ -248,6 +268,10 @@ class Console(Protocol):
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> None:
         """Say that the next step is trial `trial` of `trials`; returns at once, for the foot is watched from now on."""
+        ...
+
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+        """Say that a step broke off, why, and that the trial is armed again; returns at once, as `arm` does."""
         ...
 
     def ask(self, *, trial: int, keys: dict[str, str]) -> str:

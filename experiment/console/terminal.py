@@ -45,6 +45,12 @@ class TerminalConsole:
         again = f", attempt {attempt}" if attempt > 1 else ""
         self.show(f"{self._heading}  Trial {trial} of {trials}{again}. Armed: the participant may step.")
 
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+        self.show(
+            f"{self._heading}  Trial {trial}, attempt {attempt}: {reason}; nothing was played. Armed again: the "
+            "participant may lift the foot and step."
+        )
+
     def ask(self, *, trial: int, keys: dict[str, str]) -> str:
         offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
         while True:

@@ -223,14 +223,15 @@ class ExclusionRule(Confined):
     """One rule that leaves out a trial or a participant, and says so.
 
     `when` is one of: `frames-lost` (more than `limit` frames lost or damaged between arming and contact),
-    `speed-below` / `speed-above` (foot speed, mm/s, against `limit`), `answers-below` (fewer than `limit`
-    answered trials in a task), `withdrawn`.
+    `speed-below` / `speed-above` (foot speed, mm/s, against `limit`), `undelivered` (the loopback heard the stimulus
+    late, changed or not at all, by the rig's thresholds), `answers-below` (fewer than `limit` answered trials in a
+    task), `withdrawn`. A trial that a rule repeats may have been felt, so it comes again at the end of its block.
     """
 
     RULES: ClassVar[rules.Rules] = rules.exclusion_rule
 
     id: Name
-    when: Literal["frames-lost", "speed-below", "speed-above", "answers-below", "withdrawn"]
+    when: Literal["frames-lost", "speed-below", "speed-above", "undelivered", "answers-below", "withdrawn"]
     limit: Annotated[float, Field(ge=0)] | None = None
     action: Literal["repeat-trial", "exclude-trial", "exclude-participant"]
     reason: Text

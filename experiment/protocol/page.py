@@ -190,7 +190,8 @@ def _stimuli(protocol: Protocol) -> Iterator[str]:
     yield from say(
         f"The speed of the foot is measured while it falls from {number(step.gate_top_mm)} to "
         f"{number(step.gate_bottom_mm)} mm above the panel; the stimulus starts when it is at "
-        f"{number(step.contact_mm)} mm."
+        f"{number(step.contact_mm)} mm. A foot that stops, turns back or hesitates on the way sets nothing off, and "
+        "the trial is armed again at once."
     )
     yield from say(
         f"Headphones play {masker.noise} noise, whose level is set by the {masker.level_set_by}, until this holds: "
@@ -228,12 +229,17 @@ def _answers(protocol: Protocol) -> Iterator[str]:
 def _exclusion(protocol: Protocol) -> Iterator[str]:
     if not protocol.exclusion:
         yield from say("None: every trial of every participant counts.")
+    if any(rule.action == "repeat-trial" for rule in protocol.exclusion):
+        yield from say(
+            "A block is each material once where the order of a task is blocked-random, and the whole task where it "
+            "is not."
+        )
     for rule in protocol.exclusion:
         yield from item(f"{rule.id}: {_condition(rule)}, {_ACTION[rule.action]}: {rule.reason}")
 
 
 _ACTION = {
-    "repeat-trial": "the trial is repeated",
+    "repeat-trial": "the trial is repeated at the end of its block",
     "exclude-trial": "the trial is left out",
     "exclude-participant": "the participant is left out",
 }
@@ -248,6 +254,8 @@ def _condition(rule: ExclusionRule) -> str:
             return f"if the foot comes at less than {limit} mm/s"
         case "speed-above":
             return f"if the foot comes at more than {limit} mm/s"
+        case "undelivered":
+            return "if the vibration was measured to come late, changed or not at all, by the rig's thresholds"
         case "answers-below":
             return f"if a participant answers fewer than {limit} trials of a task"
         case "withdrawn":

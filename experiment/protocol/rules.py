@@ -97,13 +97,13 @@ def order(table: Table) -> Iterator[Broken]:
 def exclusion_rule(table: Table) -> Iterator[Broken]:
     """Every rule has the limit and the action that its condition needs."""
     when, limit, action = table.get("when"), table.get("limit"), table.get("action")
-    if when == "withdrawn" and limit is not None:
-        yield Broken(("limit",), "no value: 'withdrawn' needs no limit")
+    if when in ("withdrawn", "undelivered") and limit is not None:
+        yield Broken(("limit",), f"no value: '{when}' needs no limit")
     if when in ("frames-lost", "speed-below", "speed-above", "answers-below") and limit is None:
         yield Broken(("limit",), f"a number at least 0: '{when}' needs it")
     if when in ("withdrawn", "answers-below") and action in ("repeat-trial", "exclude-trial"):
         yield Broken(("action",), f"exclude-participant: '{when}' is about a participant")
-    if when in ("frames-lost", "speed-below", "speed-above") and action == "exclude-participant":
+    if when in ("frames-lost", "speed-below", "speed-above", "undelivered") and action == "exclude-participant":
         yield Broken(("action",), f"one of: repeat-trial, exclude-trial: '{when}' is about a trial")
 
 

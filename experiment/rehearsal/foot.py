@@ -19,7 +19,7 @@ from experiment.apparatus.frames import encode
 from experiment.apparatus.rig import TrackerRig
 from experiment.clock import Clock, MonotonicClock
 from experiment.rehearsal import movement
-from experiment.rehearsal.movement import Trajectory
+from experiment.rehearsal.movement import Hesitation, Trajectory
 from experiment.rehearsal.serial_line import SerialLine, UnpluggedError
 
 TICK_S = 0.002
@@ -108,9 +108,11 @@ class Foot:
         self._thread = threading.Thread(target=self._run, args=(real_time,), name="foot", daemon=True)
         self._thread.start()
 
-    def trajectory(self, rng: np.random.Generator, speed_mm_s: float) -> Trajectory:
-        """Draw a step of this foot with the given mean speed through the gate, mm/s."""
-        return movement.trajectory(rng, speed_mm_s, rest_mm=self._rest_mm)
+    def trajectory(
+        self, rng: np.random.Generator, speed_mm_s: float, hesitation: Hesitation | None = None
+    ) -> Trajectory:
+        """Draw a step of this foot with the given mean speed through the gate, mm/s; see `movement.trajectory`."""
+        return movement.trajectory(rng, speed_mm_s, rest_mm=self._rest_mm, hesitation=hesitation)
 
     def step(self, trajectory: Trajectory, start_us: int, faults: Faults | None = None) -> None:
         """Begin a step; returns at once.
@@ -155,6 +157,12 @@ class Foot:
         """When the last step meets the panel, device time, microseconds."""
         step = self._last_step()
         return self._time_us(step.first) + step.trajectory.contact_us
+
+    @property
+    def free_us(self) -> int:
+        """When the foot has done every step so far, device time, microseconds."""
+        with self._changed:
+            return self._time_us(max(self._free_sample, self._next_sample))
 
     def close(self) -> None:
         """Switch the device off: it sends nothing more."""

@@ -7,13 +7,16 @@ panel, as a foot that is put down does, so it meets the panel at speed. Its pace
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-Hesitation = Literal["none", "pause", "dip"]
+Hesitation = Literal["none", "pause", "dip", "stop", "turn"]
+"""Before the passage that leads to contact, a foot may pause above the gate, or dip into it and go back. One that stops
+or turns back between gate and panel does not land."""
 
 GATE_TOP_MM = 20.0
 GATE_BOTTOM_MM = 10.0
@@ -21,6 +24,9 @@ GATE_BOTTOM_MM = 10.0
 
 HESITATES = 0.1
 """Part of the steps that hesitate: half pause above the gate, half dip into it and withdraw first."""
+
+BRAKES_MM = 3.0
+"""Travel in which a foot that will not land comes to a halt, mm."""
 
 _DENSITY_HZ = 4000
 """Knots of a trajectory a second; straight lines between them are within 10^-4 mm."""
@@ -38,8 +44,8 @@ class Trajectory:
         height_mm: height of the sole there, mm, shape (n,); straight lines between them are the truth.
         gate_top_us: when the passage that leads to contact crosses 20 mm, microseconds.
         gate_bottom_us: when it crosses 10 mm.
-        contact_us: when it reaches the panel.
-        lift_us: when it leaves the panel again, 0.22 s or more after contact.
+        contact_us: when it reaches the panel; infinity if it never does.
+        lift_us: when it leaves the panel again, 0.22 s or more after contact; the end of a step that never lands.
         speed_mm_s: its mean speed from 20 mm to 10 mm.
         hesitation: what came before it.
         noise_seed: names the sensor's noise during this step.
@@ -78,10 +84,13 @@ def trajectory(
         rng: draws everything else.
         speed_mm_s: mean speed from 20 mm to 10 mm above the panel, mm/s.
         rest_mm: height at which the foot waits before and after the step, mm, above 45.
-        hesitation: what comes before the passage that leads to contact; None to draw it.
+        hesitation: what comes before the passage that leads to contact, or instead of it; None to draw one of a step
+            that lands.
     """
     if hesitation is None:
         hesitation = "none" if rng.random() >= HESITATES else ("pause" if rng.random() < 0.5 else "dip")
+    if hesitation in ("stop", "turn"):
+        return _in_vain(rng, speed_mm_s, rest_mm, hesitation)
     before, start_mm = _before(rng, hesitation, speed_mm_s, rest_mm)
     descent, contact_mm_s = _descent(rng, start_mm, speed_mm_s)
     landing = _landing(rng, contact_mm_s)
@@ -97,6 +106,33 @@ def trajectory(
         gate_bottom_us=bottom_us,
         contact_us=contact_us,
         lift_us=contact_us + float(landing[0][-1]) * 1e6,
+        speed_mm_s=(GATE_TOP_MM - GATE_BOTTOM_MM) * 1e6 / (bottom_us - top_us),
+        hesitation=hesitation,
+        noise_seed=int(rng.integers(2**63)),
+    )
+
+
+def _in_vain(rng: np.random.Generator, speed_mm_s: float, rest_mm: float, hesitation: Hesitation) -> Trajectory:
+    """A step whose foot stops between gate and panel, or turns back there, and goes back to rest."""
+    turn_mm = rng.uniform(4.0, 7.0)
+    waits_s = rng.uniform(0.2, 0.5) if hesitation == "stop" else 0.001
+    still = _still(rest_mm, rng.uniform(0.05, 0.15))
+    # A reach that would end far below the panel is at full speed in the gate; it is braked in the last millimetres.
+    fall, mm_s = _descent(rng, rest_mm, speed_mm_s)
+    kept = fall[1] > turn_mm
+    fall = fall[0][kept], fall[1][kept]
+    brake_s = _times(2 * BRAKES_MM / mm_s)
+    brake = brake_s, float(fall[1][-1]) - mm_s * brake_s + mm_s * brake_s**2 / (2 * brake_s[-1])
+    rise = _minimum_jerk(float(brake[1][-1]), rest_mm, rng.uniform(0.3, 0.45))
+    time_s, height_mm = _joined([still, fall, brake, _still(float(brake[1][-1]), waits_s), rise])
+    top_us, bottom_us = ((float(still[0][-1]) + _passes(fall, level)) * 1e6 for level in (GATE_TOP_MM, GATE_BOTTOM_MM))
+    return Trajectory(
+        us=time_s * 1e6,
+        height_mm=height_mm,
+        gate_top_us=top_us,
+        gate_bottom_us=bottom_us,
+        contact_us=math.inf,
+        lift_us=float(time_s[-1]) * 1e6,
         speed_mm_s=(GATE_TOP_MM - GATE_BOTTOM_MM) * 1e6 / (bottom_us - top_us),
         hesitation=hesitation,
         noise_seed=int(rng.integers(2**63)),

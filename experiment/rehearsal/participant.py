@@ -17,6 +17,7 @@ from experiment.clock import Clock
 from experiment.protocol.models import Protocol
 from experiment.rehearsal.foot import Foot
 from experiment.rehearsal.materials import SimulatedMaterials
+from experiment.rehearsal.movement import Hesitation
 from experiment.rehearsal.observer import Observer
 from experiment.rehearsal.panel import Panel
 
@@ -29,6 +30,9 @@ FELT_TIMEOUT_S = 2.0
 SPEED_MEDIAN_MM_S = 180.0
 SPEED_SIGMA = 0.35
 """Foot speeds are log-normal about the natural steps of section 3.1: most within 50-300 mm/s."""
+
+IN_VAIN = 0.03
+"""Part of the steps that stop or turn back between gate and panel, half each."""
 
 READY_S = (0.3, 1.2)
 """From arming to the beginning of a step, s."""
@@ -87,6 +91,7 @@ class SimulatedParticipant:
         self._observer.familiarise(rng=self._rng(0, 1))
         self._under_foot: str | None = None
         self._attempt = 0
+        self._lands_later = False
 
     def _rng(self, *keys: int) -> np.random.Generator:
         return np.random.default_rng([*self._entropy, *keys])
@@ -107,17 +112,36 @@ class SimulatedParticipant:
     def arm(self, *, trial: int, attempt: int, trials: int) -> None:
         if self._screen is not None:
             self._screen.arm(trial=trial, attempt=attempt, trials=trials)
+        self._step(trial, attempt)
+
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+        if self._screen is not None:
+            self._screen.rearm(trial=trial, attempt=attempt, reason=reason)
+        self._attempt = attempt
+        if self._lands_later:
+            self._lands_later = False
+            return
+        self._step(trial, attempt)
+
+    def _step(self, trial: int, attempt: int) -> None:
         self._attempt = attempt
         rng = self._rng(trial, attempt, 0)
         speed_mm_s = float(np.clip(rng.lognormal(np.log(SPEED_MEDIAN_MM_S), SPEED_SIGMA), 55.0, 390.0))
         ready_ns = int(rng.uniform(*READY_S) * 1e9)
-        start_us = (self._clock.now_ns() + ready_ns - self._origin_ns) // 1000
+        now_ns = self._clock.now_ns()
+        begin_ns = max(now_ns + ready_ns, self._origin_ns + self._foot.free_us * 1000)
         if not self._real_time:
             # Simulated time passes nowhere else; a foot that streams by the clock only has to know when.
-            self._clock.sleep_ns(ready_ns)
+            self._clock.sleep_ns(begin_ns - now_ns)
         while self._panel is not None and self._panel.felt(0) is not None:
             self.show("A stimulus of an attempt that did not count was felt")
-        self._foot.step(self._foot.trajectory(rng, speed_mm_s), start_us)
+        whim = self._rng(trial, attempt, 2)
+        in_vain: Hesitation | None = None
+        if whim.random() < IN_VAIN:
+            in_vain = "stop" if whim.random() < 0.5 else "turn"
+        trajectory = self._foot.trajectory(rng, speed_mm_s, in_vain)
+        self._lands_later = trajectory.hesitation == "dip"
+        self._foot.step(trajectory, (begin_ns - self._origin_ns) // 1000)
 
     def ask(self, *, trial: int, keys: dict[str, str]) -> str:
         rng = self._rng(trial, self._attempt, 1)

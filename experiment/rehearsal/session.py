@@ -11,6 +11,7 @@ from experiment import dataset, scene, study
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
+from experiment.apparatus.landing import NOISE_MM
 from experiment.apparatus.ports import Actuator, Console
 from experiment.clock import ManualClock, MonotonicClock
 from experiment.errors import Interrupted
@@ -23,10 +24,13 @@ from experiment.rehearsal.materials import SimulatedMaterials
 from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.participant import SimulatedParticipant, Tick
 from experiment.rehearsal.serial_line import SerialLine
-from experiment.session import journal, places, runner
+from experiment.session import attempt, journal, places, runner
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 """When simulated time begins, so that the same seed writes the same files."""
+
+RECONNECT_S = 2.0
+"""How long a rehearsal waits for its tracker, s."""
 
 TASK_NS = 2 * 3600 * 10**9
 """In simulated time each task of a participant starts this long after the one before, break included."""
@@ -135,7 +139,9 @@ def _rehearse_task(
             tick=tick,
             screen=screen,
         )
-        devices = runner.Devices(tracker, line.url, actuator, render, participant, clock)
+        devices = attempt.Devices(
+            tracker, line.url, NOISE_MM, actuator, render, participant, clock, reconnect_s=RECONNECT_S
+        )
         rig_file = job.dataset / "sourcedata" / "rig.toml"
         footer = runner.run(protocol=protocol, header=header, devices=devices, rig_file=rig_file, dataset=job.dataset)
     if footer.reason == "paused":

@@ -25,7 +25,7 @@ from pydantic import ValidationError
 from experiment.clock import Clock
 from experiment.errors import JournalError, SessionLocked
 from experiment.files import sync_folder
-from experiment.records import ENTRY, AnyEntry, Header
+from experiment.records import ENTRY, FORMAT, AnyEntry, Header
 
 GENESIS = "0" * 64
 """`prev` of the first line."""
@@ -139,6 +139,7 @@ def _verified(path: Path, n: int, line: bytes, last_hash: str) -> Line:
     try:
         document = json.loads(line)
         number, t_ns, prev = document["n"], document["t_ns"], document["prev"]
+        _check_format(where, document["entry"])
         entry = ENTRY.validate_json(json.dumps(document["entry"]))
     except (ValueError, KeyError, TypeError, ValidationError) as error:
         raise JournalError(f"{where} is no journal entry ({type(error).__name__}); {remedy}") from error
@@ -149,6 +150,15 @@ def _verified(path: Path, n: int, line: bytes, last_hash: str) -> Line:
     if isinstance(entry, Header) != (n == 0):
         raise JournalError(f"{where}: a journal holds one header, in its first line; {remedy}")
     return Line(t_ns, entry)
+
+
+def _check_format(where: str, entry: dict[str, object]) -> None:
+    """Say that a journal is of another form before its models say so in their own words."""
+    if entry["kind"] == "header" and entry.get("format", 1) != FORMAT:
+        raise JournalError(
+            f"{where}: got a journal of format {entry.get('format', 1)}; allowed: {FORMAT}; read it with the palpate "
+            f"that wrote it ({entry.get('software', 'not named')})"
+        )
 
 
 class Journal:

@@ -1,12 +1,17 @@
-"""What a journal says is done and what remains; the same answer after any kill."""
+"""What a journal says is done and what remains; the same answer while a session runs and after any kill.
+
+Trials are run in the realised order. One that is put off comes again at the end of its block: after the other trials of
+the block, and after those that were put off before it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
 from itertools import pairwise
 
-from experiment.records import Answer, AnyEntry, Footer, FootStep, Header, PlannedTrial, Redo, Resumed
+from experiment.records import Answer, AnyEntry, BrokenOff, Footer, FootStep, Header, PlannedTrial, Redo, Resumed
 from experiment.session.journal import Contents
 
 
@@ -15,18 +20,57 @@ class Progress:
     """Where a session stands.
 
     Attributes:
+        header: what the session is.
         answered: trials with an answer that counts, in the order they were answered.
-        remaining: planned trials without one, in the realised order.
+        put_off: trials that were put off to the end of their blocks, in that order.
         attempts: attempts begun so far, by trial.
         unanswered: the trial and attempt whose step is on disk but whose answer is not, if any.
         footer: the last footer, if the session has ended since it was last resumed.
     """
 
-    answered: tuple[int, ...]
-    remaining: tuple[PlannedTrial, ...]
-    attempts: dict[int, int]
-    unanswered: tuple[int, int] | None
-    footer: Footer | None
+    header: Header
+    answered: tuple[int, ...] = ()
+    put_off: tuple[int, ...] = ()
+    attempts: Mapping[int, int] = field(default_factory=dict)
+    unanswered: tuple[int, int] | None = None
+    footer: Footer | None = None
+
+    @property
+    def remaining(self) -> tuple[PlannedTrial, ...]:
+        """Planned trials without an answer, in the order in which they are run."""
+        order, size = self.header.order, self.header.block_trials
+        left: list[PlannedTrial] = []
+        for begin in range(0, len(order), size):
+            block = [planned for planned in order[begin : begin + size] if planned.trial not in self.answered]
+            left += sorted(block, key=lambda planned: self._turn(planned.trial))
+        return tuple(left)
+
+    def _turn(self, trial: int) -> int:
+        return self.put_off.index(trial) + 1 if trial in self.put_off else 0
+
+    def after(self, entry: AnyEntry) -> Progress:
+        """Where the session stands after one more entry."""
+        done = replace(self, footer=entry if isinstance(entry, Footer) else None)
+        if isinstance(entry, FootStep):
+            return replace(done._begun(entry), unanswered=(entry.trial, entry.attempt))
+        if isinstance(entry, BrokenOff):
+            begun = replace(done._begun(entry), unanswered=None)
+            return begun._later(entry.trial) if entry.felt else begun
+        if isinstance(entry, Answer):
+            return replace(done, answered=(*done._without(entry.trial), entry.trial), unanswered=None)
+        if isinstance(entry, Redo):
+            redone = replace(done, answered=done._without(entry.trial), unanswered=None)
+            return redone._later(entry.trial) if entry.put_off else redone
+        return done
+
+    def _begun(self, entry: FootStep | BrokenOff) -> Progress:
+        return replace(self, attempts={**self.attempts, entry.trial: entry.attempt})
+
+    def _without(self, trial: int) -> tuple[int, ...]:
+        return tuple(one for one in self.answered if one != trial)
+
+    def _later(self, trial: int) -> Progress:
+        return replace(self, put_off=(*(one for one in self.put_off if one != trial), trial))
 
 
 def progress(entries: Sequence[AnyEntry]) -> Progress:
@@ -38,23 +82,7 @@ def progress(entries: Sequence[AnyEntry]) -> Progress:
     header = entries[0]
     if not isinstance(header, Header):
         raise TypeError("the first entry of a journal is its header")
-    answered: dict[int, int] = {}
-    attempts: dict[int, int] = {}
-    unanswered: tuple[int, int] | None = None
-    footer: Footer | None = None
-    for entry in entries:
-        footer = entry if isinstance(entry, Footer) else None
-        if isinstance(entry, FootStep):
-            attempts[entry.trial] = entry.attempt
-            unanswered = (entry.trial, entry.attempt)
-        elif isinstance(entry, Answer):
-            answered[entry.trial] = entry.attempt
-            unanswered = None
-        elif isinstance(entry, Redo):
-            answered.pop(entry.trial, None)
-            unanswered = None
-    remaining = tuple(planned for planned in header.order if planned.trial not in answered)
-    return Progress(tuple(answered), remaining, attempts, unanswered, footer)
+    return reduce(Progress.after, entries[1:], Progress(header))
 
 
 def spent_ns(contents: Contents) -> int:

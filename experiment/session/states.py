@@ -8,11 +8,12 @@ from experiment.errors import SessionError
 
 
 class State(StrEnum):
-    """Where a session stands."""
+    """Where a session stands; `WAITING` is for a tracker that stopped."""
 
     READY = "ready"
     FAMILIARISING = "familiarising"
     ARMED = "armed"
+    WAITING = "waiting"
     ANSWERING = "answering"
     COMPLETE = "complete"
     PAUSED = "paused"
@@ -26,6 +27,9 @@ class Event(StrEnum):
     RESUME = "resume"
     FAMILIARISED = "familiarised"
     STEPPED = "stepped"
+    BROKEN_OFF = "broken-off"
+    LOST = "lost"
+    FOUND = "found"
     ANSWERED = "answered"
     REDONE = "redone"
     EXHAUSTED = "exhausted"
@@ -42,9 +46,14 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.FAMILIARISING, Event.PAUSE): State.PAUSED,
     (State.FAMILIARISING, Event.FAIL): State.FAILED,
     (State.ARMED, Event.STEPPED): State.ANSWERING,
+    (State.ARMED, Event.BROKEN_OFF): State.ARMED,
+    (State.ARMED, Event.LOST): State.WAITING,
     (State.ARMED, Event.EXHAUSTED): State.COMPLETE,
     (State.ARMED, Event.PAUSE): State.PAUSED,
     (State.ARMED, Event.FAIL): State.FAILED,
+    (State.WAITING, Event.FOUND): State.ARMED,
+    (State.WAITING, Event.PAUSE): State.PAUSED,
+    (State.WAITING, Event.FAIL): State.FAILED,
     (State.ANSWERING, Event.ANSWERED): State.ARMED,
     (State.ANSWERING, Event.REDONE): State.ARMED,
     (State.ANSWERING, Event.PAUSE): State.PAUSED,

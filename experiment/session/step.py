@@ -1,24 +1,38 @@
-"""One step of the foot, from arming to just after contact, and the stimulus it sets off."""
+"""One step of the foot, from arming to just after contact, and the stimulus it sets off.
+
+The foot passes the gate: its stimulus is synthesised and prepared. While it falls on, contact is predicted from every
+sample and the stimulus aimed at it, until it can no longer be moved. The foot lands: what could not be scheduled sounds
+now. A foot that stops, turns back or hesitates between gate and contact has its stimulus withdrawn, and the step ends.
+"""
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
-
-import numpy as np
+from collections import deque
+from dataclasses import dataclass
 
 from experiment.apparatus.gate import Contact, Gate, GateDetector
-from experiment.apparatus.ports import Actuator, LinkCounts, Tracker
+from experiment.apparatus.landing import Landing, LandingPredictor
+from experiment.apparatus.ports import LinkCounts
 from experiment.clock import Clock
-from experiment.records import Stimulus
-from experiment.scene import Render
-
-if TYPE_CHECKING:
-    from experiment.synthesis.crinkle import Synthesised
+from experiment.errors import TrackerStopped
+from experiment.records import Onset, Stimulus
+from experiment.session.feed import Feed
+from experiment.session.sounding import Sounder, Sounding
+from experiment.session.taken import Taken
 
 TAIL_US = 100_000
 """How long the foot is recorded after contact, so that the landing is on file."""
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What steps are watched with; `sounder` is None in a task without synthesis."""
+
+    feed: Feed
+    detector: GateDetector
+    predictor: LandingPredictor
+    clock: Clock
+    sounder: Sounder | None
 
 
 @dataclass(frozen=True)
@@ -27,84 +41,159 @@ class WatchedStep:
 
     Attributes:
         first_us: device time of the first sample after arming.
-        first_t_ns: session time at which it was read.
+        first_ns: its session time.
         gate: the passage through the gate that led to contact.
         contact: the contact.
+        contact_ns: its session time.
         raw: every byte of the tracker from arming to the end of the tail.
         link: frames counted from arming to contact.
         stimulus: what was handed to the actuator; None in a task without synthesis.
+        onset: how it met the contact; None likewise.
     """
 
     first_us: int
-    first_t_ns: int
+    first_ns: int
     gate: Gate
     contact: Contact
+    contact_ns: int
     raw: bytes
     link: LinkCounts
     stimulus: Stimulus | None
+    onset: Onset | None
 
 
-def watch(
-    *,
-    tracker: Tracker,
-    detector: GateDetector,
-    clock: Clock,
-    material: str,
-    render: Render | None,
-    actuator: Actuator | None,
-) -> WatchedStep:
-    """Wait for a step, and play its stimulus when the foot lands.
+@dataclass(frozen=True)
+class BrokenStep:
+    """A step that ended before the foot had landed, or before its landing was on file.
 
-    The stimulus is synthesised as soon as the foot has left the gate, and handed over at contact.
+    Attributes:
+        first_us: device time of the first sample after arming; None where none came.
+        first_ns: its session time; None likewise.
+        at_us: device time of the newest sample; None likewise.
+        gate: the passage through the gate, if there was one.
+        reason: why it ended.
+        felt: whether something may have been felt.
+        stopped: the tracker's silence, where that ended it.
+        raw: every byte of the tracker until then.
+        link: frames counted until then.
+    """
+
+    first_us: int | None
+    first_ns: int | None
+    at_us: int | None
+    gate: Gate | None
+    reason: str
+    felt: bool
+    stopped: TrackerStopped | None
+    raw: bytes
+    link: LinkCounts
+
+
+def watch(parts: Watch, material: str) -> WatchedStep | BrokenStep:
+    """Wait for a step, and have its stimulus sound when the foot lands.
+
+    Args:
+        parts: what it is watched with.
+        material: what is presented.
 
     Raises:
-        TrackerStopped: the tracker fell silent.
+        TrackerError: the tracker's device restarted.
         ActuatorError: the stimulus could not be handed over.
     """
-    before = tracker.counts
-    state = detector.init()
-    samples = tracker.read()
-    first = int(samples.device_us[0]), clock.now_ns()
-    raw, received = bytearray(), 0
-    gate: Gate | None = None
-    contact: Contact | None = None
-    rendered: Synthesised | None = None
-    while True:
-        state, events = detector.step(state, samples)
-        for event in events:
-            if isinstance(event, Gate):
-                gate = event
-                rendered = render(material, gate.speed_mm_s, actuator.rate_hz) if render and actuator else None
-            elif gate is not None:
-                contact = event
-                break
-        if gate is not None and contact is not None:
-            break
-        raw += samples.raw
-        received += samples.device_us.size
-        samples = tracker.read()
-    received += int(np.searchsorted(samples.device_us, contact.us, side="right"))
-    link = replace(tracker.counts.since(before), received=received)
-    contact_ns = first[1] + round((contact.us - first[0]) * 1e3)
-    stimulus = _play(rendered, actuator, contact_ns) if rendered is not None and actuator is not None else None
-    while samples.device_us[-1] < contact.us + TAIL_US:
-        raw += samples.raw
-        samples = tracker.read()
-    # What came in the same read after the tail is left out, so that a trace does not depend on how reads were cut.
-    raw += samples.raw[: int(samples.ends[np.searchsorted(samples.device_us, contact.us + TAIL_US)])]
-    return WatchedStep(*first, gate, contact, bytes(raw), link, stimulus)
+    step = _Step(parts, material)
+    try:
+        reason = step.fall()
+        return step.broken(reason) if reason else step.land()
+    except TrackerStopped as stopped:
+        return step.broken(str(stopped), stopped)
+    except BaseException:
+        # Nothing may sound once nobody watches.
+        step.withdraw()
+        raise
 
 
-def _play(rendered: Synthesised, actuator: Actuator, contact_ns: int) -> Stimulus:
-    played = actuator.prepare(rendered.waveform_m_s2)
-    actuator.landed(contact_ns)
-    return Stimulus(
-        sha256=hashlib.sha256(np.asarray(rendered.waveform_m_s2, "<f8").tobytes()).hexdigest(),
-        samples=played.samples,
-        rate_hz=actuator.rate_hz,
-        floored_bins=rendered.floored_bins,
-        extrapolated=rendered.extrapolated,
-        limited=played.limited,
-        peak_m_s2=played.peak_m_s2,
-        driven=played.driven,
-    )
+class _Step:
+    def __init__(self, parts: Watch, material: str) -> None:
+        self._parts = parts
+        self._taken = Taken(parts.feed)
+        self._gate: Gate | None = None
+        self._contact: Contact | None = None
+        self._sounding: Sounding | None = None
+        if parts.sounder is not None:
+            self._sounding = Sounding(parts.sounder, material, self._taken.session_ns, parts.clock)
+
+    def fall(self) -> str:
+        """Follow the foot to its contact; returns why it will not land, or nothing."""
+        detector, predictor, sounding = self._parts.detector, self._parts.predictor, self._sounding
+        state, falling = detector.init(), predictor.init()
+        while True:
+            samples = self._taken.next()
+            state, events = detector.step(state, samples)
+            upcoming = deque(events)
+            aim_at: Landing | None = None
+            for us, mm in zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True):
+                falling = predictor.step(falling, us, mm)
+                while upcoming and upcoming[0].given_us <= us and self._contact is None:
+                    self._passed(upcoming.popleft())
+                if self._gate is None:
+                    continue
+                if self._contact is not None:
+                    break
+                if reason := predictor.hesitates(falling, self._gate):
+                    self._taken.until(us)
+                    return reason
+                landing = predictor.landing(falling) if falling is not None and sounding is not None else None
+                if landing is not None and sounding is not None and sounding.in_time(landing):
+                    aim_at = landing
+            if aim_at is not None and sounding is not None:
+                sounding.aim(aim_at)
+            if self._contact is not None:
+                return ""
+
+    def land(self) -> WatchedStep:
+        """The foot is down: have the stimulus sound, and record the tail."""
+        gate, contact, taken = self._gate, self._contact, self._taken
+        if gate is None or contact is None or taken.first_us is None:
+            raise RuntimeError("no step lands before it has fallen")
+        if self._sounding is not None:
+            self._sounding.landed(contact)
+        link = taken.link(contact.us)
+        taken.until(contact.us + TAIL_US)
+        return WatchedStep(
+            first_us=taken.first_us,
+            first_ns=taken.session_ns(taken.first_us),
+            gate=gate,
+            contact=contact,
+            contact_ns=taken.session_ns(contact.us),
+            raw=taken.raw(),
+            link=link,
+            stimulus=self._sounding.stimulus if self._sounding is not None else None,
+            onset=self._sounding.onset(contact) if self._sounding is not None else None,
+        )
+
+    def withdraw(self) -> bool:
+        """Take the stimulus back; returns whether nothing of it sounds."""
+        return self._sounding is None or self._sounding.withdraw()
+
+    def broken(self, reason: str, stopped: TrackerStopped | None = None) -> BrokenStep:
+        """End it without a contact, or without the rest of its record."""
+        withdrawn, taken = self.withdraw(), self._taken
+        return BrokenStep(
+            first_us=taken.first_us,
+            first_ns=taken.session_ns(taken.first_us) if taken.first_us is not None else None,
+            at_us=taken.newest_us,
+            gate=self._gate,
+            reason=reason,
+            felt=self._contact is not None or not withdrawn,
+            stopped=stopped,
+            raw=taken.raw(),
+            link=taken.link(taken.newest_us or 0),
+        )
+
+    def _passed(self, event: Gate | Contact) -> None:
+        if isinstance(event, Contact):
+            self._contact = event
+            return
+        self._gate = event
+        if self._sounding is not None:
+            self._sounding.prepare(event)

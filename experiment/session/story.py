@@ -3,7 +3,19 @@
 from __future__ import annotations
 
 from experiment.clock import utc
-from experiment.records import Answer, AnyEntry, Footer, FootStep, Header, Phase, Redo, Resumed, TrackerOpened
+from experiment.records import (
+    Answer,
+    AnyEntry,
+    BrokenOff,
+    Footer,
+    FootStep,
+    Header,
+    Onset,
+    Phase,
+    Redo,
+    Resumed,
+    TrackerOpened,
+)
 from experiment.session.journal import Contents
 from experiment.session.resume import progress
 
@@ -48,14 +60,31 @@ def _said(entry: AnyEntry) -> str:
             return (
                 f"trial {entry.trial}.{entry.attempt}: {entry.presented}, {entry.speed_mm_s:.1f} mm/s, {played}; "
                 f"frames {link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated"
+                f"{_met(entry.onset)}"
             )
+        case BrokenOff():
+            again = "put off to the end of the block" if entry.felt else "armed again"
+            return f"trial {entry.trial}.{entry.attempt}: {entry.presented}, broken off and {again}: {entry.reason}"
         case Answer():
             answered = entry.answered or "no answer"
             return f"trial {entry.trial}.{entry.attempt}: answered {answered} after {entry.response_time_s:.2f} s"
         case Redo():
-            return f"trial {entry.trial}.{entry.attempt} does not count: {entry.reason}"
+            again = "put off to the end of the block" if entry.put_off else "done again"
+            return f"trial {entry.trial}.{entry.attempt} does not count and is {again}: {entry.reason}"
         case Resumed():
             torn = f"; dropped a torn line of {len(entry.torn)} characters" if entry.torn else ""
             return f"resumed with {len(entry.remaining)} trials left{torn}"
         case Footer():
-            return f"ended: {entry.reason} {entry.detail}".rstrip()
+            return f"ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}"
+
+
+def _met(onset: Onset | None) -> str:
+    """How onset and contact met, as far as is known."""
+    if onset is None or onset.prediction_error_ms is None:
+        return ""
+    said = f"; contact predicted {onset.prediction_error_ms:+.2f} ms off"
+    if onset.delivered is None:
+        return said
+    heard = onset.delivered
+    off = f"onset {heard.onset_error_ms:+.2f} ms off" if heard.onset_error_ms is not None else "no onset"
+    return f"{said}, {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"

@@ -17,11 +17,12 @@ from scipy import stats
 from experiment import dataset
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.errors import DatasetError, JournalError, ProtocolError, RigError, TrackerStopped
+from experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal import study
+from experiment.rehearsal import session, study
 from experiment.rehearsal.foot import Faults, Foot
 from experiment.rehearsal.movement import Trajectory
+from experiment.rehearsal.participant import SimulatedParticipant
 from experiment.session import journal, places
 from tests.reference.okamoto2012 import MATERIALS, TABLE_1, TABLE_2
 
@@ -168,7 +169,8 @@ def test_it_goes_on_after_the_port_vanished_and_loses_nothing(
         step(self, trajectory, start_us, Faults(unplug_at=150) if steps == 30 else None)
 
     monkeypatch.setattr(Foot, "step", unplugged_at_the_thirtieth)
-    with pytest.raises(TrackerStopped, match="plug the device in again, then resume the session"):
+    monkeypatch.setattr(session, "RECONNECT_S", 0.2)
+    with pytest.raises(Interrupted, match=r"not back within 0\.2 s .*plug the device in again"):
         rehearse(tmp_path / "rehearsal")
     root = rehearse(tmp_path / "rehearsal")
     for task in ("virtual", "real"):
@@ -244,18 +246,23 @@ def test_a_repeated_trial_does_not_leave_its_stimulus_to_the_next(
     tmp_path: Path, one: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Every first attempt loses more frames than the protocol's rule allows.
-    step = Foot.step
-    begun = 0
+    step, arm = Foot.step, SimulatedParticipant.arm
+    first = True
+
+    def noted(self: SimulatedParticipant, *, trial: int, attempt: int, trials: int) -> None:
+        nonlocal first
+        first = attempt == 1
+        arm(self, trial=trial, attempt=attempt, trials=trials)
+        first = False
 
     def lossy(self: Foot, trajectory: Trajectory, start_us: int) -> None:
-        nonlocal begun
-        begun += 1
-        step(self, trajectory, start_us, Faults(drop=frozenset(range(20, 60))) if begun % 2 else None)
+        step(self, trajectory, start_us, Faults(drop=frozenset(range(20, 60))) if first else None)
 
+    monkeypatch.setattr(SimulatedParticipant, "arm", noted)
     monkeypatch.setattr(Foot, "step", lossy)
     root = rehearse(tmp_path / "rehearsal", participants=4)
     rows = counted(root, "virtual")
-    assert {row["attempt"] for row in rows} == {"2"}
+    assert {row["attempt"] for row in rows} <= {"2", "3", "4"}
     correct = np.mean([row["presented"] == row["answered"] for row in rows])
     assert correct > 0.4, "judged on the stimulus before, it would be near 0.25"
 

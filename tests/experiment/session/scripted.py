@@ -12,6 +12,7 @@ from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import LinkCounts, Played, Samples
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerStopped
+from experiment.records import Delivered
 
 START_NS = 10**18
 
@@ -25,22 +26,31 @@ def step_samples(start_us: int, speed_mm_s: float) -> Samples:
 
 
 class ScriptedTracker:
-    """Implements `Tracker`: one scripted step after each `drain`."""
+    """Implements `Tracker`: one scripted step after each `drain`. Its clock is the session's from the first read on."""
 
-    def __init__(self, steps: Iterable[Samples | PalpateError], lost: Iterable[int] = ()) -> None:
+    def __init__(
+        self,
+        steps: Iterable[Samples | PalpateError],
+        lost: Iterable[int] = (),
+        *,
+        clock: ManualClock,
+        comes_back: bool = False,
+    ) -> None:
         self._steps = deque(steps)
         self._lost = deque(lost)
+        self._clock = clock
+        self._comes_back = comes_back
+        self.clock_map: ClockMap | None = None
         self.counts = LinkCounts()
 
     def drain(self) -> None:
         pass
 
-    @property
-    def clock_map(self) -> ClockMap:
-        return ClockMap(anchor_us=0, anchor_ns=START_NS)
-
     def reconnect(self, timeout_s: float) -> None:
-        raise TrackerStopped("the script has no reconnection")
+        self._clock.sleep_ns(int(timeout_s / 2 * 1e9))
+        if not self._comes_back:
+            raise TrackerStopped(f"tracker at scripted: not back within {timeout_s:g} s")
+        self.clock_map = None
 
     def read(self) -> Samples:
         if not self._steps:
@@ -50,6 +60,7 @@ class ScriptedTracker:
             raise step
         lost = self._lost.popleft() if self._lost else 0
         self.counts = self.counts.plus(LinkCounts(received=len(step.device_us), lost=lost))
+        self.clock_map = self.clock_map or ClockMap(int(step.device_us[0]), self._clock.now_ns())
         return step
 
     def close(self) -> None:
@@ -57,20 +68,27 @@ class ScriptedTracker:
 
 
 class ScriptedActuator:
-    """Implements `Actuator`: keeps what it was asked to play."""
+    """Implements `Actuator`: keeps what it was asked to play, and says what was scripted of how it was heard."""
 
     rate_hz = 5000
-    lead_ns = 0
 
     def __init__(self) -> None:
+        self.lead_ns = 0
         self.played: list[NDArray[np.float64]] = []
+        self.aimed: list[list[int]] = []
+        """The onsets asked for, of each stimulus."""
+        self.withdrawn = 0
+        self.sounds_anyway = False
+        self.heard: deque[Delivered] = deque()
         self._prepared: NDArray[np.float64] | None = None
 
     def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
         self._prepared = waveform_m_s2
+        self.aimed.append([])
         return Played(samples=len(waveform_m_s2), limited=0, peak_m_s2=float(np.abs(waveform_m_s2).max()))
 
     def aim(self, onset_ns: int) -> bool:
+        self.aimed[-1].append(onset_ns)
         return True
 
     def landed(self, contact_ns: int) -> None:
@@ -79,11 +97,12 @@ class ScriptedActuator:
         self._prepared = None
 
     def withdraw(self) -> bool:
+        self.withdrawn += 1
         self._prepared = None
-        return True
+        return not self.sounds_anyway
 
-    def delivered(self) -> None:
-        return None
+    def delivered(self) -> Delivered | None:
+        return self.heard.popleft() if self.heard else None
 
     def close(self) -> None:
         pass
@@ -98,6 +117,7 @@ class ScriptedConsole:
         self._before_ask = before_ask
         self.placed: list[tuple[int, str]] = []
         self.armed: list[tuple[int, int]] = []
+        self.rearmed: list[tuple[int, int, str]] = []
         self.shown: list[str] = []
         self.confirmations: list[tuple[int, str | None]] = []
         self.familiarised = 0
@@ -114,6 +134,9 @@ class ScriptedConsole:
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> None:
         self.armed.append((trial, attempt))
+
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+        self.rearmed.append((trial, attempt, reason))
 
     def ask(self, *, trial: int, keys: dict[str, str]) -> str:
         self._before_ask()

@@ -32,6 +32,7 @@ HEADER = Header(
     task_position=1,
     rehearsal=True,
     started_utc="2000-01-01T00:00:00+00:00",
+    block_trials=2,
     order=(PlannedTrial(trial=1, presented="Papier à lettres"), PlannedTrial(trial=2, presented="foil")),
 )
 ANSWER = Answer(trial=1, attempt=1, presented="foil", answered=None, key="n", response_time_s=0.25)
@@ -186,6 +187,19 @@ class InterruptedFile:
 
     def __getattr__(self, name: str) -> object:
         return getattr(self._file, name)
+
+
+@pytest.mark.parametrize(("format_", "named"), [(None, "format 1"), (3, "format 3")])
+def test_a_journal_of_another_format_is_refused_in_words(tmp_path: Path, format_: int | None, named: str) -> None:
+    path = tmp_path / "j"
+    line = json.loads(write(path, ENTRIES[:1]))
+    del line["entry"]["format"]
+    # Another form may have anything in it.
+    line["entry"] |= {"format": format_, "colour": "red"} if format_ else {"colour": "red"}
+    path.write_text(json.dumps(line) + "\n")
+    journal.head_path(path).unlink()
+    with pytest.raises(JournalError, match=rf"line 1: got a journal of {named}; allowed: 2; .*\(palpate 0\)"):
+        journal.read(path)
 
 
 def test_a_missing_journal_is_named(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.records import Answer, AnyEntry, Footer, FootStep, Header, Link, PlannedTrial, Redo, Trace
+from experiment.records import Answer, AnyEntry, BrokenOff, Footer, FootStep, Header, Link, PlannedTrial, Redo, Trace
 from experiment.session.resume import progress
 from tests.experiment.session.test_journal import HEADER
 
@@ -14,7 +14,7 @@ ORDER = tuple(PlannedTrial(trial=n, presented="foil") for n in range(1, 7))
 
 
 def header() -> Header:
-    return HEADER.model_copy(update={"order": ORDER})
+    return HEADER.model_copy(update={"order": ORDER, "block_trials": 6})
 
 
 def step(trial: int, attempt: int) -> FootStep:
@@ -29,6 +29,23 @@ def step(trial: int, attempt: int) -> FootStep:
         link=Link(received=1, lost=0, damaged=0, repeated=0),
         trace=Trace(offset=0, length=0, sha256="0" * 64),
         stimulus=None,
+        onset=None,
+    )
+
+
+def broken_off(trial: int, attempt: int, *, felt: bool) -> BrokenOff:
+    return BrokenOff(
+        trial=trial,
+        attempt=attempt,
+        presented="foil",
+        reason="the foot turned back",
+        felt=felt,
+        at_us=90_000,
+        gate_top_us=0.0,
+        gate_bottom_us=50_000.0,
+        speed_mm_s=200.0,
+        link=Link(received=1, lost=0, damaged=0, repeated=0),
+        trace=Trace(offset=0, length=0, sha256="0" * 64),
     )
 
 
@@ -60,7 +77,7 @@ def test_remaining_and_answered_always_make_up_the_order(outcomes: list[str]) ->
             entries.append(answer(trial, attempt))
             trial, attempt = trial + 1, 0
         elif outcome == "redo":
-            entries.append(Redo(trial=trial, attempt=attempt, reason="asked for"))
+            entries.append(Redo(trial=trial, attempt=attempt, reason="asked for", put_off=False))
     done = progress(entries)
     assert done.answered == tuple(range(1, trial))
     assert tuple(p.trial for p in done.remaining) == tuple(range(trial, 7))
@@ -69,9 +86,43 @@ def test_remaining_and_answered_always_make_up_the_order(outcomes: list[str]) ->
 
 
 def test_an_answer_redone_later_no_longer_counts() -> None:
-    done = progress([header(), step(1, 1), answer(1, 1), Redo(trial=1, attempt=1, reason="misheard")])
+    done = progress([header(), step(1, 1), answer(1, 1), Redo(trial=1, attempt=1, reason="misheard", put_off=False)])
     assert done.answered == ()
     assert done.attempts == {1: 1}
+
+
+@given(
+    block=st.sampled_from([1, 2, 3, 6]),
+    outcomes=st.lists(st.sampled_from(["answer", "redo", "put off", "broken off", "felt"]), max_size=40),
+)
+def test_what_is_put_off_comes_at_the_end_of_its_block(block: int, outcomes: list[str]) -> None:
+    entries: list[AnyEntry] = [header().model_copy(update={"block_trials": block})]
+    # Oracle: a queue for each block, of which the first is served until it is empty.
+    queues = [list(range(begin, begin + block)) for begin in range(1, 7, block)]
+    attempts = dict.fromkeys(range(1, 7), 0)
+    for outcome in outcomes:
+        done = progress(entries)
+        assert [planned.trial for planned in done.remaining] == [trial for queue in queues for trial in queue]
+        queue = next((queue for queue in queues if queue), None)
+        if queue is None:
+            break
+        trial = queue[0]
+        attempts[trial] += 1
+        if outcome in ("broken off", "felt"):
+            entries.append(broken_off(trial, attempts[trial], felt=outcome == "felt"))
+        else:
+            entries.append(step(trial, attempts[trial]))
+        if outcome == "answer":
+            entries.append(answer(trial, attempts[trial]))
+            queue.pop(0)
+        elif outcome in ("redo", "put off"):
+            off = outcome == "put off"
+            entries.append(Redo(trial=trial, attempt=attempts[trial], reason="a reason", put_off=off))
+        if outcome in ("put off", "felt"):
+            queue.append(queue.pop(0))
+        done = progress(entries)
+        assert done.unanswered is None
+        assert done.attempts == {trial: count for trial, count in attempts.items() if count}
 
 
 def test_only_a_footer_at_the_end_ends_the_session() -> None:

@@ -10,12 +10,24 @@ import pytest
 
 from experiment.apparatus.ports import Samples
 from experiment.clock import ManualClock
-from experiment.errors import JournalError, TrackerError, TrackerStopped
+from experiment.errors import JournalError, PalpateError, TrackerError, TrackerStopped
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.protocol.shipped import shipped
-from experiment.records import Answer, Footer, FootStep, Header, Phase, PlannedTrial, Redo, Resumed, TrackerOpened
-from experiment.session import journal, places, runner
+from experiment.records import (
+    Answer,
+    BrokenOff,
+    Delivered,
+    Footer,
+    FootStep,
+    Header,
+    Phase,
+    PlannedTrial,
+    Redo,
+    Resumed,
+    TrackerOpened,
+)
+from experiment.session import attempt, journal, places, runner
 from experiment.synthesis.crinkle import Synthesised
 from tests.experiment.session.scripted import (
     START_NS,
@@ -27,6 +39,9 @@ from tests.experiment.session.scripted import (
 from tests.experiment.session.test_journal import HEADER
 
 ORDER = ("copy paper", "polypropylene", "copy paper")
+DELIVERED = Delivered(
+    requested_ns=0, onset_ns=0, onset_error_ms=0.0, gain=1.0, residual_db=-60.0, xruns=0, delivered=True
+)
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +51,7 @@ def protocol(repository_root: Path) -> Protocol:
 
 def header(task: str) -> Header:
     order = tuple(PlannedTrial(trial=n, presented=material) for n, material in enumerate(ORDER, start=1))
-    return HEADER.model_copy(update={"order": order, "task": task})
+    return HEADER.model_copy(update={"order": order, "task": task, "block_trials": len(order)})
 
 
 @dataclass
@@ -55,9 +70,10 @@ class Bench:
             return Synthesised(np.full(rate_hz // 2, 1.5), floored_bins=3, extrapolated=False, dropped_bins=0)
 
         virtual = asked.task == "virtual"
-        devices = runner.Devices(
+        devices = attempt.Devices(
             self.tracker,
             "scripted",
+            0.1,
             self.actuator if virtual else None,
             render if virtual else None,
             self.console,
@@ -67,11 +83,20 @@ class Bench:
         return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=dataset)
 
 
-def bench(keys: str, steps: list[Samples | TrackerStopped] | None = None, lost: tuple[int, ...] = ()) -> Bench:
+def in_pieces(step: Samples) -> list[Samples]:
+    """As a port gives it: 4 ms a read."""
+    pieces = []
+    while step.device_us.size:
+        piece, step = step.cut(min(4, step.device_us.size))
+        pieces.append(piece)
+    return pieces
+
+
+def bench(keys: str, steps: list[Samples | PalpateError] | None = None, lost: tuple[int, ...] = ()) -> Bench:
     clock = ManualClock(START_NS)
     if steps is None:
         steps = [step_samples(2_000_000 * n, 100.0 * n) for n in range(1, len(keys) + 1)]
-    return Bench(ScriptedTracker(steps, lost), ScriptedConsole(clock, keys), ScriptedActuator(), clock, [])
+    return Bench(ScriptedTracker(steps, lost, clock=clock), ScriptedConsole(clock, keys), ScriptedActuator(), clock, [])
 
 
 def entries(dataset: Path, task: str) -> tuple[object, ...]:
@@ -143,17 +168,17 @@ def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Pat
     one.run(protocol, header("real"), tmp_path)
     assert one.console.armed == [(1, 1), (2, 1), (2, 2), (3, 1)]
     redone = [e for e in entries(tmp_path, "real") if isinstance(e, Redo)]
-    assert redone == [Redo(trial=2, attempt=1, reason="asked for by the experimenter")]
+    assert redone == [Redo(trial=2, attempt=1, reason="asked for by the experimenter", put_off=False)]
 
 
 def test_the_protocols_rule_repeats_a_step_that_lost_frames(protocol: Protocol, tmp_path: Path) -> None:
     steps = [step_samples(2_000_000 * n, 150.0) for n in range(1, 5)]
     one = bench("cpt", steps, lost=(21, 20, 0, 0))
     one.run(protocol, header("real"), tmp_path)
-    assert one.console.armed == [(1, 1), (1, 2), (2, 1), (3, 1)]
-    assert [e.reason for e in entries(tmp_path, "real") if isinstance(e, Redo)] == [
-        "lost frames: too much of the foot's movement is missing for its speed to be trusted"
-    ]
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
+    reason = "lost frames: too much of the foot's movement is missing for its speed to be trusted"
+    redone = [e for e in entries(tmp_path, "real") if isinstance(e, Redo)]
+    assert redone == [Redo(trial=1, attempt=1, reason=reason, put_off=True)]
 
 
 def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(protocol: Protocol, tmp_path: Path) -> None:
@@ -167,12 +192,46 @@ def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(prot
 
 def test_a_stopped_tracker_ends_the_session_with_a_footer_and_loses_nothing(protocol: Protocol, tmp_path: Path) -> None:
     steps = [step_samples(0, 150.0), TrackerStopped("tracker at scripted: no frame for 200 ms")]
-    with pytest.raises(TrackerStopped, match="no frame for 200 ms"):
-        bench("c", steps).run(protocol, header("real"), tmp_path)
-    assert entries(tmp_path, "real")[-1] == Footer(
-        reason="error", detail="tracker at scripted: no frame for 200 ms", answered=1
+    footer = bench("c", steps).run(protocol, header("real"), tmp_path)
+    assert footer == Footer(reason="paused", detail="tracker at scripted: not back within 300 s", answered=1)
+    assert entries(tmp_path, "real")[-1] == footer
+    second = bench("pt")
+    assert second.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert second.console.armed == [(2, 2), (3, 1)]
+
+
+def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(protocol: Protocol, tmp_path: Path) -> None:
+    first, _ = step_samples(2_000_000, 150.0).cut(100)
+    said = "tracker at scripted: the port has gone; plug the device in again"
+    # It restarts: its clock begins anew.
+    one = bench("cpt")
+    one.tracker = ScriptedTracker(
+        [step_samples(0, 150.0), first, TrackerStopped(said), step_samples(0, 150.0), step_samples(2_000_000, 150.0)],
+        clock=one.clock,
+        comes_back=True,
     )
-    assert bench("pt").run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == [(1, 1), (2, 1), (2, 2), (3, 1)]
+    assert one.console.shown[0] == f"{said}. The session waits for 300 s; nothing is lost."
+    (broken,) = [e for e in entries(tmp_path, "real") if isinstance(e, BrokenOff)]
+    assert (broken.trial, broken.felt, broken.speed_mm_s, broken.at_us) == (2, False, None, 2_099_000)
+    assert broken.trace.length == broken.link.received == 100
+    kinds = [type(e) for e in entries(tmp_path, "real")]
+    lost = kinds.index(BrokenOff)
+    assert kinds[lost : lost + 4] == [BrokenOff, Phase, Phase, TrackerOpened]
+
+
+def test_a_tracker_that_stops_after_contact_has_its_trial_put_off(protocol: Protocol, tmp_path: Path) -> None:
+    landed, _ = step_samples(0, 150.0).cut(220)
+    one = bench("cpt")
+    one.tracker = ScriptedTracker(
+        [landed, TrackerStopped("gone"), *(step_samples(2_000_000 * n, 150.0) for n in range(1, 4))],
+        clock=one.clock,
+        comes_back=True,
+    )
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert len(one.actuator.played) == 4
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
 
 
 def test_an_interrupt_at_the_keyboard_pauses(protocol: Protocol, tmp_path: Path) -> None:
@@ -205,7 +264,7 @@ def test_the_protocols_longest_session_counts_over_pauses(protocol: Protocol, tm
     limit = protocol.exposure.model_copy(update={"session_min": 3.375})
     short = protocol.model_copy(update={"exposure": limit})
     # 202.5 s in all: 200 s of familiarisation and 1 s an answer; the pause between the two runners does not count.
-    assert bench("cq").run(short, header("real"), tmp_path).detail == "paused by the experimenter"
+    assert bench("cq").run(short, header("real"), tmp_path).detail == "by the experimenter"
     second = bench("pt")
     second.clock.sleep_ns(3600 * 10**9)
     footer = second.run(short, header("real"), tmp_path)
@@ -213,21 +272,138 @@ def test_the_protocols_longest_session_counts_over_pauses(protocol: Protocol, tm
 
 
 def test_a_trial_that_no_step_satisfies_does_not_go_on_for_ever(protocol: Protocol, tmp_path: Path) -> None:
-    one = bench("", [step_samples(1_000_000 * n, 700.0) for n in range(1, 20)])
+    one = bench("", [step_samples(300_000 * n, 700.0) for n in range(1, 40)])
     footer = one.run(protocol, header("real"), tmp_path)
-    assert footer.detail == "trial 1 was done again 10 times; see to the rig, then go on"
+    assert footer.detail == "trial 1 was begun 10 times; see to the rig, then go on"
+    assert len(one.console.armed) == 30
+
+
+def joined(*parts: Samples) -> Samples:
+    """One read of several."""
+    raw = b"".join(part.raw for part in parts)
+    begins = np.cumsum([0, *(len(part.raw) for part in parts[:-1])])
+    return Samples(
+        np.concatenate([part.device_us for part in parts]),
+        np.concatenate([part.height_mm for part in parts]),
+        raw,
+        np.concatenate([begin + part.ends for begin, part in zip(begins, parts, strict=True)]),
+        parts[-1].arrived_ns,
+    )
+
+
+def in_vain(start_us: int, speed_mm_s: float) -> Samples:
+    """A foot that comes down from 30 mm, stops 5 mm above the panel for 0.2 s, and goes back up."""
+    fall_s = 25 / speed_mm_s
+    seconds = np.arange(0, fall_s + 0.5, 1e-3)
+    height = np.interp(seconds, [0, fall_s, fall_s + 0.2, fall_s + 0.4], [30, 5, 5, 30])
+    device_us = np.rint(start_us + seconds * 1e6).astype(np.int64)
+    return Samples(device_us, height, bytes(len(seconds)), np.arange(len(seconds)) + 1, START_NS)
+
+
+@pytest.mark.parametrize("pieces", [1, 7, 100])
+def test_a_foot_that_stops_plays_nothing_and_the_trial_is_armed_again_while_it_is_watched(
+    protocol: Protocol, tmp_path: Path, pieces: int
+) -> None:
+    # Nothing between the two is thrown away, however the reads were cut.
+    rest = joined(in_vain(2_000_000, 150.0), step_samples(3_000_000, 100.0))
+    steps = []
+    for n in np.array_split(np.arange(rest.device_us.size), pieces):
+        piece, rest = rest.cut(n.size)
+        steps.append(piece)
+    one = bench("cpt", [*steps, step_samples(5_000_000, 150.0), step_samples(7_000_000, 150.0)])
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
+    assert one.console.rearmed == [(1, 2, "the foot stopped or hesitated above the panel")]
+    assert [speed for _, speed in one.rendered] == pytest.approx([150.0, 100.0, 150.0, 150.0], rel=1e-6)
+    assert len(one.actuator.played) == 3
+    assert one.actuator.withdrawn == 1
+    done = entries(tmp_path, "virtual")
+    (broken,) = [e for e in done if isinstance(e, BrokenOff)]
+    assert (broken.trial, broken.attempt, broken.felt) == (1, 1, False)
+    assert broken.speed_mm_s == pytest.approx(150.0, rel=1e-6)
+    stopped_us = 2_000_000 + 25e6 / 150
+    assert broken.at_us is not None
+    assert stopped_us < broken.at_us < stopped_us + 60_000
+    first = next(e for e in done if isinstance(e, FootStep))
+    assert (first.attempt, first.trace.offset) == (2, broken.trace.length)
+    assert broken.at_us == 2_000_000 + 1000 * (broken.trace.length - 1)
+
+
+def test_what_can_no_longer_be_withdrawn_has_its_trial_put_off(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt", [in_vain(2_000_000, 150.0), *(step_samples(2_000_000 * n, 150.0) for n in range(2, 6))])
+    one.actuator.sounds_anyway = True
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
+    assert one.console.rearmed == []
+
+
+@pytest.mark.parametrize("lead_ms", [5, 12])
+def test_the_onset_is_aimed_at_the_predicted_contact_until_it_cannot_be_moved(
+    protocol: Protocol, tmp_path: Path, lead_ms: int
+) -> None:
+    steps = [step_samples(2_000_000 * n, 150.0) for n in range(1, 4)]
+    one = bench("cpt", [piece for step in steps for piece in (*in_pieces(step),)])
+    one.actuator.lead_ns = lead_ms * 1_000_000
+    one.run(protocol, header("virtual"), tmp_path)
+    for step, aimed in zip(
+        (e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep)), one.actuator.aimed, strict=True
+    ):
+        onset = step.onset
+        assert onset is not None
+        assert onset.predicted_us is not None
+        assert onset.predicted_from_us is not None
+        assert onset.prediction_error_ms is not None
+        # The steady foot of 150 mm/s; the filter supposes noise of 0.1 mm, so it believes its prior a little.
+        assert abs(onset.prediction_error_ms) < 0.5
+        assert lead_ms <= (onset.predicted_us - onset.predicted_from_us) / 1e3 < lead_ms + 1.1
+        assert onset.scheduled_ns == aimed[-1]
+        assert onset.scheduled_ns - onset.contact_ns == pytest.approx(onset.prediction_error_ms * 1e6, abs=2)
+        assert len(aimed) > 10
+
+
+def test_where_nothing_can_be_scheduled_the_prediction_is_journaled_alone(protocol: Protocol, tmp_path: Path) -> None:
+    bench("cpt").run(protocol, header("virtual"), tmp_path)
+    for step in (e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep)):
+        assert step.onset is not None
+        assert (step.onset.scheduled_ns, step.onset.delivered) == (None, None)
+        assert step.onset.predicted_us == pytest.approx(step.contact_us, abs=200)
+
+
+@pytest.mark.parametrize("block", [3, 1])
+def test_an_undelivered_trial_is_repeated_at_the_end_of_its_block(
+    protocol: Protocol, tmp_path: Path, block: int
+) -> None:
+    one = bench("cpt", [step_samples(2_000_000 * n, 150.0) for n in range(1, 5)])
+    one.actuator.heard.extend([DELIVERED.model_copy(update={"delivered": False, "reason": "nothing was heard"})])
+    asked = header("virtual").model_copy(update={"block_trials": block})
+    assert one.run(protocol, asked, tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == ([(1, 1), (2, 1), (3, 1), (1, 2)] if block == 3 else [(1, 1), (1, 2), (2, 1), (3, 1)])
+    (redone,) = [e for e in entries(tmp_path, "virtual") if isinstance(e, Redo)]
+    assert redone.reason.startswith("undelivered: the participant did not feel")
+
+
+def test_without_a_rule_an_undelivered_trial_is_marked_and_counts(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.actuator.heard.append(DELIVERED.model_copy(update={"delivered": False, "reason": "nothing was heard"}))
+    kept = tuple(rule for rule in protocol.exclusion if rule.when != "undelivered")
+    one.run(protocol.model_copy(update={"exclusion": kept}), header("virtual"), tmp_path)
+    first = next(e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep))
+    assert first.onset is not None
+    assert first.onset.delivered is not None
+    assert first.onset.delivered.reason == "nothing was heard"
+
+
+def test_a_stimulus_is_withdrawn_when_the_session_breaks_off(protocol: Protocol, tmp_path: Path) -> None:
+    falling, _ = step_samples(2_000_000, 150.0).cut(180)
+    one = bench("c", [falling, TrackerError("the device restarted")])
+    with pytest.raises(TrackerError, match="the device restarted"):
+        one.run(protocol, header("virtual"), tmp_path)
+    assert (one.actuator.played, one.actuator.withdrawn) == ([], 1)
 
 
 def test_what_follows_contact_in_the_same_read_is_another_step(protocol: Protocol, tmp_path: Path) -> None:
     first, second = step_samples(2_000_000, 150.0), step_samples(2_600_000, 300.0)
-    both = Samples(
-        np.concatenate([first.device_us, second.device_us]),
-        np.concatenate([first.height_mm, second.height_mm]),
-        first.raw + second.raw,
-        np.concatenate([first.ends, len(first.raw) + second.ends]),
-        second.arrived_ns,
-    )
-    one = bench("cpt", [both, step_samples(4_000_000, 150.0), step_samples(6_000_000, 150.0)])
+    one = bench("cpt", [joined(first, second), step_samples(4_000_000, 150.0), step_samples(6_000_000, 150.0)])
     one.run(protocol, header("virtual"), tmp_path)
     assert [speed for _, speed in one.rendered] == pytest.approx([150.0] * 3, rel=1e-6)
 

@@ -1,0 +1,255 @@
+"""One attempt at one trial: lay out, arm, watch the step, put it on disk, ask, and put the answer on disk."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import BinaryIO
+
+from experiment import scene as scenes
+from experiment.apparatus.gate import GateDetector
+from experiment.apparatus.landing import LandingPredictor
+from experiment.apparatus.ports import Actuator, Console, LinkCounts, Tracker
+from experiment.clock import Clock
+from experiment.errors import TrackerError
+from experiment.protocol.models import Protocol
+from experiment.records import (
+    Answer,
+    AnyEntry,
+    BrokenOff,
+    FootStep,
+    Header,
+    Link,
+    PlannedTrial,
+    Redo,
+    Trace,
+    TrackerOpened,
+)
+from experiment.session import answers
+from experiment.session.feed import Feed
+from experiment.session.sounding import Sounder
+from experiment.session.states import Event
+from experiment.session.step import BrokenStep, Watch, WatchedStep, watch
+
+RECONNECT_S = 300.0
+"""How long a session waits for a tracker that stopped, s, unless it says otherwise."""
+
+CLOCKS_PART_US = 10e6
+"""Device and session time may part by this much: a slow step, and the drift of two crystals over a session."""
+
+
+@dataclass(frozen=True)
+class Devices:
+    """The opened parts of a session; what its scene leaves out is None.
+
+    Attributes:
+        tracker: where the foot is.
+        tracker_port: what the journal calls its port.
+        noise_mm: of the tracker's sensor, mm rms.
+        actuator: what shakes the panel.
+        render: what makes stimuli.
+        console: the experimenter's screen.
+        clock: the session's.
+        reconnect_s: how long a session waits for a tracker that stopped, s; then it is paused.
+    """
+
+    tracker: Tracker
+    tracker_port: str
+    noise_mm: float
+    actuator: Actuator | None
+    render: scenes.Render | None
+    console: Console
+    clock: Clock
+    reconnect_s: float = RECONNECT_S
+
+
+class Attempts:
+    """The attempts of one session, one after the other."""
+
+    def __init__(
+        self,
+        *,
+        protocol: Protocol,
+        header: Header,
+        devices: Devices,
+        write: Callable[[AnyEntry], None],
+        foot: BinaryIO,
+    ) -> None:
+        """Set up before the first attempt.
+
+        Args:
+            protocol: the study.
+            header: what the session is.
+            devices: the opened parts.
+            write: puts an entry into the journal and returns when it is on disk.
+            foot: takes the tracker's raw frames.
+        """
+        self._protocol = protocol
+        self._trials = len(header.order)
+        self._scene = scenes.plan(protocol=protocol, task_id=header.task)
+        self._devices = devices
+        self._write = write
+        self._foot = foot
+        self._keys = answers.keys(protocol)
+        self._feed = Feed(devices.tracker)
+        self._watch = Watch(
+            feed=self._feed,
+            detector=GateDetector(protocol.step),
+            predictor=LandingPredictor(protocol.step, noise_mm=devices.noise_mm),
+            clock=devices.clock,
+            sounder=Sounder(devices.render, devices.actuator) if devices.render and devices.actuator else None,
+        )
+        self._opened: TrackerOpened | None = None
+        self._broken: BrokenStep | None = None
+
+    def run(self, planned: PlannedTrial, attempt: int) -> Event:
+        """One attempt.
+
+        Args:
+            planned: the trial.
+            attempt: its number, from 1.
+
+        Returns:
+            `ANSWERED`, `REDONE`, `BROKEN_OFF`, `LOST` (the tracker stopped; see `outage`), or `PAUSE`.
+
+        Raises:
+            PalpateError: a part failed.
+        """
+        self._arm(planned, attempt)
+        seen = watch(self._watch, planned.presented)
+        self._map_clock(seen)
+        if isinstance(seen, BrokenStep):
+            self._broken = seen
+            self._record_broken(planned, attempt, seen)
+            return Event.LOST if seen.stopped else Event.BROKEN_OFF
+        self._record_step(planned, attempt, seen)
+        if reason := self._repeat_reason(seen):
+            self._write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
+            return Event.REDONE
+        return self._ask(planned, attempt, seen)
+
+    @property
+    def outage(self) -> str:
+        """Why the last attempt was lost."""
+        return self._broken.reason if self._broken else ""
+
+    def reconnected(self) -> None:
+        """The tracker is back: its device time may be another."""
+        self._opened, self._broken = None, None
+
+    def _arm(self, planned: PlannedTrial, attempt: int) -> None:
+        """Have the trial stepped. After a step that broke off the foot is still watched, so that nothing is missed."""
+        devices, broken = self._devices, self._broken
+        self._broken = None
+        if broken is not None and not broken.felt:
+            devices.console.rearm(trial=planned.trial, attempt=attempt, reason=broken.reason)
+            return
+        if self._scene.place:
+            devices.console.place(trial=planned.trial, material=planned.presented)
+        self._feed.drain()
+        devices.console.arm(trial=planned.trial, attempt=attempt, trials=self._trials)
+
+    def _ask(self, planned: PlannedTrial, attempt: int, seen: WatchedStep) -> Event:
+        devices, spoken = self._devices, self._protocol.answers
+        key = devices.console.ask(trial=planned.trial, keys=self._keys)
+        if key in (spoken.pause_key, spoken.redo_key):
+            pauses = key == spoken.pause_key
+            reason = "paused before the answer" if pauses else "asked for by the experimenter"
+            self._write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
+            return Event.PAUSE if pauses else Event.REDONE
+        answered = answers.material_of(self._protocol, key)
+        self._write(
+            Answer(
+                trial=planned.trial,
+                attempt=attempt,
+                presented=planned.presented,
+                answered=answered,
+                key=key,
+                response_time_s=(devices.clock.now_ns() - seen.contact_ns) / 1e9,
+            )
+        )
+        devices.console.confirmed(trial=planned.trial, answer=answered)
+        return Event.ANSWERED
+
+    def _map_clock(self, seen: WatchedStep | BrokenStep) -> None:
+        if seen.first_us is None or seen.first_ns is None:
+            return
+        at_us = seen.at_us if isinstance(seen, BrokenStep) else seen.contact.us
+        if self._opened is None:
+            self._opened = TrackerOpened(port=self._devices.tracker_port, device_us=seen.first_us, t_ns=seen.first_ns)
+            self._write(self._opened)
+        # Where the foot is late on one clock and early on the other, the device restarted between two steps.
+        passed_us = (self._devices.clock.now_ns() - self._opened.t_ns) / 1e3
+        ahead_us = (at_us or 0) - self._opened.device_us - passed_us
+        if abs(ahead_us) > CLOCKS_PART_US:
+            raise TrackerError(
+                f"tracker at {self._devices.tracker_port}: its clock and the session's part by {ahead_us / 1e6:.1f} s; "
+                "the device restarted, or does not count microseconds; see to it, then resume the session"
+            )
+
+    def _record_step(self, planned: PlannedTrial, attempt: int, seen: WatchedStep) -> None:
+        trace = self._keep(seen.raw)
+        self._write(
+            FootStep(
+                trial=planned.trial,
+                attempt=attempt,
+                presented=planned.presented,
+                gate_top_us=seen.gate.top_us,
+                gate_bottom_us=seen.gate.bottom_us,
+                contact_us=seen.contact.us,
+                speed_mm_s=seen.gate.speed_mm_s,
+                link=_link(seen.link),
+                trace=trace,
+                stimulus=seen.stimulus,
+                onset=seen.onset,
+            )
+        )
+
+    def _record_broken(self, planned: PlannedTrial, attempt: int, seen: BrokenStep) -> None:
+        trace, gate = self._keep(seen.raw), seen.gate
+        self._write(
+            BrokenOff(
+                trial=planned.trial,
+                attempt=attempt,
+                presented=planned.presented,
+                reason=seen.reason,
+                felt=seen.felt,
+                at_us=seen.at_us,
+                gate_top_us=gate.top_us if gate else None,
+                gate_bottom_us=gate.bottom_us if gate else None,
+                speed_mm_s=gate.speed_mm_s if gate else None,
+                link=_link(seen.link),
+                trace=trace,
+            )
+        )
+
+    def _keep(self, raw: bytes) -> Trace:
+        """Put raw frames on disk; says where they stand."""
+        offset = self._foot.tell()
+        self._foot.write(raw)
+        self._foot.flush()
+        os.fsync(self._foot.fileno())
+        return Trace(offset=offset, length=len(raw), sha256=hashlib.sha256(raw).hexdigest())
+
+    def _repeat_reason(self, seen: WatchedStep) -> str | None:
+        """Why the protocol has this attempt done again, if it has."""
+        heard = seen.onset.delivered if seen.onset is not None else None
+        for rule in self._protocol.exclusion:
+            if rule.action != "repeat-trial":
+                continue
+            limit = rule.limit or 0.0
+            broken = {
+                "frames-lost": seen.link.lost + seen.link.damaged > limit,
+                "speed-below": seen.gate.speed_mm_s < limit,
+                "speed-above": seen.gate.speed_mm_s > limit,
+                "undelivered": heard is not None and not heard.delivered,
+            }
+            if broken.get(rule.when, False):
+                return f"{rule.id}: {rule.reason}"
+        return None
+
+
+def _link(counts: LinkCounts) -> Link:
+    return Link(received=counts.received, lost=counts.lost, damaged=counts.damaged, repeated=counts.repeated)

@@ -1,0 +1,99 @@
+"""The stimulus of one step: synthesised at the gate, aimed while the foot falls, sounding at contact."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from experiment.apparatus.gate import Contact, Gate
+from experiment.apparatus.landing import Landing
+from experiment.apparatus.ports import Actuator
+from experiment.records import Onset, Stimulus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from experiment.clock import Clock
+    from experiment.scene import Render
+
+
+@dataclass(frozen=True)
+class Sounder:
+    """What stimuli are made with: synthesis, and the actuator that plays them."""
+
+    render: Render
+    actuator: Actuator
+
+
+class Sounding:
+    """Implements one trial's stimulus on an actuator."""
+
+    def __init__(self, sounder: Sounder, material: str, session_ns: Callable[[float], int], clock: Clock) -> None:
+        """Nothing is prepared yet.
+
+        Args:
+            sounder: synthesis and actuator.
+            material: what is presented.
+            session_ns: session time of a device time, us -> ns.
+            clock: the session's.
+        """
+        self._render = sounder.render
+        self._actuator = sounder.actuator
+        self._material = material
+        self._session_ns = session_ns
+        self._clock = clock
+        self._aimed: Landing | None = None
+        self._scheduled_ns: int | None = None
+        self.stimulus: Stimulus | None = None
+        """What was prepared; None before the gate."""
+
+    def prepare(self, gate: Gate) -> None:
+        """Synthesise for the foot's speed and have it ready; a later gate replaces an earlier one."""
+        rendered = self._render(self._material, gate.speed_mm_s, self._actuator.rate_hz)
+        played = self._actuator.prepare(rendered.waveform_m_s2)
+        self.stimulus = Stimulus(
+            sha256=hashlib.sha256(np.asarray(rendered.waveform_m_s2, "<f8").tobytes()).hexdigest(),
+            samples=played.samples,
+            rate_hz=self._actuator.rate_hz,
+            floored_bins=rendered.floored_bins,
+            extrapolated=rendered.extrapolated,
+            limited=played.limited,
+            peak_m_s2=played.peak_m_s2,
+            driven=played.driven,
+        )
+
+    def in_time(self, landing: Landing) -> bool:
+        """Whether the onset could still be moved when the newest sample was taken."""
+        return (landing.us - landing.from_us) * 1e3 >= self._actuator.lead_ns
+
+    def aim(self, landing: Landing) -> None:
+        """Schedule the onset for a predicted contact, or as soon after as can be; too late, it stays as it was."""
+        soonest_ns = self._clock.now_ns() + self._actuator.lead_ns
+        onset_ns = max(self._session_ns(landing.us), soonest_ns)
+        if self._actuator.aim(onset_ns):
+            self._aimed = landing
+            self._scheduled_ns = onset_ns if self._actuator.lead_ns else None
+
+    def landed(self, contact: Contact) -> None:
+        """The foot is down. Raises `ActuatorError`."""
+        self._actuator.landed(self._session_ns(contact.us))
+
+    def withdraw(self) -> bool:
+        """Whether nothing of it sounds."""
+        return self.stimulus is None or self._actuator.withdraw()
+
+    def onset(self, contact: Contact) -> Onset:
+        """How onset and contact met, once the stimulus has ended. Raises `ActuatorError`."""
+        aimed = self._aimed
+        return Onset(
+            predicted_us=aimed.us if aimed else None,
+            standard_error_ms=aimed.standard_error_us / 1e3 if aimed else None,
+            predicted_from_us=aimed.from_us if aimed else None,
+            prediction_error_ms=(aimed.us - contact.us) / 1e3 if aimed else None,
+            contact_ns=self._session_ns(contact.us),
+            scheduled_ns=self._scheduled_ns,
+            delivered=self._actuator.delivered(),
+        )
