@@ -11,6 +11,7 @@ PalpateError                exit code 2, one line for the experimenter
 ├── TrackerError            the foot's serial port
 │   └── TrackerStopped      no frame within the limit, or the port has gone
 ├── ActuatorError           the stimulus could not be handed to the device
+├── AudioError              the audio device cannot be opened, or has stopped
 ├── JournalError            a journal that cannot be trusted or continued
 │   └── SessionLocked       another runner holds this participant
 ├── SessionError            a step that the session's state does not allow
@@ -99,6 +100,10 @@ class TrackerStopped(TrackerError):
 
 class ActuatorError(PalpateError):
     """The stimulus could not be handed to the device."""
+
+
+class AudioError(PalpateError):
+    """The audio device cannot be opened, does not do what is asked of it, or has stopped."""
 
 
 class JournalError(PalpateError):

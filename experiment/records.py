@@ -64,6 +64,18 @@ class TrackerOpened(Entry):
     t_ns: int
 
 
+class MaskerSet(Entry):
+    """The masker's level from now on, dB(A), None for silence; the day's dose so far, and L_EX,8h of that dose.
+
+    A dose of 1 is 80 dB(A) for eight hours (Directive 2003/10/EC, lower action value); None where there is none.
+    """
+
+    kind: Literal["masker"] = "masker"
+    level_db_a: float | None
+    dose: float
+    daily_level_db_a: float | None
+
+
 class Phase(Entry):
     """The session entered a state of its transition table."""
 
@@ -251,7 +263,7 @@ class Footer(Entry):
 
 
 AnyEntry = Annotated[
-    Header | TrackerOpened | Phase | FootStep | BrokenOff | Answer | Redo | Resumed | Footer,
+    Header | TrackerOpened | MaskerSet | Phase | FootStep | BrokenOff | Answer | Redo | Resumed | Footer,
     Field(discriminator="kind"),
 ]
 ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)

@@ -15,8 +15,9 @@ from experiment import __version__, dataset, dataset_files, roster, scene, sched
 from experiment.apparatus import calibration, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.landing import NOISE_MM
-from experiment.apparatus.ports import Actuator, Console
+from experiment.apparatus.ports import Actuator
 from experiment.clock import Clock, MonotonicClock, day, utc
+from experiment.console.port import Console
 from experiment.errors import DatasetError, PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import canonical, load, seal
 from experiment.protocol.models import Protocol

@@ -201,6 +201,57 @@ class Actuator(Protocol):
 
 
 @dataclass(frozen=True)
+class MaskerExposure:
+    """What the masker has done to the ears today.
+
+    Attributes:
+        level_db_a: level now; None for silence.
+        dose: of the day, 1 being 80 dB(A) for eight hours (Directive 2003/10/EC, lower action value).
+        daily_level_db_a: L_EX,8h of that dose; None for none.
+        left_s: how long this level may go on until the dose is 1, s; None in silence.
+    """
+
+    level_db_a: float | None
+    dose: float
+    daily_level_db_a: float | None
+    left_s: float | None
+
+
+class Masker(Protocol):
+    """Noise on the headphones that hides the sound of the stimuli; it goes on until it is stopped."""
+
+    @property
+    def level_db_a(self) -> float | None:
+        """The level in force, dB(A); None in silence."""
+        ...
+
+    @property
+    def limit_db_a(self) -> float:
+        """The loudest level allowed, dB(A)."""
+        ...
+
+    def start(self, level_db_a: float) -> float:
+        """Begin at a level; as `set_level` does."""
+        ...
+
+    def set_level(self, level_db_a: float) -> float:
+        """Go to another level; returns the one in force: what was asked for, or the nearest that is allowed.
+
+        Raises:
+            AudioError: the dose of the day is used up.
+        """
+        ...
+
+    def stop(self) -> None:
+        """Be silent."""
+        ...
+
+    def exposure(self) -> MaskerExposure:
+        """What it has done to the ears until now."""
+        ...
+
+
+@dataclass(frozen=True)
 class Window:
     """A take as the accelerometer heard it.
 
@@ -249,35 +300,3 @@ class Accelerometer(Protocol):
         ...
 
     def close(self) -> None: ...
-
-
-class Console(Protocol):
-    """What the experimenter sees and keys. It never decides what comes next."""
-
-    def show(self, text: str) -> None:
-        """Put a line before the experimenter."""
-        ...
-
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        """Wait while the participant handles the real materials; returns when the experimenter ends it."""
-        ...
-
-    def place(self, *, trial: int, material: str) -> None:
-        """Have the real object laid out; returns when it lies."""
-        ...
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
-        """Say that the next step is trial `trial` of `trials`; returns at once, for the foot is watched from now on."""
-        ...
-
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
-        """Say that a step broke off, why, and that the trial is armed again; returns at once, as `arm` does."""
-        ...
-
-    def ask(self, *, trial: int, keys: dict[str, str]) -> str:
-        """Wait for one of `keys` (key -> what it stands for) and return it."""
-        ...
-
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        """The answer is on disk."""
-        ...

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TextIO
 
+from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
+
 
 class TerminalConsole:
     """Implements `Console` on a text stream. Answers are keyed, shown, and confirmed with Enter.
@@ -38,6 +40,13 @@ class TerminalConsole:
         self.show(f"{self._heading}  Familiarisation, {min_s / 60:.1f} to {max_s / 60:.1f} min. {instruction}")
         self._ask("Press Enter when the participant is familiar with the materials: ")
 
+    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
+        self.show(f"{self._heading}  Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
+        offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
+        while (key := self._ask(f"{offered}  Enter keeps it\nKey: ").strip()) and key not in keys:
+            self.show(f"'{key}' does not change the level; use one of: {' '.join(keys)}, or Enter")
+        return key
+
     def place(self, *, trial: int, material: str) -> None:
         self._ask(f"{self._heading}  Trial {trial}. Lay out: {material}. Press Enter when it lies: ")
 
@@ -58,6 +67,8 @@ class TerminalConsole:
             if key not in keys:
                 self.show(f"'{key}' is no key of this protocol; use one of: {' '.join(keys)}")
                 continue
+            if key in (LOUDER_KEY, SOFTER_KEY):
+                return key
             if not self._ask(f"{keys[key]} - Enter confirms, anything else asks again: ").strip():
                 return key
 

@@ -20,6 +20,9 @@ Path = tuple[str | int, ...]
 MAX_COUNTERBALANCED = 6
 """Tasks that may be counterbalanced; more have over 720 orders, and no study balances those."""
 
+LOUDER_KEY, SOFTER_KEY = "+", "-"
+"""Keys of the masker's level."""
+
 MAX_COUNTED = 400
 """Trials of a task whose orders are counted exactly: up to here that takes seconds."""
 
@@ -147,6 +150,9 @@ def _keys(table: Table) -> Iterator[Broken]:
         *((("answers", name), answers.get(name)) for name in ("no_answer_key", "redo_key", "pause_key")),
     ]
     yield from _seen_once(places, "a key of its own")
+    for path, key in places:
+        if key in (LOUDER_KEY, SOFTER_KEY):
+            yield Broken(path, f"any key but {LOUDER_KEY} and {SOFTER_KEY}, which set the masker's level")
 
 
 def _spoken(table: Table) -> Iterator[Broken]:

@@ -12,9 +12,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.ports import Console
 from experiment.clock import Clock
+from experiment.console.port import Console
 from experiment.protocol.models import Protocol
+from experiment.protocol.rules import LOUDER_KEY
 from experiment.rehearsal.foot import Foot
 from experiment.rehearsal.materials import SimulatedMaterials
 from experiment.rehearsal.movement import Hesitation
@@ -33,6 +34,9 @@ SPEED_SIGMA = 0.35
 
 IN_VAIN = 0.03
 """Part of the steps that stop or turn back between gate and panel, half each."""
+
+MASKED_DB_A = 60.0
+"""Level from which on a simulated participant does not hear the voice coils."""
 
 READY_S = (0.3, 1.2)
 """From arming to the beginning of a step, s."""
@@ -104,6 +108,17 @@ class SimulatedParticipant:
         self.show(f"Familiarisation: {instruction}")
         wanted_s = self._rng(0, 2).uniform(min_s, max(max_s, min_s))
         self._clock.sleep_ns(int(wanted_s * 1e9))
+
+    def level(
+        self,
+        *,
+        level_db_a: float,
+        limit_db_a: float,
+        criterion: str,
+        keys: dict[str, str],  # noqa: ARG002
+    ) -> str:
+        self.show(f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
+        return LOUDER_KEY if level_db_a < min(MASKED_DB_A, limit_db_a) else ""
 
     def place(self, *, trial: int, material: str) -> None:
         self.show(f"Trial {trial}: {material} is laid out")

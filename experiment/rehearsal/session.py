@@ -12,8 +12,9 @@ from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.landing import NOISE_MM
-from experiment.apparatus.ports import Actuator, Console
+from experiment.apparatus.ports import Actuator
 from experiment.clock import ManualClock, MonotonicClock
+from experiment.console.port import Console
 from experiment.errors import Interrupted
 from experiment.protocol import load
 from experiment.protocol.models import Protocol

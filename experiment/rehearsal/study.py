@@ -18,7 +18,7 @@ from typing import Literal
 from experiment import dataset, roster
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Console
+from experiment.console.port import Console
 from experiment.errors import DatasetError, Interrupted
 from experiment.protocol import canonical, load
 from experiment.protocol.models import Protocol

@@ -11,8 +11,9 @@ from typing import BinaryIO
 from experiment import scene as scenes
 from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.landing import LandingPredictor
-from experiment.apparatus.ports import Actuator, Console, LinkCounts, Tracker
+from experiment.apparatus.ports import Actuator, LinkCounts, Masker, Tracker
 from experiment.clock import Clock
+from experiment.console.port import Console
 from experiment.errors import TrackerError
 from experiment.protocol.models import Protocol
 from experiment.records import (
@@ -29,6 +30,7 @@ from experiment.records import (
 )
 from experiment.session import answers
 from experiment.session.feed import Feed
+from experiment.session.masking import KEYS, Masking
 from experiment.session.sounding import Sounder
 from experiment.session.states import Event
 from experiment.session.step import BrokenStep, Watch, WatchedStep, watch
@@ -49,6 +51,7 @@ class Devices:
         tracker_port: what the journal calls its port.
         noise_mm: of the tracker's sensor, mm rms.
         actuator: what shakes the panel.
+        masker: noise on the headphones; None where the rig has no sound.
         render: what makes stimuli.
         console: the experimenter's screen.
         clock: the session's.
@@ -62,6 +65,7 @@ class Devices:
     render: scenes.Render | None
     console: Console
     clock: Clock
+    masker: Masker | None = None
     reconnect_s: float = RECONNECT_S
 
 
@@ -76,6 +80,7 @@ class Attempts:
         devices: Devices,
         write: Callable[[AnyEntry], None],
         foot: BinaryIO,
+        masking: Masking | None,
     ) -> None:
         """Set up before the first attempt.
 
@@ -85,6 +90,7 @@ class Attempts:
             devices: the opened parts.
             write: puts an entry into the journal and returns when it is on disk.
             foot: takes the tracker's raw frames.
+            masking: the session's masker, if it has one.
         """
         self._protocol = protocol
         self._trials = len(header.order)
@@ -92,7 +98,8 @@ class Attempts:
         self._devices = devices
         self._write = write
         self._foot = foot
-        self._keys = answers.keys(protocol)
+        self._masking = masking
+        self._keys = answers.keys(protocol) | (KEYS if masking is not None else {})
         self._feed = Feed(devices.tracker)
         self._watch = Watch(
             feed=self._feed,
@@ -154,6 +161,8 @@ class Attempts:
     def _ask(self, planned: PlannedTrial, attempt: int, seen: WatchedStep) -> Event:
         devices, spoken = self._devices, self._protocol.answers
         key = devices.console.ask(trial=planned.trial, keys=self._keys)
+        while self._masking is not None and self._masking.change(key):
+            key = devices.console.ask(trial=planned.trial, keys=self._keys)
         if key in (spoken.pause_key, spoken.redo_key):
             pauses = key == spoken.pause_key
             reason = "paused before the answer" if pauses else "asked for by the experimenter"

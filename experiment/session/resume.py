@@ -11,7 +11,18 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import pairwise
 
-from experiment.records import Answer, AnyEntry, BrokenOff, Footer, FootStep, Header, PlannedTrial, Redo, Resumed
+from experiment.records import (
+    Answer,
+    AnyEntry,
+    BrokenOff,
+    Footer,
+    FootStep,
+    Header,
+    MaskerSet,
+    PlannedTrial,
+    Redo,
+    Resumed,
+)
 from experiment.session.journal import Contents
 
 
@@ -26,6 +37,7 @@ class Progress:
         attempts: attempts begun so far, by trial.
         unanswered: the trial and attempt whose step is on disk but whose answer is not, if any.
         footer: the last footer, if the session has ended since it was last resumed.
+        masker_db_a: level that was chosen last, dB(A), if any.
     """
 
     header: Header
@@ -34,6 +46,7 @@ class Progress:
     attempts: Mapping[int, int] = field(default_factory=dict)
     unanswered: tuple[int, int] | None = None
     footer: Footer | None = None
+    masker_db_a: float | None = None
 
     @property
     def remaining(self) -> tuple[PlannedTrial, ...]:
@@ -61,6 +74,8 @@ class Progress:
         if isinstance(entry, Redo):
             redone = replace(done, answered=done._without(entry.trial), unanswered=None)
             return redone._later(entry.trial) if entry.put_off else redone
+        if isinstance(entry, MaskerSet) and entry.level_db_a is not None:
+            return replace(done, masker_db_a=entry.level_db_a)
         return done
 
     def _begun(self, entry: FootStep | BrokenOff) -> Progress:

@@ -12,6 +12,7 @@ from experiment.protocol.models import Protocol
 from experiment.records import AnyEntry, Footer, Header, Phase, Redo, Resumed
 from experiment.session import journal
 from experiment.session.attempt import Attempts, Devices
+from experiment.session.masking import Masking
 from experiment.session.places import foot_path, journal_path, rig_path
 from experiment.session.resume import Progress, progress, spent_ns
 from experiment.session.states import Event, State, follow
@@ -83,7 +84,16 @@ class _Session:
         self._devices = devices
         self._journal = opened
         self._foot = foot
-        self._attempts = Attempts(protocol=protocol, header=done.header, devices=devices, write=self._write, foot=foot)
+        masker = devices.masker
+        self._masking = Masking(masker, devices.console, self._write) if masker is not None else None
+        self._attempts = Attempts(
+            protocol=protocol,
+            header=done.header,
+            devices=devices,
+            write=self._write,
+            foot=foot,
+            masking=self._masking,
+        )
         self._state = State.READY
 
     def run(self, contents: journal.Contents) -> Footer:
@@ -92,6 +102,8 @@ class _Session:
         )
         try:
             self._begin(contents)
+            if self._masking is not None:
+                self._masking.choose(self._protocol.masker.criterion, self._done.masker_db_a)
             if pause := self._trials():
                 return self._end("paused", pause)
             self._follow(Event.EXHAUSTED)
@@ -161,7 +173,10 @@ class _Session:
     def _end(self, reason: Literal["complete", "paused", "error"], detail: str = "") -> Footer:
         footer = Footer(reason=reason, detail=detail, answered=len(self._done.answered))
         # After an interrupt in the middle of a write only a new reading of the journal may add to it.
-        if self._journal.accepts:
+        accepts = self._journal.accepts
+        if self._masking is not None:
+            self._masking.end(note=accepts)
+        if accepts:
             self._journal.append(footer)
         return footer
 

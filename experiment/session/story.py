@@ -10,6 +10,7 @@ from experiment.records import (
     Footer,
     FootStep,
     Header,
+    MaskerSet,
     Onset,
     Phase,
     Redo,
@@ -52,6 +53,9 @@ def _said(entry: AnyEntry) -> str:
             return "header"
         case TrackerOpened():
             return f"tracker opened at {entry.port}, device time {entry.device_us} us"
+        case MaskerSet():
+            level = "silent" if entry.level_db_a is None else f"at {entry.level_db_a:.0f} dB(A)"
+            return f"masker {level}; {entry.dose:.1%} of the day's dose"
         case Phase():
             return f"{entry.state} {entry.detail}".rstrip()
         case FootStep():

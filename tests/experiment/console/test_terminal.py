@@ -49,6 +49,34 @@ def test_the_real_object_is_laid_out_before_the_participant_may_step() -> None:
     assert screen.getvalue() == "Participant 01.  Trial 2 of 40, attempt 3. Armed: the participant may step.\n"
 
 
+def test_a_step_that_broke_off_is_named() -> None:
+    one, screen, _ = console()
+    one.rearm(trial=2, attempt=2, reason="the foot turned back above the panel")
+    assert screen.getvalue() == (
+        "Participant 01.  Trial 2, attempt 2: the foot turned back above the panel; nothing was played. Armed again: "
+        "the participant may lift the foot and step.\n"
+    )
+
+
+def test_the_maskers_level_is_shown_changed_and_kept() -> None:
+    keys = {"+": "masker louder", "-": "masker softer"}
+    one, screen, prompts = console("+", "x", "-", "")
+    asked = [one.level(level_db_a=50.4, limit_db_a=80.0, criterion="Nothing is heard.", keys=keys) for _ in range(3)]
+    assert asked == ["+", "-", ""]
+    assert prompts[0] == "[+] masker louder  [-] masker softer  Enter keeps it\nKey: "
+    assert screen.getvalue().splitlines() == [
+        *["Participant 01.  Masker at 50 dB(A), at most 80. Nothing is heard."] * 2,
+        "'x' does not change the level; use one of: + -, or Enter",
+        "Participant 01.  Masker at 50 dB(A), at most 80. Nothing is heard.",
+    ]
+
+
+def test_a_key_of_the_masker_is_not_confirmed() -> None:
+    one, _, prompts = console("+")
+    assert one.ask(trial=1, keys=KEYS | {"+": "masker louder"}) == "+"
+    assert len(prompts) == 1
+
+
 def test_the_end_of_the_input_interrupts_as_the_keyboard_does() -> None:
     def ended(_: str) -> str:
         raise EOFError

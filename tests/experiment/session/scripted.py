@@ -119,6 +119,8 @@ class ScriptedConsole:
         self.armed: list[tuple[int, int]] = []
         self.rearmed: list[tuple[int, int, str]] = []
         self.shown: list[str] = []
+        self.levels: deque[str] = deque()
+        """Keys of the masker's level; `.` keeps it."""
         self.confirmations: list[tuple[int, str | None]] = []
         self.familiarised = 0
 
@@ -128,6 +130,11 @@ class ScriptedConsole:
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
         self.familiarised += 1
         self._clock.sleep_ns(100 * 10**9)
+
+    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
+        key = self.levels.popleft()
+        assert key == "." or key in keys
+        return key.rstrip(".")
 
     def place(self, *, trial: int, material: str) -> None:
         self.placed.append((trial, material))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus.ports import Samples
+from experiment.apparatus.ports import Masker, Samples
 from experiment.clock import ManualClock
 from experiment.errors import JournalError, PalpateError, TrackerError, TrackerStopped
 from experiment.protocol import load
@@ -63,6 +63,7 @@ class Bench:
     actuator: ScriptedActuator
     clock: ManualClock
     rendered: list[tuple[str, float]]
+    masker: Masker | None = None
 
     def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
         def render(material: str, speed_mm_s: float, rate_hz: int) -> Synthesised:
@@ -78,6 +79,7 @@ class Bench:
             render if virtual else None,
             self.console,
             self.clock,
+            self.masker,
         )
         rig_file = shipped("rigs/rehearsal.toml")
         return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=dataset)

@@ -1,0 +1,149 @@
+"""The masker's level: chosen, journaled on every change, within its limit, and summed over the day."""
+
+from __future__ import annotations
+
+from collections import deque
+from pathlib import Path
+
+import pytest
+
+from experiment.apparatus.ports import MaskerExposure
+from experiment.clock import ManualClock
+from experiment.errors import AudioError
+from experiment.protocol import load
+from experiment.protocol.models import Protocol
+from experiment.records import Footer, MaskerSet
+from experiment.session import journal, masking, places
+from experiment.session.journal import Contents, Line
+from experiment.session.masking import FIRST_DB_A, STEP_DB, Masking
+from tests.experiment.session.scripted import START_NS, ScriptedConsole
+from tests.experiment.session.test_runner import Bench, bench, header
+
+DAY_NS = 24 * 3600 * 10**9
+
+
+class ScriptedMasker:
+    """Implements `Masker` on a clock: a dose of 1 is 1000 s of noise at any level."""
+
+    def __init__(self, clock: ManualClock, limit_db_a: float = 60.0) -> None:
+        self.level_db_a: float | None = None
+        self.limit_db_a = limit_db_a
+        self._clock = clock
+        self._begun_ns = 0
+
+    def start(self, level_db_a: float) -> float:
+        self._begun_ns = self._clock.now_ns()
+        return self._set(level_db_a)
+
+    def set_level(self, level_db_a: float) -> float:
+        assert self.level_db_a is not None
+        return self._set(level_db_a)
+
+    def stop(self) -> None:
+        self.level_db_a = None
+
+    def exposure(self) -> MaskerExposure:
+        dose = (self._clock.now_ns() - self._begun_ns) / 1e12
+        return MaskerExposure(self.level_db_a, dose, None, None)
+
+    def _set(self, level_db_a: float) -> float:
+        self.level_db_a = min(level_db_a, self.limit_db_a)
+        return self.level_db_a
+
+
+@pytest.fixture(scope="module")
+def protocol(repository_root: Path) -> Protocol:
+    return load.load(repository_root / "protocols" / "okamoto2012.toml")
+
+
+def masked(one: Bench, levels: str, limit_db_a: float = 60.0) -> Bench:
+    one.masker = ScriptedMasker(one.clock, limit_db_a)
+    one.console.levels = deque(levels)
+    return one
+
+
+def levels(dataset: Path) -> list[float | None]:
+    entries = journal.read(places.journal_path(dataset, "01", "real")).entries
+    return [entry.level_db_a for entry in entries if isinstance(entry, MaskerSet)]
+
+
+def test_the_level_is_chosen_before_the_first_trial_and_every_change_is_journaled(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    one = masked(bench("c+p-t"), "++-.")
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    chosen = FIRST_DB_A + STEP_DB
+    assert levels(tmp_path) == [
+        *(FIRST_DB_A + n * STEP_DB for n in (0, 1, 2, 1)),
+        chosen + STEP_DB,
+        chosen,
+        None,
+    ]
+    assert one.console.armed[0] == (1, 1)
+    kinds = [entry.kind for entry in journal.read(places.journal_path(tmp_path, "01", "real")).entries]
+    assert kinds.index("masker") < kinds.index("step")
+    assert kinds[-2:] == ["masker", "footer"]
+
+
+def test_no_key_goes_above_the_limit(protocol: Protocol, tmp_path: Path) -> None:
+    one = masked(bench("cpt"), "+++++.", limit_db_a=55.0)
+    one.run(protocol, header("real"), tmp_path)
+    assert [level for level in levels(tmp_path) if level is not None] == [50, 52, 54, 55, 55, 55]
+    assert one.console.shown[-1] == "Masker at 55 dB(A) (the limit)."
+
+
+def test_a_resumed_session_begins_at_the_level_that_was_chosen(protocol: Protocol, tmp_path: Path) -> None:
+    masked(bench("cq"), "++.").run(protocol, header("real"), tmp_path)
+    masked(bench("pt"), ".").run(protocol, header("real"), tmp_path)
+    assert levels(tmp_path) == [50, 52, 54, None, 54, None]
+
+
+def test_a_session_that_ends_early_leaves_silence(protocol: Protocol, tmp_path: Path) -> None:
+    one = masked(bench(""), ".")
+    one.tracker._steps.clear()
+    one.run(protocol, header("real"), tmp_path)
+    assert one.masker is not None
+    assert one.masker.level_db_a is None
+    assert levels(tmp_path) == [50, None]
+
+
+def test_a_dose_that_is_used_up_ends_the_session(protocol: Protocol, tmp_path: Path) -> None:
+    one = masked(bench("cp"), ".")
+    assert one.masker is not None
+
+    def used_up(level_db_a: float) -> float:
+        raise AudioError("masker: got a dose of 1.00 for today; allowed: 1; go on another day")
+
+    one.masker.start = used_up  # type: ignore[method-assign]
+    with pytest.raises(AudioError, match="go on another day"):
+        one.run(protocol, header("real"), tmp_path)
+    footer = journal.read(places.journal_path(tmp_path, "01", "real")).entries[-1]
+    assert isinstance(footer, Footer)
+    assert footer.reason == "error"
+
+
+def contents(*entries: tuple[int, float]) -> Contents:
+    lines = tuple(Line(t_ns, MaskerSet(level_db_a=60.0, dose=dose, daily_level_db_a=None)) for t_ns, dose in entries)
+    return Contents(lines, b"", 0, journal.GENESIS)
+
+
+def test_the_dose_of_the_day_is_that_of_the_last_session_of_the_day() -> None:
+    noon_ns = START_NS // DAY_NS * DAY_NS + DAY_NS // 2
+    yesterday = contents((noon_ns - DAY_NS, 0.7))
+    morning = contents((noon_ns - 10**9, 0.1), (noon_ns, 0.2))
+    assert masking.dose_today([], noon_ns) == 0.0
+    assert masking.dose_today([yesterday], noon_ns) == 0.0
+    assert masking.dose_today([morning, yesterday], noon_ns + 10**9) == 0.2
+    assert masking.dose_today([morning], noon_ns + DAY_NS) == 0.0
+
+
+def test_other_keys_are_not_the_maskers() -> None:
+    clock = ManualClock(START_NS)
+    masker = ScriptedMasker(clock)
+    written: list[MaskerSet] = []
+    one = Masking(masker, ScriptedConsole(clock, ""), written.append)
+    assert not one.change("+"), "it is silent"
+    masker.start(50.0)
+    assert not one.change("c")
+    assert one.change("-")
+    assert [entry.level_db_a for entry in written] == [48.0]
