@@ -227,7 +227,17 @@ def run(
             rehearsal=False,
             clock=clock,
         )
-        devices = attempt.Devices(tracker, rig.tracker.port, NOISE_MM, actuator, render, console, clock)
+        devices = attempt.Devices(
+            tracker=tracker,
+            tracker_port=rig.tracker.port,
+            noise_mm=NOISE_MM,
+            actuator=actuator,
+            render=render,
+            console=console,
+            clock=clock,
+            masker=None,
+            reconnect_s=attempt.RECONNECT_S,
+        )
         try:
             footer = runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=root)
         except PalpateError as ended:

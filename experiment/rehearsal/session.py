@@ -141,7 +141,15 @@ def _rehearse_task(
             screen=screen,
         )
         devices = attempt.Devices(
-            tracker, line.url, NOISE_MM, actuator, render, participant, clock, reconnect_s=RECONNECT_S
+            tracker=tracker,
+            tracker_port=line.url,
+            noise_mm=NOISE_MM,
+            actuator=actuator,
+            render=render,
+            console=participant,
+            clock=clock,
+            masker=None,
+            reconnect_s=RECONNECT_S,
         )
         rig_file = job.dataset / "sourcedata" / "rig.toml"
         footer = runner.run(protocol=protocol, header=header, devices=devices, rig_file=rig_file, dataset=job.dataset)

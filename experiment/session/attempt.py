@@ -36,7 +36,7 @@ from experiment.session.states import Event
 from experiment.session.step import BrokenStep, Watch, WatchedStep, watch
 
 RECONNECT_S = 300.0
-"""How long a session waits for a tracker that stopped, s, unless it says otherwise."""
+"""How long a session with a participant in the room waits for a tracker that stopped, s."""
 
 CLOCKS_PART_US = 10e6
 """Device and session time may part by this much: a slow step, and the drift of two crystals over a session."""
@@ -65,8 +65,8 @@ class Devices:
     render: scenes.Render | None
     console: Console
     clock: Clock
-    masker: Masker | None = None
-    reconnect_s: float = RECONNECT_S
+    masker: Masker | None
+    reconnect_s: float
 
 
 class Attempts:

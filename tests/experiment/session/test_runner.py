@@ -72,14 +72,15 @@ class Bench:
 
         virtual = asked.task == "virtual"
         devices = attempt.Devices(
-            self.tracker,
-            "scripted",
-            0.1,
-            self.actuator if virtual else None,
-            render if virtual else None,
-            self.console,
-            self.clock,
-            self.masker,
+            tracker=self.tracker,
+            tracker_port="scripted",
+            noise_mm=0.1,
+            actuator=self.actuator if virtual else None,
+            render=render if virtual else None,
+            console=self.console,
+            clock=self.clock,
+            masker=self.masker,
+            reconnect_s=300.0,
         )
         rig_file = shipped("rigs/rehearsal.toml")
         return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=dataset)
