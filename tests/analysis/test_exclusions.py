@@ -27,6 +27,7 @@ def _attempts() -> pd.DataFrame:
                 "answered": "(none)" if participant == "2" and number > 2 and task == "real" else "sand",
                 "foot_speed_mm_s": 100.0 * number,
                 "frames_lost": float("nan") if task == "real" else float(number),
+                "delivered": {1: 1.0, 2: 0.0}.get(number, float("nan")),
                 "redo_reason": "n/a",
                 "included": True,
             }
@@ -69,6 +70,14 @@ def test_a_missing_value_is_beyond_no_limit() -> None:
     attempts = _attempts()
     exclude(attempts, NOBODY, [_rule("frames-lost", 0)])
     assert set(attempts[attempts["included"]]["task"]) == {"real"}
+
+
+def test_undelivered_trials_are_left_out_where_the_protocol_says_so() -> None:
+    attempts = _attempts()
+    found = exclude(attempts, NOBODY, [_rule("undelivered", None)])
+    assert {(exclusion.trial, exclusion.reason) for exclusion in found} == {(2, "the reason of undelivered")}
+    assert set(attempts[~attempts["included"]]["trial"]) == {2}
+    assert exclude(_attempts(), NOBODY, [_rule("undelivered", None, "repeat-trial")]) == ()
 
 
 def test_repeated_trials_were_dealt_with_in_the_session() -> None:

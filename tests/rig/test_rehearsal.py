@@ -97,6 +97,34 @@ def test_the_rendered_speed_is_the_foots(one: Path) -> None:
     assert len(set(speeds)) == len(speeds)
 
 
+def test_steps_that_broke_off_stand_in_the_events_with_their_reason(one: Path) -> None:
+    rows = []
+    for path in sorted(one.glob("sub-*/beh/*_events.tsv")):
+        with path.open() as file:
+            rows += [(path.name, row) for row in csv.DictReader(file, delimiter="\t")]
+    in_vain = [(name, row) for name, row in rows if row["redo_reason"].startswith("the foot ")]
+    assert in_vain
+    for name, row in in_vain:
+        assert (row["counted"], row["answered"], row["duration"]) == ("0", "n/a", "n/a")
+        later = [
+            other
+            for file, other in rows
+            if (file, other["trial"], other["counted"]) == (name, row["trial"], "1")
+            and other["attempt"] > row["attempt"]
+        ]
+        assert [float(other["onset"]) > float(row["onset"]) for other in later] == [True]
+
+
+def test_contact_was_predicted_in_every_virtual_trial(one: Path) -> None:
+    entries = journal.read(places.journal_path(one, "01", "virtual")).entries
+    onsets = [entry.onset for entry in entries if entry.kind == "step"]
+    errors_ms = [onset.prediction_error_ms for onset in onsets if onset and onset.prediction_error_ms is not None]
+    assert len(errors_ms) == len(onsets) == 40
+    # Predicted from all samples before contact, noise included: well below 1 ms.
+    assert np.std(errors_ms) < 1.0
+    assert all(onset.scheduled_ns is None for onset in onsets if onset)
+
+
 def test_every_file_says_rehearsal(one: Path) -> None:
     for path in sorted(one.rglob("*")):
         relative = path.relative_to(one).as_posix()

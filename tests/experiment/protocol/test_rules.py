@@ -15,6 +15,7 @@ SLOW = {"id": "slow", "when": "speed-below", "limit": 30, "action": "exclude-tri
 FAST = {"id": "fast", "when": "speed-above", "limit": 30, "action": "exclude-trial", "reason": "x"}
 FEW = {"id": "few", "when": "answers-below", "limit": 4, "action": "exclude-participant", "reason": "x"}
 GONE = {"id": "gone", "when": "withdrawn", "action": "exclude-participant", "reason": "x"}
+UNPLAYED = {"id": "unplayed", "when": "undelivered", "action": "repeat-trial", "reason": "x"}
 LOST = {"id": "lost", "when": "frames-lost", "limit": 0, "action": "repeat-trial", "reason": "x"}
 
 
@@ -33,6 +34,13 @@ BROKEN = [
     (with_rules(SLOW, FAST), "exclusion[1].limit", "greater than the limit of the rule 'speed-below'"),
     (with_rules({**GONE, "limit": 1}), "exclusion[0].limit", "no value: 'withdrawn' needs no limit"),
     (with_rules({**LOST, "action": "exclude-participant"}), "exclusion[0].action", "one of: repeat-trial, exclude-tri"),
+    (with_rules({**UNPLAYED, "limit": 1}), "exclusion[0].limit", "no value: 'undelivered' needs no limit"),
+    (
+        with_rules({**UNPLAYED, "action": "exclude-participant"}),
+        "exclusion[0].action",
+        "'undelivered' is about a trial",
+    ),
+    (changed(document(), ("materials", 0, "key"), "+"), "materials[0].key", "any key but + and -, which set the mask"),
     (with_rules({**FEW, "action": "repeat-trial"}), "exclusion[0].action", "'answers-below' is about a participant"),
     (with_tasks(7), "task_order.kind", "fixed, or at most 6 tasks"),
     (changed(document(), ("study", "participants"), 8), "study.participants", "6, as many as the largest task has"),
@@ -41,7 +49,8 @@ BROKEN = [
 ]
 KEPT = [
     document(),
-    with_rules(FEW, GONE, LOST, SLOW, {**FAST, "limit": 31}),
+    with_rules(FEW, GONE, LOST, SLOW, {**FAST, "limit": 31}, UNPLAYED),
+    with_rules({**UNPLAYED, "action": "exclude-trial"}),
     with_tasks(6),
     changed(with_tasks(7), ("task_order", "kind"), "fixed"),
     changed(document(), ("tasks", 0, "repetitions"), 200),

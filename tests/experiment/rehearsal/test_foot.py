@@ -123,6 +123,22 @@ def test_some_feet_hesitate() -> None:
     assert min(drawn.count("pause"), drawn.count("dip")) > 25
 
 
+@settings(max_examples=60)
+@given(st.integers(0, 2**31), st.floats(50.0, 400.0), st.sampled_from(["stop", "turn"]))
+def test_a_step_in_vain_passes_the_gate_and_never_lands(seed: int, speed_mm_s: float, hesitation: Hesitation) -> None:
+    step = movement.trajectory(np.random.default_rng(seed), speed_mm_s, hesitation=hesitation)
+    assert np.all(np.diff(step.us) > 0)
+    assert step.at(np.array([step.gate_top_us, step.gate_bottom_us])) == pytest.approx([20, 10], abs=1e-6)
+    assert 10e6 / (step.gate_bottom_us - step.gate_top_us) == pytest.approx(speed_mm_s, rel=1e-9)
+    lowest_mm = np.min(step.height_mm)
+    assert 0.5 < lowest_mm < 5
+    assert step.height_mm[0] == step.height_mm[-1] == 70.0
+    assert step.contact_us == np.inf
+    assert step.lift_us == step.us[-1]
+    waits_us = np.ptp(step.us[step.height_mm < lowest_mm + 0.01])
+    assert (waits_us >= 200_000) == (hesitation == "stop")
+
+
 @pytest.mark.parametrize("hesitation", ["none", "pause", "dip"])
 @pytest.mark.parametrize("speed_mm_s", [50.0, 180.0, 400.0])
 def test_what_is_sent_is_the_step_with_noise_and_quantised(
