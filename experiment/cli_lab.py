@@ -64,10 +64,14 @@ def enrol(
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Of the study; drawn if left out.")] = None,
 ) -> None:
     """Enrol the next participant of a study."""
-    from experiment import study
+    from experiment import enrolment
 
-    path = study.enrol(protocol_file, participant, consent_on.date() if consent_on else None, root=dataset, seed=seed)
-    typer.echo(f"Participant {participant} is enrolled: {path}\nSeed of the study: {study.seed_of(path.parents[1])}")
+    path = enrolment.enrol(
+        protocol_file, participant, consent_on.date() if consent_on else None, root=dataset, seed=seed
+    )
+    typer.echo(
+        f"Participant {participant} is enrolled: {path}\nSeed of the study: {enrolment.seed_of(path.parents[1])}"
+    )
 
 
 @lab.command(epilog="Example: palpate consent study.toml --participant 01 --consent-on 2026-05-04")
@@ -78,9 +82,9 @@ def consent(
     dataset: StudyFolder = None,
 ) -> None:
     """Record the consent of an enrolled participant."""
-    from experiment import study
+    from experiment import enrolment
 
-    path = study.consent(protocol_file, participant, consent_on.date(), root=dataset)
+    path = enrolment.consent(protocol_file, participant, consent_on.date(), root=dataset)
     typer.echo(f"Participant {participant} has consented: {path}")
 
 
@@ -92,9 +96,9 @@ def withdraw(
     dataset: StudyFolder = None,
 ) -> None:
     """Record that a participant withdrew."""
-    from experiment import study
+    from experiment import enrolment
 
-    path = study.withdraw(protocol_file, participant, reason, root=dataset)
+    path = enrolment.withdraw(protocol_file, participant, reason, root=dataset)
     typer.echo(f"Participant {participant} has withdrawn: {path}")
 
 

@@ -2,33 +2,23 @@
 
 from __future__ import annotations
 
-import json
-import secrets
 import shutil
 from contextlib import ExitStack
-from datetime import date
 from pathlib import Path
 
-from filelock import FileLock
-
-from experiment import __version__, dataset, dataset_files, roster, scene, schedule
+from experiment import __version__, dataset, enrolment, roster, scene, schedule
 from experiment.apparatus import calibration, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.landing import NOISE_MM
 from experiment.apparatus.ports import Actuator
 from experiment.clock import Clock, MonotonicClock, day, utc
 from experiment.console.port import Console
-from experiment.errors import DatasetError, PalpateError, RecordingError, RigError, RosterError, SessionError
+from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import canonical, load, seal
 from experiment.protocol.models import Protocol
 from experiment.records import Footer, Header
 from experiment.session import attempt, journal, places, runner
 from experiment.session.resume import progress
-
-LOCK = ".study.lock"
-
-SEED = "seed.json"
-"""Beside the journals: the one seed that names every draw of a study."""
 
 
 def header(
@@ -80,78 +70,6 @@ def _recordings_sha256(folder: Path) -> str:
     return manifest.sha256(folder)
 
 
-def default_root(protocol: Protocol) -> Path:
-    """Where the dataset of a study stands unless another folder is named."""
-    return Path("participants") / protocol.study.id
-
-
-def enrol(
-    protocol_file: Path, participant: str, consent_on: date | None, *, root: Path | None, seed: int | None
-) -> Path:
-    """Enrol the next participant; the first one begins the study's dataset and settles its seed.
-
-    Args:
-        protocol_file: the study's protocol.
-        participant: the next label.
-        consent_on: day of consent; None while there is none.
-        root: folder of the dataset; None for `participants/STUDY`.
-        seed: of the study's draws; None for the settled one, or a new one.
-
-    Returns:
-        The roster's file.
-
-    Raises:
-        RosterError: not the next label, or one that the study does not have.
-        DatasetError: the folder is that of something else.
-    """
-    protocol = load.load(protocol_file)
-    root = root or default_root(protocol)
-    roster.find(roster.allocate(protocol, 0), participant)
-    path = dataset.roster_path(root)
-    roster.Roster.load(path).check_next(participant)
-    _settle(root, protocol_file, protocol, seed)
-    roster.Roster.load(path).enrol(participant, consent_on)
-    return path
-
-
-def seed_of(root: Path) -> int:
-    """The seed that names every draw of the study with this dataset.
-
-    Raises:
-        DatasetError: the study has none, or its file is broken.
-    """
-    file = root / "sourcedata" / SEED
-    try:
-        return int(json.loads(file.read_text("utf-8"))["seed"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DatasetError(f"{file}: holds no seed; restore it from a backup or from a journal's header") from error
-
-
-def consent(protocol_file: Path, participant: str, consent_on: date, *, root: Path | None) -> Path:
-    """Record the consent of a participant who enrolled without it.
-
-    Raises:
-        RosterError: the participant is not enrolled, has consented already, or has withdrawn.
-    """
-    path = dataset.roster_path(root or default_root(load.load(protocol_file)))
-    roster.Roster.load(path).consent(participant, consent_on)
-    return path
-
-
-def withdraw(protocol_file: Path, participant: str, reason: str, *, root: Path | None) -> Path:
-    """Record that a participant withdrew; the dataset says so, and analysis leaves them out.
-
-    Raises:
-        RosterError: the participant is not enrolled, or the reason is no line of text.
-    """
-    root = root or default_root(load.load(protocol_file))
-    path = dataset.roster_path(root)
-    roster.Roster.load(path).withdraw(participant, reason)
-    if dataset.journals(root):
-        dataset.build(root)
-    return path
-
-
 def run(
     *,
     protocol_file: Path,
@@ -182,14 +100,14 @@ def run(
         raise SessionError(f"{protocol_file}: asks for voice recordings, which palpate cannot make yet; leave them out")
     today = day(clock.now_ns())
     seal.verify(protocol_file, protocol, today)
-    root = root or default_root(protocol)
+    root = root or enrolment.default_root(protocol)
     roster.Roster.load(dataset.roster_path(root)).may_run(participant, protocol)
     rig = rigs.load(rig_file)
     if rig.rig.simulated:
         raise RigError(f"{rig_file}: the rig is simulated; give a rig file of real devices, or use palpate rehearse")
     rigs.check(rig, protocol.step)
     calibration.check_age(rig, today)
-    seed = _settle(root, protocol_file, protocol, None)
+    seed = enrolment.settle(root, protocol_file, protocol, None)
     allocation = roster.find(roster.allocate(protocol, seed), participant)
     _check_turn(root, allocation, task_id)
     _wait_for_break(root, protocol, allocation, task_id, clock, console)
@@ -283,34 +201,6 @@ def _keep_recordings(root: Path, given: Path | None, protocol: Protocol, planned
         shutil.copytree(folder, partial)
         partial.replace(kept)
     return kept
-
-
-def _settle(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None) -> int:
-    """Keep protocol and seed beside the journals at the first call, and hold every later one to them.
-
-    The protocol's copy is written last: without it the study has not begun.
-    """
-    source = root / "sourcedata"
-    kept, file = source / "protocol.toml", source / SEED
-    begun = {"sourcedata", f"sourcedata/{SEED}", f"sourcedata/{LOCK}"}
-    if not kept.exists() and root.exists() and {p.relative_to(root).as_posix() for p in root.rglob("*")} - begun:
-        raise DatasetError(f"{root}: is no dataset that palpate run began; choose another folder with --dataset")
-    if (source / "rehearsal.json").exists():
-        raise DatasetError(f"{root}: is a rehearsal's; choose another folder with --dataset")
-    source.mkdir(parents=True, exist_ok=True)
-    with FileLock(source / LOCK):
-        if not kept.exists():
-            drawn = secrets.randbelow(2**31) if seed is None else seed
-            dataset_files.write_json(file, {"seed": drawn})
-            dataset_files.write_bytes(kept, protocol_file.read_bytes())
-        elif canonical.sha256(load.load(kept)) != canonical.sha256(protocol):
-            raise DatasetError(
-                f"{root}: was begun with another form of the protocol; run {kept}, or choose another --dataset"
-            )
-    settled = seed_of(root)
-    if seed not in (None, settled):
-        raise DatasetError(f"{root}: its draws are named by seed {settled}, not {seed}; leave out --seed")
-    return settled
 
 
 def _wait_for_break(

@@ -46,7 +46,7 @@ def test_a_session_of_the_real_task_imports_none_of_their_modules(repository_roo
 import sys
 from pathlib import Path
 from datetime import date, timedelta
-from experiment import roster, study
+from experiment import enrolment, roster, study
 from experiment.console.terminal import TerminalConsole
 from experiment.errors import TrackerError
 from experiment.protocol import load, seal
@@ -61,7 +61,7 @@ protocol = load.load(file)
 today = date.today()
 seal.write(file, protocol, approval_number="1", board="b", approved_on=today, expires_on=today + timedelta(1))
 seed = next(s for s in range(99) if roster.allocate(protocol, s)[0].tasks[0] == "real")
-study.enrol(file, "01", today, root=here / "dataset", seed=seed)
+enrolment.enrol(file, "01", today, root=here / "dataset", seed=seed)
 console = TerminalConsole(write=sys.stderr, ask=input, heading="")
 try:
     study.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",
