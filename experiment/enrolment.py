@@ -13,6 +13,7 @@ from experiment import dataset, dataset_files, roster
 from experiment.errors import DatasetError
 from experiment.protocol import canonical, load
 from experiment.protocol.models import Protocol
+from experiment.session import journal, places
 
 LOCK = ".study.lock"
 
@@ -83,12 +84,16 @@ def withdraw(protocol_file: Path, participant: str, reason: str, *, root: Path |
 
     Raises:
         RosterError: the participant is not enrolled, or the reason is no line of text.
+        SessionLocked: a session of theirs is running.
     """
     root = root or default_root(load.load(protocol_file))
     path = dataset.roster_path(root)
-    roster.Roster.load(path).withdraw(participant, reason)
-    if dataset.journals(root):
-        dataset.build(root)
+    known = roster.Roster.load(path)
+    known.check_enrolled(participant)
+    with journal.locked(places.participant_folder(root, participant), participant):
+        known.withdraw(participant, reason)
+        if dataset.journals(root):
+            dataset.build(root)
     return path
 
 

@@ -242,8 +242,7 @@ class Roster:
             self.check_next(participant)
             self.consent_on[participant] = entry.consent_on
             return
-        if participant not in self.consent_on:
-            raise RosterError(f"participant '{participant}' is not enrolled; enrol them first")
+        self.check_enrolled(participant)
         if participant in self.withdrawn:
             raise RosterError(f"participant {participant} has withdrawn already")
         if isinstance(entry, Consented):
@@ -252,6 +251,11 @@ class Roster:
             self.consent_on[participant] = entry.consent_on
         else:
             self.withdrawn[participant] = entry.reason
+
+    def check_enrolled(self, participant: str) -> None:
+        """Return when `participant` is enrolled. Raises `RosterError` otherwise."""
+        if participant not in self.consent_on:
+            raise RosterError(f"participant '{participant}' is not enrolled; enrol them first")
 
     def check_next(self, participant: str) -> None:
         """Return when `participant` is the next label. Raises `RosterError` otherwise."""

@@ -5,9 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 
+def participant_folder(dataset: Path, participant: str) -> Path:
+    """Where everything of a participant's sessions stands inside a dataset."""
+    return dataset / "sourcedata" / f"sub-{participant}"
+
+
 def journal_path(dataset: Path, participant: str, task: str) -> Path:
     """Where the journal of a session stands inside a dataset."""
-    return dataset / "sourcedata" / f"sub-{participant}" / f"sub-{participant}_task-{task}_journal.jsonl"
+    return participant_folder(dataset, participant) / f"sub-{participant}_task-{task}_journal.jsonl"
 
 
 def rig_path(journal_file: Path) -> Path:

@@ -16,6 +16,7 @@ from experiment.apparatus import rig as rigs
 from experiment.protocol.shipped import shipped
 from experiment.rehearsal.foot import Foot
 from experiment.rehearsal.serial_line import SerialLine
+from experiment.session import journal
 from tests.conftest import Palpate
 
 
@@ -203,6 +204,28 @@ class TestALaboratorysStudy:
         _, _, err = self.run(palpate, protocol, shipped("rigs/rehearsal.toml"))
         assert "the rig is simulated" in err
 
+    def test_nobody_withdraws_while_their_session_runs(self, palpate: Palpate, protocol: Path) -> None:
+        root = protocol.with_name("dataset")
+        self.seal(palpate, protocol)
+        self.enrol(palpate, protocol)
+        asked = ("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")
+        before = (root / "sourcedata" / "roster.jsonl").read_bytes()
+        with journal.locked(root / "sourcedata" / "sub-01", "01"):
+            code, _, err = palpate(*asked)
+        assert code == 2
+        assert "participant 01 is being run by another runner; end it there" in err
+        assert (root / "sourcedata" / "roster.jsonl").read_bytes() == before
+        assert palpate(*asked)[0] == 0
+
+    def test_nobody_withdraws_who_is_not_enrolled(self, palpate: Palpate, protocol: Path) -> None:
+        root = protocol.with_name("dataset")
+        self.seal(palpate, protocol)
+        self.enrol(palpate, protocol)
+        code, _, err = palpate("withdraw", protocol, "-p", "02", "--dataset", root, "--reason", "asked to stop")
+        assert code == 2
+        assert "participant '02' is not enrolled" in err
+        assert not (root / "sourcedata" / "sub-02").exists()
+
     def test_a_withdrawn_participant_is_not_run(self, palpate: Palpate, protocol: Path, rig: Path) -> None:
         root = protocol.with_name("dataset")
         self.seal(palpate, protocol)
@@ -261,8 +284,8 @@ class TestALaboratorysStudy:
         assert "no frame for 200 ms" in out
         assert "The session waits for 0.2 s; nothing is lost." in out
         assert "The session is paused: 0 answers. tracker at" in out
-        journal = root / "sourcedata" / "sub-01" / "sub-01_task-real_journal.jsonl"
-        code, out, _ = palpate("journal", journal)
+        file = root / "sourcedata" / "sub-01" / "sub-01_task-real_journal.jsonl"
+        code, out, _ = palpate("journal", file)
         assert code == 0
         assert "ended: paused (tracker at" in out
         code, out, err = self.run(palpate, protocol, rig)

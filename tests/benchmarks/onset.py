@@ -1,0 +1,265 @@
+"""Onset at contact: run `python -m tests.benchmarks.onset`.
+
+How far predicted contact is from true contact, by speed, noise and lead; beside a straight line through the last 40 ms.
+What prediction costs. How long a foot that left the gate waits for its stimulus to be scheduled, and an answered trial
+for the next to be armed, on an idle machine and with every core loaded. Not a test: it asserts nothing, because these
+figures belong to the machine that printed them.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment import dataset, scene
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.clock_map import ClockMap
+from experiment.apparatus.gate import GateDetector
+from experiment.apparatus.landing import LandingPredictor
+from experiment.apparatus.pcm_actuator import PcmActuator
+from experiment.apparatus.ports import LinkCounts, Samples
+from experiment.clock import MonotonicClock
+from experiment.protocol import load
+from experiment.protocol.models import Step
+from experiment.protocol.shipped import shipped
+from experiment.recordings.response import open_drive
+from experiment.rehearsal import movement, study
+from experiment.rehearsal.participant import SimulatedParticipant
+from experiment.session.feed import Feed
+from experiment.session.sounding import Sounder
+from experiment.session.step import Watch, watch
+
+STEPS = 2000
+LEADS_MS = (5.0, 10.0, 12.0, 15.0, 20.0)
+LINE_US = 40_000
+STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
+
+Sensed = list[tuple[NDArray[np.int64], NDArray[np.float64], float, float]]
+"""Device times, heights, true contact and speed of each step."""
+
+
+def feet(noise_mm: float, rate_hz: int) -> Sensed:
+    rng = np.random.default_rng(1)
+    made = []
+    for speed_mm_s in rng.uniform(50, 400, STEPS):
+        step = movement.trajectory(rng, float(speed_mm_s), hesitation="none")
+        us = np.arange(int(step.gate_top_us) - int(rng.integers(1000)), int(step.contact_us), 1_000_000 // rate_hz)
+        made.append((us, step.at(us) + rng.normal(0, noise_mm, us.size), step.contact_us, float(speed_mm_s)))
+    return made
+
+
+def filtered_ms(steps: Sensed, noise_mm: float) -> tuple[NDArray[np.float64], float]:
+    """Errors of the last prediction in time for each lead, shape (steps, leads), ms; and the cost of a sample, us."""
+    predictor = LandingPredictor(STEP, noise_mm=noise_mm)
+    errors = np.full((len(steps), len(LEADS_MS)), np.nan)
+    samples, begun = 0, time.perf_counter()
+    for row, (us, mm, contact_us, _) in enumerate(steps):
+        state = predictor.init()
+        for at_us, height_mm in zip(us.tolist(), mm.tolist(), strict=True):
+            state = predictor.step(state, at_us, height_mm)
+            landing = predictor.landing(state) if state is not None and height_mm < 9 else None
+            if landing is not None:
+                in_time = landing.us - at_us >= np.array(LEADS_MS) * 1e3
+                errors[row, in_time] = (landing.us - contact_us) / 1e3
+        samples += us.size
+    return errors, (time.perf_counter() - begun) / samples * 1e6
+
+
+def straight_ms(steps: Sensed) -> NDArray[np.float64]:
+    """The same for a straight line through the last 40 ms."""
+    errors = np.full((len(steps), len(LEADS_MS)), np.nan)
+    for row, (us, mm, contact_us, _) in enumerate(steps):
+        for end in range(int(np.argmax(mm < 9)), us.size):
+            near = slice(int(np.searchsorted(us, us[end] - LINE_US)), end + 1)
+            slope, height_mm = np.polyfit(us[near] - us[end], mm[near], 1)
+            left_us = -height_mm / slope
+            errors[row, left_us >= np.array(LEADS_MS) * 1e3] = (us[end] + left_us - contact_us) / 1e3
+    return errors
+
+
+def shown(name: str, errors: NDArray[np.float64], speeds: NDArray[np.float64]) -> None:
+    print(f"  {name}")
+    for column, lead_ms in enumerate(LEADS_MS):
+        cells = []
+        for low, high in ((50, 400), (50, 100), (300, 400)):
+            some = errors[(speeds >= low) & (speeds <= high), column]
+            cells.append(f"{low}-{high} mm/s: {np.nanmean(some):+7.3f} {np.nanstd(some):6.3f}")
+        print(f"    lead {lead_ms:4.0f} ms   " + "   ".join(cells) + f"   none: {np.isnan(errors[:, column]).sum()}")
+
+
+def spin() -> None:
+    while True:
+        pass
+
+
+@contextmanager
+def loaded(processes: int) -> Iterator[None]:
+    """As many processes that do nothing but compute."""
+    hogs = [multiprocessing.get_context("spawn").Process(target=spin, daemon=True) for _ in range(processes)]
+    for hog in hogs:
+        hog.start()
+    try:
+        yield
+    finally:
+        for hog in hogs:
+            hog.terminate()
+            hog.join()
+
+
+class Replayed:
+    """Implements `Tracker`: one step in reads of 2 ms, as fast as they are asked for."""
+
+    def __init__(self) -> None:
+        self.counts = LinkCounts()
+        self.clock_map: ClockMap | None = None
+        self.read_ns = 0
+        self._left: list[Samples] = []
+
+    def load(self, us: NDArray[np.int64], mm: NDArray[np.float64]) -> None:
+        self.clock_map = ClockMap(int(us[0]), time.monotonic_ns())
+        ends = np.arange(1, us.size + 1) * 12
+        whole = Samples(us, mm, bytes(int(ends[-1])), ends, 0)
+        self._left = []
+        while whole.device_us.size:
+            piece, whole = whole.cut(min(2, whole.device_us.size))
+            self._left.append(piece)
+
+    def drain(self) -> None:
+        pass
+
+    def read(self) -> Samples:
+        self.read_ns = time.perf_counter_ns()
+        return self._left.pop(0)
+
+    def reconnect(self, timeout_s: float) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+
+class Timed(PcmActuator):
+    """Plays nothing, and notes how long after its read a stimulus was first aimed."""
+
+    def __init__(self, tracker: Replayed, *, rate_hz: int, folder: Path) -> None:
+        rig = rigs.load(folder / "rehearsal.toml")
+        actuator = rig.actuator.model_copy(update={"rate_hz": rate_hz})
+        drive = open_drive(folder, actuator, limit_m_s2=30.0)
+        super().__init__("127.0.0.1:9", rate_hz=rate_hz, full_scale=12.0, limit_m_s2=30.0, drive=drive)
+        self._tracker = tracker
+        self._fresh = False
+        self.waited_ms: list[float] = []
+
+    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> object:  # type: ignore[override]
+        self._fresh = True
+        return super().prepare(waveform_m_s2)
+
+    def aim(self, onset_ns: int) -> bool:
+        if self._fresh:
+            self.waited_ms.append((time.perf_counter_ns() - self._tracker.read_ns) / 1e6)
+            self._fresh = False
+        return True
+
+    def landed(self, contact_ns: int) -> None:
+        pass
+
+
+def gate_to_scheduled_ms(folder: Path, rate_hz: int) -> list[float]:
+    """From the read that showed the foot below the gate to its stimulus scheduled, for many steps."""
+    protocol = load.load(shipped("okamoto2012.toml"))
+    planned = scene.plan(protocol=protocol, task_id="virtual")
+    recordings = folder / "rehearsal" / dataset.RECORDINGS
+    render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
+    tracker = Replayed()
+    actuator = Timed(tracker, rate_hz=rate_hz, folder=shipped("rigs/rehearsal.toml").parent)
+    parts = Watch(
+        feed=Feed(tracker),
+        detector=GateDetector(STEP),
+        predictor=LandingPredictor(STEP, noise_mm=0.1),
+        clock=MonotonicClock(),
+        sounder=Sounder(render, actuator),
+    )
+    rng = np.random.default_rng(2)
+    for n in range(STEPS):
+        step = movement.trajectory(rng, float(rng.uniform(50, 400)), hesitation="none")
+        us = np.arange(int(step.gate_top_us) - 50_000, int(step.lift_us), 1000)
+        tracker.load(us, step.at(us) + rng.normal(0, 0.1, us.size))
+        watch(parts, protocol.materials[n % 4].id)
+    return actuator.waited_ms
+
+
+def dead_ms(folder: Path, name: str) -> list[float]:
+    """From each keyed answer to the next trial's arming, in a rehearsal with every write on disk."""
+    waited: list[float] = []
+    answered_ns = 0
+    ask, arm = SimulatedParticipant.ask, SimulatedParticipant.arm
+
+    def asked(self: SimulatedParticipant, *, trial: int, keys: dict[str, str]) -> str:
+        nonlocal answered_ns
+        key = ask(self, trial=trial, keys=keys)
+        answered_ns = time.perf_counter_ns()
+        return key
+
+    def armed(self: SimulatedParticipant, *, trial: int, attempt: int, trials: int) -> None:
+        if answered_ns and attempt == 1 and trial > 1:
+            waited.append((time.perf_counter_ns() - answered_ns) / 1e6)
+        arm(self, trial=trial, attempt=attempt, trials=trials)
+
+    SimulatedParticipant.ask, SimulatedParticipant.arm = asked, armed  # type: ignore[method-assign]
+    try:
+        study.rehearse(
+            protocol_file=shipped("okamoto2012.toml"),
+            rig_file=shipped("rigs/rehearsal.toml"),
+            out=folder / name,
+            participants=3,
+            seed=3,
+        )
+    finally:
+        SimulatedParticipant.ask, SimulatedParticipant.arm = ask, arm  # type: ignore[method-assign]
+    return waited
+
+
+def spread(name: str, values_ms: list[float]) -> None:
+    quantiles = np.quantile(values_ms, (0.5, 0.99, 0.999))
+    cells = "  ".join(
+        f"{label} {value:8.3f}" for label, value in zip(("median", "99 %", "99.9 %"), quantiles, strict=True)
+    )
+    print(f"  {name:44s} {cells}  worst {max(values_ms):8.3f} ms  ({len(values_ms)})")
+
+
+def main() -> None:
+    print(f"Predicted minus true contact, ms: mean and standard deviation over {STEPS} steps of 50-400 mm/s")
+    for noise_mm, rate_hz in ((0.1, 1000), (0.0, 1000), (0.1, 5000)):
+        steps = feet(noise_mm, rate_hz)
+        speeds = np.array([speed for *_, speed in steps])
+        errors, cost_us = filtered_ms(steps, noise_mm)
+        shown(
+            f"filter, noise {noise_mm:g} mm, {rate_hz} Hz ({cost_us:.1f} us a sample, prediction included)",
+            errors,
+            speeds,
+        )
+        if noise_mm and rate_hz == 1000:
+            shown("straight line through 40 ms, same feet", straight_ms(steps), speeds)
+    cores = os.cpu_count() or 1
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        print("Waiting, ms")
+        spread("answer to armed", dead_ms(folder, "rehearsal"))
+        with loaded(cores):
+            spread(f"answer to armed, {cores} cores loaded", dead_ms(folder, "loaded"))
+        for rate_hz in (5000, 48_000):
+            spread(f"gate to scheduled, {rate_hz} Hz", gate_to_scheduled_ms(folder, rate_hz))
+            with loaded(cores):
+                spread(f"gate to scheduled, {rate_hz} Hz, {cores} cores loaded", gate_to_scheduled_ms(folder, rate_hz))
+
+
+if __name__ == "__main__":
+    main()
