@@ -9,7 +9,6 @@ from pathlib import Path
 from experiment import __version__, dataset, enrolment, roster, scene, schedule
 from experiment.apparatus import calibration, opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.landing import NOISE_MM
 from experiment.apparatus.ports import Actuator
 from experiment.clock import Clock, MonotonicClock, day, utc
 from experiment.console.port import Console
@@ -148,7 +147,7 @@ def run(
         devices = attempt.Devices(
             tracker=tracker,
             tracker_port=rig.tracker.port,
-            noise_mm=NOISE_MM,
+            noise_mm=rig.tracker.noise_mm,
             actuator=actuator,
             render=render,
             console=console,

@@ -11,7 +11,6 @@ from experiment import dataset, scene, study
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.landing import NOISE_MM
 from experiment.apparatus.ports import Actuator
 from experiment.clock import ManualClock, MonotonicClock
 from experiment.console.port import Console
@@ -143,7 +142,7 @@ def _rehearse_task(
         devices = attempt.Devices(
             tracker=tracker,
             tracker_port=line.url,
-            noise_mm=NOISE_MM,
+            noise_mm=rig.tracker.noise_mm,
             actuator=actuator,
             render=render,
             console=participant,

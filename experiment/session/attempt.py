@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 from experiment import scene as scenes
 from experiment.apparatus.gate import GateDetector
-from experiment.apparatus.landing import LandingPredictor
+from experiment.apparatus.landing import NOISE_MM, LandingPredictor
 from experiment.apparatus.ports import Actuator, LinkCounts, Masker, Tracker
 from experiment.clock import Clock
 from experiment.console.port import Console
@@ -49,7 +49,7 @@ class Devices:
     Attributes:
         tracker: where the foot is.
         tracker_port: what the journal calls its port.
-        noise_mm: of the tracker's sensor, mm rms.
+        noise_mm: of the tracker's sensor, mm rms; None where the rig file does not state it.
         actuator: what shakes the panel.
         masker: noise on the headphones; None where the rig has no sound.
         render: what makes stimuli.
@@ -60,7 +60,7 @@ class Devices:
 
     tracker: Tracker
     tracker_port: str
-    noise_mm: float
+    noise_mm: float | None
     actuator: Actuator | None
     render: scenes.Render | None
     console: Console
@@ -101,10 +101,11 @@ class Attempts:
         self._masking = masking
         self._keys = answers.keys(protocol) | (KEYS if masking is not None else {})
         self._feed = Feed(devices.tracker)
+        noise_mm = NOISE_MM if devices.noise_mm is None else devices.noise_mm
         self._watch = Watch(
             feed=self._feed,
             detector=GateDetector(protocol.step),
-            predictor=LandingPredictor(protocol.step, noise_mm=devices.noise_mm),
+            predictor=LandingPredictor(protocol.step, noise_mm=noise_mm),
             clock=devices.clock,
             sounder=Sounder(devices.render, devices.actuator) if devices.render and devices.actuator else None,
         )

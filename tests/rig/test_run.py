@@ -16,7 +16,7 @@ from experiment.apparatus.serial_tracker import SerialTracker
 from experiment.protocol import load
 from experiment.protocol.shipped import shipped
 from experiment.rehearsal import takes as simulated
-from experiment.rehearsal.foot import Foot
+from experiment.rehearsal.foot import Faults, Foot
 from experiment.rehearsal.movement import trajectory
 from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.serial_line import SerialLine
@@ -26,14 +26,36 @@ from tests.conftest import Palpate
 SPEED_MM_S = 200.0
 
 
+class Laboratory:
+    """What stands there: a panel, and a line to a foot that steps when the tracker is drained, as it is when armed."""
+
+    def __init__(self, panel: Panel, line: SerialLine) -> None:
+        self.panel = panel
+        self.line = line
+        self.settings = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+        self.steps = 0
+        self.faults: dict[int, Faults] = {}
+        """What goes wrong, by the step's number from 1."""
+        self.power()
+
+    def power(self) -> None:
+        """The device begins to send, its clock at zero."""
+        self.foot = Foot(self.line, self.settings, real_time=True)
+
+    def step(self) -> None:
+        self.steps += 1
+        step = trajectory(np.random.default_rng(3), SPEED_MM_S, hesitation="none")
+        self.foot.step(step, 0, self.faults.get(self.steps))
+
+
 @pytest.fixture
 def laboratory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Palpate, task: str, seed_for: Callable[[Path, str], int]
-) -> Iterator[Panel]:
+) -> Iterator[Laboratory]:
     """A sealed study of one trial a material, a rig file, an enrolled participant; the foot steps when armed."""
     simulated_rig = rigs.load(shipped("rigs/rehearsal.toml"))
     panel = Panel(simulated_rig.actuator)
-    with SerialLine() as line:
+    with SerialLine(link=tmp_path / "tracker") as line:
         text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
         text = text.replace("[tracker]", f"[tracker]\ncalibrated_on = {date.today()}\ncalibration_days = 30")
         text = text.replace('port = "rehearsal"', f'port = "{line.url}"')
@@ -46,12 +68,12 @@ def laboratory(
             .replace("limit = 36", "limit = 4")
         )
         (tmp_path / "study.toml").write_text(study.replace("repetitions = 10", "repetitions = 1"), "utf-8")
-        foot = Foot(line, simulated_rig.tracker, real_time=True)
+        there = Laboratory(panel, line)
         drain = SerialTracker.drain
 
         def step_when_armed(self: SerialTracker) -> None:
             drain(self)
-            foot.step(trajectory(np.random.default_rng(3), SPEED_MM_S, hesitation="none"), 0)
+            there.step()
 
         monkeypatch.setattr(SerialTracker, "drain", step_when_armed)
         monkeypatch.chdir(tmp_path)
@@ -61,14 +83,14 @@ def laboratory(
         consent = ["--consent-on", today, "--dataset", "dataset"]
         consent += ["--seed", seed_for(tmp_path / "study.toml", task)]
         assert palpate("enrol", "study.toml", "-p", "01", *consent)[0] == 0
-        yield panel
-        foot.close()
+        yield there
+        there.foot.close()
     panel.close()
 
 
 @pytest.mark.parametrize("task", ["real", "virtual"])
 def test_a_session_from_the_experimenters_chair(
-    laboratory: Panel,
+    laboratory: Laboratory,
     task: str,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -104,7 +126,7 @@ def test_a_session_from_the_experimenters_chair(
     assert [s.speed_mm_s for s in steps] == pytest.approx([SPEED_MM_S] * 4, rel=0.03)
     assert [s.link.lost + s.link.damaged for s in steps] == [0, 0, 0, 0]
     assert all(0 < a.response_time_s < 5 for a in answers)
-    delivered = [laboratory.felt(0) for _ in steps]
+    delivered = [laboratory.panel.felt(0) for _ in steps]
     if task == "virtual":
         assert [s.stimulus.samples for s in steps if s.stimulus] == [d.size for d in delivered if d is not None]
         assert len({s.stimulus.sha256 for s in steps if s.stimulus}) == 4
@@ -114,3 +136,38 @@ def test_a_session_from_the_experimenters_chair(
     assert description["Palpate"]["Origin"] == "PARTICIPANT"
     events = (tmp_path / "dataset" / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").read_text()
     assert events.count("PARTICIPANT") == 4
+
+
+@pytest.mark.parametrize("task", ["real"])
+def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lost(
+    laboratory: Laboratory, task: str, monkeypatch: pytest.MonkeyPatch, palpate: Palpate
+) -> None:
+    laboratory.faults[3] = Faults(unplug_at=250)
+    reconnect = SerialTracker.reconnect
+
+    def plugged_in_again(self: SerialTracker, timeout_s: float) -> None:
+        laboratory.line.replug()
+        laboratory.power()
+        reconnect(self, timeout_s)
+
+    monkeypatch.setattr(SerialTracker, "reconnect", plugged_in_again)
+    typed = iter(["c", "", "a", "", "n", "", "t", ""])
+    monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirms" in prompt else "")
+    code, out, err = palpate(
+        "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
+    )
+    assert (code, err) == (0, "")
+    assert "plug the device in again, then resume the session. The session waits for 300 s; nothing is lost." in out
+    assert "The tracker is back; the trial is armed again." in out
+    assert "The session is complete: 4 answers." in out
+    folder = Path("dataset") / "sourcedata" / "sub-01"
+    entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
+    attempts = [(e.trial, e.attempt) for e in entries if e.kind in ("step", "broken-off")]
+    assert attempts == [(1, 1), (2, 1), (3, 1), (3, 2), (4, 1)]
+    assert [e.trial for e in entries if e.kind == "answer"] == [1, 2, 3, 4]
+    assert sum(e.kind == "tracker" for e in entries) == 2
+    (broken,) = [e for e in entries if e.kind == "broken-off"]
+    assert (broken.trial, broken.felt) == (3, False)
+    assert broken.link.received > 0
+    events = (Path("dataset") / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").read_text()
+    assert events.count("the port has gone") == 1
