@@ -55,6 +55,7 @@ here = Path({str(tmp_path)!r})
 file, rig = here / "study.toml", here / "rig.toml"
 file.write_bytes(shipped("okamoto2012.toml").read_bytes())
 text = shipped("rigs/rehearsal.toml").read_text().replace("simulated = true", "simulated = false")
+text = text.replace("[tracker]", f"[tracker]\\ncalibrated_on = {{date.today()}}\\ncalibration_days = 30")
 rig.write_text(text.replace('"rehearsal"', '"127.0.0.1:9"'))
 (here / "rehearsal-response.csv").write_bytes(shipped("rigs/rehearsal-response.csv").read_bytes())
 protocol = load.load(file)
