@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from itertools import count
 
 from experiment import cli_progress
-from experiment.apparatus.ports import Console
+from experiment.console.port import Console
 from experiment.rehearsal import study
 from experiment.rehearsal.session import Job
 
