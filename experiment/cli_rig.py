@@ -1,8 +1,9 @@
-"""The commands of a rig: devices, calibrate."""
+"""The commands of a rig: which devices this machine has, and what calibrates them."""
 
 from __future__ import annotations
 
 import json
+from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +17,35 @@ calibrate = typer.Typer(
 rig_commands.add_typer(calibrate, name="calibrate")
 
 RigFile = Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")]
+
+
+@rig_commands.command(epilog="Example: palpate devices --json")
+def devices(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """List the devices of this machine, as a rig file names them: serial ports, who holds them, and audio devices."""
+    from experiment.apparatus import serial_devices
+    from experiment.apparatus.audio import devices as audio_devices
+
+    serial, audio = serial_devices.devices(), audio_devices.devices()
+    if as_json:
+        document = {"serial": [asdict(port) for port in serial], "audio": [asdict(card) for card in audio]}
+        typer.echo(json.dumps(document, indent=2, ensure_ascii=False))
+        return
+    typer.echo("Serial ports, as tracker.port names them:")
+    for device in serial:
+        held = f"  held by {', '.join(device.held_by)}" if device.held_by else ""
+        typer.echo(f"  {device.port}  {device.description}  {device.identity}".rstrip() + held)
+    if not serial:
+        typer.echo("  none")
+    typer.echo("Audio devices, as audio.host_api and audio.device name them:")
+    for card in audio:
+        typer.echo(
+            f'  host_api = "{card.host_api}"  device = "{card.name}"  inputs {card.inputs}, outputs {card.outputs}, '
+            f"{card.rate_hz:g} Hz"
+        )
+    if not audio:
+        typer.echo("  none")
 
 
 @calibrate.command("tracker", epilog="Example: palpate calibrate tracker --rig our-rig.toml --out new-rig.toml")
@@ -59,20 +89,73 @@ def calibrate_tracker(
         typer.echo(f"Rig file: {out}")
 
 
-@rig_commands.command(epilog="Example: palpate devices --json")
-def devices(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+@calibrate.command("audio", epilog="Example: palpate calibrate audio --rig our-rig.toml --out our-new-rig.toml")
+def calibrate_audio(
+    rig_file: RigFile,
+    out: Annotated[Path | None, typer.Option("--out", help="Write the rig file with the result to here.")] = None,
+    probes: Annotated[int, typer.Option("--probes", min=2, max=1000, help="How many sweeps are played.")] = 20,
+    peak: Annotated[float, typer.Option("--peak", min=0.001, max=1.0, help="Of a sweep; 1.0 is full scale.")] = 0.1,
 ) -> None:
-    """List the devices of this machine: serial ports, what is behind them, and who holds them."""
-    from experiment.apparatus import serial_devices
+    """Measure latency and level of the audio device by loopback.
 
-    serial = serial_devices.devices()
-    if as_json:
-        typer.echo(json.dumps({"serial": [asdict(device) for device in serial]}, indent=2, ensure_ascii=False))
-        return
-    typer.echo("Serial ports, as tracker.port names them:")
-    for device in serial:
-        held = f"  held by {', '.join(device.held_by)}" if device.held_by else ""
-        typer.echo(f"  {device.port}  {device.description}  {device.identity}".rstrip() + held)
-    if not serial:
-        typer.echo("  none")
+    Plays sweeps on the actuator's channel and listens on the loopback: disconnect the actuator's amplifier, or keep
+    the peak low. Prints the table [audio.latency] of the rig file.
+    """
+    from datetime import UTC, datetime
+
+    from experiment.apparatus import opening
+    from experiment.apparatus import rig as rigs
+    from experiment.apparatus.audio import calibration
+    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
+    from experiment.clock import MonotonicClock
+    from experiment.errors import RigError
+
+    loaded = rigs.load(rig_file)
+    audio = opening.audio_of(loaded)
+    entry = audio.channels.loopback
+    if entry is None:
+        raise RigError(f"{rig_file}: got no audio.channels.loopback; allowed: an input that is cabled to the actuator")
+    if out is not None and out.exists():
+        raise RigError(f"{out}: is there already; name a new file")
+    device = audio.device
+    with ExitStack() as opened:
+        card = None
+        if loaded.rig.simulated:
+            from experiment.rehearsal.sound_card import DEVICE, SoundCard
+
+            typer.echo("SIMULATED: a sound card of software, not a device", err=True)
+            card = SoundCard(
+                rate_hz=audio.rate_hz,
+                block=audio.block,
+                inputs=audio.channels.inputs,
+                outputs=audio.channels.outputs,
+            )
+            opened.callback(card.close)
+            device = DEVICE
+        ceilings = [0.0] * audio.channels.outputs
+        ceilings[audio.channels.actuator - 1] = peak
+        settings = StreamSettings(
+            audio.host_api, device, audio.rate_hz, audio.block, audio.channels.inputs, tuple(ceilings)
+        )
+        stream = AudioStream(settings, MonotonicClock())
+        opened.callback(stream.close)
+        if card is not None:
+            card.disconnect(entry)
+            card.connect(audio.channels.actuator, entry)
+        found = calibration.measure(stream, output=audio.channels.actuator, entry=entry, peak=peak, probes=probes)
+    today = datetime.now(tz=UTC).astimezone().date()
+    days = audio.latency.calibration_days
+    divided = "as the driver reports them" if found.as_reported else "in halves, for the driver does not report both"
+    typer.echo(
+        f"# {found.probes} probes: round trip {found.round_trip_frames:g} frames, spread {found.spread_frames}; "
+        f"gain {found.gain:.4g}, spread {found.spread_db:.2f} dB; residual {found.residual_db:.0f} dB; "
+        f"{found.xruns} xruns\n# output and input divided {divided}"
+    )
+    typer.echo(found.table(today, days), nl=False)
+    if out is not None:
+        from experiment import files
+
+        text = calibration.rewritten(rig_file.read_text("utf-8"), found.values(today, days))
+        files.write(out, text.encode())
+        rigs.load(out)
+        typer.echo(f"# written: {out}")

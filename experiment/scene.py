@@ -11,6 +11,9 @@ from typing import TYPE_CHECKING
 from experiment.protocol.models import Protocol
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised
     from experiment.synthesis.engine import Choice
 
@@ -137,3 +140,25 @@ def prepare_stimuli(
         return renderer(material, output_rate_hz)(speed_mm_s)
 
     return render
+
+
+def masker_samples(*, protocol: Protocol, rate_hz: int, seconds: float) -> NDArray[np.float64]:
+    """One round of the masker's noise: the same in every session, for a masker is no random draw of a study.
+
+    Args:
+        protocol: says which noise.
+        rate_hz: of the audio device, Hz.
+        seconds: length of a round, s.
+
+    Returns:
+        Rms 1, shape (n,).
+
+    Raises:
+        SynthesisError: no noise can be made at this rate.
+    """
+    import numpy as np
+
+    from experiment.synthesis.noise import noise
+
+    drawn = np.random.default_rng(0)
+    return noise(colour=protocol.masker.noise, samples=round(seconds * rate_hz), rate_hz=rate_hz, rng=drawn)

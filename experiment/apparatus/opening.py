@@ -4,15 +4,26 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from datetime import date
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from experiment import files
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Accelerometer, Actuator, Drive, Tracker
-from experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, Rig
+from experiment.apparatus.rig import FRAMES, Rig
+from experiment.apparatus.rig_audio import AudioRig, check_calibrations
+from experiment.apparatus.rig_panel import REHEARSAL, AccelerometerRig, response_table
 from experiment.clock import Clock
 from experiment.errors import ActuatorError, RigError, TrackerError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from experiment.apparatus.audio.masker import Masker, MaskerNoise
+    from experiment.apparatus.audio.stream import AudioStream
 
 
 def keep(rig_file: Path, kept: Path) -> None:
@@ -23,7 +34,7 @@ def keep(rig_file: Path, kept: Path) -> None:
     """
     shaping = rigs.load(rig_file).actuator.shaping
     if shaping is not None:
-        table, content = kept.with_name(shaping.response), rigs.response_table(rig_file.parent, shaping)
+        table, content = kept.with_name(shaping.response), response_table(rig_file.parent, shaping)
         if table.exists() and table.read_bytes() != content:
             raise RigError(
                 f"{table}: got another response table of this name from an earlier session; allowed: a name for each "
@@ -67,7 +78,114 @@ def _tracker_driver(rig: Rig) -> Callable[..., Tracker]:
     return driver
 
 
-def open_actuator(rig: Rig, *, limit_m_s2: float, drive: Drive | None = None, address: str | None = None) -> Actuator:
+def audio_of(rig: Rig) -> AudioRig:
+    """The settings of the rig's audio device.
+
+    Raises:
+        RigError: the rig has none.
+    """
+    if rig.audio is None:
+        raise RigError(
+            f"rig '{rig.rig.name}': got no table [audio]; allowed: one, for masker and loopback need it; "
+            "`palpate devices` lists what this machine has"
+        )
+    return rig.audio
+
+
+def open_audio(
+    rig: Rig, *, limit_m_s2: float, masker: MaskerNoise | None, clock: Clock, today: date, device: str | None = None
+) -> AudioStream:
+    """Open the rig's audio device, with a limit on every channel: what is neither headphones nor actuator stays silent.
+
+    Args:
+        rig: the rig.
+        limit_m_s2: the protocol's limit for the magnitude of any sample of a stimulus, m/s^2.
+        masker: what the headphones will play; None for silence.
+        clock: the session's clock; it must go by itself.
+        today: calibrations must not be too old by then; those of a simulated rig do not age.
+        device: used instead of the one that the rig names.
+
+    Raises:
+        RigError: the rig has no audio device, a calibration is too old, or it exists in simulation alone.
+        AudioError: the device cannot be opened.
+    """
+    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
+    from experiment.apparatus.conditioning import Conditioner
+
+    audio = audio_of(rig)
+    if device is None and audio.device == REHEARSAL:
+        raise RigError(_simulated_only(rig, "audio.device"))
+    if not rig.rig.simulated:
+        check_calibrations(audio, today)
+    ceilings = [0.0] * audio.channels.outputs
+    for channel in audio.channels.headphones:
+        ceilings[channel - 1] = masker.ceiling if masker is not None else 0.0
+    if rig.actuator.driver == "audio":
+        volts = rig.actuator.shaping is not None
+        ceilings[audio.channels.actuator - 1] = (
+            1.0 if volts else Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2).ceiling
+        )
+    settings = StreamSettings(
+        host_api=audio.host_api,
+        device=device or audio.device,
+        rate_hz=audio.rate_hz,
+        block=audio.block,
+        inputs=audio.channels.inputs,
+        ceilings=tuple(ceilings),
+    )
+    return AudioStream(settings, clock)
+
+
+def masker_noise(rig: Rig, *, samples: NDArray[np.float64], limit_db_a: float) -> MaskerNoise:
+    """A masker as the rig's headphones play it.
+
+    Args:
+        rig: the rig.
+        samples: one round of noise at the rate of the audio device, of rms 1, shape (n,).
+        limit_db_a: the protocol's limit, dB(A).
+
+    Raises:
+        RigError: the rig has no audio device.
+        AudioError: the headphones cannot play even the softest level.
+    """
+    from experiment.apparatus.audio import masker
+
+    audio = audio_of(rig)
+    return masker.masker_noise(
+        samples,
+        rate_hz=audio.rate_hz,
+        pink_full_scale_db_a=audio.headphones.full_scale_db_a,
+        limit_db_a=limit_db_a,
+    )
+
+
+def open_masker(rig: Rig, *, stream: AudioStream, noise: MaskerNoise, clock: Clock, dose_before: float = 0.0) -> Masker:
+    """The masker on the rig's headphones, silent as yet.
+
+    Args:
+        rig: the rig.
+        stream: the session's, opened for this noise.
+        noise: what to play.
+        clock: the session's clock.
+        dose_before: what the participant's earlier sessions of the day used up.
+
+    Raises:
+        RigError: the rig has no audio device.
+    """
+    from experiment.apparatus.audio.masker import Masker
+
+    channels = audio_of(rig).channels.headphones
+    return Masker(stream, noise, channels=channels, clock=clock, dose_before=dose_before)
+
+
+def open_actuator(
+    rig: Rig,
+    *,
+    limit_m_s2: float,
+    drive: Drive | None = None,
+    address: str | None = None,
+    stream: AudioStream | None = None,
+) -> Actuator:
     """Open the rig's actuator.
 
     Args:
@@ -75,28 +193,35 @@ def open_actuator(rig: Rig, *, limit_m_s2: float, drive: Drive | None = None, ad
         limit_m_s2: the protocol's limit for the magnitude of any sample, m/s^2.
         drive: frequency shaping, as `recordings.response.open_drive` opens it; for rigs with `actuator.shaping`.
         address: used instead of the one that the rig names.
+        stream: the session's, for an actuator that is a channel of it.
 
     Raises:
-        ActuatorError: the address or the limit cannot be used.
+        ActuatorError: the address or the limit cannot be used, or the stream is missing.
         RigError: `drive` is missing, or there is one and the rig's actuator takes accelerations.
     """
-    from experiment.apparatus.pcm_actuator import PcmActuator
-
-    if address is None and rig.actuator.address == REHEARSAL:
+    settings = rig.actuator
+    where = address or settings.address
+    if where == REHEARSAL:
         raise ActuatorError(_simulated_only(rig, "actuator.address"))
-    if (drive is None) != (rig.actuator.shaping is None):
+    if (drive is None) != (settings.shaping is None):
         got, allowed = ("no", "one") if drive is None else ("a", "none")
         raise RigError(
             f"rig '{rig.rig.name}': got {got} frequency shaping for its actuator; allowed: {allowed}, as the rig file "
             "says; correct [actuator.shaping] there"
         )
-    return PcmActuator(
-        address or rig.actuator.address,
-        rate_hz=rig.actuator.rate_hz,
-        full_scale=rig.actuator.full_scale,
-        limit_m_s2=limit_m_s2,
-        drive=drive,
-    )
+    if where is not None:
+        from experiment.apparatus.pcm_actuator import PcmActuator
+
+        return PcmActuator(
+            where, rate_hz=settings.rate_hz, full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive
+        )
+    from experiment.apparatus.audio.actuator import AudioActuator
+
+    if stream is None:
+        raise ActuatorError(
+            f"rig '{rig.rig.name}': got no audio stream for its actuator; allowed: the session's; open [audio] first"
+        )
+    return AudioActuator(stream, audio_of(rig), full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive)
 
 
 def accelerometer_of(rig: Rig) -> AccelerometerRig:

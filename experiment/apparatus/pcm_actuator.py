@@ -5,11 +5,6 @@ stimulus; the server reads to the end and then closes its side, which is the sig
 when the foot has landed: such a port knows no time, so nothing can be scheduled or measured. PulseAudio
 is such a server: `module-simple-protocol-tcp playback=true record=false format=float32le channels=1 rate=... port=...`.
 The stream is neither encrypted nor authenticated: keep the server on the loopback interface.
-
-A device that takes accelerations gets the limited stimulus. One that takes volts gets what frequency shaping makes of
-the limited stimulus, limited once more to its full scale: the protocol's limit is one of acceleration, and the same
-voltage moves the panel far at one frequency and hardly at another, so it holds for what shaping is asked for; the limit
-last before the device bounds the voltage whatever shaping did.
 """
 
 from __future__ import annotations
@@ -19,10 +14,10 @@ import socket
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.limiter import limit
+from experiment.apparatus.conditioning import Conditioner
 from experiment.apparatus.ports import Drive, Played
 from experiment.errors import ActuatorError
-from experiment.records import Delivered, Driven
+from experiment.records import Delivered
 
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""
@@ -52,13 +47,10 @@ class PcmActuator:
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
             raise ActuatorError(f"actuator address '{address}': allowed is host:port, such as 127.0.0.1:4711")
-        limit((), limit_m_s2)
         self._address = address
         self._peer = (host.strip("[]"), int(port))
         self._rate_hz = rate_hz
-        self._full_scale = full_scale
-        self._peak_m_s2 = limit_m_s2 if drive else min(limit_m_s2, full_scale)
-        self._drive = drive
+        self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive)
         self._prepared: NDArray[np.float32] | None = None
 
     @property
@@ -78,23 +70,8 @@ class PcmActuator:
         Raises:
             ActuatorError: there is nothing to play.
         """
-        if np.ndim(waveform_m_s2) != 1 or np.size(waveform_m_s2) == 0:
-            raise ActuatorError(
-                f"actuator: got a stimulus of shape {np.shape(waveform_m_s2)}; allowed: one channel, one sample or more"
-            )
-        bounded_m_s2, limited = limit(waveform_m_s2, self._peak_m_s2)
-        driven: Driven | None = None
-        if self._drive is None:
-            samples = self._scaled(bounded_m_s2, self._peak_m_s2)
-            peak_m_s2 = self._peak(samples)
-        else:
-            waveform_v, shaping = self._drive(bounded_m_s2)
-            bounded_v, limited_v = limit(waveform_v, self._full_scale)
-            samples = self._scaled(bounded_v, self._full_scale)
-            driven = Driven(shaping=shaping, limited=limited_v, peak_v=self._peak(samples))
-            peak_m_s2 = float(np.max(np.abs(bounded_m_s2)))
-        self._prepared = samples
-        return Played(samples=samples.size, limited=limited, peak_m_s2=peak_m_s2, driven=driven)
+        self._prepared, played = self._condition(waveform_m_s2)
+        return played
 
     def aim(self, onset_ns: int) -> bool:  # noqa: ARG002
         """Nothing can be scheduled; `landed` is what sounds it."""
@@ -119,16 +96,6 @@ class PcmActuator:
 
     def close(self) -> None:
         """Nothing stays open between stimuli."""
-
-    def _scaled(self, bounded: NDArray[np.float64], peak: float) -> NDArray[np.float32]:
-        """Samples as the device takes them; rounding to float32 must not lift one over the limit."""
-        ceiling = np.float32(peak / self._full_scale)
-        if float(ceiling) * self._full_scale > peak:
-            ceiling = np.nextafter(ceiling, np.float32(0))
-        return np.clip((bounded / self._full_scale).astype(np.float32), -ceiling, ceiling).astype("<f4")
-
-    def _peak(self, samples: NDArray[np.float32]) -> float:
-        return float(np.max(np.abs(samples.astype(np.float64)))) * self._full_scale
 
     def _send(self, data: bytes, timeout_s: float) -> None:
         try:

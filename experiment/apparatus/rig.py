@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from datetime import date
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, cast
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import rfc8785
@@ -21,13 +21,12 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from experiment.apparatus.frames import FRAME_BYTES
+from experiment.apparatus.rig_audio import AudioRig
+from experiment.apparatus.rig_panel import REHEARSAL, AccelerometerRig, ActuatorRig
 from experiment.errors import ProtocolError, RigError
 from experiment.protocol import load as files
 from experiment.protocol.models import Confined, Name, Step, Text
 from experiment.protocol.rules import Broken, Rules
-
-REHEARSAL = "rehearsal"
-"""Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
 
 FRAMES = "palpate-frames"
 """The tracker's driver unless a rig names another."""
@@ -64,41 +63,27 @@ def _tracker_rules(table: Any) -> Iterator[Broken]:
             yield Broken(("calibration", i, "mm"), f"{way} than at the point before it ({before}), as heights began")
 
 
-def _port_rules(table: Any) -> Iterator[Broken]:
-    address = table.get("address")
-    port = address.rpartition(":")[2] if isinstance(address, str) else ""
-    if port.isdecimal() and not 1 <= int(port) <= 65535:
-        yield Broken(("address",), "host:port with a port from 1 to 65535")
-
-
-def _actuator_rules(table: Any) -> Iterator[Broken]:
-    yield from _port_rules(table)
-    takes = [key for key in ("full_scale_m_s2", "shaping") if table.get(key) is not None]
-    if len(takes) != 1:
-        yield Broken(
-            ("full_scale_m_s2",),
-            "this key for a device that takes accelerations, the table [actuator.shaping] for one that takes volts; "
-            "exactly one of them",
-        )
-
-
 def _rig_rules(table: Any) -> Iterator[Broken]:
+    yield from _audio_rules(table.get("actuator"), table.get("audio"))
     rig = table.get("rig")
     if not isinstance(rig, dict) or rig.get("simulated") is not False:
         return
-    for device, key in (("tracker", "port"), ("actuator", "address"), ("accelerometer", "address")):
+    named = (("tracker", "port"), ("actuator", "address"), ("accelerometer", "address"), ("audio", "device"))
+    for device, key in named:
         settings = table.get(device)
         if isinstance(settings, dict) and settings.get(key) == REHEARSAL:
             yield Broken((device, key), f"a real {key}: '{REHEARSAL}' is for rigs with simulated = true")
 
 
-Address = Annotated[
-    str,
-    Field(
-        pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
-        description="host:port, such as 127.0.0.1:4711",
-    ),
-]
+def _audio_rules(actuator: Any, audio: Any) -> Iterator[Broken]:
+    if not isinstance(actuator, dict) or actuator.get("driver") != "audio":
+        return
+    if audio is None:
+        yield Broken(("audio",), "a table [audio]: actuator.driver is 'audio'")
+    elif isinstance(audio, dict) and audio.get("rate_hz") != actuator.get("rate_hz"):
+        yield Broken(
+            ("actuator", "rate_hz"), f"audio.rate_hz ({audio.get('rate_hz')}): the actuator is a channel of it"
+        )
 
 
 class Identity(Confined):
@@ -164,73 +149,8 @@ class TrackerRig(Confined):
         return whole
 
 
-class ShapingRig(Confined):
-    """How a device that takes volts moves the panel, as measured: frequency shaping (Okamoto et al., equation (7)).
-
-    `response` is a table of `experiment/recordings/response.py`, in the folder of the rig file; its hash stands here,
-    so that the rig's own hash names one measurement. No bin of a stimulus takes more than `gain_limit_v_per_m_s2`:
-    near a null of the response the voltage would grow without bound.
-    """
-
-    response: Annotated[
-        str, Field(pattern=r"^[^/\\\s]+\.csv$", description="the name of a .csv file in the folder of the rig file")
-    ]
-    response_sha256: Annotated[
-        str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints them")
-    ]
-    full_scale_v: Annotated[float, Field(gt=0, le=1000)]
-    gain_limit_v_per_m_s2: Annotated[float, Field(gt=0, le=1000)]
-
-
-class ActuatorRig(Confined):
-    """What shakes the panel.
-
-    A device that takes accelerations has `full_scale_m_s2`, one that takes volts has `shaping` with `full_scale_v`.
-    Samples go out divided by it, so that 1.0 is the device's full scale.
-    """
-
-    RULES: ClassVar[Rules] = _actuator_rules
-
-    driver: Literal["pcm-tcp"]
-    address: Address
-    rate_hz: Annotated[int, Field(ge=1000, le=192_000)]
-    full_scale_m_s2: Annotated[float, Field(gt=0, le=1000)] | None = None
-    shaping: ShapingRig | None = None
-
-    @property
-    def full_scale(self) -> float:
-        """What a sample of 1.0 is: V where there is `shaping`, else m/s^2."""
-        if self.shaping is not None:
-            return self.shaping.full_scale_v
-        # The rules refuse a rig with neither.
-        return cast("float", self.full_scale_m_s2)
-
-
-def _accelerometer_rules(table: Any) -> Iterator[Broken]:
-    yield from _port_rules(table)
-    full_scale, trigger = table.get("full_scale_m_s2"), table.get("trigger_m_s2")
-    if isinstance(full_scale, int | float) and isinstance(trigger, int | float) and trigger >= full_scale:
-        yield Broken(("trigger_m_s2",), f"less than full_scale_m_s2 ({full_scale})")
-
-
-class AccelerometerRig(Confined):
-    """What measures the panel while takes are recorded; a sample of 1.0 stands for `full_scale_m_s2`.
-
-    A take begins where a magnitude reaches `trigger_m_s2` around contact: above the noise of the panel at rest, below
-    what matters.
-    """
-
-    RULES: ClassVar[Rules] = _accelerometer_rules
-
-    driver: Literal["pcm-tcp"]
-    address: Address
-    rate_hz: Annotated[int, Field(ge=100, le=192_000)]
-    full_scale_m_s2: Annotated[float, Field(gt=0, le=10_000)]
-    trigger_m_s2: Annotated[float, Field(gt=0)]
-
-
 class Rig(Confined):
-    """A whole rig; the accelerometer is needed by `palpate record` alone."""
+    """A whole rig; the accelerometer is needed by `palpate record` alone, `audio` where sound is."""
 
     RULES: ClassVar[Rules] = _rig_rules
 
@@ -239,6 +159,7 @@ class Rig(Confined):
     tracker: TrackerRig
     actuator: ActuatorRig
     accelerometer: AccelerometerRig | None = None
+    audio: AudioRig | None = None
 
 
 def load(path: Path) -> Rig:
@@ -253,38 +174,12 @@ def load(path: Path) -> Rig:
         raise RigError(str(error)) from error
 
 
-def response_table(folder: Path, shaping: ShapingRig) -> bytes:
-    """The response table that a rig file names, as it stands on disk.
-
-    Args:
-        folder: which holds the rig file.
-        shaping: of the rig.
-
-    Raises:
-        RigError: it cannot be read, or is not the one whose hash the rig file states.
-    """
-    path = folder / shaping.response
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise RigError(
-            f"{path}: cannot be read ({error.strerror}); allowed: the response table of the rig file; restore it"
-        ) from error
-    digest = hashlib.sha256(content).hexdigest()
-    if digest != shaping.response_sha256:
-        raise RigError(
-            f"{path}: got a table with sha256 {digest}; allowed: {shaping.response_sha256}, as the rig file says; "
-            "restore the table, or write its sha256 into the rig file after measuring anew"
-        )
-    return content
-
-
 def sha256(rig: Rig) -> str:
     """SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
     Without ports and addresses: a device that comes back under another name is the same device.
     """
-    where = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}}
+    where = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}, "audio": {"device"}}
     return hashlib.sha256(rfc8785.dumps(rig.model_dump(mode="json", exclude_none=True, exclude=where))).hexdigest()
 
 

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.ports import Drive
-from experiment.apparatus.rig import ActuatorRig, response_table
+from experiment.apparatus.rig_panel import ActuatorRig, response_table
 from experiment.errors import RecordingError
 from experiment.recordings.columns import number
 from experiment.records import Shaping

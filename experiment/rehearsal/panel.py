@@ -12,7 +12,7 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.rig import ActuatorRig
+from experiment.apparatus.rig_panel import ActuatorRig
 from experiment.rehearsal import response
 
 _SAMPLE = np.dtype("<f4")

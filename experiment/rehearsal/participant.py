@@ -16,6 +16,7 @@ from experiment.clock import Clock
 from experiment.console.port import Console
 from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY
+from experiment.rehearsal.card_panel import CardPanel
 from experiment.rehearsal.foot import Foot
 from experiment.rehearsal.materials import SimulatedMaterials
 from experiment.rehearsal.movement import Hesitation
@@ -57,7 +58,7 @@ class SimulatedParticipant:
         entropy: tuple[int, ...],
         foot: Foot,
         powered_ns: int,
-        panel: Panel | None,
+        panel: Panel | CardPanel | None,
         actuator_rate_hz: int,
         clock: Clock,
         real_time: bool,

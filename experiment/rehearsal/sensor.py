@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Accelerometer, Heard, LinkCounts, Samples, Tracker
-from experiment.apparatus.rig import AccelerometerRig
+from experiment.apparatus.rig_panel import AccelerometerRig
 from experiment.clock import Clock, ManualClock
 
 REST_NOISE_M_S2 = 0.002

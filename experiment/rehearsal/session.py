@@ -18,12 +18,14 @@ from experiment.errors import Interrupted
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.recordings.response import open_drive
+from experiment.rehearsal.card_panel import CardPanel
 from experiment.rehearsal.control import SilentActuator
 from experiment.rehearsal.foot import Foot
 from experiment.rehearsal.materials import SimulatedMaterials
 from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.participant import SimulatedParticipant, Tick
 from experiment.rehearsal.serial_line import SerialLine
+from experiment.rehearsal.sound import Sound
 from experiment.session import attempt, journal, places, runner
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
@@ -107,7 +109,8 @@ def _rehearse_task(
         known = None if job.real_time else ClockMap(anchor_us=0, anchor_ns=powered_ns)
         tracker = opening.open_tracker(rig, clock=clock, port=line.url, clock_map=known)
         opened.callback(tracker.close)
-        panel: Panel | None = None
+        sound = opened.enter_context(Sound(rig, protocol, clock)) if rig.audio is not None else None
+        panel: Panel | CardPanel | None = None
         actuator: Actuator | None = None
         render: scene.Render | None = None
         if planned.synthesis:
@@ -117,11 +120,15 @@ def _rehearse_task(
                 scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=rates_hz
             )
         if planned.actuator:
-            panel = Panel(rig.actuator)
-            opened.callback(panel.close)
             limit_m_s2 = protocol.exposure.vibration_peak_m_s2
             drive = open_drive(job.dataset / "sourcedata", rig.actuator, limit_m_s2=limit_m_s2)
-            actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=panel.address)
+            if sound is not None and rig.actuator.driver == "audio":
+                panel = sound.panel
+                actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
+            else:
+                panel = Panel(rig.actuator)
+                opened.callback(panel.close)
+                actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=panel.address)
             opened.callback(actuator.close)
             if job.control == "silence":
                 actuator = SilentActuator(actuator)

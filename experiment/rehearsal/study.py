@@ -106,6 +106,11 @@ def rehearse(
         )
     if not rig.rig.simulated:
         raise DatasetError(f"{rig_file}: a rehearsal needs a simulated rig; give one that says simulated = true")
+    if rig.audio is not None and not real_time:
+        raise DatasetError(
+            f"{rig_file}: its audio device runs in real time, and simulated time is faster; add --real-time, or give a "
+            "rig without [audio]"
+        )
     # Whatever is wrong with the rig's files is said before a folder is made.
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     if out is None:

@@ -13,7 +13,7 @@ import pytest
 from experiment.apparatus import pcm_accelerometer
 from experiment.apparatus.pcm_accelerometer import PcmAccelerometer
 from experiment.apparatus.ports import Heard
-from experiment.apparatus.rig import AccelerometerRig
+from experiment.apparatus.rig_panel import AccelerometerRig
 from experiment.clock import Clock, ManualClock
 from experiment.errors import RecordingError
 from experiment.rehearsal.sensor import Sensor

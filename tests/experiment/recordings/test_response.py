@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.rig import ActuatorRig, ShapingRig
+from experiment.apparatus.rig_panel import ActuatorRig, ShapingRig
 from experiment.errors import RecordingError, RigError
 from experiment.recordings.response import open_drive, read, write
 from experiment.synthesis.shaping import Response

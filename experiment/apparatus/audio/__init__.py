@@ -1,0 +1,1 @@
+"""One full-duplex audio stream: masker, stimulus, microphone and loopback on one sample clock."""

@@ -1,0 +1,159 @@
+"""Latency and level of an audio device, measured through its loopback."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus.audio import delivered
+from experiment.apparatus.audio.stream import AudioStream
+from experiment.errors import AudioError, RigError
+
+SWEEP_S = 0.05
+LOW_HZ, HIGH_HZ = 50.0, 2000.0
+"""The probe: a sweep over what actuators are driven with, one frequency a moment, so that it is found to the sample."""
+
+LONGEST_S = 0.5
+"""Longest way from output to input, s."""
+
+
+@dataclass(frozen=True)
+class Loopback:
+    """What the loopback showed.
+
+    Attributes:
+        round_trip_frames: from output to input, median of all probes.
+        spread_frames: largest minus smallest.
+        gain: what a sample of 1.0 comes back as, median.
+        spread_db: largest over smallest gain.
+        residual_db: worst of the probes.
+        probes: how many.
+        xruns: that the device reported meanwhile.
+        output_ms: share of the output.
+        input_ms: share of the input.
+        as_reported: whether driver reported both latencies, so that they are divided as it says; else in halves.
+    """
+
+    round_trip_frames: float
+    spread_frames: int
+    gain: float
+    spread_db: float
+    residual_db: float
+    probes: int
+    xruns: int
+    output_ms: float
+    input_ms: float
+    as_reported: bool
+
+    def table(self, today: date, days: int) -> str:
+        """Table [audio.latency] of a rig file."""
+        return "[audio.latency]\n" + "".join(f"{key} = {value}\n" for key, value in self.values(today, days).items())
+
+    def values(self, today: date, days: int) -> dict[str, str]:
+        """Keys of [audio.latency] and what to write there."""
+        return {
+            "output_ms": f"{self.output_ms:.3f}",
+            "input_ms": f"{self.input_ms:.3f}",
+            "loopback_gain": str(float(f"{self.gain:.4g}")),
+            "calibrated_on": today.isoformat(),
+            "calibration_days": str(days),
+        }
+
+
+def probe(*, rate_hz: int, peak: float) -> NDArray[np.float32]:
+    """The sweep that is played.
+
+    Args:
+        rate_hz: of the device.
+        peak: of its samples, 1.0 being full scale.
+
+    Returns:
+        Shape (n,), beginning and ending at zero.
+    """
+    from scipy import signal
+
+    t = np.arange(round(SWEEP_S * rate_hz)) / rate_hz
+    wave: NDArray[np.float64] = signal.chirp(t, LOW_HZ, SWEEP_S, HIGH_HZ) * np.sin(np.pi * t / SWEEP_S)
+    return (peak * wave).astype(np.float32)
+
+
+def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes: int) -> Loopback:
+    """Play probes and listen for them.
+
+    Args:
+        stream: running.
+        output: output channel of the actuator, from 1.
+        entry: input channel of the loopback, from 1.
+        peak: of the probes, 1.0 being full scale.
+        probes: how many.
+
+    Raises:
+        AudioError: a probe was not heard, or the stream has stopped.
+    """
+    wave = probe(rate_hz=stream.rate_hz, peak=peak)
+    reach = round(LONGEST_S * stream.rate_hz)
+    xruns = stream.health.xruns
+    lags, gains, residuals = [], [], []
+    for number in range(1, probes + 1):
+        cue = stream.schedule(wave, channel=output - 1, frame=stream.next_frame + 4 * stream.lead_frames)
+        heard = stream.kept(cue.frame, wave.size + reach)[:, entry - 1]
+        found = delivered.align(heard, wave, gain=1.0)
+        if cue.started is None or found is None:
+            raise AudioError(
+                f"audio calibration: probe {number} of {probes} on output {output} was not heard on input {entry}; "
+                "lay the loopback's cable, turn its level up, and see that nothing else loads the machine"
+            )
+        lags.append(found.onset)
+        gains.append(found.gain)
+        residuals.append(found.residual_db - 20 * np.log10(abs(found.gain)))
+    gain = float(np.median(gains))
+    if gain <= 0:
+        raise AudioError(f"audio calibration: got a gain of {gain:.3g}; allowed: above 0; turn the cable's polarity")
+    round_trip = float(np.median(lags))
+    round_trip_ms = 1e3 * round_trip / stream.rate_hz
+    entry_s, output_s = stream.reported_latency_s
+    as_reported = entry_s > 0 and output_s > 0
+    output_ms = round_trip_ms * (output_s / (entry_s + output_s) if as_reported else 0.5)
+    return Loopback(
+        round_trip_frames=round_trip,
+        spread_frames=max(lags) - min(lags),
+        gain=gain,
+        spread_db=20 * float(np.log10(max(gains) / min(gains))) if min(gains) > 0 else np.inf,
+        residual_db=float(max(residuals)),
+        probes=probes,
+        xruns=stream.health.xruns - xruns,
+        output_ms=output_ms,
+        input_ms=round_trip_ms - output_ms,
+        as_reported=as_reported,
+    )
+
+
+def rewritten(rig_text: str, values: dict[str, str]) -> str:
+    """A rig file with other values in its table [audio.latency]; all else, comments too, stays as it is.
+
+    Args:
+        rig_text: of a rig file that is in order.
+        values: key -> what to write.
+
+    Raises:
+        RigError: the table does not stand there as a table of its own, with each key on a line.
+    """
+    head = re.search(r"^\[audio\.latency\][^\n]*\n", rig_text, re.MULTILINE)
+    missing = RigError(
+        "audio.latency: got no table of its own with a line for each key; paste what was printed instead"
+    )
+    if head is None:
+        raise missing
+    following = re.compile(r"^\s*\[", re.MULTILINE).search(rig_text, head.end())
+    end = following.start() if following else len(rig_text)
+    table = rig_text[head.end() : end]
+    for key, value in values.items():
+        line = re.compile(rf"^(\s*{key}\s*=\s*)[^\s#]+", re.MULTILINE)
+        table, count = line.subn(rf"\g<1>{value}", table)
+        if count != 1:
+            raise missing
+    return rig_text[: head.end()] + table + rig_text[end:]

@@ -1,0 +1,294 @@
+"""What an audio callback does with each block: loops and stimuli mixed, limited, and the inputs kept. No device.
+
+The callback and the session's thread share no lock. A stimulus that waits lies in a deque of at most one place, and
+whoever pops it owns it: the callback to start it, the session's thread to move or withdraw it. So a stimulus either
+starts at the frame that was asked for last, or the session knows that it can no longer be moved. Everything that
+`fill` touches was allocated before the stream began; what it allocates are views of it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.errors import AudioError
+
+SLOTS = 8
+"""Stimuli that may wait or sound at a time."""
+
+AT_ONCE = -1
+"""In place of a frame: with the next block."""
+
+Block = NDArray[np.float32]
+
+
+class Cue:
+    """A stimulus handed to the mixer. The callback alone writes `started`, `late` and `done`.
+
+    Attributes:
+        channel: output channel, from 0.
+        samples: its length.
+        frame: frame at which its first sample is to leave, or `AT_ONCE`.
+        started: frame at which it left; None as long as it has not.
+        late: its frame had passed when the callback came to it, so it was not played.
+        done: nothing more of it will sound.
+    """
+
+    __slots__ = ("channel", "done", "frame", "late", "samples", "slot", "started")
+
+    def __init__(self, slot: int, channel: int, samples: int, frame: int) -> None:
+        self.slot = slot
+        self.channel = channel
+        self.samples = samples
+        self.frame = frame
+        self.started: int | None = None
+        self.late = False
+        self.done = False
+
+
+class _Slot:
+    """A place for one stimulus."""
+
+    __slots__ = ("buffer", "cue", "playing", "position", "waiting")
+
+    def __init__(self, samples: int) -> None:
+        self.buffer = np.zeros(samples, np.float32)
+        self.waiting: deque[Cue] = deque(maxlen=1)
+        self.cue: Cue | None = None
+        self.playing: Cue | None = None
+        self.position = 0
+
+
+class Loop:
+    """Samples without end, which the mixer plays with a gain that changes in ramps. The callback alone writes `gain`.
+
+    Attributes:
+        samples: one round, float32, shape (n,); frame f of the stream plays sample f modulo n.
+        channels: output channels, from 0.
+        wanted: the gain to go to.
+        step: largest change of gain from a frame to the next.
+        gain: the gain of the last frame played.
+    """
+
+    __slots__ = ("channels", "gain", "samples", "step", "wanted")
+
+    def __init__(self, samples: Block, channels: tuple[int, ...], step: float) -> None:
+        self.samples = samples
+        self.channels = channels
+        self.step = step
+        self.wanted = 0.0
+        self.gain = 0.0
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What a mixer is made for.
+
+    Attributes:
+        outputs: output channels.
+        inputs: input channels.
+        block: frames of the largest block.
+        stimulus_frames: frames of the longest stimulus.
+        kept_frames: frames of input that are kept.
+        ceilings: largest magnitude of a sample of each output channel, 1.0 being full scale.
+    """
+
+    outputs: int
+    inputs: int
+    block: int
+    stimulus_frames: int
+    kept_frames: int
+    ceilings: tuple[float, ...]
+
+
+class Mixer:
+    """Everything between the session's thread and the samples of a block."""
+
+    def __init__(self, layout: Layout) -> None:
+        """Allocate.
+
+        Raises:
+            AudioError: a ceiling is no limit.
+        """
+        if len(layout.ceilings) != layout.outputs or not all(0 <= c <= 1 for c in layout.ceilings):
+            raise AudioError(
+                f"limiter: got ceilings {layout.ceilings}; allowed: from 0 to 1 for each of {layout.outputs} channels"
+            )
+        self.layout = layout
+        self.frame = 0
+        """First frame of the next block: whatever lies before it has been handed to the device."""
+        self.limited = 0
+        """Samples that the limiter changed."""
+        self.loop: Loop | None = None
+        self._slots = [_Slot(layout.stimulus_frames) for _ in range(SLOTS)]
+        self._kept = np.zeros((layout.kept_frames, layout.inputs), np.float32)
+        self._ceilings = np.array(layout.ceilings, np.float32)
+        self._floors = -self._ceilings
+        self._before = np.zeros((layout.block, layout.outputs), np.float32)
+        self._changed = np.zeros((layout.block, layout.outputs), np.bool_)
+        self._counting = np.arange(1, layout.block + 1, dtype=np.float32)
+        self._gains = np.zeros(layout.block, np.float32)
+        self._looped = np.zeros(layout.block, np.float32)
+
+    def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
+        """Hand over a stimulus.
+
+        Args:
+            waveform: samples, 1.0 being full scale, shape (n,).
+            channel: output channel, from 0.
+            frame: at which its first sample is to leave, or `AT_ONCE`.
+
+        Raises:
+            AudioError: nothing to play, too long, no such channel, or too many stimuli wait already.
+        """
+        if np.ndim(waveform) != 1 or not 1 <= np.size(waveform) <= self.layout.stimulus_frames:
+            raise AudioError(
+                f"audio: got a stimulus of shape {np.shape(waveform)}; allowed: one channel of 1 to "
+                f"{self.layout.stimulus_frames} samples; shorten it"
+            )
+        if not 0 <= channel < self.layout.outputs:
+            raise AudioError(f"audio: got output channel {channel + 1}; allowed: 1 to {self.layout.outputs}")
+        for number, slot in enumerate(self._slots):
+            if slot.cue is None or slot.cue.done:
+                slot.buffer[: len(waveform)] = waveform
+                cue = slot.cue = Cue(number, channel, len(waveform), frame)
+                slot.waiting.append(cue)
+                return cue
+        raise AudioError(f"audio: got one stimulus more than the {SLOTS} that may wait at a time; withdraw one")
+
+    def move(self, cue: Cue, frame: int) -> bool:
+        """Have a waiting stimulus start at another frame; False if it has started, then nothing is changed."""
+        slot = self._slots[cue.slot]
+        if slot.cue is not cue or not slot.waiting:
+            return False
+        try:
+            slot.waiting.pop()
+        except IndexError:  # The callback was faster.
+            return False
+        cue.frame = frame
+        slot.waiting.append(cue)
+        return True
+
+    def withdraw(self, cue: Cue) -> bool:
+        """Take a stimulus back; True if nothing of it has sounded or will."""
+        slot = self._slots[cue.slot]
+        if slot.cue is cue and slot.waiting:
+            try:
+                slot.waiting.pop()
+            except IndexError:  # The callback was faster.
+                return cue.done and cue.started is None
+            cue.done = True
+        return cue.done and cue.started is None
+
+    def fill(self, outputs: Block, inputs: Block) -> None:
+        """Make the next block, and keep what was heard meanwhile. The callback's whole work.
+
+        Args:
+            outputs: to be filled, shape (frames, outputs), at most `block` frames.
+            inputs: what the device heard, shape (frames, inputs).
+        """
+        first, frames = self.frame, len(outputs)
+        self._keep(inputs, first)
+        outputs.fill(0)
+        # The limiter sees to what a sum of infinities leaves; nothing is to be said of it here.
+        with np.errstate(invalid="ignore", over="ignore"):
+            if self.loop is not None:
+                self._play_loop(self.loop, outputs, first)
+            for slot in self._slots:
+                if slot.waiting:
+                    self._start(slot, first, first + frames)
+                if slot.playing is not None:
+                    self._play(slot, slot.playing, outputs, first)
+        self._limit(outputs)
+        self.frame = first + frames
+
+    def kept(self, frame: int, frames: int) -> Block:
+        """What the inputs heard.
+
+        Args:
+            frame: the first frame.
+            frames: how many.
+
+        Returns:
+            Samples, shape (frames, inputs).
+
+        Raises:
+            AudioError: not all of it has been heard yet, or not all of it is still kept.
+        """
+        if frame < 0 or frames < 0 or frame + frames > self.frame:
+            raise AudioError(f"audio: got a wish for input up to frame {frame + frames}; allowed: up to {self.frame}")
+        taken = self._kept[np.arange(frame, frame + frames) % len(self._kept)]
+        # The block under way may be overwriting what lies a whole ring behind it.
+        oldest = self.frame + self.layout.block - len(self._kept)
+        if frame < oldest:
+            raise AudioError(f"audio: got a wish for input from frame {frame} on; allowed: from {oldest}, ask sooner")
+        return taken
+
+    def _keep(self, inputs: Block, first: int) -> None:
+        ring = self._kept
+        at = first % len(ring)
+        until_end = min(len(inputs), len(ring) - at)
+        ring[at : at + until_end] = inputs[:until_end]
+        ring[: len(inputs) - until_end] = inputs[until_end:]
+
+    def _start(self, slot: _Slot, first: int, end: int) -> None:
+        try:
+            if slot.waiting[0].frame >= end:
+                return
+            cue = slot.waiting.pop()
+        except IndexError:  # The session's thread is moving it, or has withdrawn it.
+            return
+        if cue.frame >= end:  # Moved since it was looked at.
+            slot.waiting.append(cue)
+        elif AT_ONCE < cue.frame < first:
+            cue.late = True
+            cue.done = True
+        else:
+            cue.started = max(cue.frame, first)
+            slot.position = 0
+            slot.playing = cue
+
+    def _play(self, slot: _Slot, cue: Cue, outputs: Block, first: int) -> None:
+        begin = max((cue.started or 0) - first, 0)
+        frames = min(cue.samples - slot.position, len(outputs) - begin)
+        outputs[begin : begin + frames, cue.channel] += slot.buffer[slot.position : slot.position + frames]
+        slot.position += frames
+        if slot.position == cue.samples:
+            slot.playing = None
+            cue.done = True
+
+    def _play_loop(self, loop: Loop, outputs: Block, first: int) -> None:
+        frames = len(outputs)
+        wave, gains = self._looped[:frames], self._gains[:frames]
+        done = 0
+        while done < frames:
+            at = (first + done) % len(loop.samples)
+            piece = min(frames - done, len(loop.samples) - at)
+            wave[done : done + piece] = loop.samples[at : at + piece]
+            done += piece
+        wanted = loop.wanted
+        if wanted == loop.gain:
+            np.multiply(wave, wanted, out=wave)
+        else:
+            np.multiply(self._counting[:frames], loop.step if wanted > loop.gain else -loop.step, out=gains)
+            gains += loop.gain
+            (np.minimum if wanted > loop.gain else np.maximum)(gains, wanted, out=gains)
+            np.multiply(wave, gains, out=wave)
+            reached = float(gains[-1])
+            loop.gain = wanted if reached == np.float32(wanted) else reached
+        for channel in loop.channels:
+            outputs[:, channel] += wave
+
+    def _limit(self, outputs: Block) -> None:
+        """Last before the device: no sample above its channel's ceiling, NaN to 0."""
+        before, changed = self._before[: len(outputs)], self._changed[: len(outputs)]
+        np.copyto(before, outputs)
+        np.isnan(outputs, out=changed)
+        np.copyto(outputs, 0, where=changed)
+        np.clip(outputs, self._floors, self._ceilings, out=outputs)
+        np.not_equal(before, outputs, out=changed)
+        self.limited += int(np.count_nonzero(changed))

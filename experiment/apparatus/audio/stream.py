@@ -1,0 +1,246 @@
+"""The one full-duplex stream of a session: opened once and kept; everything is told by its frames.
+
+Frames count from 0 at the stream's first sample. A block's samples are made by `mixer.Mixer` in the device's callback;
+`timeline.Timeline` says which session time a frame is. What is scheduled before `lead_frames` have to be made leaves
+at its very frame; what comes too late is never played belatedly: its cue says so.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus.audio import devices
+from experiment.apparatus.audio.mixer import Block, Cue, Layout, Loop, Mixer
+from experiment.apparatus.audio.timeline import Fit, Timeline
+from experiment.clock import Clock
+from experiment.errors import AudioError
+
+STIMULUS_S = 4.0
+"""Longest stimulus, s."""
+
+KEPT_S = 30.0
+"""How much input is kept, s."""
+
+SILENT_S = 2.0
+"""A stream whose device asks for nothing for this long has stopped, s."""
+
+FADE_S = 0.05
+"""How long a loop takes from silence to full scale and back, s: a step would click."""
+
+
+SWITCH_S = 0.0005
+"""How long another thread of the process may hold the callback up while a stream is open, s; CPython's own is 5 ms."""
+
+
+@dataclass(frozen=True)
+class StreamSettings:
+    """How a stream is opened.
+
+    Attributes:
+        host_api: as PortAudio names it.
+        device: name of the device there.
+        rate_hz: frames a second.
+        block: frames of a block; with JACK the server's period, or a buffer more stands between.
+        inputs: input channels to open.
+        ceilings: largest magnitude of a sample for each output channel to open, 1.0 being full scale.
+    """
+
+    host_api: str
+    device: str
+    rate_hz: int
+    block: int
+    inputs: int
+    ceilings: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class StreamHealth:
+    """What went on in a stream since it was opened.
+
+    Attributes:
+        frames: frames made.
+        xruns: callbacks that the device marked as coming after an under-run or an overflow.
+        gaps: times at which it stood still or lost frames, as the clock tells.
+        limited: samples that the limiter changed.
+        fit: how well callbacks keep to the timeline.
+    """
+
+    frames: int
+    xruns: int
+    gaps: int
+    limited: int
+    fit: Fit
+
+
+class AudioStream:
+    """A session's sound, in and out."""
+
+    def __init__(self, settings: StreamSettings, clock: Clock) -> None:
+        """Open the device and wait until it runs.
+
+        Args:
+            settings: what to open.
+            clock: the session's clock; it must go by itself.
+
+        Raises:
+            AudioError: no such device, it is busy, has too few channels, refuses the rate, or does not start.
+        """
+        self._settings = settings
+        self._clock = clock
+        outputs = len(settings.ceilings)
+        self._mixer = Mixer(
+            Layout(
+                outputs=outputs,
+                inputs=settings.inputs,
+                block=settings.block,
+                stimulus_frames=round(STIMULUS_S * settings.rate_hz),
+                kept_frames=round(KEPT_S * settings.rate_hz),
+                ceilings=settings.ceilings,
+            )
+        )
+        self._timeline = Timeline(rate_hz=settings.rate_hz, block=settings.block)
+        self._xruns = 0
+        self._broken: Exception | None = None
+        sounddevice = devices.library()
+        self._abort = sounddevice.CallbackAbort
+        number = devices.find(host_api=settings.host_api, name=settings.device, inputs=settings.inputs, outputs=outputs)
+        self._switch_s = sys.getswitchinterval()
+        sys.setswitchinterval(min(SWITCH_S, self._switch_s))
+        with devices.explained(settings.device):
+            self._stream = sounddevice.Stream(
+                device=(number, number),
+                channels=(settings.inputs, outputs),
+                samplerate=settings.rate_hz,
+                blocksize=settings.block,
+                dtype="float32",
+                latency="low",
+                callback=self._called,
+            )
+            self._stream.start()
+        try:
+            self.wait(2 * settings.block)
+        except AudioError:
+            self.close()
+            raise
+
+    @property
+    def rate_hz(self) -> int:
+        """Frames a second."""
+        return self._settings.rate_hz
+
+    @property
+    def lead_frames(self) -> int:
+        """How far ahead of `next_frame` a stimulus must be scheduled so that it is not too late."""
+        return self._settings.block
+
+    @property
+    def next_frame(self) -> int:
+        """The first frame that has not been handed to the device."""
+        return self._mixer.frame
+
+    @property
+    def reported_latency_s(self) -> tuple[float, float]:
+        """Latencies of input and output as the driver states them, s."""
+        entry, out = self._stream.latency
+        return float(entry), float(out)
+
+    @property
+    def health(self) -> StreamHealth:
+        """What went on since it was opened."""
+        return StreamHealth(
+            self._mixer.frame, self._xruns, self._timeline.gaps, self._mixer.limited, self._timeline.fit()
+        )
+
+    def ns_of(self, frame: float) -> int:
+        """Session time at which the stream takes a frame, ns; the output's latency comes on top."""
+        return self._timeline.ns_of(frame)
+
+    def frame_at(self, t_ns: int) -> int:
+        """The frame that the stream takes at a session time."""
+        return self._timeline.frame_at(t_ns)
+
+    def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
+        """Have a waveform play from a frame on, or with the next block (`mixer.AT_ONCE`); see `Mixer.schedule`.
+
+        Raises:
+            AudioError: it cannot be scheduled, or the stream has stopped.
+        """
+        self._check()
+        return self._mixer.schedule(waveform, channel=channel, frame=frame)
+
+    def move(self, cue: Cue, frame: int) -> bool:
+        """Have a waiting stimulus start at another frame; False if it has started, then nothing is changed."""
+        return self._mixer.move(cue, frame)
+
+    def withdraw(self, cue: Cue) -> bool:
+        """Take a stimulus back; True if nothing of it has sounded or will."""
+        return self._mixer.withdraw(cue)
+
+    def play_loop(self, samples: Block, channels: tuple[int, ...]) -> Loop:
+        """Play samples without end on some channels, in silence until the loop's `wanted` gain is raised."""
+        loop = Loop(np.ascontiguousarray(samples, np.float32), channels, 1 / (FADE_S * self.rate_hz))
+        self._mixer.loop = loop
+        return loop
+
+    def kept(self, frame: int, frames: int) -> Block:
+        """What the inputs heard, once they have: shape (frames, inputs).
+
+        Raises:
+            AudioError: it is not kept any more, or the stream has stopped.
+        """
+        self.wait(frame + frames)
+        return self._mixer.kept(frame, frames)
+
+    def wait(self, frame: int) -> None:
+        """Wait until every frame before `frame` has been made.
+
+        Raises:
+            AudioError: the stream has stopped.
+        """
+        seen, seen_ns = self._mixer.frame, self._clock.now_ns()
+        while self._mixer.frame < frame:
+            self._clock.sleep_ns(int(0.5e9 * self._settings.block / self.rate_hz))
+            self._check()
+            now_ns = self._clock.now_ns()
+            if self._mixer.frame != seen:
+                seen, seen_ns = self._mixer.frame, now_ns
+            elif now_ns - seen_ns > SILENT_S * 1e9:
+                raise AudioError(
+                    f"audio device '{self._settings.device}': asked for no sample within {SILENT_S:g} s; "
+                    "see that the device is plugged in and its server runs, then start again"
+                )
+
+    def close(self) -> None:
+        """Fade what loops, stop and close the device."""
+        sys.setswitchinterval(self._switch_s)
+        loop = self._mixer.loop
+        if loop is not None and loop.gain > 0 and self._stream.active:
+            loop.wanted = 0.0
+            self.wait(self._mixer.frame + round(FADE_S * self.rate_hz) + 2 * self._settings.block)
+        with devices.explained(self._settings.device):
+            self._stream.close()
+
+    def _called(self, inputs: Block, outputs: Block, _frames: int, _time: object, status: Any) -> None:
+        try:
+            self._timeline.note(self._mixer.frame, self._clock.now_ns())
+            if status:
+                self._xruns += 1
+            self._mixer.fill(outputs, inputs)
+        except Exception as error:
+            outputs.fill(0)
+            self._broken = error
+            raise self._abort from error
+
+    def _check(self) -> None:
+        if self._broken is not None:
+            raise AudioError(f"audio: the stream broke ({self._broken}); start again") from self._broken
+        if not self._stream.active:
+            raise AudioError(
+                f"audio device '{self._settings.device}': it stopped; see that it is plugged in and its server runs, "
+                "then start again"
+            )

@@ -1,0 +1,253 @@
+"""REHEARSAL: the simulated sound card, a JACK server of our own with its dummy driver. It plays to nobody.
+
+Whatever the stream of a session sends to an output is there, sample for sample: `connect` is the cable from an output
+to an input, and `Tap` listens to an output from outside.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from filelock import FileLock, Timeout
+from numpy.typing import NDArray
+
+from experiment.apparatus.audio import devices
+from experiment.errors import AudioError
+
+HOST_API = "JACK Audio Connection Kit"
+DEVICE = "system"
+"""As PortAudio names the simulated card."""
+
+STREAM = "PortAudio"
+"""The client that a session's stream is, as JACK names it."""
+
+READY_S = 10.0
+"""How long the server may take to start, s."""
+
+PLACES = 6
+"""Servers of this kind that may run at a time on a machine: JACK itself allows eight of any kind. A few names are used
+over and over, for JACK gives the place of a server that was killed to the next one of its name, and to no other."""
+
+_SERVER = "JACK_DEFAULT_SERVER"
+_VARIABLES = {"JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
+
+
+class SoundCard:
+    """A running JACK server; this process's streams find it, and it alone, until it is closed."""
+
+    def __init__(self, *, rate_hz: int, block: int, inputs: int, outputs: int, exact: bool = True) -> None:
+        """Start the server and wait for it. No audio stream may be open in this process.
+
+        Args:
+            rate_hz: frames a second.
+            block: frames of a period.
+            inputs: channels.
+            outputs: channels.
+            exact: a period waits until every client has done its part, so that no sample is ever lost; False for a
+                server that goes on without them, as a device does.
+
+        Raises:
+            AudioError: JACK is not installed, or the server does not start.
+        """
+        program = shutil.which("jackd")
+        if program is None:
+            raise AudioError("simulated sound card: got no jackd; allowed: JACK 2; install the system's package jackd2")
+        self._jack = _jack()
+        self._before = {name: os.environ.get(name) for name in (*_VARIABLES, _SERVER)}
+        self._folder = tempfile.TemporaryDirectory(prefix="palpate-jack-")
+        self._place: FileLock | None = None
+        os.environ.update(_VARIABLES)
+        arguments = ["-r", str(rate_hz), "-p", str(block), "-C", str(inputs), "-P", str(outputs)]
+        ends = shutil.which("setpriv")
+        # The server must not outlive this process, even where that is killed: the kernel ends it with its parent,
+        # and -T with its last client.
+        command = [*([ends, "--pdeathsig", "KILL"] if ends else []), program, *(["-S"] if exact else []), "-T"]
+        try:
+            with devices.looking_anew():
+                self._wiring = self._started([*command, "--no-realtime", "-n"], ["-d", "dummy", *arguments])
+        except AudioError:
+            self._tidy()
+            raise
+
+    def connect(self, output: int, *to: int) -> None:
+        """Lay a cable from an output of the session's stream to some of its inputs; channels from 1.
+
+        Raises:
+            AudioError: there is no such channel, or no stream is open.
+        """
+        for entry in to:
+            self._wired(self._wiring.connect, self._port("out", output), self._port("in", entry))
+
+    def disconnect(self, entry: int) -> None:
+        """Pull every cable from an input of the session's stream; channels from 1.
+
+        Raises:
+            AudioError: there is no such channel, or no stream is open.
+        """
+        port = self._port("in", entry)
+        for source in self._wired(self._wiring.get_all_connections, port):
+            self._wired(self._wiring.disconnect, source, port)
+
+    def tap(self, output: int, *, seconds: float) -> Tap:
+        """Listen to an output of the session's stream from now on; channels from 1."""
+        client = self._client("panel", wait=False)
+        if client is None:
+            raise AudioError("simulated sound card: its server has ended; start again")
+        return Tap(client, self._port("out", output), seconds)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Have the server stand still meanwhile, as a driver does that hangs."""
+        self._server.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self._server.send_signal(signal.SIGCONT)
+
+    def close(self) -> None:
+        """Stop the server. Streams and taps must be closed before."""
+        with devices.looking_anew():
+            self._wiring.close()
+            self._stop()
+            self._tidy()
+
+    def _started(self, before: list[str], after: list[str]) -> Any:
+        """Start a server under the first name that is free, and return a client of it."""
+        said = f"{PLACES} run already"
+        for number in range(PLACES):
+            name = f"palpate-{number}"
+            place = FileLock(Path(tempfile.gettempdir()) / f"palpate-jack-{os.getuid()}-{number}.lock", timeout=0)
+            try:
+                place.acquire()
+            except Timeout:
+                continue
+            log = Path(self._folder.name) / "log"
+            with log.open("wb") as file:
+                self._server = subprocess.Popen(  # noqa: S603
+                    [*before, name, *after], stdout=file, stderr=file, stdin=subprocess.DEVNULL, start_new_session=True
+                )
+            self._name, os.environ[_SERVER] = name, name
+            client = self._client("wiring", wait=True)
+            if client is not None:
+                self._place = place
+                return client
+            self._stop()
+            place.release()
+            said = " ".join(log.read_text("utf-8", "replace").strip().splitlines()[-1:])
+        raise AudioError(
+            f"simulated sound card: JACK did not start ({said}); see that jackd runs on this machine, then start again"
+        )
+
+    def _client(self, name: str, *, wait: bool) -> Any:
+        """A client of the server; None where it has ended, or with `wait` is not ready in time."""
+        ends = time.monotonic() + (READY_S if wait else 0)
+        while self._server.poll() is None:
+            try:
+                return self._jack.Client(name, servername=self._name, no_start_server=True)
+            except self._jack.JackError:
+                if time.monotonic() > ends:
+                    break
+                time.sleep(0.02)
+        return None
+
+    def _port(self, kind: str, channel: int) -> Any:
+        # PortAudio goes on counting from stream to stream.
+        ports = self._wiring.get_ports(f"^{STREAM}:{kind}_[0-9]+$")
+        if not 1 <= channel <= len(ports):
+            raise AudioError(
+                f"simulated sound card: got channel {channel} ({kind}); allowed: 1 to {len(ports)}; open the stream "
+                "first, and with as many channels as are wired"
+            )
+        return sorted(ports, key=lambda port: int(port.shortname.rpartition("_")[2]))[channel - 1]
+
+    def _wired(self, call: Callable[..., Any], *ports: Any) -> Any:
+        try:
+            return call(*ports)
+        except self._jack.JackError as error:
+            raise AudioError(f"simulated sound card: {error}; start again") from error
+
+    def _stop(self) -> None:
+        self._server.terminate()
+        try:
+            self._server.wait(5)
+        except subprocess.TimeoutExpired:
+            self._server.kill()
+            self._server.wait()
+
+    def _tidy(self) -> None:
+        self._folder.cleanup()
+        if self._place is not None:
+            self._place.release()
+        for name, value in self._before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+class Tap:
+    """What one output carries, kept from the moment of tapping on."""
+
+    def __init__(self, client: Any, port: Any, seconds: float) -> None:
+        self._client = client
+        self._port = client.inports.register("in")
+        self._kept = np.zeros(round(seconds * client.samplerate), np.float32)
+        self._count = 0
+        client.set_process_callback(self._called)
+        client.activate()
+        client.connect(port, self._port)
+
+    @property
+    def kept(self) -> int:
+        """How many of the last samples are kept."""
+        return len(self._kept)
+
+    @property
+    def count(self) -> int:
+        """Samples heard so far."""
+        return self._count
+
+    def heard(self, first: int, end: int) -> NDArray[np.float32]:
+        """Samples `first` to `end`, counted from the moment of tapping; of those no longer kept, none."""
+        first = max(first, self._count - len(self._kept))
+        return self._kept[np.arange(first, min(end, self._count)) % len(self._kept)]
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._client.deactivate()
+        self._client.close()
+
+    def _called(self, frames: int) -> None:
+        block = self._port.get_array()
+        at = self._count % len(self._kept)
+        until_end = min(frames, len(self._kept) - at)
+        self._kept[at : at + until_end] = block[:until_end]
+        self._kept[: frames - until_end] = block[until_end:]
+        self._count += frames
+
+
+def _jack() -> ModuleType:
+    try:
+        import jack
+    except (ImportError, OSError) as error:
+        raise AudioError(
+            f"simulated sound card: JACK-Client cannot be used ({error}); install palpate[lab], and JACK 2 "
+            "(the system's package jackd2)"
+        ) from error
+    # The library's own words would stand between the experimenter's lines.
+    with suppress(AttributeError):
+        jack.set_error_function(lambda _text: None)
+        jack.set_info_function(lambda _text: None)
+    module: ModuleType = jack
+    return module

@@ -1,0 +1,188 @@
+"""The mixer without a device: blocks of any size against a sum written down frame by frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as arrays
+
+from experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, Layout, Loop, Mixer
+from experiment.errors import AudioError
+
+ANYTHING = st.floats(allow_nan=True, allow_infinity=True, width=32)
+
+
+def mixer(*, ceilings: tuple[float, ...] = (1.0, 1.0), block: int = 64, kept: int = 4096) -> Mixer:
+    return Mixer(Layout(len(ceilings), 1, block, 1000, kept, ceilings))
+
+
+def run(mixed: Mixer, blocks: list[int]) -> np.ndarray:
+    """What leaves the outputs; the input hears the number of each frame."""
+    made = []
+    for frames in blocks:
+        outputs = np.full((frames, mixed.layout.outputs), 9.0, np.float32)
+        mixed.fill(outputs, (mixed.frame + np.arange(frames, dtype=np.float32))[:, None])
+        made.append(outputs)
+    return np.concatenate(made)
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A stimulus: where it is first asked for, where it is moved to before the stream begins, and its samples."""
+
+    frame: int
+    moved: int | None
+    channel: int
+    samples: np.ndarray
+
+
+ASKED = st.builds(
+    Asked,
+    frame=st.integers(0, 300),
+    moved=st.none() | st.integers(0, 300),
+    channel=st.integers(0, 1),
+    samples=arrays.arrays(np.float32, st.integers(1, 150), elements=ANYTHING),
+)
+
+
+@settings(max_examples=200)
+@given(
+    stimuli=st.lists(ASKED, max_size=SLOTS),
+    blocks=st.lists(st.integers(1, 64), min_size=1, max_size=20),
+    ceilings=st.tuples(st.floats(0, 1, width=32), st.floats(0, 1, width=32)),
+)
+def test_every_stimulus_is_summed_at_its_frame_and_limited_last(
+    stimuli: list[Asked], blocks: list[int], ceilings: tuple[float, float]
+) -> None:
+    mixed = mixer(ceilings=ceilings)
+    wanted = np.zeros((sum(blocks) + 500, 2), np.float32)
+    cues = []
+    for one in stimuli:
+        cues.append(mixed.schedule(one.samples, channel=one.channel, frame=one.frame))
+        begin = one.frame
+        if one.moved is not None:
+            assert mixed.move(cues[-1], one.moved)
+            begin = one.moved
+        with np.errstate(all="ignore"):
+            wanted[begin : begin + len(one.samples), one.channel] += one.samples
+    made = run(mixed, blocks)
+    wanted = wanted[: len(made)]
+    expected = np.clip(np.where(np.isnan(wanted), 0, wanted), [-c for c in ceilings], ceilings).astype(np.float32)
+    # Sums of several stimuli depend on their order in the last bit.
+    np.testing.assert_allclose(made, expected, rtol=1e-6, atol=1e-6)
+    assert np.all(np.abs(made) <= np.array(ceilings, np.float32))
+    for one, cue in zip(stimuli, cues, strict=True):
+        begin = one.frame if one.moved is None else one.moved
+        assert cue.started == (begin if begin < len(made) else None)
+        assert cue.done == (begin + len(one.samples) <= len(made))
+
+
+@settings(max_examples=100)
+@given(
+    blocks=st.lists(st.integers(1, 64), min_size=1, max_size=30),
+    length=st.integers(1, 200),
+    gains=st.lists(st.floats(0, 1, width=32), min_size=1, max_size=3),
+    step=st.floats(1e-3, 1.0),
+)
+def test_a_loop_goes_on_and_its_gain_never_jumps(
+    blocks: list[int], length: int, gains: list[float], step: float
+) -> None:
+    mixed = mixer()
+    loop = mixed.loop = Loop(np.ones(length, np.float32), (0,), step)
+    made = []
+    for gain in gains:
+        loop.wanted = gain
+        made.append(run(mixed, blocks)[:, 0])
+    steps = np.diff(np.concatenate([[0.0], *made]))
+    assert np.max(np.abs(steps), initial=0) <= step * (1 + 1e-4) + 1e-6
+    before = 0.0
+    for gain, one in zip(gains, made, strict=True):
+        if (len(one) - 1) * step > abs(gain - before) + 1e-3:
+            assert one[-1] == np.float32(gain)
+        before = float(one[-1])
+
+
+def test_a_loop_plays_the_frame_modulo_its_length() -> None:
+    mixed = mixer()
+    samples = np.linspace(-1, 1, 97, dtype=np.float32)
+    loop = mixed.loop = Loop(samples, (1,), 1.0)
+    loop.wanted = loop.gain = 0.5
+    made = run(mixed, [64, 1, 63, 50, 64, 64])
+    assert np.array_equal(made[:, 1], 0.5 * samples[np.arange(len(made)) % 97])
+    assert not made[:, 0].any()
+
+
+def test_what_comes_too_late_is_not_played_and_says_so() -> None:
+    mixed = mixer()
+    run(mixed, [64])
+    cue = mixed.schedule(np.ones(10), channel=0, frame=63)
+    assert not run(mixed, [64, 64]).any()
+    assert (cue.late, cue.done, cue.started) == (True, True, None)
+    assert not mixed.move(cue, 400)
+    assert mixed.withdraw(cue)
+
+
+def test_at_once_is_the_next_block_and_what_has_started_stays() -> None:
+    mixed = mixer()
+    run(mixed, [64])
+    cue = mixed.schedule(np.ones(100), channel=0, frame=AT_ONCE)
+    made = run(mixed, [64])
+    assert cue.started == 64
+    assert made[:, 0].all()
+    assert not mixed.move(cue, 400)
+    assert not mixed.withdraw(cue)
+    assert np.count_nonzero(run(mixed, [64])) == 36
+    assert cue.done
+    assert not mixed.withdraw(cue)
+
+
+def test_a_withdrawn_stimulus_leaves_its_place_to_another() -> None:
+    mixed = mixer()
+    cues = [mixed.schedule(np.ones(4), channel=0, frame=1000) for _ in range(SLOTS)]
+    with pytest.raises(AudioError, match=f"one stimulus more than the {SLOTS} that may wait"):
+        mixed.schedule(np.ones(4), channel=0, frame=0)
+    assert mixed.withdraw(cues[3])
+    later = mixed.schedule(np.full(4, 0.5), channel=1, frame=0)
+    # The cue of the stimulus that had the place before no longer moves anything.
+    assert not mixed.move(cues[3], 2)
+    assert mixed.withdraw(cues[3])
+    assert np.count_nonzero(run(mixed, [8])[:, 1]) == 4
+    assert later.done
+
+
+@given(blocks=st.lists(st.integers(1, 64), min_size=3, max_size=60), data=st.data())
+def test_input_is_kept_by_its_frame(blocks: list[int], data: st.DataObject) -> None:
+    mixed = mixer(kept=300)
+    run(mixed, blocks)
+    end = sum(blocks)
+    oldest = max(end + 64 - 300, 0)
+    first = data.draw(st.integers(oldest, end)) if oldest <= end else end
+    frames = data.draw(st.integers(0, end - first))
+    assert mixed.kept(first, frames)[:, 0].tolist() == list(range(first, first + frames))
+    with pytest.raises(AudioError, match="up to frame"):
+        mixed.kept(end, 1)
+    if oldest > 0:
+        with pytest.raises(AudioError, match="ask sooner"):
+            mixed.kept(oldest - 1, 1)
+
+
+@pytest.mark.parametrize("ceilings", [(1.1, 1.0), (-0.1, 1.0), (float("nan"), 1.0)])
+def test_what_is_no_ceiling_is_refused(ceilings: tuple[float, float]) -> None:
+    with pytest.raises(AudioError, match=r"got ceilings .*; allowed: from 0 to 1 for each of 2 channels"):
+        mixer(ceilings=ceilings)
+
+
+@pytest.mark.parametrize("waveform", [np.ones(0), np.ones(1001), np.ones((2, 2)), np.float64(1)])
+def test_what_is_no_stimulus_is_refused(waveform: np.ndarray) -> None:
+    with pytest.raises(AudioError, match=r"got a stimulus of shape .*; allowed: one channel of 1 to 1000 samples"):
+        mixer().schedule(waveform, channel=0, frame=0)
+
+
+@pytest.mark.parametrize("channel", [-1, 2])
+def test_a_missing_channel_is_refused(channel: int) -> None:
+    with pytest.raises(AudioError, match=f"got output channel {channel + 1}; allowed: 1 to 2"):
+        mixer().schedule(np.ones(1), channel=channel, frame=0)

@@ -1,0 +1,52 @@
+"""Frames and session times: callbacks that come late, clocks that part, and frames that are lost."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from experiment.apparatus.audio.timeline import WINDOW, Timeline
+
+RATE_HZ, BLOCK = 48_000, 256
+START_NS = 1_700_000_000_000_000_000
+PERIOD_NS = BLOCK / RATE_HZ * 1e9
+
+
+def ran(late_ms: np.ndarray, *, drift: float = 0.0) -> Timeline:
+    """A timeline whose callbacks came this late, on a device whose crystal is off by `drift`."""
+    line = Timeline(rate_hz=RATE_HZ, block=BLOCK)
+    for number, late in enumerate(late_ms):
+        line.note(number * BLOCK, START_NS + round(number * PERIOD_NS * (1 + drift) + late * 1e6))
+    return line
+
+
+def test_late_callbacks_do_not_move_it() -> None:
+    rng = np.random.default_rng(1)
+    late_ms = rng.exponential(0.2, 1000)
+    late_ms[500:502] = 20.0
+    line = ran(late_ms)
+    frame = 1000 * BLOCK
+    # The least of 64 exponentials of mean 0.2 ms is below 0.05 ms but once in ten million.
+    assert abs(line.ns_of(frame) - (START_NS + round(1000 * PERIOD_NS))) < 50_000
+    assert line.frame_at(line.ns_of(frame)) == frame
+    assert line.gaps == 0
+    assert line.fit().median_ms == pytest.approx(0.2 * np.log(2), abs=0.1)
+
+
+@pytest.mark.parametrize("drift", [-100e-6, 100e-6])
+def test_it_follows_a_crystal_that_is_off(drift: float) -> None:
+    count = 20_000
+    line = ran(np.zeros(count), drift=drift)
+    truth_ns = START_NS + round((count - 1) * PERIOD_NS * (1 + drift))
+    # A line that rests on the last 64 callbacks is behind by no more than they part.
+    assert abs(line.ns_of((count - 1) * BLOCK) - truth_ns) <= abs(drift) * WINDOW * PERIOD_NS
+    assert line.gaps == 0
+
+
+@pytest.mark.parametrize("lost_ms", [2.0, 20.0, 3000.0])
+def test_lost_frames_are_noticed_at_once(lost_ms: float) -> None:
+    late_ms = np.zeros(200)
+    late_ms[150:] = lost_ms
+    line = ran(late_ms)
+    assert line.gaps == 1
+    assert line.ns_of(200 * BLOCK) == START_NS + round(200 * PERIOD_NS + lost_ms * 1e6)

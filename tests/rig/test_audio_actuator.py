@@ -1,0 +1,193 @@
+"""The actuator on a channel of the audio stream: aimed, heard by loopback, missed and withdrawn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from datetime import date, timedelta
+
+import numpy as np
+import pytest
+
+from experiment.apparatus import opening
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.audio.stream import AudioStream
+from experiment.apparatus.ports import Actuator
+from experiment.apparatus.rig import Rig
+from experiment.clock import MonotonicClock
+from experiment.errors import ActuatorError, RigError
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal.card_panel import CardPanel
+from experiment.rehearsal.sound_card import DEVICE, SoundCard
+from tests.rig import sound
+
+CLOCK = MonotonicClock()
+MS = 10**6
+DAY = date(2026, 11, 22)
+
+
+def headless(**changed: object) -> Rig:
+    """The shipped rig, with an actuator that takes accelerations."""
+    rig = rigs.load(shipped("rigs/headless.toml"))
+    assert rig.audio is not None
+    actuator = rig.actuator.model_copy(update={"shaping": None, "full_scale_m_s2": 64.0})
+    return rig.model_copy(update={"actuator": actuator, "audio": rig.audio.model_copy(update=changed)})
+
+
+RIG = headless()
+
+
+def stimulus(seed: int = 0, samples: int = 4800) -> np.ndarray:
+    wave = np.random.default_rng(seed).uniform(-15, 15, samples)
+    wave[[0, -1]] = 1.0
+    return wave
+
+
+@pytest.fixture(scope="module")
+def card() -> Iterator[SoundCard]:
+    assert RIG.audio is not None
+    with sound.sound_card(block=RIG.audio.block, outputs=3) as opened:
+        yield opened
+
+
+@pytest.fixture
+def stream(card: SoundCard) -> Iterator[AudioStream]:
+    opened = opening.open_audio(RIG, limit_m_s2=20.0, masker=None, clock=CLOCK, today=DAY, device=DEVICE)
+    for entry in (1, 2):
+        card.disconnect(entry)
+    card.connect(3, 2)
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def actuator(stream: AudioStream) -> Actuator:
+    return opening.open_actuator(RIG, limit_m_s2=20.0, stream=stream)
+
+
+@pytest.fixture
+def panel(card: SoundCard, stream: AudioStream) -> Iterator[CardPanel]:
+    opened = CardPanel(card.tap(3, seconds=5.0), RIG.actuator)
+    yield opened
+    opened.close()
+
+
+def test_a_stimulus_is_heard_and_felt_as_it_was_intended(actuator: Actuator, panel: CardPanel) -> None:
+    for seed in range(5):
+        wanted = stimulus(seed)
+        played = actuator.prepare(wanted)
+        assert (played.samples, played.limited) == (4800, 0)
+        onset_ns = CLOCK.now_ns() + 80 * MS
+        assert actuator.aim(onset_ns)
+        assert actuator.aim(onset_ns - 20 * MS)
+        actuator.landed(onset_ns)
+        heard = actuator.delivered()
+        assert heard is not None
+        assert heard.requested_ns == onset_ns - 20 * MS
+        assert (heard.gain, heard.residual_db) == (1.0, -200.0)
+        # How far session time and the stream's went apart meanwhile is the machine's affair, and on the record.
+        assert heard.onset_ns is not None
+        assert heard.onset_error_ms == pytest.approx((heard.onset_ns - heard.requested_ns) / MS)
+        assert heard.delivered == (abs(heard.onset_error_ms) <= 2.0), heard.reason
+        felt = panel.felt(1.0)
+        assert felt is not None
+        assert np.array_equal(felt, (wanted / 64).astype(np.float32).astype(np.float64) * 64)
+        assert panel.felt(0) is None
+
+
+def test_what_lies_within_the_lead_is_refused_and_nothing_changes(actuator: Actuator) -> None:
+    actuator.prepare(stimulus())
+    assert not actuator.aim(CLOCK.now_ns() + MS)
+    later_ns = CLOCK.now_ns() + 200 * MS
+    assert actuator.aim(later_ns)
+    assert not actuator.aim(CLOCK.now_ns() - 50 * MS)
+    heard = actuator.delivered()
+    assert heard is not None
+    assert heard.requested_ns == later_ns
+    assert heard.onset_ns is not None
+    assert not actuator.aim(CLOCK.now_ns() + 200 * MS)
+
+
+def test_a_stimulus_that_was_never_aimed_sounds_once_the_foot_has_landed(actuator: Actuator) -> None:
+    actuator.prepare(stimulus())
+    contact_ns = CLOCK.now_ns()
+    actuator.landed(contact_ns)
+    heard = actuator.delivered()
+    assert heard is not None
+    assert heard.requested_ns == contact_ns
+    assert heard.gain == 1.0
+    assert heard.onset_error_ms is not None
+    assert heard.onset_error_ms > 0
+
+
+def test_a_withdrawn_stimulus_is_not_felt(actuator: Actuator, panel: CardPanel) -> None:
+    actuator.prepare(stimulus())
+    assert actuator.aim(CLOCK.now_ns() + 60 * MS)
+    assert actuator.withdraw()
+    assert panel.felt(0.2) is None
+    with pytest.raises(ActuatorError, match="a stimulus that nothing set off; aim it, or say it landed"):
+        actuator.delivered()
+
+
+def test_a_later_stimulus_takes_the_place_of_one_that_waits(actuator: Actuator, panel: CardPanel) -> None:
+    actuator.prepare(stimulus(1))
+    assert actuator.aim(CLOCK.now_ns() + 60 * MS)
+    actuator.prepare(stimulus(2))
+    actuator.landed(CLOCK.now_ns())
+    heard = actuator.delivered()
+    assert heard is not None
+    assert heard.gain == 1.0
+    felt = panel.felt(1.0)
+    assert felt is not None
+    assert felt == pytest.approx(stimulus(2), abs=1e-5)
+    assert panel.felt(0) is None
+
+
+def test_a_pulled_loopback_and_a_soft_one_are_not_delivered(
+    actuator: Actuator, card: SoundCard, stream: AudioStream
+) -> None:
+    card.disconnect(2)
+    actuator.prepare(stimulus())
+    actuator.landed(CLOCK.now_ns())
+    unheard = actuator.delivered()
+    assert unheard is not None
+    assert (unheard.delivered, unheard.onset_ns, unheard.reason) == (False, None, "the loopback did not hear it")
+    card.connect(3, 2)
+    assert RIG.audio is not None
+    louder = headless(latency=RIG.audio.latency.model_copy(update={"loopback_gain": 2.0}))
+    other = opening.open_actuator(louder, limit_m_s2=20.0, stream=stream)
+    other.prepare(stimulus())
+    other.landed(CLOCK.now_ns())
+    soft = other.delivered()
+    assert soft is not None
+    assert (soft.delivered, soft.reason) == (False, "its level is off by -6.0 dB; allowed: 1 dB")
+
+
+def test_an_intended_silence_is_delivered(actuator: Actuator) -> None:
+    actuator.prepare(np.zeros(480))
+    assert actuator.aim(CLOCK.now_ns() + 60 * MS)
+    heard = actuator.delivered()
+    assert heard is not None
+    assert (heard.delivered, heard.onset_ns, heard.gain) == (True, None, None)
+
+
+def test_a_start_that_a_standing_stream_missed_is_on_record(
+    actuator: Actuator, stream: AudioStream, panel: CardPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The stream's counter is past the frame when the callback comes to it, as after a callback that came too late.
+    actuator.prepare(stimulus())
+    monkeypatch.setattr(AudioStream, "next_frame", property(lambda _: 0))
+    monkeypatch.setattr(AudioStream, "frame_at", lambda self, _: self._mixer.frame - 5 * self.lead_frames)
+    assert actuator.aim(CLOCK.now_ns())
+    monkeypatch.undo()
+    missed = actuator.delivered()
+    assert missed is not None
+    assert (missed.delivered, missed.onset_ns, missed.reason) == (False, None, "the stream came too late for it")
+    assert panel.felt(0.1) is None
+
+
+def test_a_calibration_that_is_too_old_is_refused_before_anything_is_opened() -> None:
+    real = RIG.model_copy(update={"rig": RIG.rig.model_copy(update={"simulated": False})})
+    made = DAY - timedelta(days=1)
+    for day, said in ((made + timedelta(days=31), "31 days old"), (made - timedelta(days=1), "-1 days old")):
+        with pytest.raises(RigError, match=rf"audio\.latency: .* {said} on .*; allowed: 0 to 30 days; run"):
+            opening.open_audio(real, limit_m_s2=20.0, masker=None, clock=CLOCK, today=day, device=DEVICE)

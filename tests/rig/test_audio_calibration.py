@@ -1,0 +1,141 @@
+"""Audio devices as the experimenter meets them: listed, calibrated by loopback, missing, too small, at another rate."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.audio import calibration, delivered, devices
+from experiment.apparatus.audio.stream import AudioStream, StreamSettings
+from experiment.clock import MonotonicClock
+from experiment.errors import AudioError, RigError
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal.sound_card import DEVICE, HOST_API, SoundCard
+from tests.conftest import Palpate
+from tests.rig import sound
+
+
+@pytest.fixture
+def parts() -> None:
+    """Skips where what a simulated sound card needs is not installed."""
+    with sound.sound_card():
+        pass
+
+
+def test_calibration_finds_the_way_round_and_writes_the_rig(palpate: Palpate, tmp_path: Path, parts: None) -> None:
+    text = shipped("rigs/headless.toml").read_text("utf-8")
+    rig_file = tmp_path / "rig.toml"
+    rig_file.write_text(text.replace("loopback_gain = 1.0 ", "loopback_gain = 0.5 ").replace("2.667", "0.1"), "utf-8")
+    code, out, err = palpate("calibrate", "audio", "--rig", rig_file, "--out", tmp_path / "new.toml", "--probes", 5)
+    assert (code, err) == (0, "SIMULATED: a sound card of software, not a device\n"), err
+    assert "5 probes: round trip 256 frames, spread 0; gain 1, spread 0.00 dB" in out
+    found, shipped_rig = rigs.load(tmp_path / "new.toml").audio, rigs.load(shipped("rigs/headless.toml")).audio
+    assert found is not None
+    assert shipped_rig is not None
+    today = found.latency.calibrated_on
+    assert today > date(2026, 11, 1)
+    assert found.model_copy(update={"latency": None}) == shipped_rig.model_copy(update={"latency": None})
+    assert found.latency == shipped_rig.latency.model_copy(update={"calibrated_on": today})
+    code, _, err = palpate("calibrate", "audio", "--rig", rig_file, "--out", tmp_path / "new.toml")
+    assert (code, "is there already; name a new file" in err) == (2, True)
+
+
+def test_a_rig_without_its_own_latency_table_is_not_rewritten() -> None:
+    with pytest.raises(RigError, match="paste what was printed"):
+        calibration.rewritten("[audio]\nlatency = { output_ms = 1.0 }\n", {"output_ms": "2.0"})
+    with pytest.raises(RigError, match="paste what was printed"):
+        calibration.rewritten("[audio.latency]\noutput_ms = 1.0\n[other]\ninput_ms = 1.0\n", {"input_ms": "2.0"})
+
+
+def test_a_cable_that_is_missing_is_said(parts: None) -> None:
+    with sound.sound_card() as card, sound.stream() as opened:
+        card.disconnect(1)
+        with pytest.raises(AudioError, match=r"probe 1 of 3 on output 1 was not heard on input 1; lay the loopback"):
+            calibration.measure(opened, output=1, entry=1, peak=0.1, probes=3)
+
+
+def test_devices_are_listed_as_a_rig_file_names_them(palpate: Palpate) -> None:
+    with sound.sound_card(inputs=2, outputs=6):
+        code, out, _ = palpate("devices")
+        assert json.loads(palpate("devices", "--json")[1])[-1]["outputs"] == 6
+    assert code == 0
+    assert f'host_api = "{HOST_API}"  device = "{DEVICE}"  inputs 2, outputs 6, 48000 Hz' in out
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        (
+            {"device": "hw:9"},
+            r"audio device 'hw:9' of JACK Audio Connection Kit: got no device of this name; allowed: ",
+        ),
+        ({"host_api": "ASIO"}, r"audio device 'system' of ASIO: got no device of this name"),
+        ({"outputs": 9}, r"got 4 outputs and 2 inputs; allowed: at least 9 and 2, as audio\.channels"),
+        ({"inputs": 3}, r"got 4 outputs and 2 inputs; allowed: at least 4 and 3"),
+        ({"rate_hz": 44_100}, r"Invalid sample rate.*: it does not run at this rate; set the device to it, or correct"),
+    ],
+    ids=["device", "host API", "outputs", "inputs", "rate"],
+)
+def test_what_the_rig_names_and_the_machine_has_not_is_said(changed: dict[str, object], said: str) -> None:
+    asked: dict[str, object] = {"host_api": HOST_API, "device": DEVICE, "rate_hz": sound.RATE_HZ, "outputs": 4}
+    asked |= {"inputs": 2} | changed
+    outputs = asked.pop("outputs")
+    assert isinstance(outputs, int)
+    with sound.sound_card(), pytest.raises(AudioError, match=said):
+        AudioStream(StreamSettings(block=sound.BLOCK, ceilings=(1.0,) * outputs, **asked), MonotonicClock())  # type: ignore[arg-type]
+
+
+def test_pulseaudio_carries_a_stream_too(
+    pulseaudio: tuple[str, dict[str, str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, environment = pulseaudio
+    with devices.looking_anew():
+        for name, value in environment.items():
+            monkeypatch.setenv(name, value)
+    settings = StreamSettings("ALSA", "pulse", 48_000, 512, 1, (1.0,))
+    wave = np.random.default_rng(1).uniform(-0.5, 0.5, 4800).astype(np.float32)
+    opened = AudioStream(settings, MonotonicClock())
+    try:
+        opened.wait(opened.next_frame + 24_000)
+        cue = opened.schedule(wave, channel=0, frame=opened.next_frame + 4096)
+        # Its way round is long and not always the same, and under load it tears: found, but not to the sample.
+        found = delivered.align(opened.kept(cue.frame, 144_000)[:, 0], wave, gain=1.0)
+    finally:
+        opened.close()
+    assert cue.started == cue.frame
+    assert found is not None
+    assert found.onset > 0
+
+
+def test_a_busy_device_is_said(parts: None) -> None:
+    # PortAudio's own words for its error paDeviceUnavailable; no device here can be held by another program.
+    sounddevice = devices.library()
+    said = r"Device unavailable.*: another program holds it, or it was pulled out; close that program"
+    with pytest.raises(AudioError, match=said), devices.explained("hw:0"):
+        raise sounddevice.PortAudioError("Error opening Stream: Device unavailable", -9985)
+
+
+def test_without_jack_a_simulated_sound_card_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda _: None)
+    with pytest.raises(AudioError, match="got no jackd; allowed: JACK 2; install the system's package jackd2"):
+        SoundCard(rate_hz=48_000, block=256, inputs=1, outputs=1)
+
+
+def test_a_server_that_does_not_start_is_said_with_its_own_words(
+    parts: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    refusing = tmp_path / "jackd"
+    refusing.write_text("#!/bin/sh\necho 'no room for another server'\nexit 1\n", "utf-8")
+    refusing.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    before = dict(os.environ)
+    with pytest.raises(AudioError, match=r"JACK did not start \(no room for another server\); see that jackd runs"):
+        SoundCard(rate_hz=48_000, block=256, inputs=1, outputs=1)
+    assert dict(os.environ) == before
