@@ -1,12 +1,21 @@
 """Basis waveforms: between measured speeds equations (3) and (4) make a weighted sum of two waveforms.
 
-C'(v) = s_j ((v_i+1 - v) C'(v_i) + (v - v_i) C'(v_i+1)) / (v_i+1 - v_i), and the signs s_j of the nearer speed are those
-of v_i in the lower half of an interval and those of v_i+1 in the upper. So two waveforms for each half of each interval
-are summed beforehand, 3 S - 2 of them for S speeds, and a step costs two products and a sum.
+C'(v) = s_j (C'(v_j) + t (C'(v_l) - C'(v_j))), v_j being the nearer speed of an interval, v_l the other, and
+t = (v - v_j) / (v_l - v_j). So the nearer speed's own waveform and, with its signs, the difference of the two are made
+beforehand for each half of each interval, 3 S - 2 waveforms for S speeds, and a step costs one product and one sum, in
+one new array. At a measured speed t = 0, and its own waveform comes out to the bit.
 
-Beyond the measured speeds the same holds, as long as no bin is floored and the two terms, of opposite sign, stay within
+Beyond the measured speeds the same holds with t < 0, as long as no bin is floored and the two terms stay within
 `CANCELLATION` times the vibration at the nearest measured speed. The speeds between which both hold are found
 beforehand, and outside them the inverse DCT takes over: one floored bin is one cosine too many in every sample.
+
+How the two terms compare with the result, in rms: let L_j, L_l, D and W be the rms of C'(v_j), of C'(v_l), of their
+difference and of C'(v). No amplitude is negative, so D^2 <= L_j^2 + L_l^2 and, where 0 <= t <= 1/2,
+W^2 >= (1 - t)^2 L_j^2 + t^2 L_l^2. Hence t D <= W and L_j <= 2 W: between measured speeds the terms are at most 3 W.
+Beyond them D <= L_j + L_l, and `_steps_out` keeps L_j + |t| (L_j + L_l) within `CANCELLATION` L_j, and so |t| within
+`CANCELLATION` - 1. A term's error, as a part of the term, is that of the transform; four roundings in double precision,
+three of t and one of the difference of two amplitudes; and four in the precision held: of the sample held, its weight,
+their product and the sum.
 
 No cheaper way past the first floored bin was found that stays small. The sums of `first_block.py`, for 24,000 samples
 instead of 64, would take 30 MB a side and material, and then up to 31 cosines a sample. Taking each fallen bin's cosine
@@ -18,7 +27,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
-from functools import cache
 from math import sqrt
 from typing import Any
 
@@ -30,28 +38,27 @@ from experiment.synthesis.methods import LEAST, ROUNDING, Estimate, held_bytes, 
 from experiment.synthesis.spectra import inverse_on
 
 CANCELLATION = 8.0
-"""Largest sum of the two terms' rms in extrapolation, as a multiple of the rms at the nearest measured speed."""
+"""Largest sum of the two terms' rms in extrapolation, as a multiple of the rms at the nearest measured speed; between
+measured speeds the sum is at most 3 times the rms of the result."""
 
 MARGIN = 1e-9
 """How far before the first bin falls to zero, as a part of the way there, the inverse DCT takes over."""
 
 
 @dataclass(frozen=True, slots=True)
-class Weights:
-    """How a speed weights the basis: `lower` times the first waveform of a pair and `upper` times the second.
+class Weight:
+    """How a speed weights the basis: the first waveform of a pair and `of_difference` times the second.
 
     Attributes:
         interval: i, of the measured speeds v_i and v_i+1.
-        sign: 0 for the signs of v_i, 1 for those of v_i+1.
-        lower: (v_i+1 - v) / (v_i+1 - v_i).
-        upper: (v - v_i) / (v_i+1 - v_i).
+        nearer: 0 for the pair of v_i, 1 for that of v_i+1.
+        of_difference: t, from the nearer speed towards the other: 0 to 1/2 between the two, negative beyond the nearer.
         extrapolated: whether v lies outside the measured speeds.
     """
 
     interval: int
-    sign: int
-    lower: float
-    upper: float
+    nearer: int
+    of_difference: float
     extrapolated: bool
 
 
@@ -75,28 +82,30 @@ class Basis:
         roundings = 4 * float(np.finfo(kind).eps) / 2 * sqrt(on.p / on.count)
         return Estimate(
             relative_error=CANCELLATION * (roundings + 4 * ROUNDING + transform_error(on)),
-            why=f"each waveform is an inverse DCT, rounded four times in {np.dtype(kind)}; two terms of one sign "
-            f"between measured speeds; beyond them at most {CANCELLATION:g} times the rms at the nearest, "
-            "or else the inverse DCT",
+            why=f"each waveform is an inverse DCT, rounded four times in {np.dtype(kind)}; two terms of at most 3 "
+            f"times the rms between measured speeds; beyond them at most {CANCELLATION:g} times the rms at the "
+            "nearest, or else the inverse DCT",
             memory_bytes=held_bytes(spectra) + (3 * spectra.speeds_mm_s.size - 2) * on.count * np.dtype(kind).itemsize,
         )
 
     def prepare(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> BasisRenderer:
         on = spectra.grid(output_rate_hz)
         levels = rms(spectra.amplitudes, on)
-        scales = np.ones(len(levels))
         amplitudes = spectra.amplitudes[:, : on.carried].copy()
         amplitudes[:, 0] = 0.0  # it sounds in no waveform, and may be larger than what does
-        if self.single:
-            largest = amplitudes.max(axis=1)
-            # Of silence the least: a larger one would outweigh the waveform of a quiet neighbour.
-            scales = np.where(largest > 0, np.ldexp(1.0, np.frexp(largest)[1] - 1), LEAST)
+        places = range(len(levels))
+        scales = [self._scale(amplitudes[at]) for at in places]
+        difference_scales = [self._scale(amplitudes[i + 1] - amplitudes[i]) for i in places[:-1]]
 
-        @cache
-        def waveform(at: int, sign: int) -> NDArray[Any]:
-            samples = inverse_on(amplitudes[at] / scales[at] * spectra.signs[sign, : on.carried], on)
-            return samples.astype(np.float32 if self.single else np.float64)
+        def waveform(scaled: NDArray[np.float64], nearer: int) -> NDArray[Any]:
+            scaled *= spectra.signs[nearer, : on.carried]
+            return inverse_on(scaled, on).astype(np.float32 if self.single else np.float64)
 
+        def difference(nearer: int, other: int) -> NDArray[Any]:
+            scale = difference_scales[min(nearer, other)]
+            return waveform((amplitudes[other] - amplitudes[nearer]) / scale, nearer)
+
+        own = [waveform(amplitudes[at] / scales[at], at) for at in places]
         lowest, highest = _holds_between(spectra, levels)
         return BasisRenderer(
             spectra=spectra,
@@ -106,11 +115,18 @@ class Basis:
             speeds_mm_s=tuple(spectra.speeds_mm_s.tolist()),
             lowest_mm_s=lowest,
             highest_mm_s=highest,
-            pairs=tuple(
-                tuple((waveform(i, sign), waveform(i + 1, sign)) for sign in (i, i + 1)) for i in range(len(levels) - 1)
-            ),
-            scales=tuple(scales.tolist()),
+            pairs=tuple(((own[i], difference(i, i + 1)), (own[i + 1], difference(i + 1, i))) for i in places[:-1]),
+            scales=tuple(scales),
+            difference_scales=tuple(difference_scales),
         )
+
+    def _scale(self, spectrum: NDArray[np.float64]) -> float:
+        """1 in double precision, in single precision a power of two near the largest magnitude."""
+        if not self.single:
+            return 1.0
+        largest = float(np.abs(spectrum).max())
+        # Of silence the least: a larger one would outweigh the waveform of a quiet neighbour.
+        return float(np.ldexp(1.0, np.frexp(largest)[1] - 1)) if largest > 0 else LEAST
 
 
 @dataclass(frozen=True)
@@ -125,9 +141,10 @@ class BasisRenderer:
         speeds_mm_s: v_i.
         lowest_mm_s: the slowest speed at which the weighted sum holds, mm/s.
         highest_mm_s: the fastest, mm/s.
-        pairs: for each interval and each sign (of v_i, of v_i+1) the waveforms of C'(v_i) and C'(v_i+1), each divided
-            by its scale.
+        pairs: for each interval and each of its speeds v_j, v_l being the other, the waveforms of C'(v_j) and of
+            C'(v_l) - C'(v_j), both with the signs of v_j and each divided by its scale.
         scales: a power of two for each speed: 1 in double precision, in single precision the size of its amplitudes.
+        difference_scales: the same of the differences, for each interval.
     """
 
     spectra: CrinkleSpectra
@@ -139,8 +156,9 @@ class BasisRenderer:
     highest_mm_s: float
     pairs: tuple[tuple[tuple[NDArray[Any], NDArray[Any]], ...], ...]
     scales: tuple[float, ...]
+    difference_scales: tuple[float, ...]
 
-    def weights(self, speed_mm_s: float) -> Weights | None:
+    def weight(self, speed_mm_s: float) -> Weight | None:
         """Where a speed lies among the measured ones; None where the weighted sum does not hold.
 
         Args:
@@ -154,26 +172,28 @@ class BasisRenderer:
             return None
         i = min(max(bisect_right(speeds, v) - 1, 0), len(speeds) - 2)
         below, above, gap = v - speeds[i], speeds[i + 1] - v, speeds[i + 1] - speeds[i]
-        return Weights(i, int(below > above), above / gap, below / gap, below < 0 or above < 0)
+        nearer = int(below > above)
+        return Weight(i, nearer, (above if nearer else below) / gap, below < 0 or above < 0)
 
-    def weighted(self, where: Weights, samples: slice = slice(None)) -> NDArray[np.float64]:
+    def weighted(self, where: Weight, samples: slice = slice(None)) -> NDArray[np.float64]:
         """Some samples of the weighted sum, all of them unless told, m/s^2; the same bits in whatever pieces."""
-        first, second = self.pairs[where.interval][where.sign]
-        lower, upper = where.lower, where.upper
+        own, difference = self.pairs[where.interval][where.nearer]
         if not self.single:
-            double: NDArray[np.float64] = first[samples] * lower
-            double += second[samples] * upper
+            double: NDArray[np.float64] = difference[samples] * where.of_difference
+            double += own[samples]
             return double
-        lower, upper = lower * self.scales[where.interval], upper * self.scales[where.interval + 1]
-        largest = max(abs(lower), abs(upper)) or 1.0
-        single = first[samples] * np.float32(lower / largest)
-        single += second[samples] * np.float32(upper / largest)
+        large, of_large = own, self.scales[where.interval + where.nearer]
+        small, of_small = difference, where.of_difference * self.difference_scales[where.interval]
+        if abs(of_small) > of_large:
+            large, of_large, small, of_small = small, of_small, large, of_large
+        single = small[samples] * np.float32(of_small / of_large)
+        single += large[samples]
         widened = single.astype(np.float64)
-        widened *= largest
+        widened *= of_large
         return widened
 
     def __call__(self, speed_mm_s: float) -> Synthesised:
-        where = self.weights(speed_mm_s)
+        where = self.weight(speed_mm_s)
         if where is None:
             return synthesise(self.spectra, speed_mm_s=speed_mm_s, output_rate_hz=self.output_rate_hz)
         return Synthesised(self.weighted(where), 0, where.extrapolated, self.dropped_bins)

@@ -29,7 +29,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.synthesis.basis import Basis, BasisRenderer, Weights
+from experiment.synthesis.basis import Basis, BasisRenderer, Weight
 from experiment.synthesis.crinkle import FARTHEST, CrinkleSpectra, Synthesised, at_speed
 from experiment.synthesis.methods import COSINE_ROUNDINGS, LEAST, ROUNDING, Estimate, cosines, printed_sum_error
 from experiment.synthesis.spectra import Grid
@@ -141,7 +141,7 @@ class FirstBlockRenderer:
         Raises:
             SynthesisError: as `Renderer`.
         """
-        where = self.rows.weights(speed_mm_s)
+        where = self.rows.weight(speed_mm_s)
         if where is not None:
             return Begun(self.rows.weighted(where, slice(FIRST_BLOCK)), self, where)
         side = self.above if speed_mm_s > self.above.nearest_mm_s else self.below
@@ -163,17 +163,17 @@ class Begun:
     Attributes:
         first_m_s2: its first `FIRST_BLOCK` samples, or all of a shorter one, m/s^2.
         renderer: what computes the rest.
-        wanted: from what: the weights of the basis, or the foot's speed in mm/s where they do not hold.
+        wanted: from what: its weight in the basis, or the foot's speed in mm/s where none holds.
     """
 
     first_m_s2: NDArray[np.float64]
     renderer: FirstBlockRenderer
-    wanted: Weights | float
+    wanted: Weight | float
 
     def complete(self) -> Synthesised:
         """The whole stimulus; it begins with the very samples of the first block. Raises as `Renderer`."""
         rows, wanted = self.renderer.rows, self.wanted
-        if isinstance(wanted, Weights):
+        if isinstance(wanted, Weight):
             return Synthesised(rows.weighted(wanted), 0, wanted.extrapolated, rows.dropped_bins)
         made = rows(wanted)
         made.waveform_m_s2[: self.first_m_s2.size] = self.first_m_s2

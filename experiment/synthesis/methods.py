@@ -171,7 +171,7 @@ def denormal_error_m_s2(samples: int) -> float:
     """What the rounding of numbers below 1e-307 may add to an error, m/s^2.
 
     Equation (3), or the weights of scaled waveforms, round twice a bin, by `LEAST` at most. The waveforms are made of
-    normal numbers (`spectra.LIFT`), rounded once a sample, and weighted by 15 at most (`basis.CANCELLATION`).
+    normal numbers (`spectra.LIFT`), rounded once a sample, and weighted by 8 at most (`basis.CANCELLATION`).
 
     Args:
         samples: N of the recordings.

@@ -19,7 +19,7 @@ from experiment import synthesis
 from experiment.apparatus.limiter import limit
 from experiment.errors import SynthesisError
 from experiment.synthesis import basis, crinkle, shaping
-from experiment.synthesis.basis import Weights
+from experiment.synthesis.basis import Weight
 from experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed
 from experiment.synthesis.engine import FASTEST_FIRST
 
@@ -105,8 +105,8 @@ def test_refused_names_what_was_accepted_and_what_failed_otherwise() -> None:
 def test_a_weighted_sum_that_errs_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     right = basis.BasisRenderer.weighted
 
-    def wrong(self: basis.BasisRenderer, where: Weights, samples: slice = slice(None)) -> NDArray[np.float64]:
-        return right(self, replace(where, upper=where.upper * (1 + 1e-10)), samples)
+    def wrong(self: basis.BasisRenderer, where: Weight, samples: slice = slice(None)) -> NDArray[np.float64]:
+        return right(self, replace(where, of_difference=where.of_difference * (1 + 1e-10)), samples)
 
     monkeypatch.setattr(basis.BasisRenderer, "weighted", wrong)
     settled = outcome("1e300 m/s^2")

@@ -27,19 +27,43 @@ def rising(bins: int = 9) -> NDArray[np.float64]:
     return np.outer([1.0, 2.0, 3.0, 4.0], np.ones(bins))
 
 
+@pytest.mark.parametrize("single", [False, True])
 @pytest.mark.parametrize("v", SPEEDS)
-def test_a_measured_speed_is_its_own_basis_waveform_to_the_bit(v: float) -> None:
-    render = prepared(np.abs(np.random.default_rng(2).normal(size=(4, 9))))
+def test_a_measured_speed_is_its_own_basis_waveform_to_the_bit(v: float, single: bool) -> None:
+    amplitudes = np.abs(np.random.default_rng(2).normal(size=(4, 9)))
+    render = Basis(single=single).prepare(of(amplitudes), output_rate_hz=48_000)
     i = int(np.searchsorted(SPEEDS, v))
-    own = render.pairs[i][0][0] if i < 3 else render.pairs[2][1][1]
-    np.testing.assert_array_equal(render(v).waveform_m_s2, own)
+    own = render.pairs[i][0][0] if i < 3 else render.pairs[2][1][0]
+    np.testing.assert_array_equal(render(v).waveform_m_s2, own.astype(np.float64) * render.scales[i])
+
+
+@pytest.mark.parametrize(
+    ("v", "t"), [(100.0, 0.0), (125.0, 0.25), (150.0, 0.5), (175.0, 0.25), (350.0, -0.5), (25.0, -0.5)]
+)
+def test_the_difference_is_weighted_from_the_nearer_speed(v: float, t: float) -> None:
+    where = prepared(rising()).weight(v)
+    assert where is not None
+    assert where.of_difference == t
+
+
+def test_between_measured_speeds_the_two_terms_are_at_most_three_times_the_result() -> None:
+    """Beside silence, half way, just three times: 1 and 1/2 make 1/2."""
+    render = prepared(np.outer([1.0, 0.0, 1.0, 2.0], np.ones(9)))
+    for v in np.linspace(50.0, 300.0, 101):
+        where = render.weight(v)
+        assert where is not None
+        own, difference = render.pairs[where.interval][where.nearer]
+        terms = np.std(own) + where.of_difference * np.std(difference)
+        assert terms <= 3 * np.std(render(v).waveform_m_s2) * (1 + 1e-12), v
+    own, difference = render.pairs[0][0]
+    assert np.std(own) + np.std(difference) / 2 == pytest.approx(3 * np.std(render(75.0).waveform_m_s2))
 
 
 @pytest.mark.parametrize(("v", "sign"), [(75.0, 0), (np.nextafter(75.0, 100), 1), (150.0, 0), (151.0, 1), (299.0, 1)])
 def test_a_tie_takes_the_signs_of_the_lower_speed(v: float, sign: int) -> None:
-    where = prepared(rising()).weights(v)
+    where = prepared(rising()).weight(v)
     assert where is not None
-    assert where.sign == sign
+    assert where.nearer == sign
 
 
 def test_beyond_the_measured_speeds_the_sum_holds_until_the_first_bin_is_floored() -> None:
@@ -62,8 +86,8 @@ def test_a_bin_that_is_zero_at_the_last_speed_and_was_not_leaves_nothing_to_extr
     amplitudes[3, 4] = 0.0
     render = prepared(amplitudes)
     assert render.highest_mm_s == 300.0
-    assert render.weights(300.0) is not None
-    assert render.weights(np.nextafter(300.0, 400)) is None
+    assert render.weight(300.0) is not None
+    assert render.weight(np.nextafter(300.0, 400)) is None
 
 
 def test_a_weighted_sum_over_a_floored_bin_would_be_wrong_by_that_bin() -> None:
@@ -71,8 +95,8 @@ def test_a_weighted_sum_over_a_floored_bin_would_be_wrong_by_that_bin() -> None:
     amplitudes = rising()
     amplitudes[:, 4] = [1.0, 1.0, 3.0, 2.0]
     render = prepared(amplitudes)
-    first, second = render.pairs[2][1]
-    summed = first * -3.0 + second * 4.0
+    own, difference = render.pairs[2][1]
+    summed = own - 3.0 * difference
     assert np.max(np.abs(summed - render(600.0).waveform_m_s2)) == pytest.approx(1.0, rel=0.01)
 
 
@@ -80,7 +104,7 @@ def test_far_beyond_the_measured_speeds_cancellation_ends_the_weighted_sum() -> 
     render = prepared(rising())
     gaps = (render.highest_mm_s - 300.0) / 100.0
     assert gaps * 3.0 + (1 + gaps) * 4.0 == pytest.approx(CANCELLATION * 4.0)
-    assert render.weights(1e4) is None
+    assert render.weight(1e4) is None
 
 
 def test_silence_has_nothing_to_weight_and_stays_silent() -> None:
@@ -93,7 +117,7 @@ def test_pieces_have_the_bits_of_the_whole() -> None:
     for single in (False, True):
         amplitudes = np.abs(np.random.default_rng(3).normal(size=(4, 250)))
         render = Basis(single=single).prepare(of(amplitudes), output_rate_hz=48_000)
-        where = render.weights(130.0)
+        where = render.weight(130.0)
         assert where is not None
         pieces = [render.weighted(where, slice(a, b)) for a, b in ((0, 64), (64, 1001), (1001, None))]
         np.testing.assert_array_equal(np.concatenate(pieces), render.weighted(where))
