@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from experiment import __version__, dataset, enrolment, roster, scene, schedule
 from experiment.apparatus import calibration, opening
@@ -18,6 +19,9 @@ from experiment.protocol.models import Protocol
 from experiment.records import Footer, Header
 from experiment.session import attempt, journal, places, runner
 from experiment.session.resume import progress
+
+if TYPE_CHECKING:
+    from experiment.session.sound import Sound
 
 
 def header(
@@ -110,12 +114,19 @@ def run(
     allocation = roster.find(roster.allocate(protocol, seed), participant)
     _check_turn(root, allocation, task_id)
     _wait_for_break(root, protocol, allocation, task_id, clock, console)
-    console.show(
-        f"Masker: palpate does not play it yet. Play {protocol.masker.noise} noise by other means. "
-        f"{protocol.masker.criterion} At most {protocol.exposure.masker_level_db_a:g} dB(A)."
-    )
     with ExitStack() as opened:
         planned = scene.plan(protocol=protocol, task_id=task_id)
+        sound: Sound | None = None
+        if rig.audio is not None:
+            from experiment.session.sound import dose_before, open_sound
+
+            dose = dose_before(root, protocol, participant, clock)
+            sound = open_sound(rig, protocol, clock=clock, dose_before=dose, opened=opened)
+        else:
+            console.show(
+                f"Masker: the rig has no audio device. Play {protocol.masker.noise} noise by other means. "
+                f"{protocol.masker.criterion} At most {protocol.exposure.masker_level_db_a:g} dB(A)."
+            )
         render: scene.Render | None = None
         actuator: Actuator | None = None
         used: Path | None = None
@@ -128,7 +139,8 @@ def run(
 
             limit_m_s2 = protocol.exposure.vibration_peak_m_s2
             drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
-            actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive)
+            stream = sound.stream if sound is not None else None
+            actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=stream)
             opened.callback(actuator.close)
         tracker = opening.open_tracker(rig, clock=clock)
         opened.callback(tracker.close)
@@ -152,7 +164,7 @@ def run(
             render=render,
             console=console,
             clock=clock,
-            masker=None,
+            masker=sound.masker if sound is not None else None,
             reconnect_s=attempt.RECONNECT_S,
         )
         try:

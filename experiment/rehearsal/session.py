@@ -25,8 +25,9 @@ from experiment.rehearsal.materials import SimulatedMaterials
 from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.participant import SimulatedParticipant, Tick
 from experiment.rehearsal.serial_line import SerialLine
-from experiment.rehearsal.sound import Sound
+from experiment.rehearsal.sound import SimulatedSound
 from experiment.session import attempt, journal, places, runner
+from experiment.session import sound as sounds
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 """When simulated time begins, so that the same seed writes the same files."""
@@ -109,7 +110,10 @@ def _rehearse_task(
         known = None if job.real_time else ClockMap(anchor_us=0, anchor_ns=powered_ns)
         tracker = opening.open_tracker(rig, clock=clock, port=line.url, clock_map=known)
         opened.callback(tracker.close)
-        sound = opened.enter_context(Sound(rig, protocol, clock)) if rig.audio is not None else None
+        sound: SimulatedSound | None = None
+        if rig.audio is not None:
+            dose = sounds.dose_before(job.dataset, protocol, job.participant, clock)
+            sound = opened.enter_context(SimulatedSound(rig, protocol, clock, dose_before=dose))
         panel: Panel | CardPanel | None = None
         actuator: Actuator | None = None
         render: scene.Render | None = None
@@ -154,7 +158,7 @@ def _rehearse_task(
             render=render,
             console=participant,
             clock=clock,
-            masker=None,
+            masker=sound.masker if sound is not None else None,
             reconnect_s=RECONNECT_S,
         )
         rig_file = job.dataset / "sourcedata" / "rig.toml"

@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from datetime import UTC, datetime
 from types import TracebackType
 
-from experiment import scene
 from experiment.apparatus import opening
-from experiment.apparatus.audio.masker import ROUND_S
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock
 from experiment.protocol.models import Protocol
 from experiment.rehearsal.card_panel import LONGEST_S, CardPanel
 from experiment.rehearsal.sound_card import DEVICE, SoundCard
+from experiment.session.sound import open_sound
 
 
-class Sound:
+class SimulatedSound:
     """The card, the session's stream on it, its masker, and the panel on the actuator's channel; all until it is left.
 
     The card is wired as a rig is: the actuator's channel goes to the panel, and back into the loopback.
     """
 
-    def __init__(self, rig: Rig, protocol: Protocol, clock: Clock) -> None:
+    def __init__(self, rig: Rig, protocol: Protocol, clock: Clock, *, dose_before: float = 0.0) -> None:
         """Start everything.
 
         Args:
             rig: a simulated rig with an audio device.
             protocol: the study.
             clock: the session's clock; it must go by itself.
+            dose_before: of the masker, what the participant's sessions of the day used up.
 
         Raises:
             AudioError: JACK is not installed, or does not run.
@@ -40,18 +39,8 @@ class Sound:
                 rate_hz=audio.rate_hz, block=audio.block, inputs=channels.inputs, outputs=channels.outputs
             )
             opened.callback(self.card.close)
-            samples = scene.masker_samples(protocol=protocol, rate_hz=audio.rate_hz, seconds=ROUND_S)
-            noise = opening.masker_noise(rig, samples=samples, limit_db_a=protocol.exposure.masker_level_db_a)
-            self.stream = opening.open_audio(
-                rig,
-                limit_m_s2=protocol.exposure.vibration_peak_m_s2,
-                masker=noise,
-                clock=clock,
-                today=datetime.fromtimestamp(clock.now_ns() / 1e9, tz=UTC).date(),
-                device=DEVICE,
-            )
-            opened.callback(self.stream.close)
-            self.masker = opening.open_masker(rig, stream=self.stream, noise=noise, clock=clock)
+            sound = open_sound(rig, protocol, clock=clock, dose_before=dose_before, opened=opened, device=DEVICE)
+            self.stream, self.masker = sound.stream, sound.masker
             for entry in range(1, channels.inputs + 1):
                 self.card.disconnect(entry)
             self.loopback = channels.loopback
@@ -66,7 +55,7 @@ class Sound:
         if self.loopback is not None:
             self.card.disconnect(self.loopback)
 
-    def __enter__(self) -> Sound:
+    def __enter__(self) -> SimulatedSound:
         return self
 
     def __exit__(

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from experiment.apparatus.audio import sound_level
 from experiment.apparatus.audio.mixer import Block
 from experiment.apparatus.audio.stream import AudioStream
+from experiment.apparatus.ports import MaskerExposure
 from experiment.clock import Clock
 from experiment.errors import AudioError
 
@@ -76,23 +77,6 @@ def masker_noise(
             "exposure.masker_level_db_a in the protocol, or use louder headphones"
         )
     return MaskerNoise(samples.astype(np.float32), full_scale_db_a, loudest_db_a)
-
-
-@dataclass(frozen=True)
-class MaskerExposure:
-    """What the masker has done to the ears today.
-
-    Attributes:
-        level_db_a: level now; None for silence.
-        dose: of the day, 1 being 80 dB(A) for eight hours (Directive 2003/10/EC, lower action value).
-        daily_level_db_a: L_EX,8h of that dose; None for none.
-        left_s: how long this level may go on until the dose is 1, s; None in silence.
-    """
-
-    level_db_a: float | None
-    dose: float
-    daily_level_db_a: float | None
-    left_s: float | None
 
 
 class Masker:
