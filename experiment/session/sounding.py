@@ -70,9 +70,15 @@ class Sounding:
         return (landing.us - landing.from_us) * 1e3 >= self._actuator.lead_ns
 
     def aim(self, landing: Landing) -> None:
-        """Schedule the onset for a predicted contact, or as soon after as can be; too late, it stays as it was."""
-        soonest_ns = self._clock.now_ns() + self._actuator.lead_ns
-        onset_ns = max(self._session_ns(landing.us), soonest_ns)
+        """Schedule the onset for a predicted contact, or as soon after as can be.
+
+        It stays as it was where that is nearer, or where it is too late to move it.
+        """
+        contact_ns = self._session_ns(landing.us)
+        onset_ns = max(contact_ns, self._clock.now_ns() + self._actuator.lead_ns)
+        late_ns = onset_ns - contact_ns
+        if late_ns and self._scheduled_ns is not None and abs(self._scheduled_ns - contact_ns) <= late_ns:
+            return
         if self._actuator.aim(onset_ns):
             self._aimed = landing
             self._scheduled_ns = onset_ns if self._actuator.lead_ns else None

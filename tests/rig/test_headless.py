@@ -4,13 +4,20 @@ from __future__ import annotations
 
 import csv
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
 
+from experiment.apparatus.rig import Rig
+from experiment.clock import Clock
 from experiment.errors import DatasetError
+from experiment.protocol.models import Protocol
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal import study
+from experiment.records import FootStep, MaskerSet, Redo
+from experiment.rehearsal import session, study
+from experiment.rehearsal.sound import SimulatedSound
+from experiment.session import journal
 from tests.rig import sound
 
 
@@ -44,6 +51,67 @@ def test_a_session_runs_in_real_time_on_a_sound_card_of_its_own(tmp_path: Path) 
     )
     assert [len(answers(root, task)) for task in ("virtual", "real")] == [4, 4]
     assert all(float(row["duration"]) == 0.5 for row in answers(root, "virtual"))
+    assert all(row["delivered"] == "1" for row in answers(root, "virtual"))
+    entries = journal.read(next(root.glob("sourcedata/sub-01/*_task-virtual_journal.jsonl"))).entries
+    onsets = [entry.onset for entry in entries if isinstance(entry, FootStep) and entry.onset is not None]
+    heard = [onset.delivered for onset in onsets if onset.delivered is not None and onset.delivered.delivered]
+    assert len(heard) == 4
+    assert all(each.gain == pytest.approx(1.0, abs=1e-6) and (each.residual_db or 0.0) < -100 for each in heard)
+    # Predicted from 0.1 mm of noise some 10 ms ahead: within five of the standard errors that go with it.
+    assert all(abs(o.prediction_error_ms or 0.0) < 5 * (o.standard_error_ms or 0.0) for o in onsets)
+    levels = [entry.level_db_a for entry in entries if isinstance(entry, MaskerSet)]
+    assert levels[0] == 50.0
+    assert levels[-1] is None
+    assert all(louder == (softer or 0.0) + 2.0 for softer, louder in pairwise(levels[:-1]))
+
+
+def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with sound.sound_card():
+        pass
+    pulled: list[str] = []
+
+    class Pulled(SimulatedSound):
+        """The loopback's cable is out for the first two stimuli of the task with stimuli."""
+
+        def __init__(self, rig: Rig, protocol: Protocol, clock: Clock, *, dose_before: float = 0.0) -> None:
+            super().__init__(rig, protocol, clock, dose_before=dose_before)
+            if pulled:
+                return
+            self.disconnect_loopback()
+            feel = self.panel.felt
+
+            def felt(timeout_s: float) -> object:
+                stimulus = feel(timeout_s)
+                if stimulus is not None:
+                    pulled.append("felt")
+                if len(pulled) == 2 and self.loopback is not None:
+                    self.card.connect(rig.audio.channels.actuator if rig.audio else 0, self.loopback)
+                    pulled.append("plugged in")
+                return stimulus
+
+            monkeypatch.setattr(self.panel, "felt", felt)
+
+    monkeypatch.setattr(session, "SimulatedSound", Pulled)
+    root = study.rehearse(
+        protocol_file=short(tmp_path),
+        rig_file=shipped("rigs/headless.toml"),
+        out=tmp_path / "made",
+        participants=1,
+        seed=1,
+        real_time=True,
+    )
+    assert [len(answers(root, task)) for task in ("virtual", "real")] == [4, 4]
+    entries = journal.read(next(root.glob("sourcedata/sub-01/*_task-virtual_journal.jsonl"))).entries
+    first, second = [entry for entry in entries if isinstance(entry, FootStep)][:2]
+    for step in (first, second):
+        assert step.onset is not None
+        assert step.onset.delivered is not None
+        assert not step.onset.delivered.delivered
+    redone = [entry for entry in entries if isinstance(entry, Redo)]
+    assert [entry.trial for entry in redone][:2] == [1, 2]
+    assert all("undelivered" in entry.reason for entry in redone)
 
 
 def test_simulated_time_is_too_fast_for_an_audio_device(tmp_path: Path) -> None:

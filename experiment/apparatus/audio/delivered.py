@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import signal
 
 FOUND = 0.5
 """Correlation from which on something heard is the intended waveform; noise of any length stays far below."""
@@ -56,8 +57,6 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
     Returns:
         None where nothing heard resembles it.
     """
-    from scipy import signal
-
     wanted, found = intended.astype(np.float64), heard.astype(np.float64)
     energy = float(wanted @ wanted)
     products = signal.correlate(found, wanted, mode="valid", method="fft")

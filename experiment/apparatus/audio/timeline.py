@@ -3,7 +3,8 @@
 A callback may come late and never early, so of the last callbacks those that came soonest after their frame tell the
 time of it: the timeline is the line of the stream's rate that touches them from below. Where several
 callbacks in a row all come late by more than a quarter of a block, frames were lost, or the device stood still: that
-is a gap, and the line begins anew.
+is a gap, and the line begins anew with the first of them. A frame of the past stands on the line that held when it was
+taken, so that a gap after a stimulus does not move it.
 """
 
 from __future__ import annotations
@@ -18,6 +19,9 @@ WINDOW = 64
 
 IN_A_ROW = 4
 """Late callbacks in a row that make a gap: fewer are a slow machine."""
+
+KEPT = 8192
+"""Callbacks whose lateness is remembered: 22 s of blocks of 128 frames at 48 kHz, longer than any stimulus."""
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,10 @@ class Timeline:
         """Gaps seen."""
         self._ns_per_frame = 1e9 / rate_hz
         self._quarter_block_ns = 0.25 * block * self._ns_per_frame
-        # ns of a callback less the ns that its first frame stands for.
-        self._offsets_ns = np.zeros(WINDOW, np.int64)
+        # Of each callback: its first frame, ns less the ns that this frame stands for, and gaps before it.
+        self._frames = np.zeros(KEPT, np.int64)
+        self._offsets_ns = np.zeros(KEPT, np.int64)
+        self._line = np.zeros(KEPT, np.int64)
         self._count = 0
         self._late = 0
 
@@ -66,12 +72,14 @@ class Timeline:
             self._late += 1
         else:
             self._late = 0
+        place = self._count % KEPT
+        self._frames[place], self._offsets_ns[place], self._line[place] = frame, offset_ns, self.gaps
+        self._count += 1
         if self._late == IN_A_ROW:
             self.gaps += 1
             self._late = 0
-            self._count = 0
-        self._offsets_ns[self._count % WINDOW] = offset_ns
-        self._count += 1
+            for back in range(1, IN_A_ROW + 1):
+                self._line[(self._count - back) % KEPT] = self.gaps
 
     @property
     def known(self) -> bool:
@@ -79,8 +87,13 @@ class Timeline:
         return self._count > 0
 
     def ns_of(self, frame: float) -> int:
-        """Session time at which the stream takes a frame, ns; the output's latency not included."""
-        return self._origin_ns() + round(frame * self._ns_per_frame)
+        """Session time at which the stream takes a frame, or took it, ns; the output's latency not included."""
+        count = self._count
+        places = np.arange(max(count - KEPT, 0), count) % KEPT
+        at = int(np.searchsorted(self._frames[places], frame, side="right")) - 1
+        near = places[max(at - WINDOW + 1, 0) : at + WINDOW] if at >= 0 else places[:1]
+        same = self._offsets_ns[near][self._line[near] == self._line[places[max(at, 0)]]]
+        return int(same.min()) + round(frame * self._ns_per_frame)
 
     def frame_at(self, t_ns: int) -> int:
         """The frame nearest to a session time."""
@@ -92,7 +105,9 @@ class Timeline:
         return Fit(float(np.median(late_ms)), float(np.percentile(late_ms, 95)), float(late_ms.max()))
 
     def _window(self) -> NDArray[np.int64]:
-        return self._offsets_ns[: min(self._count, WINDOW)]
+        """Offsets of the last callbacks on the line that holds now."""
+        places = np.arange(max(self._count - WINDOW, 0), self._count) % KEPT
+        return self._offsets_ns[places[self._line[places] == self.gaps]]
 
     def _origin_ns(self) -> int:
         return int(self._window().min())

@@ -50,3 +50,14 @@ def test_lost_frames_are_noticed_at_once(lost_ms: float) -> None:
     line = ran(late_ms)
     assert line.gaps == 1
     assert line.ns_of(200 * BLOCK) == START_NS + round(200 * PERIOD_NS + lost_ms * 1e6)
+
+
+@pytest.mark.parametrize("lost_ms", [2.0, 94.0])
+def test_a_gap_moves_no_frame_that_was_taken_before_it(lost_ms: float) -> None:
+    late_ms = np.zeros(400)
+    late_ms[150:] = lost_ms
+    line = ran(late_ms)
+    taken = np.arange(400)
+    found_ns = np.array([line.ns_of(int(callback) * BLOCK) for callback in taken])
+    truth_ns = START_NS + np.round(taken * PERIOD_NS + late_ms * 1e6)
+    assert np.max(np.abs(found_ns - truth_ns)) <= 1
