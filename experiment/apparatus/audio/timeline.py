@@ -107,7 +107,8 @@ class Timeline:
     def _window(self) -> NDArray[np.int64]:
         """Offsets of the last callbacks on the line that holds now."""
         places = np.arange(max(self._count - WINDOW, 0), self._count) % KEPT
-        return self._offsets_ns[places[self._line[places] == self.gaps]]
+        held: NDArray[np.int64] = self._offsets_ns[places[self._line[places] == self.gaps]]
+        return held
 
     def _origin_ns(self) -> int:
         return int(self._window().min())
