@@ -34,6 +34,8 @@ def headless(**changed: object) -> Rig:
 
 
 RIG = headless()
+assert RIG.audio is not None
+OUTPUT_MS = RIG.audio.latency.output_ms
 
 
 def stimulus(seed: int = 0, samples: int = 4800) -> np.ndarray:
@@ -94,9 +96,10 @@ def test_a_stimulus_is_heard_and_felt_as_it_was_intended(actuator: Actuator, pan
         assert panel.felt(0) is None
 
 
-def test_what_lies_within_the_lead_is_refused_and_nothing_changes(actuator: Actuator) -> None:
+def test_what_lies_within_the_lead_is_refused_and_nothing_changes(actuator: Actuator, stream: AudioStream) -> None:
     actuator.prepare(stimulus())
-    assert not actuator.aim(CLOCK.now_ns() + MS)
+    within = stream.next_frame + stream.lead_frames - 2
+    assert not actuator.aim(stream.ns_of(within) + round(OUTPUT_MS * MS))
     later_ns = CLOCK.now_ns() + 200 * MS
     assert actuator.aim(later_ns)
     assert not actuator.aim(CLOCK.now_ns() - 50 * MS)
