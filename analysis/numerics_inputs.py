@@ -118,6 +118,11 @@ def _of_crinkle() -> list[tuple[str, Call, dict[str, float]]]:
         ),
         ("CrinkleSpectra: signs", lambda x: make(speeds_mm_s=speeds, amplitudes=a, signs=changed(of.signs, x)), EITHER),
         (
+            "CrinkleSpectra: left_out",
+            lambda x: make(speeds_mm_s=speeds, amplitudes=a, signs=of.signs, left_out=changed(a, x)),
+            EITHER,
+        ),
+        (
             "subtract: speeds_mm_s",
             lambda x: subtract(speeds_mm_s=changed(speeds, x), panel_object_takes=takes, panel_takes=takes),
             EITHER,
@@ -159,6 +164,8 @@ def _of_methods() -> list[tuple[str, Call, dict[str, float]]]:
         ("prune: band_hz, highest", lambda x: pruning.prune(of, band_hz=(0.0, x)), NAN),
         ("largest_share: band_hz, lowest", lambda x: share(band_hz=(x, 500.0)), EITHER),
         ("largest_share: band_hz, highest", lambda x: share(band_hz=(0.0, x)), NAN),
+        ("left_out_error: band_hz, lowest", lambda x: pruning.left_out_error(of, band_hz=(x, 500.0), on=on), EITHER),
+        ("left_out_error: band_hz, highest", lambda x: pruning.left_out_error(of, band_hz=(0.0, x), on=on), NAN),
         ("loudest_outside: band_hz, lowest", lambda x: loudest(band_hz=(x, 500.0), fastest_mm_s=600.0), EITHER),
         ("loudest_outside: band_hz, highest", lambda x: loudest(band_hz=(0.0, x), fastest_mm_s=600.0), NAN),
         ("loudest_outside: fastest_mm_s", lambda x: loudest(band_hz=band_hz, fastest_mm_s=x), EITHER),

@@ -43,7 +43,7 @@ class Exact:
         scale: what a relative error is divided by, as `experiment.synthesis.methods` defines it.
         floored: bins that the line of equation (3) makes negative.
         extrapolated: whether the speed lies outside the measured ones.
-        dropped: bins that the output rate cannot carry.
+        dropped: bins of the recordings that the output rate cannot carry.
         bins: N of the recordings.
     """
 
@@ -88,7 +88,7 @@ def stimulus(spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int)
         scale=length / np.sqrt(np.longdouble(2)),
         floored=floored,
         extrapolated=nearest is not None,
-        dropped=wanted.size - carried,
+        dropped=max(0, spectra.samples - ceil(_places(spectra, output_rate_hz))),
         bins=spectra.samples,
     )
 

@@ -153,7 +153,10 @@ def plan(
             source = "SIMULATED recordings, made for this plan"
         else:
             source = str(recordings)
-        plans = [scene_cost.plan(protocol=protocol, rig=opened, task_id=one, recordings=recordings) for one in tasks]
+        plans = [
+            scene_cost.plan(protocol=protocol, rig=opened, rig_folder=rig.parent, task_id=one, recordings=recordings)
+            for one in tasks
+        ]
     if as_json:
         tables = [one.as_dict() for one in plans]
         typer.echo(json.dumps({"recordings": source, "tasks": tables}, indent=2, ensure_ascii=False, allow_nan=False))

@@ -109,11 +109,22 @@ class Driven(Entry):
     peak_v: float
 
 
+class Computed(Entry):
+    """How the stimuli of a material are computed.
+
+    `method`: its name, with the band where bins outside it are left out. `relative_error`: what it claims at any speed.
+    """
+
+    method: str
+    relative_error: float
+
+
 class Stimulus(Entry):
     """What was synthesised and handed to the actuator.
 
     `sha256` is that of the samples as float64, little-endian. `floored_bins` counts the bins that
-    extrapolation would have made negative. `driven` is None where the actuator takes accelerations.
+    extrapolation would have made negative, of the whole spectrum. `driven` is None where the actuator takes
+    accelerations; `computed` in journals from before it was written.
     """
 
     sha256: str
@@ -124,6 +135,7 @@ class Stimulus(Entry):
     limited: int
     peak_m_s2: float
     driven: Driven | None = None
+    computed: Computed | None = None
 
 
 class Delivered(Entry):

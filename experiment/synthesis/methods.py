@@ -145,7 +145,7 @@ class _PrintedSum:
             waveform_m_s2=samples,
             floored_bins=wanted.floored_bins,
             extrapolated=wanted.extrapolated,
-            dropped_bins=wanted.coefficients.size - on.carried,
+            dropped_bins=self.spectra.dropped(on),
         )
 
 
@@ -236,4 +236,5 @@ def transform_error(on: Grid) -> float:
 
 def held_bytes(spectra: CrinkleSpectra) -> int:
     """Memory of one material's spectra, bytes."""
-    return spectra.speeds_mm_s.nbytes + spectra.amplitudes.nbytes + spectra.signs.nbytes
+    left_out = 0 if spectra.left_out is None else spectra.left_out.nbytes
+    return spectra.speeds_mm_s.nbytes + spectra.amplitudes.nbytes + spectra.signs.nbytes + left_out
