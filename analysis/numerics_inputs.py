@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from analysis import numerics_oracle as oracle
 from analysis.numerics_invariants import BAND_HZ, BINS, OUTPUT_RATES_HZ, material, some
 from analysis.numerics_oracle import RATE_HZ, SPEEDS_MM_S
-from experiment.synthesis import crinkle, engine, methods, noise, pruning, shaping, spectra
+from experiment.synthesis import crinkle, driving, engine, methods, noise, pruning, shaping, spectra
 from experiment.synthesis.first_block import FirstBlockFirst
 
 Call = Callable[[float], object]
@@ -177,7 +177,7 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     c, of = np.ones(BINS_HZ.size), response()
     f = np.linspace(20.0, 500.0, c.size)
     shape = partial(shaping.shape, response=of, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
-    drive = partial(shaping.drive, rate_hz=RATE_HZ, response=of)
+    drive = partial(driving.drive, rate_hz=RATE_HZ, response=of)
     move = partial(shaping.accelerations, response=of)
     within: Callable[..., object] = partial(drive, c, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     unbounded = partial(shaping.shape, c, frequencies_hz=f, response=of)
@@ -197,6 +197,7 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
         ("shape: coefficients", lambda x: shape(changed(c, x), frequencies_hz=f), EITHER),
         ("shape: frequencies_hz", lambda x: shape(c, frequencies_hz=changed(f, x)), EITHER),
         ("shape: gain_limit_v_per_m_s2", lambda x: unbounded(gain_limit_v_per_m_s2=x), EITHER),
+        ("shape: scale", lambda x: shape(c, frequencies_hz=f, scale=x), EITHER),
         ("accelerations: voltages_v", lambda x: move(changed(c, x), frequencies_hz=f), EITHER),
         ("accelerations: frequencies_hz", lambda x: move(c, frequencies_hz=changed(f, x)), EITHER),
         ("drive: waveform_m_s2", lambda x: drive(changed(c, x), gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2), EITHER),

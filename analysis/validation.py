@@ -36,8 +36,8 @@ REPORT = "report.html"
 
 FITTED = (
     "SIMULATED: these materials were fitted to Table 3, sessions with the paper's rate, length and takes are drawn "
-    "until they meet it, and growth with speed was chosen with section 3.3 in view. Agreement with Table 3, with Figure "
-    "7, and of the rank correlation with Table 2 is made, not found: it shows how the software computes, no material."
+    "until they meet it, and growth with speed was chosen with section 3.3 in view. Agreement with Table 3, with "
+    "Figure 7, and of the rank correlation with Table 2 is made, not found."
 )
 """What stands on simulated recordings wherever they are set beside published numbers."""
 

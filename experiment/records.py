@@ -87,6 +87,7 @@ class Phase(Entry):
 class Shaping(Entry):
     """What frequency shaping could not reach: bins by cause, and the sum over them of amplitude asked minus reached.
 
+    Asked is what the stimulus asked for, before `scale`; what `scale` alone takes from a bin is in no sum.
     `saturated`: above the highest drive level measured. `outside`: beyond the measured frequencies. `bounded`: held
     back by the rig's limit of volts per m/s^2. `scale`: factor by which the whole stimulus was taken down, so that what
     the rig's response makes of it stays within the limit of vibration; 1 where it need not be.

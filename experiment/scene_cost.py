@@ -29,7 +29,7 @@ STIMULUS_MODULES = (
     "experiment.recordings.manifest",
     "experiment.recordings.response",
     "experiment.synthesis.engine",
-    "experiment.synthesis.shaping",
+    "experiment.synthesis.driving",
     "experiment.apparatus.pcm_actuator",
 )
 """What a task with virtual stimuli imports and a task with real objects does not."""

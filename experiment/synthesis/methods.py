@@ -6,7 +6,7 @@ there the divisor is at least the rms at the nearest measured speed. Rounding of
 most `denormal_error_m_s2`.
 
 Frequency shaping (7) is not linear in amplitude, so no method weights shaped waveforms: every method returns m/s^2, and
-the actuator's driver shapes what it is given (`shaping.drive`).
+the actuator's driver shapes what it is given (`driving.drive`).
 """
 
 from __future__ import annotations
