@@ -57,13 +57,6 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
         ("bin_frequencies_hz: rate_hz", lambda x: spectra.bin_frequencies_hz(bins=BINS, rate_hz=x), EITHER),
         ("inverse: coefficients", lambda x: spectra.inverse(changed(c, x)), EITHER),
         ("inverse_on: coefficients", lambda x: spectra.inverse_on(changed(c, x), on), EITHER),
-        ("inverse_at_rate: coefficients", lambda x: spectra.inverse_at_rate(changed(c, x), **rates), EITHER),
-        ("inverse_at_rate: rate_hz", lambda x: spectra.inverse_at_rate(c, **{**rates, "rate_hz": x}), EITHER),
-        (
-            "inverse_at_rate: output_rate_hz",
-            lambda x: spectra.inverse_at_rate(c, **{**rates, "output_rate_hz": x}),
-            EITHER,
-        ),
         ("grid: rate_hz", lambda x: spectra.grid(samples=BINS, bins=BINS, **{**rates, "rate_hz": x}), EITHER),
         (
             "grid: output_rate_hz",

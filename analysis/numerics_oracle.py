@@ -69,7 +69,8 @@ def spectrum_at(spectra: CrinkleSpectra, speed_mm_s: float) -> tuple[Extended, i
     v = np.longdouble(speed_mm_s)
     speeds, amplitudes = spectra.speeds_mm_s.astype(np.longdouble), spectra.amplitudes.astype(np.longdouble)
     i = max([n for n in range(len(speeds) - 1) if speeds[n] <= v], default=0)
-    j = i if v - speeds[i] <= speeds[i + 1] - v else i + 1
+    # The nearer speed, settled in float64 as `crinkle.at_speed` defines it.
+    j = i if speed_mm_s - spectra.speeds_mm_s[i] <= spectra.speeds_mm_s[i + 1] - speed_mm_s else i + 1
     line = (amplitudes[i] * (speeds[i + 1] - v) + amplitudes[i + 1] * (v - speeds[i])) / (speeds[i + 1] - speeds[i])
     nearest = 0 if v < speeds[0] else len(speeds) - 1 if v > speeds[-1] else None
     return np.maximum(line, 0) * spectra.signs[j], int(np.count_nonzero(line < 0)), nearest

@@ -10,12 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures import COLOURS, HATCHES, STYLE
+from analysis.figures import COLOURS, HATCHES, MARKERS, STYLE
 from analysis.validation import Validation
 from experiment.synthesis.spectra import BAND_HZ
 
 LINES = ("-", "--", "-.", ":")
-MARKERS = "osD^vP"
 
 
 def figures(validation: Validation) -> dict[str, Figure]:

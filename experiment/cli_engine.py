@@ -187,7 +187,7 @@ def numerics(
     from experiment.cli_progress import progress
 
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        measured.check_out(out)
     with progress("numerics", quiet=as_json) as (total, tick):
         result = measured.run(quick=quick, limit=limit, total=total, tick=tick)
     if out is not None:

@@ -42,7 +42,10 @@ import scipy.fft
 scipy_mb = peak_mb()
 if {traced}:
     tracemalloc.start()
-from experiment.synthesis import crinkle, engine
+from experiment.synthesis import crinkle, driving, engine, shaping
+response = shaping.Response(
+    np.linspace(10.0, 600.0, 60), np.linspace(0.2, 2.0, 10), np.outer(np.ones(60), np.linspace(0.8, 8.0, 10))
+)
 rng = np.random.default_rng(1)
 renderers = []
 for material in range(4):
@@ -53,7 +56,10 @@ for material in range(4):
     renderers += [engine.choose(spectra, output_rate_hz=r).prepare(spectra, output_rate_hz=r) for r in (5000, 48_000)]
 for render in renderers:
     for v in range(0, 500, 10):
-        render(v)
+        made = render(v).waveform_m_s2
+        if v == 200:
+            rate_hz = 48_000 if made.size == 24_000 else 5000
+            driving.drive(made, rate_hz=rate_hz, response=response, gain_limit_v_per_m_s2=1.0, limit_m_s2=30.0)
 if {traced}:
     print(tracemalloc.get_traced_memory()[1] / 1e6)
 else:
@@ -142,9 +148,10 @@ def main() -> None:
         error = np.max(np.abs(made - oracle)) / np.max(np.abs(oracle))
         print(f"  {method.name:45s} {error:10.1e}   {claim:8.1e}{'  exact' if claim < EXACT else ''}")
     resident, scipy_alone = memory(traced=False)
-    print("4 materials at 5 and 48 kHz, peak beyond numpy")
-    print(f"  arrays and objects (tracemalloc)              {memory(traced=True)[0]:10.1f} MB   (at most 40)")
-    print(f"  resident, {scipy_alone:.1f} MB of it to import scipy.fft   {resident:10.1f} MB   (at most 40)")
+    print("4 materials at 5 and 48 kHz with frequency shaping, peak beyond numpy")
+    print(f"  resident: the claim                           {resident:10.1f} MB   (at most 40)")
+    print(f"    of it to import scipy.fft                   {scipy_alone:10.1f} MB")
+    print(f"  arrays and objects alone (tracemalloc)        {memory(traced=True)[0]:10.1f} MB")
 
 
 if __name__ == "__main__":

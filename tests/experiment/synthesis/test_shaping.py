@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from experiment.errors import SynthesisError
 from experiment.synthesis.driving import drive
 from experiment.synthesis.shaping import Loss, Response, accelerations, not_rising, shape
-from experiment.synthesis.spectra import inverse, inverse_at_rate, spectrum
+from experiment.synthesis.spectra import inverse, spectrum
+from tests.experiment.synthesis.resampled import resampled
 
 NO_LIMIT = 1e300
 NOTHING = Loss(bins=0, cost_m_s2=0.0)
@@ -238,9 +239,9 @@ def test_a_waveform_at_any_rate_is_driven_by_the_voltages_of_its_spectrum(output
     coefficients[[0, *range(600, 2500)]] = 0.0
     coefficients[rng.integers(1, 600, 50)] = 0.0
     shaped = shape(coefficients, frequencies_hz=np.arange(2500.0), response=TABLE, gain_limit_v_per_m_s2=3.0)
-    waveform = inverse_at_rate(coefficients, rate_hz=5000, output_rate_hz=output_rate_hz).samples
+    waveform = resampled(coefficients, rate_hz=5000, output_rate_hz=output_rate_hz)
     volts, did = drive(waveform, rate_hz=output_rate_hz, response=TABLE, gain_limit_v_per_m_s2=3.0)
-    wanted = inverse_at_rate(shaped.coefficients_v, rate_hz=5000, output_rate_hz=output_rate_hz).samples
+    wanted = resampled(shaped.coefficients_v, rate_hz=5000, output_rate_hz=output_rate_hz)
     assert np.max(np.abs(volts - wanted)) <= 1e-12 * np.max(np.abs(wanted))
     for name in ("saturated", "outside", "bounded"):
         one, other = getattr(did, name), getattr(shaped, name)
