@@ -229,9 +229,9 @@ def transform_error(on: Grid) -> float:
 
     For lengths that are powers of two, the norm of the error of a fast transform stays within about 7 log2(length)
     roundings of the norm of its result (Higham, Accuracy and Stability of Numerical Algorithms, theorem 24.2); 8 and
-    two steps more cover the passes before and after it. For other lengths, such as the 24,000 points of 0.5 s at 48 kHz,
-    the bound is not derived but measured: every error that `palpate numerics` and the tests take stays within it. The
-    grid may hold `count` of its p samples only, and all of the error.
+    two steps more cover the passes before and after it. For other lengths, such as the 24,000 points of 0.5 s at 48
+    kHz, the bound is not derived but measured: every error that `palpate numerics` and the tests take stays within it.
+    The grid may hold `count` of its p samples only, and all of the error.
     """
     return 8 * log2(4 * on.p) * ROUNDING * sqrt(on.p / on.count)
 
