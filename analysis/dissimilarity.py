@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import RecordingError
-from experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
+from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract
 from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity, dissimilarity_matrix, spectrum
 
 
@@ -128,8 +128,8 @@ def check_comparable(recorded: Recorded, fresh: Recorded) -> None:
         )
 
 
-def known_spectra(recorded: Recorded) -> dict[str, CrinkleSpectra]:
-    """Equation (2) for each material, averaged over takes; the panel subtracted.
+def known_spectra(recorded: Recorded, *, average: Average = "magnitude") -> dict[str, CrinkleSpectra]:
+    """Equation (2) for each material, averaged over takes as `crinkle.subtract` does; the panel subtracted.
 
     Raises:
         RecordingError: fewer than two speeds.
@@ -145,18 +145,19 @@ def known_spectra(recorded: Recorded) -> dict[str, CrinkleSpectra]:
             rate_hz=recorded.rate_hz,
             panel_object_takes=takes,
             panel_takes=recorded.panel,
+            average=average,
         )
         for material, takes in recorded.objects.items()
     }
 
 
-def own_spectra(fresh: Recorded, material: str) -> NDArray[np.float64]:
+def own_spectra(fresh: Recorded, material: str, *, average: Average = "magnitude") -> NDArray[np.float64]:
     """Equation (2) for every single take of a material, less the average panel of its speed.
 
     Returns:
         m/s^2, shape (S, T, N).
     """
-    panel = np.abs(spectrum(fresh.panel)).mean(axis=1, keepdims=True)
+    panel = _averaged(fresh.panel, average)[..., None, :]
     own: NDArray[np.float64] = np.maximum(np.abs(spectrum(fresh.objects[material])) - panel, 0.0)
     return own
 
@@ -181,7 +182,15 @@ def classify(
     return Classified(material, observed_mm_s, candidates_mm_s, np.array(scores))
 
 
-def overlay(material: str, *, known: CrinkleSpectra, fresh: Recorded, speed_mm_s: float, takes: int) -> Overlay:
+def overlay(
+    material: str,
+    *,
+    known: CrinkleSpectra,
+    fresh: Recorded,
+    speed_mm_s: float,
+    takes: int,
+    average: Average = "magnitude",
+) -> Overlay:
     """Synthesis beside the average of the first `takes` fresh takes at one speed.
 
     Args:
@@ -190,17 +199,25 @@ def overlay(material: str, *, known: CrinkleSpectra, fresh: Recorded, speed_mm_s
         fresh: which hold this speed.
         speed_mm_s: one of the fresh speeds, mm/s.
         takes: how many were averaged for a recorded spectrum; of fewer fresh ones, all are.
+        average: over takes, as in `known_spectra`.
 
     Source: Okamoto et al., section 3.3 and Figure 6.
     """
     place = int(np.flatnonzero(fresh.speeds_mm_s == speed_mm_s)[0])
-    with_object = np.abs(spectrum(fresh.objects[material][place, :takes])).mean(axis=0)
-    panel = np.abs(spectrum(fresh.panel[place, :takes])).mean(axis=0)
-    observed = np.maximum(with_object - panel, 0.0)
+    panel = _averaged(fresh.panel[place, :takes], average)
+    observed = np.maximum(_averaged(fresh.objects[material][place, :takes], average) - panel, 0.0)
     synthesised = np.abs(at_speed(known, speed_mm_s=speed_mm_s).coefficients)
     frequencies_hz = bin_frequencies_hz(bins=observed.size, rate_hz=known.rate_hz)
     score = float(dissimilarity(observed, synthesised, frequencies_hz=frequencies_hz))
     return Overlay(material, speed_mm_s, observed, synthesised, score)
+
+
+def _averaged(takes: NDArray[np.float64], average: Average) -> NDArray[np.float64]:
+    """Magnitude of the average spectrum of takes, shape (..., T, N) -> (..., N), as `crinkle.subtract` averages."""
+    coefficients = spectrum(takes)
+    if average == "signed":
+        return np.asarray(np.abs(coefficients.mean(axis=-2)))
+    return np.asarray(np.abs(coefficients).mean(axis=-2))
 
 
 def normalised_pairs(spectra: Mapping[str, NDArray[np.float64]], *, rate_hz: int) -> dict[tuple[str, str], float]:

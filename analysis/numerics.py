@@ -16,11 +16,19 @@ from analysis.numerics_measured import measurements
 from analysis.numerics_oracle import extended_epsilon
 from analysis.numerics_refusals import Limit
 from analysis.numerics_timing import FULL, QUICK, Extent, Measured
-from analysis.output import publish
+from analysis.output import check, publish
 from analysis.tables import WIDTH, Section, comma_separated, markdown, text
+from experiment.errors import DatasetError
 
 LABEL = "SIMULATED spectra"
 """No recording is measured here; stands on everything."""
+
+
+FILES = (
+    *(f"{slug}.csv" for slug in ("synthesis", "resampling", "shaping", "noise", "cases")),
+    *(f"numerics.{kind}" for kind in ("md", "svg", "png")),
+)
+"""What `write` writes."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +132,19 @@ def compute(
         outcomes.append(settle(case))
         tick()
     return Numerics(_software(), tuple(measured), tuple(outcomes))
+
+
+def check_out(out: Path) -> None:
+    """Refuse, before anything is measured, a folder that `write` could not write into.
+
+    Raises:
+        DatasetError: a file in the way, or the file system refuses.
+    """
+    check(out, FILES)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DatasetError(f"cannot write {error.filename or out}: {error.strerror}; choose another --out") from error
 
 
 def write(result: Numerics, out: Path) -> tuple[Path, ...]:

@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import GridSpec
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from analysis.figures import COLOURS, STYLE
+from analysis.figures import COLOURS, MARKERS, STYLE
 from analysis.numerics import Numerics
-from analysis.numerics_measured import BETWEEN_MM_S, CLAIMED_DB, CLAIMED_FROM_S, OUTPUT_RATE_HZ
+from analysis.numerics_measured import BETWEEN_MM_S, OUTPUT_RATE_HZ
 from analysis.numerics_sections import time_text
 from analysis.numerics_timing import Measured
+from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
 
-MARKERS = "osD^vP"
 QUIET = "#57606a"
 RULE: Any = {"color": "#d5d9de", "linewidth": 0.6}
 PRUNED, SINGLE, WHOLE = "bins above 500 Hz left out", "single precision", "double precision, all bins"

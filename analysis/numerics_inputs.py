@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from analysis import numerics_oracle as oracle
 from analysis.numerics_invariants import BAND_HZ, BINS, OUTPUT_RATES_HZ, material, some
 from analysis.numerics_oracle import RATE_HZ, SPEEDS_MM_S
-from experiment.synthesis import crinkle, engine, methods, noise, pruning, shaping, spectra
+from experiment.synthesis import crinkle, driving, engine, methods, noise, pruning, shaping, spectra
 from experiment.synthesis.first_block import FirstBlockFirst
 
 Call = Callable[[float], object]
@@ -57,13 +57,6 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
         ("bin_frequencies_hz: rate_hz", lambda x: spectra.bin_frequencies_hz(bins=BINS, rate_hz=x), EITHER),
         ("inverse: coefficients", lambda x: spectra.inverse(changed(c, x)), EITHER),
         ("inverse_on: coefficients", lambda x: spectra.inverse_on(changed(c, x), on), EITHER),
-        ("inverse_at_rate: coefficients", lambda x: spectra.inverse_at_rate(changed(c, x), **rates), EITHER),
-        ("inverse_at_rate: rate_hz", lambda x: spectra.inverse_at_rate(c, **{**rates, "rate_hz": x}), EITHER),
-        (
-            "inverse_at_rate: output_rate_hz",
-            lambda x: spectra.inverse_at_rate(c, **{**rates, "output_rate_hz": x}),
-            EITHER,
-        ),
         ("grid: rate_hz", lambda x: spectra.grid(samples=BINS, bins=BINS, **{**rates, "rate_hz": x}), EITHER),
         (
             "grid: output_rate_hz",
@@ -118,6 +111,11 @@ def _of_crinkle() -> list[tuple[str, Call, dict[str, float]]]:
         ),
         ("CrinkleSpectra: signs", lambda x: make(speeds_mm_s=speeds, amplitudes=a, signs=changed(of.signs, x)), EITHER),
         (
+            "CrinkleSpectra: left_out",
+            lambda x: make(speeds_mm_s=speeds, amplitudes=a, signs=of.signs, left_out=changed(a, x)),
+            EITHER,
+        ),
+        (
             "subtract: speeds_mm_s",
             lambda x: subtract(speeds_mm_s=changed(speeds, x), panel_object_takes=takes, panel_takes=takes),
             EITHER,
@@ -159,6 +157,8 @@ def _of_methods() -> list[tuple[str, Call, dict[str, float]]]:
         ("prune: band_hz, highest", lambda x: pruning.prune(of, band_hz=(0.0, x)), NAN),
         ("largest_share: band_hz, lowest", lambda x: share(band_hz=(x, 500.0)), EITHER),
         ("largest_share: band_hz, highest", lambda x: share(band_hz=(0.0, x)), NAN),
+        ("left_out_error: band_hz, lowest", lambda x: pruning.left_out_error(of, band_hz=(x, 500.0), on=on), EITHER),
+        ("left_out_error: band_hz, highest", lambda x: pruning.left_out_error(of, band_hz=(0.0, x), on=on), NAN),
         ("loudest_outside: band_hz, lowest", lambda x: loudest(band_hz=(x, 500.0), fastest_mm_s=600.0), EITHER),
         ("loudest_outside: band_hz, highest", lambda x: loudest(band_hz=(0.0, x), fastest_mm_s=600.0), NAN),
         ("loudest_outside: fastest_mm_s", lambda x: loudest(band_hz=band_hz, fastest_mm_s=x), EITHER),
@@ -170,7 +170,7 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     c, of = np.ones(BINS_HZ.size), response()
     f = np.linspace(20.0, 500.0, c.size)
     shape = partial(shaping.shape, response=of, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
-    drive = partial(shaping.drive, rate_hz=RATE_HZ, response=of)
+    drive = partial(driving.drive, rate_hz=RATE_HZ, response=of)
     move = partial(shaping.accelerations, response=of)
     within: Callable[..., object] = partial(drive, c, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     unbounded = partial(shaping.shape, c, frequencies_hz=f, response=of)
@@ -190,6 +190,7 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
         ("shape: coefficients", lambda x: shape(changed(c, x), frequencies_hz=f), EITHER),
         ("shape: frequencies_hz", lambda x: shape(c, frequencies_hz=changed(f, x)), EITHER),
         ("shape: gain_limit_v_per_m_s2", lambda x: unbounded(gain_limit_v_per_m_s2=x), EITHER),
+        ("shape: scale", lambda x: shape(c, frequencies_hz=f, scale=x), EITHER),
         ("accelerations: voltages_v", lambda x: move(changed(c, x), frequencies_hz=f), EITHER),
         ("accelerations: frequencies_hz", lambda x: move(c, frequencies_hz=changed(f, x)), EITHER),
         ("drive: waveform_m_s2", lambda x: drive(changed(c, x), gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2), EITHER),

@@ -20,19 +20,16 @@ from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.engine import methods
 from experiment.synthesis.first_block import FirstBlockRenderer
 from experiment.synthesis.methods import Method, PrintedSum, transform_error
-from experiment.synthesis.noise import Colour, noise
+from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S, Colour, noise
 from experiment.synthesis.pruning import BandPruned
 from experiment.synthesis.shaping import Response, shape
-from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, grid, inverse, inverse_at_rate
+from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, grid, inverse, inverse_on
 
 OUTPUT_RATE_HZ = 48_000
 BETWEEN_MM_S, BEYOND_MM_S = 170.0, 1000.0
 """A speed between measured ones; and one so far beyond that bins are floored."""
 
 DB_PER_OCTAVE: dict[Colour, float] = {"pink": 0.0, "white": 10 * float(np.log10(10**0.3))}
-CLAIMED_DB, CLAIMED_FROM_S = 0.5, 0.5
-"""What `noise` promises, and from which length on."""
-
 Measurement = Callable[[], Measured]
 
 
@@ -145,7 +142,7 @@ def _resampling(way: str, samples: int, rate_hz: int, extent: Extent) -> Measure
         claimed = transform_error(on)
 
         def call() -> NDArray[np.float64]:
-            return inverse_at_rate(coefficients, rate_hz=RATE_HZ, output_rate_hz=rate_hz).samples
+            return inverse_on(coefficients, on)
     elif way == "linear interpolation":
         times = (np.arange(on.count) + 0.5) * (RATE_HZ / rate_hz) - 0.5
 

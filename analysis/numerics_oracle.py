@@ -43,7 +43,7 @@ class Exact:
         scale: what a relative error is divided by, as `experiment.synthesis.methods` defines it.
         floored: bins that the line of equation (3) makes negative.
         extrapolated: whether the speed lies outside the measured ones.
-        dropped: bins that the output rate cannot carry.
+        dropped: bins of the recordings that the output rate cannot carry.
         bins: N of the recordings.
     """
 
@@ -69,7 +69,8 @@ def spectrum_at(spectra: CrinkleSpectra, speed_mm_s: float) -> tuple[Extended, i
     v = np.longdouble(speed_mm_s)
     speeds, amplitudes = spectra.speeds_mm_s.astype(np.longdouble), spectra.amplitudes.astype(np.longdouble)
     i = max([n for n in range(len(speeds) - 1) if speeds[n] <= v], default=0)
-    j = i if v - speeds[i] <= speeds[i + 1] - v else i + 1
+    # The nearer speed, settled in float64 as `crinkle.at_speed` defines it.
+    j = i if speed_mm_s - spectra.speeds_mm_s[i] <= spectra.speeds_mm_s[i + 1] - speed_mm_s else i + 1
     line = (amplitudes[i] * (speeds[i + 1] - v) + amplitudes[i + 1] * (v - speeds[i])) / (speeds[i + 1] - speeds[i])
     nearest = 0 if v < speeds[0] else len(speeds) - 1 if v > speeds[-1] else None
     return np.maximum(line, 0) * spectra.signs[j], int(np.count_nonzero(line < 0)), nearest
@@ -88,7 +89,7 @@ def stimulus(spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int)
         scale=length / np.sqrt(np.longdouble(2)),
         floored=floored,
         extrapolated=nearest is not None,
-        dropped=wanted.size - carried,
+        dropped=max(0, spectra.samples - ceil(_places(spectra, output_rate_hz))),
         bins=spectra.samples,
     )
 

@@ -10,7 +10,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from experiment.errors import DatasetError
@@ -27,13 +27,7 @@ def publish(out: Path, files: Mapping[str, bytes], label: str) -> tuple[Path, ..
         DatasetError: before anything is written, for a file in the way that is not ours or was changed since; or
             when the file system refuses.
     """
-    ours = _manifest(out)
-    for name in files:
-        path = out / name
-        if path.exists() and not (path.is_file() and _sha256(path) in ours.get(name, [])):
-            raise DatasetError(
-                f"{path} is no output of palpate, or was changed since; move it away or choose another --out"
-            )
+    ours = check(out, files)
     new = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     either = {name: [*ours.get(name, []), *([new[name]] if name in new else [])] for name in {**ours, **new}}
     try:
@@ -48,6 +42,22 @@ def publish(out: Path, files: Mapping[str, bytes], label: str) -> tuple[Path, ..
     except OSError as error:
         raise DatasetError(f"cannot write {error.filename or out}: {error.strerror}; choose another --out") from error
     return tuple(out / name for name in files)
+
+
+def check(out: Path, names: Iterable[str]) -> dict[str, list[str]]:
+    """What stands in a folder of ours, name -> SHA-256; called before what takes its time, it finds a file in the way.
+
+    Raises:
+        DatasetError: a file in the way of one of `names` that is not ours or was changed since.
+    """
+    ours = _manifest(out)
+    for name in names:
+        path = out / name
+        if path.exists() and not (path.is_file() and _sha256(path) in ours.get(name, [])):
+            raise DatasetError(
+                f"{path} is no output of palpate, or was changed since; move it away or choose another --out"
+            )
+    return ours
 
 
 def _manifest(out: Path) -> dict[str, list[str]]:

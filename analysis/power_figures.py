@@ -9,12 +9,11 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures import COLOURS, STYLE
+from analysis.figures import COLOURS, MARKERS, STYLE
 from analysis.planned_tests import Question
 from analysis.power import LABEL, Power, Row
 from analysis.power_sections import subject, title
 
-MARKERS = "osD^vP"
 WIDTH_IN = 3.5
 PANEL_IN = 2.3
 QUIET = "#57606a"

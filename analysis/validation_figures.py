@@ -10,12 +10,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from analysis.figures import COLOURS, HATCHES, STYLE
+from analysis.figures import COLOURS, HATCHES, MARKERS, STYLE
 from analysis.validation import Validation
 from experiment.synthesis.spectra import BAND_HZ
 
 LINES = ("-", "--", "-.", ":")
-MARKERS = "osD^vP"
 
 
 def figures(validation: Validation) -> dict[str, Figure]:
@@ -113,7 +112,8 @@ def confusions(validation: Validation) -> Figure:
     axes.set_xlabel("normalised dissimilarity of spectra")
     axes.set_ylabel("confusing answer ratio (Table 2)")
     axes.legend(frameon=False, fontsize=8)
-    _head(figure, "Confusions of real materials, as published, and dissimilarity here", validation.label)
+    made = ", of materials that were fitted to Table 3" if validation.fitted else ""
+    _head(figure, f"Confusions of real materials, as published, and dissimilarity here{made}", validation.label)
     return figure
 
 

@@ -73,11 +73,15 @@ def _classification(validation: Validation) -> Section:
     )
     head = "At least half" if validation.holds else "NOT everywhere at least half"
     paragraphs = (
+        *([validation.fitted] if validation.fitted else []),
         f"Recordings: {validation.recordings}. Fresh takes: {validation.fresh}.",
         f"{head} of the takes of every material were put on the same or a neighbouring speed: {'; '.join(verdicts)}.",
         "Candidates are all recorded and observed speeds; neighbours are next to one another among them. Each take is "
         "compared by itself, the average panel subtracted. Single takes look slower than they were: a sum of absolute "
         "differences is least at the median of a random magnitude, and syntheses come from means.",
+        f"Takes are averaged by {validation.average}. Averaged by {validation.other.average}, it would be: "
+        + "; ".join(f"{one.material}: {int(one.close.sum())} of {one.takes}" for one in validation.other.classified)
+        + ".",
         f"The paper's text gives, of ten takes each: {text}.",
     )
     return Section("classification", "Takes put on speeds", paragraphs, tuple(tables), tuple(records))
@@ -128,12 +132,15 @@ def _dissimilarity(validation: Validation) -> Section:
     for (a, b), value in validation.pairs.items():
         there = printed.get(frozenset((a, b)))
         ways = (ratios.get((a, b)), ratios.get((b, a)))
-        rows.append((a, b, number(value, 2), there.text if there else "-", *(number(ratio, 2) for ratio in ways)))
+        other = validation.other.pairs[a, b]
+        printed_here = there.text if there else "-"
+        rows.append((a, b, number(value, 2), number(other, 2), printed_here, *(number(ratio, 2) for ratio in ways)))
         records.append(
             {
                 "material_a": a,
                 "material_b": b,
                 "dissimilarity": value,
+                f"dissimilarity_{validation.other.average}": other,
                 "printed_dissimilarity": there.value if there else None,
                 "a_answered_b": ways[0],
                 "b_answered_a": ways[1],
@@ -141,16 +148,26 @@ def _dissimilarity(validation: Validation) -> Section:
         )
     table = Table(
         f"Normalised dissimilarity at {_speed(validation.reference_mm_s)} mm/s",
-        ("a", "b", "here", "Table 3", "a taken for b", "b taken for a"),
+        ("a", "b", "here", validation.other.average, "Table 3", "a taken for b", "b taken for a"),
         tuple(rows),
         left=frozenset({0, 1}),
-        notes=("The last two columns are answer ratios of Table 2, real materials, as printed.",),
+        notes=(
+            f"Takes are averaged by {validation.average}, and in the column after it by {validation.other.average}.",
+            "The last two columns are answer ratios of Table 2, real materials, as printed.",
+        ),
     )
-    rho = validation.rank_correlation
+    rho, swapped = validation.rank_correlation, validation.other.rank_correlation
+    outside = (
+        f"{_speed(validation.reference_mm_s)} mm/s, at which the paper compares materials, lies outside the recorded "
+        "speeds: these spectra are EXTRAPOLATED."
+    )
     paragraphs = (
+        *([validation.fitted] if validation.fitted else []),
+        *([outside] if validation.extrapolated else []),
         "Materials whose spectra differ less should be confused more often. "
         + (
-            f"Spearman's rank correlation of answer ratio and dissimilarity: {rho:.2f}, over {len(ratios)} ratios."
+            f"Spearman's rank correlation of answer ratio and dissimilarity: {rho:.2f}, over {len(ratios)} ratios"
+            + (f" ({swapped:.2f} averaged by {validation.other.average})." if swapped is not None else ".")
             if rho is not None
             else "The paper has no answer ratios of these materials, or too few for a correlation."
         ),

@@ -77,6 +77,10 @@ def validate(
     fresh: Annotated[
         Path | None, typer.Option("--fresh", help="Folder of fresh takes; simulated ones are made if left out.")
     ] = None,
+    protocol_file: Annotated[
+        Path | None,
+        typer.Option("--protocol", help="Protocol whose average over takes is used; magnitudes are if left out."),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder of results; RECORDINGS/validation by default.")
     ] = None,
@@ -87,11 +91,14 @@ def validate(
     """Validate the synthesis on recordings, as published.
 
     Puts each fresh take on the speed whose synthesised spectrum is most like it, counts how many are on their own or a
-    neighbouring speed, and compares the materials with one another.
+    neighbouring speed, and compares the materials with one another. Takes are averaged as the protocol says; what the
+    other way to average would give stands beside it.
     """
     from analysis import validation
+    from experiment.protocol import load
     from experiment.recordings import manifest
 
+    average = load.load(protocol_file).synthesis.average if protocol_file is not None else "magnitude"
     recorded = manifest.load_all(folder)
     if fresh is not None:
         if fresh.resolve() == folder.resolve():
@@ -101,7 +108,8 @@ def validate(
         from experiment.rehearsal import recorder
 
         others = recorder.fresh_takes(recorded, seed=seed)
-    result = validation.validate(recorded, others, out or folder / "validation", figures=figures)
+    folder_out = out or folder / "validation"
+    result = validation.validate(recorded, others, folder_out, average=average, figures=figures)
     typer.echo(json.dumps(result.as_dict(), indent=2, ensure_ascii=False) if as_json else result.text())
 
 
@@ -153,7 +161,10 @@ def plan(
             source = "SIMULATED recordings, made for this plan"
         else:
             source = str(recordings)
-        plans = [scene_cost.plan(protocol=protocol, rig=opened, task_id=one, recordings=recordings) for one in tasks]
+        plans = [
+            scene_cost.plan(protocol=protocol, rig=opened, rig_folder=rig.parent, task_id=one, recordings=recordings)
+            for one in tasks
+        ]
     if as_json:
         tables = [one.as_dict() for one in plans]
         typer.echo(json.dumps({"recordings": source, "tasks": tables}, indent=2, ensure_ascii=False, allow_nan=False))
@@ -176,7 +187,7 @@ def numerics(
     from experiment.cli_progress import progress
 
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        measured.check_out(out)
     with progress("numerics", quiet=as_json) as (total, tick):
         result = measured.run(quick=quick, limit=limit, total=total, tick=tick)
     if out is not None:

@@ -87,6 +87,7 @@ class Phase(Entry):
 class Shaping(Entry):
     """What frequency shaping could not reach: bins by cause, and the sum over them of amplitude asked minus reached.
 
+    Asked is what the stimulus asked for, before `scale`; what `scale` alone takes from a bin is in no sum.
     `saturated`: above the highest drive level measured. `outside`: beyond the measured frequencies. `bounded`: held
     back by the rig's limit of volts per m/s^2. `scale`: factor by which the whole stimulus was taken down, so that what
     the rig's response makes of it stays within the limit of vibration; 1 where it need not be.
@@ -109,11 +110,22 @@ class Driven(Entry):
     peak_v: float
 
 
+class Computed(Entry):
+    """How the stimuli of a material are computed.
+
+    `method`: its name, with the band where bins outside it are left out. `relative_error`: what it claims at any speed.
+    """
+
+    method: str
+    relative_error: float
+
+
 class Stimulus(Entry):
     """What was synthesised and handed to the actuator.
 
     `sha256` is that of the samples as float64, little-endian. `floored_bins` counts the bins that
-    extrapolation would have made negative. `driven` is None where the actuator takes accelerations.
+    extrapolation would have made negative, of the whole spectrum. `driven` is None where the actuator takes
+    accelerations; `computed` in journals from before it was written.
     """
 
     sha256: str
@@ -124,6 +136,7 @@ class Stimulus(Entry):
     limited: int
     peak_m_s2: float
     driven: Driven | None = None
+    computed: Computed | None = None
 
 
 class Delivered(Entry):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from experiment.protocol.models import Protocol
+from experiment.records import Computed
 
 if TYPE_CHECKING:
     import numpy as np
@@ -16,8 +17,18 @@ if TYPE_CHECKING:
 
     from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised
     from experiment.synthesis.engine import Choice
+    from experiment.synthesis.methods import Renderer
 
-Render = Callable[[str, float, int], "Synthesised"]
+
+@dataclass(frozen=True)
+class Rendered:
+    """A stimulus, and how it was computed."""
+
+    stimulus: Synthesised
+    computed: Computed
+
+
+Render = Callable[[str, float, int], Rendered]
 """(material, foot speed in mm/s, output rate in Hz) -> the stimulus."""
 
 
@@ -80,13 +91,37 @@ def fastest_mm_s(protocol: Protocol) -> float:
     return min(limits, default=float("inf"))
 
 
-def choose(spectra: CrinkleSpectra, protocol: Protocol, output_rate_hz: int) -> Choice:
-    """How the stimuli of one material are computed: exactly, or on the tactile band where the rest is not felt.
-
-    It is not felt where no bin outside the band reaches the floor at any speed that the protocol counts.
+def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> tuple[str, float]:
+    """The material of which most lies outside the tactile band at a speed that the protocol counts.
 
     Args:
-        spectra: of the material.
+        spectra: of each material of a task.
+        protocol: its tactile band, and its fastest foot.
+
+    Returns:
+        The material, and the largest rms of what lies outside, m/s^2; infinity where any speed counts.
+
+    Raises:
+        SynthesisError: a speed that counts and has no spectrum.
+    """
+    from experiment.synthesis.pruning import loudest_outside
+
+    fastest, band_hz = fastest_mm_s(protocol), protocol.tactile.band_hz
+    if fastest == float("inf"):
+        return next(iter(spectra)), fastest
+    levels = {m: loudest_outside(of, band_hz=band_hz, fastest_mm_s=fastest) for m, of in spectra.items()}
+    loudest = max(levels, key=levels.__getitem__)
+    return loudest, levels[loudest]
+
+
+def choose(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol, output_rate_hz: int) -> dict[str, Choice]:
+    """How the stimuli of a task's materials are computed: exactly, or on the tactile band where the rest is not felt.
+
+    It is not felt where of no material what lies outside reaches the floor (`felt_outside`). That is decided for all
+    materials together: were some filtered and others not, participants could tell them apart by that.
+
+    Args:
+        spectra: of each material of a task.
         protocol: its tactile band and floor, and its fastest foot.
         output_rate_hz: samples a second that the actuator expects, Hz.
 
@@ -95,12 +130,16 @@ def choose(spectra: CrinkleSpectra, protocol: Protocol, output_rate_hz: int) -> 
     """
     from experiment.synthesis import engine, pruning
 
-    tactile, fastest = protocol.tactile, fastest_mm_s(protocol)
-    if fastest == float("inf") or (
-        pruning.loudest_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest) >= tactile.floor_m_s2
-    ):
-        return engine.choose(spectra, output_rate_hz=output_rate_hz)
-    return engine.choose(spectra, output_rate_hz=output_rate_hz, band_hz=tactile.band_hz, allowed_relative_error=1.0)
+    if felt_outside(spectra, protocol)[1] >= protocol.tactile.floor_m_s2:
+        return {material: engine.choose(of, output_rate_hz=output_rate_hz) for material, of in spectra.items()}
+    band_hz = protocol.tactile.band_hz
+
+    def on_the_band(of: CrinkleSpectra) -> Choice:
+        left_out = pruning.left_out_error(of, band_hz=band_hz, on=of.grid(output_rate_hz))
+        allowed = left_out + engine.EXACT
+        return engine.choose(of, output_rate_hz=output_rate_hz, band_hz=band_hz, allowed_relative_error=allowed)
+
+    return {material: on_the_band(of) for material, of in spectra.items()}
 
 
 def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_rates_hz: Sequence[int] = ()) -> Render:
@@ -125,19 +164,23 @@ def prepare_stimuli(
     spectra: Mapping[str, CrinkleSpectra], *, protocol: Protocol, output_rates_hz: Sequence[int] = ()
 ) -> Render:
     """What renders a stimulus from spectra; arguments and errors as in `open_stimuli`."""
-    from experiment.synthesis import crinkle, methods
 
     @cache
-    def renderer(material: str, output_rate_hz: int) -> methods.Renderer:
-        choice = choose(spectra[material], protocol, output_rate_hz)
-        return choice.prepare(spectra[material], output_rate_hz=output_rate_hz)
+    def chosen(output_rate_hz: int) -> dict[str, tuple[Renderer, Computed]]:
+        return {
+            material: (
+                choice.prepare(spectra[material], output_rate_hz=output_rate_hz),
+                Computed(method=choice.method.name, relative_error=choice.estimate.relative_error),
+            )
+            for material, choice in choose(spectra, protocol, output_rate_hz).items()
+        }
 
     for output_rate_hz in output_rates_hz:
-        for material in spectra:
-            renderer(material, output_rate_hz)
+        chosen(output_rate_hz)
 
-    def render(material: str, speed_mm_s: float, output_rate_hz: int) -> crinkle.Synthesised:
-        return renderer(material, output_rate_hz)(speed_mm_s)
+    def render(material: str, speed_mm_s: float, output_rate_hz: int) -> Rendered:
+        renderer, computed = chosen(output_rate_hz)[material]
+        return Rendered(renderer(speed_mm_s), computed)
 
     return render
 

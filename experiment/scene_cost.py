@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import statistics
-import subprocess
-import sys
-import time
-import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,12 +11,14 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment import cost
 from experiment import scene as scenes
 from experiment.apparatus.rig import Rig
 from experiment.protocol.models import Protocol
 
 if TYPE_CHECKING:
     from experiment.synthesis.crinkle import CrinkleSpectra
+    from experiment.synthesis.engine import Choice
 
 Kind = Literal["parts", "imports", "materials", "bins", "channels", "steps"]
 
@@ -33,7 +29,7 @@ STIMULUS_MODULES = (
     "experiment.recordings.manifest",
     "experiment.recordings.response",
     "experiment.synthesis.engine",
-    "experiment.synthesis.shaping",
+    "experiment.synthesis.driving",
     "experiment.apparatus.pcm_actuator",
 )
 """What a task with virtual stimuli imports and a task with real objects does not."""
@@ -41,27 +37,8 @@ STIMULUS_MODULES = (
 SPEEDS_MM_S = tuple(float(v) for v in range(40, 420, 20))
 """Foot speeds at which times and errors are taken."""
 
-REPEATS = 5
 TURNS = 51
 """Rounds over all speeds where single steps are timed, for what lies between two ways may be less than 1 us."""
-
-
-@dataclass(frozen=True)
-class Taken:
-    """A time, as the median of repeats, and how far these spread.
-
-    Attributes:
-        ms: median, ms.
-        spread_ms: from the lower to the upper quartile, ms.
-    """
-
-    ms: float
-    spread_ms: float
-
-    @property
-    def measurable(self) -> bool:
-        """Whether it is more than the spread of the repeats; what is not is no saving."""
-        return abs(self.ms) > self.spread_ms
 
 
 @dataclass(frozen=True)
@@ -73,14 +50,14 @@ class Omission:
         what: in words.
         saves: time saved, negative where leaving it out takes longer; None where there is none to measure.
         saves_kb: memory saved, kB (1000 bytes); None as above.
-        cost: the error that leaving it out makes, in words and figures.
+        costs: the error that leaving it out makes, in words and figures.
     """
 
     kind: Kind
     what: str
-    saves: Taken | None
+    saves: cost.Taken | None
     saves_kb: float | None
-    cost: str
+    costs: str
 
     def as_dict(self) -> dict[str, object]:
         """For JSON; `saves_ms` is null where no difference could be measured."""
@@ -91,7 +68,7 @@ class Omission:
             "saves_ms": time.ms if time is not None and time.measurable else None,
             "spread_ms": time.spread_ms if time is not None else None,
             "saves_kb": self.saves_kb,
-            "cost": self.cost,
+            "cost": self.costs,
         }
 
     def saved(self) -> str:
@@ -101,7 +78,7 @@ class Omission:
             parts.append(f"{_time(time.ms)} (repeats spread over {_time(time.spread_ms)})")
         if self.saves_kb is not None:
             parts.append(f"{self.saves_kb:.0f} kB")
-        saved = f"saves {' and '.join(parts) or 'attention'}"
+        saved = f"saves {' and '.join(parts)}" if parts else "what it saves is not measured"
         if time is None or time.measurable:
             return saved
         seen = f"no measurable difference in time ({_time(time.ms)}, repeats spread over {_time(time.spread_ms)})"
@@ -140,7 +117,7 @@ class TaskPlan:
             "leaves out",
         ]
         for o in self.left_out:
-            lines += [f"  {o.kind:9} {o.what}", f"            {o.saved()}; costs {o.cost}"]
+            lines += [f"  {o.kind:9} {o.what}", f"            {o.saved()}; costs {o.costs}"]
         return "\n".join([*lines, "", f"never left out: {', '.join(ALWAYS)}"])
 
 
@@ -148,17 +125,19 @@ def _time(ms: float) -> str:
     return f"{ms:.1f} ms" if abs(ms) >= 1 else f"{ms * 1e3:.1f} us"
 
 
-def plan(*, protocol: Protocol, rig: Rig, task_id: str, recordings: Path) -> TaskPlan:
+def plan(*, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, recordings: Path) -> TaskPlan:
     """Plan a task, and measure what it leaves out.
 
     Args:
         protocol: the study.
-        rig: gives the actuator's rate.
+        rig: gives the actuator's rate and its response table.
+        rig_folder: of the rig file, from which the table is found.
         task_id: one of its tasks.
         recordings: folder of the recordings of its materials.
 
     Raises:
         RecordingError: a recording is missing or unusable.
+        RigError: the response table is.
     """
     scene = scenes.plan(protocol=protocol, task_id=task_id)
     title = protocol.task(task_id).title
@@ -168,22 +147,27 @@ def plan(*, protocol: Protocol, rig: Rig, task_id: str, recordings: Path) -> Tas
         ways = tuple(f"{name}: {when}" for name, when in engine.TAKEN.items())
         return TaskPlan(task_id, title, *_virtual(scene, protocol, rig, recordings), ways)
     needs = (f"parts     {', '.join(ALWAYS)}", "steps     laying out the real object before each trial")
-    return TaskPlan(task_id, title, needs, _real(protocol, rig, recordings))
+    return TaskPlan(task_id, title, needs, _real(protocol, rig, rig_folder, recordings))
 
 
-def _real(protocol: Protocol, rig: Rig, recordings: Path) -> tuple[Omission, ...]:
+def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> tuple[Omission, ...]:
+    from experiment.recordings.response import open_drive
+
     virtual = scenes.Scene("", True, True, False, tuple(material.id for material in protocol.materials))
     load = partial(scenes.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
-    imported, imported_kb = import_cost(STIMULUS_MODULES)
-    loaded, loaded_kb = _measured(load)
+    drive = partial(open_drive, rig_folder, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
+    driven, driven_kb = cost.measured(drive) if rig.actuator.shaping is not None else (None, None)
+    imported, imported_kb = cost.import_cost(STIMULUS_MODULES)
+    loaded, loaded_kb = cost.measured(load)
     prepare = partial(scenes.prepare_stimuli, load(), protocol=protocol, output_rates_hz=(rig.actuator.rate_hz,))
-    prepared, prepared_kb = _measured(prepare)
+    prepared, prepared_kb = cost.measured(prepare)
     first, render = virtual.materials[0], prepare()
-    rendered = _taken([_step_ms(lambda v: render(first, v, rig.actuator.rate_hz)) for _ in range(TURNS)])
+    rendered = cost.taken([_step_ms(lambda v: render(first, v, rig.actuator.rate_hz)) for _ in range(TURNS)])
     nothing = "nothing: no stimulus is played, so not a bit of any record differs"
     return (
         Omission("parts", "synthesis engine: prepared stimuli of every material", prepared, prepared_kb, nothing),
-        Omission("parts", "actuator, its frequency shaping and its port", None, None, nothing),
+        Omission("parts", "frequency shaping: the rig's response table", driven, driven_kb, nothing),
+        Omission("parts", "actuator and its port", None, None, nothing),
         Omission("imports", ", ".join(STIMULUS_MODULES), imported, imported_kb, nothing),
         Omission("materials", f"spectra of {', '.join(virtual.materials)}", loaded, loaded_kb, nothing),
         Omission("channels", "the actuator's channel", None, None, nothing),
@@ -200,36 +184,57 @@ def _virtual(
     held = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     needs = [f"parts     {', '.join(ALWAYS)}, synthesis engine, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
     left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
+    chosen = scenes.choose(held, protocol, rate_hz)
+    promises: dict[str, list[str]] = {}
     for material, spectra in held.items():
-        choice = scenes.choose(spectra, protocol, rate_hz)
-        exact = engine.choose(spectra, output_rate_hz=rate_hz)
+        choice, exact = chosen[material], engine.choose(spectra, output_rate_hz=rate_hz)
         kept = f"{choice.method.name}, relative error up to {choice.estimate.relative_error:.2g}"
         needs.append(f"material  {material}: {kept}, {choice.estimate.memory_bytes / 1e3:.0f} kB")
-        if choice.method.name != exact.method.name:
-            left_out.append(_bins(material, spectra, protocol, rate_hz))
+        promises.setdefault(choice.estimate.why, []).append(material)
+        if choice.method != exact.method:
+            left_out.append(_bins(material, spectra, choice, protocol, rate_hz))
+        dropped = spectra.dropped(spectra.grid(rate_hz))
+        if dropped:
+            lost = "all that they would add: no actuator at this rate can play them"
+            what = f"{dropped} of {spectra.samples} bins of {material}, at or above half of {rate_hz} Hz"
+            left_out.append(Omission("bins", what, None, None, lost))
+    needs += [f"error     {', '.join(materials)}: {why}" for why, materials in promises.items()]
+    needs.append(f"bins      {_felt(held, protocol)}")
     return tuple(needs), tuple(left_out)
 
 
-def _bins(material: str, spectra: CrinkleSpectra, protocol: Protocol, rate_hz: int) -> Omission:
+def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
+    """Whether what lies outside the tactile band may be left out, and why."""
+    tactile, fastest = protocol.tactile, scenes.fastest_mm_s(protocol)
+    band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
+    if fastest == float("inf"):
+        return "all: the protocol counts a foot of any speed, so nothing is known to stay below the floor"
+    loudest, level = scenes.felt_outside(held, protocol)
+    reached = f"reaches {level:.2g} m/s^2 rms at up to {fastest:g} mm/s ({loudest})"
+    if level >= tactile.floor_m_s2:
+        return f"all of every material: what lies outside {band} {reached}, not below the floor {tactile.floor_m_s2:g}"
+    return f"{band} of every material: what lies outside {reached}, below the floor {tactile.floor_m_s2:g}"
+
+
+def _bins(material: str, spectra: CrinkleSpectra, chosen: Choice, protocol: Protocol, rate_hz: int) -> Omission:
     """What leaving out the bins beyond the tactile band of one material saves and costs."""
     from experiment.synthesis import engine, pruning
 
-    tactile = protocol.tactile
-    chosen, exact = scenes.choose(spectra, protocol, rate_hz), engine.choose(spectra, output_rate_hz=rate_hz)
+    tactile, exact = protocol.tactile, engine.choose(spectra, output_rate_hz=rate_hz)
     pruned, whole = (one.prepare(spectra, output_rate_hz=rate_hz) for one in (chosen, exact))
     errors = [_relative_error(pruned(v).waveform_m_s2, whole(v).waveform_m_s2) for v in SPEEDS_MM_S]
-    saves = _taken([_step_ms(whole) - _step_ms(pruned) for _ in range(TURNS)])
+    saves = cost.taken([_step_ms(whole) - _step_ms(pruned) for _ in range(TURNS)])
     bins = spectra.samples - pruning.prune(spectra, band_hz=tactile.band_hz).amplitudes.shape[1]
     fastest = scenes.fastest_mm_s(protocol)
     loudest = pruning.loudest_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
-    cost = (
+    lost = (
         f"a relative error (rms) of {max(errors):.2g} at {SPEEDS_MM_S[0]:g} to {SPEEDS_MM_S[-1]:g} mm/s, claimed at "
-        f"most {chosen.estimate.relative_error:.2g}; no bin left out reaches {tactile.floor_m_s2:g} m/s^2 at up to "
-        f"{fastest:g} mm/s (loudest {loudest:.2g})"
+        f"most {chosen.estimate.relative_error:.2g}; all of it together reaches {loudest:.2g} m/s^2 rms at up to "
+        f"{fastest:g} mm/s, below the floor {tactile.floor_m_s2:g}"
     )
     what = f"{bins} of {spectra.samples} bins of {material}, outside {tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     saves_kb = (exact.estimate.memory_bytes - chosen.estimate.memory_bytes) / 1e3
-    return Omission("bins", what, saves, saves_kb, cost)
+    return Omission("bins", what, saves, saves_kb, lost)
 
 
 def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> float:
@@ -238,57 +243,6 @@ def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> f
     return float(np.sqrt(np.mean((found - right) ** 2))) / rms if rms else 0.0
 
 
-def import_cost(modules: tuple[str, ...]) -> tuple[Taken, float | None]:
-    """Time, and the median of resident memory, kB, that importing `modules` adds to a session without them.
-
-    Each time a new interpreter first imports what every session needs. No memory where the system does not tell it.
-    """
-    code = (
-        "import importlib, json, sys, time\n"
-        "import experiment.study\n"
-        "def kb():\n"
-        "    try:\n"
-        "        with open('/proc/self/statm') as file:\n"
-        "            import resource\n"
-        "            return int(file.read().split()[1]) * resource.getpagesize() / 1e3\n"
-        "    except (OSError, ImportError):\n"
-        "        return None\n"
-        "held, begun = kb(), time.perf_counter()\n"
-        "for name in sys.argv[1:]:\n"
-        "    importlib.import_module(name)\n"
-        "passed = time.perf_counter() - begun\n"
-        "print(json.dumps([passed * 1e3, None if held is None else kb() - held]))\n"
-    )
-    command = [sys.executable, "-c", code, *modules]
-    outputs = [subprocess.run(command, capture_output=True, check=True).stdout for _ in range(REPEATS)]  # noqa: S603
-    runs = [json.loads(output) for output in outputs]
-    resident_kb = None if runs[0][1] is None else statistics.median(run[1] for run in runs)
-    return _taken([run[0] for run in runs]), resident_kb
-
-
-def _measured(call: Callable[[], object]) -> tuple[Taken, float]:
-    """What a call takes, and the memory that its result holds, kB."""
-    taken = _taken([_ms(call) for _ in range(REPEATS)])
-    tracemalloc.start()
-    before = tracemalloc.get_traced_memory()[0]
-    result = call()
-    held = tracemalloc.get_traced_memory()[0] - before
-    tracemalloc.stop()
-    del result
-    return taken, held / 1e3
-
-
-def _taken(ms: list[float]) -> Taken:
-    lower, median, upper = np.quantile(ms, [0.25, 0.5, 0.75]).tolist()
-    return Taken(median, upper - lower)
-
-
 def _step_ms(render: Callable[[float], object]) -> float:
     """Time of one step, the mean over `SPEEDS_MM_S`, ms."""
-    return sum(_ms(partial(render, v)) for v in SPEEDS_MM_S) / len(SPEEDS_MM_S)
-
-
-def _ms(call: Callable[[], object]) -> float:
-    begun = time.perf_counter()
-    call()
-    return (time.perf_counter() - begun) * 1e3
+    return sum(cost.ms(partial(render, v)) for v in SPEEDS_MM_S) / len(SPEEDS_MM_S)

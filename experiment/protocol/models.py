@@ -139,10 +139,10 @@ class Synthesis(Confined):
 
 
 class Tactile(Confined):
-    """What skin and actuator can pass; what lies outside may be left out where none of it reaches the floor.
+    """What skin and actuator can pass; what lies outside may be left out where it stays below the floor.
 
-    `low_hz` to `high_hz`: the frequencies that count. `floor_m_s2`: amplitude of a single bin of a spectrum below
-    which nothing is felt outside the band. `source`: where both come from.
+    `low_hz` to `high_hz`: the frequencies that count. `floor_m_s2`: rms of all that lies outside the band together,
+    below which it is not felt; decided for all materials of a task at once. `source`: where both come from.
     """
 
     RULES: ClassVar[rules.Rules] = rules.tactile

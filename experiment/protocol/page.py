@@ -184,8 +184,9 @@ def _stimuli(protocol: Protocol) -> Iterator[str]:
         f"({number(synthesis.samples / synthesis.rate_hz)} s). Takes are averaged by {synthesis.average}."
     )
     yield from say(
-        f"Frequencies outside {number(tactile.low_hz)} to {number(tactile.high_hz)} Hz are left out of a "
-        f"material's stimuli where none of them reaches {number(tactile.floor_m_s2)} m/s^2. Source: {tactile.source}"
+        f"Frequencies outside {number(tactile.low_hz)} to {number(tactile.high_hz)} Hz are left out of all stimuli of "
+        f"a task where together they stay below {number(tactile.floor_m_s2)} m/s^2 (rms) in every material, and of "
+        f"none otherwise. Source: {tactile.source}"
     )
     yield from say(
         f"The speed of the foot is measured while it falls from {number(step.gate_top_mm)} to "

@@ -106,8 +106,13 @@ def begun(planned: Plan, out: Path) -> Iterator[Path]:
             shutil.rmtree(partial, ignore_errors=True)
 
 
-def publish(planned: Plan, out: Path) -> Path:
+def publish(planned: Plan, out: Path, *, note: str = "") -> Path:
     """Write the recordings from the takes that were kept, and remove those once the recordings are on disk.
+
+    Args:
+        planned: what they are of.
+        out: their folder.
+        note: what the manifest says besides.
 
     Returns:
         Path of the manifest.
@@ -126,7 +131,7 @@ def publish(planned: Plan, out: Path) -> Path:
         rate_hz=planned.rate_hz,
         simulated=planned.simulated,
         label=SIMULATED if planned.simulated else planned.source,
-        note=f"recorded with palpate record, {planned.source}; SHA-256: {identity}",
+        note="; ".join(filter(None, (f"recorded with palpate record, {planned.source}", note, f"SHA-256: {identity}"))),
     )
     if out.exists():
         out.rmdir()

@@ -28,12 +28,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment import files
 from experiment.apparatus.ports import Drive
 from experiment.apparatus.rig_panel import ActuatorRig, response_table
 from experiment.errors import RecordingError
 from experiment.recordings.columns import number
 from experiment.records import Shaping
-from experiment.synthesis.shaping import Response, drive, not_rising
+from experiment.synthesis.driving import drive
+from experiment.synthesis.shaping import Response, not_rising
 
 COLUMNS = ("frequency_hz", "drive_vrms", "acceleration_pp_m_s2")
 
@@ -78,7 +80,7 @@ def write(path: Path, response: Response, *, comments: Sequence[str]) -> None:
         for level_v, answer in zip(response.levels_v, answers, strict=True):
             lines.append(f"{frequency_hz:.6g},{level_v / sqrt(2):.6g},{2 * answer:.6g}")
     try:
-        path.write_text("\n".join(lines) + "\n", "utf-8", newline="\n")
+        files.write(path, ("\n".join(lines) + "\n").encode())
     except OSError as error:
         raise RecordingError(
             f"{path}: cannot be written ({error.strerror}); allowed: a place to write to; name the table otherwise"

@@ -188,8 +188,9 @@ def record(
     detector: GateDetector,
     console: TakesConsole,
     clock: Clock,
+    note: str = "",
 ) -> Path:
-    """Walk through what is not recorded yet, then write the whole.
+    """Walk through what is not recorded yet, then write the whole; `note` is what the manifest says besides.
 
     Returns:
         Path of the manifest.
@@ -200,7 +201,7 @@ def record(
     """
     with partial.begun(planned, out) as folder:
         _walk(planned, folder, tracker, accelerometer, detector, console, clock)
-        return partial.publish(planned, out)
+        return partial.publish(planned, out, note=note)
 
 
 def _walk(

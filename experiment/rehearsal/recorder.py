@@ -25,7 +25,7 @@ from experiment.rehearsal.foot import Foot
 from experiment.rehearsal.materials import CRUSH_MM
 from experiment.rehearsal.sensor import PassingTime, Sensor
 from experiment.rehearsal.serial_line import SerialLine
-from experiment.rehearsal.takes import Session
+from experiment.rehearsal.takes import RecordingSession
 
 MOST_ATTEMPTS = 50
 """The simulated experimenter gives up then: about one attempt in six is off target by chance."""
@@ -40,7 +40,7 @@ Tick = Callable[[], None]
 class SimulatedExperimenter:
     """Implements `TakesConsole`: lays out, steps, and keeps every take without a problem."""
 
-    def __init__(self, *, foot: Foot, sensor: Sensor, clock: Clock, session: Session, tick: Tick) -> None:
+    def __init__(self, *, foot: Foot, sensor: Sensor, clock: Clock, session: RecordingSession, tick: Tick) -> None:
         """Take a place at the panel.
 
         Args:
@@ -154,6 +154,7 @@ def record_simulated(
             detector=GateDetector(protocol.step),
             console=experimenter,
             clock=clock,
+            note=takes_of.note(drawn),
         )
 
 
@@ -191,4 +192,4 @@ def fresh_takes(
         rate_hz=recorded.rate_hz,
         samples=recorded.panel.shape[-1],
     )
-    return Session(planned, seed=seed, number=0).recordings()
+    return RecordingSession(planned, seed=seed, number=0).recordings()

@@ -65,7 +65,7 @@ class Attempt:
     samples_m_s2: NDArray[np.float64]
 
 
-class Session:
+class RecordingSession:
     """One simulated session; every draw is named, so attempts may be asked for in any order."""
 
     def __init__(self, planned: Plan, *, seed: int, number: int) -> None:
@@ -132,17 +132,17 @@ class Session:
         )
 
 
-def session(planned: Plan, *, seed: int) -> Session:
+def session(planned: Plan, *, seed: int) -> RecordingSession:
     """The first session of a seed that meets Table 3; where the plan is not the paper's, the first.
 
     Raises:
         RecordingError: a material without simulation, or no session that meets the table.
     """
-    first = Session(planned, seed=seed, number=0)
+    first = RecordingSession(planned, seed=seed, number=0)
     if not _as_published(planned):
         return first
     for number in range(MOST_SESSIONS):
-        drawn = Session(planned, seed=seed, number=number)
+        drawn = RecordingSession(planned, seed=seed, number=number)
         if strays_from_table_3(drawn) <= TABLE_3_TOLERANCE:
             return drawn
     raise RecordingError(
@@ -184,7 +184,7 @@ def make_recordings(directory: Path, *, protocol: Protocol, seed: int) -> Path:
         rate_hz=drawn.planned.rate_hz,
         simulated=True,
         label=SIMULATED,
-        note=f"{drawn.planned.source}, session {drawn.number}",
+        note=f"{drawn.planned.source}, {note(drawn)}",
     )
 
 
@@ -193,7 +193,17 @@ def source(seed: int) -> str:
     return f"SIMULATED, seed {seed}"
 
 
-def strays_from_table_3(drawn: Session) -> float:
+def note(drawn: RecordingSession) -> str:
+    """What a manifest says of a session: its number, and what was fitted or chosen so that it is as published."""
+    if not _as_published(drawn.planned):
+        return f"session {drawn.number}; materials fitted to Table 3 of Okamoto et al."
+    return (
+        f"session {drawn.number}, the first from 0 on within {TABLE_3_TOLERANCE} of Table 3 of Okamoto et al., to "
+        "which the materials were fitted: its agreement with that table is made, not found"
+    )
+
+
+def strays_from_table_3(drawn: RecordingSession) -> float:
     """Largest departure of any pair from Table 3: section 6.1, equations (2) and (6) at 200 mm/s."""
     numbers = range(1, drawn.planned.takes + 1)
 

@@ -53,16 +53,18 @@ class Sounding:
     def prepare(self, gate: Gate) -> None:
         """Synthesise for the foot's speed and have it ready; a later gate replaces an earlier one."""
         rendered = self._render(self._material, gate.speed_mm_s, self._actuator.rate_hz)
-        played = self._actuator.prepare(rendered.waveform_m_s2)
+        made = rendered.stimulus
+        played = self._actuator.prepare(made.waveform_m_s2)
         self.stimulus = Stimulus(
-            sha256=hashlib.sha256(np.asarray(rendered.waveform_m_s2, "<f8").tobytes()).hexdigest(),
+            sha256=hashlib.sha256(np.asarray(made.waveform_m_s2, "<f8").tobytes()).hexdigest(),
             samples=played.samples,
             rate_hz=self._actuator.rate_hz,
-            floored_bins=rendered.floored_bins,
-            extrapolated=rendered.extrapolated,
+            floored_bins=made.floored_bins,
+            extrapolated=made.extrapolated,
             limited=played.limited,
             peak_m_s2=played.peak_m_s2,
             driven=played.driven,
+            computed=rendered.computed,
         )
 
     def in_time(self, landing: Landing) -> bool:

@@ -111,7 +111,7 @@ class Basis:
             spectra=spectra,
             output_rate_hz=output_rate_hz,
             single=self.single,
-            dropped_bins=spectra.amplitudes.shape[1] - on.carried,
+            dropped_bins=spectra.dropped(on),
             speeds_mm_s=tuple(spectra.speeds_mm_s.tolist()),
             lowest_mm_s=lowest,
             highest_mm_s=highest,
@@ -137,7 +137,7 @@ class BasisRenderer:
         spectra: of the material.
         output_rate_hz: samples a second.
         single: whether `pairs` are held in single precision.
-        dropped_bins: bins that the output rate cannot carry.
+        dropped_bins: bins of the recordings that the output rate cannot carry.
         speeds_mm_s: v_i.
         lowest_mm_s: the slowest speed at which the weighted sum holds, mm/s.
         highest_mm_s: the fastest, mm/s.
@@ -203,8 +203,11 @@ def _holds_between(spectra: CrinkleSpectra, levels: NDArray[np.float64]) -> tupl
     """Slowest and fastest speed at which no bin is floored and the two terms cancel too little to matter, mm/s."""
     slowest, second = spectra.speeds_mm_s[:2]
     fastest = spectra.speeds_mm_s[-1]
-    down = _steps_out(spectra.amplitudes[0], spectra.amplitudes[1], levels[0], levels[1])
-    up = _steps_out(spectra.amplitudes[-1], spectra.amplitudes[-2], levels[-1], levels[-2])
+    # A floored bin that is left out ends it too, so that no bin need be counted where it holds.
+    bins = [spectra.amplitudes] if spectra.left_out is None else [spectra.amplitudes, spectra.left_out]
+    every = np.concatenate(bins, axis=1)
+    down = _steps_out(every[0], every[1], levels[0], levels[1])
+    up = _steps_out(every[-1], every[-2], levels[-1], levels[-2])
     lowest = slowest - down * (second - slowest)
     return max(float(lowest), 0.0), float(fastest + up * (fastest - spectra.speeds_mm_s[-2]))
 

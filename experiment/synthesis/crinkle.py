@@ -11,7 +11,7 @@ Two decisions where the paper leaves room or errs:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf
+from math import ceil, inf
 from typing import Literal
 
 import numpy as np
@@ -38,7 +38,8 @@ class CrinkleSpectra:
         rate_hz: sampling rate of the recordings, Hz.
         amplitudes: C'_k(v_i) >= 0, m/s^2, shape (S, K).
         signs: sign of C_k,panel+object(v_i), +1 or -1, shape (S, K).
-        recorded: N of the recordings, at least K, where bins from K on are left out as silent; None where K is N.
+        recorded: N of the recordings, at least K, where bins from K on are left out; None where K is N.
+        left_out: C'_k(v_i) of bins that do not sound, m/s^2, shape (S, M), so that floored ones among them count too.
     """
 
     speeds_mm_s: NDArray[np.float64]
@@ -46,6 +47,7 @@ class CrinkleSpectra:
     amplitudes: NDArray[np.float64]
     signs: NDArray[np.float64]
     recorded: int | None = None
+    left_out: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no equation accepts, so that no method need look again. Raises `SynthesisError`."""
@@ -72,11 +74,22 @@ class CrinkleSpectra:
                 f"recorded: got {self.samples} samples for {amplitudes.shape[1]} bins; "
                 "allowed: as many samples as bins, or more; make them with `subtract`"
             )
+        if self.left_out is not None and (
+            finite(self.left_out, what="left_out").shape[:-1] != speeds.shape or self.left_out.min() < 0
+        ):
+            raise SynthesisError(
+                f"left_out: got shape {self.left_out.shape} and {self.left_out.min():g} at the lowest for "
+                f"{speeds.size} speeds; allowed: (speeds, bins), zero or more; make them with `pruning.prune`"
+            )
 
     def grid(self, output_rate_hz: int) -> Grid:
         """The times of a stimulus at an output rate, Hz. Raises as `spectra.grid`."""
         bins = self.amplitudes.shape[1]
         return grid(samples=self.samples, bins=bins, rate_hz=self.rate_hz, output_rate_hz=output_rate_hz)
+
+    def dropped(self, on: Grid) -> int:
+        """Bins of the recordings that a grid cannot carry."""
+        return max(0, self.samples - ceil(on.p / on.q))
 
     @property
     def samples(self) -> int:
@@ -90,7 +103,7 @@ class SpectrumAtSpeed:
 
     Attributes:
         coefficients: with sign, m/s^2, shape (N,).
-        floored_bins: bins that extrapolation would have made negative, set to zero.
+        floored_bins: bins that extrapolation would have made negative, set to zero; `left_out` ones among them.
         extrapolated: whether v lies outside the measured speeds.
     """
 
@@ -107,7 +120,7 @@ class Synthesised:
         waveform_m_s2: at the output rate, m/s^2, shape (n,).
         floored_bins: as in `SpectrumAtSpeed`.
         extrapolated: as in `SpectrumAtSpeed`.
-        dropped_bins: bins that the output rate cannot carry.
+        dropped_bins: bins of the recordings that the output rate cannot carry.
     """
 
     waveform_m_s2: NDArray[np.float64]
@@ -194,34 +207,43 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
     Raises:
         SynthesisError: a speed that is negative, not finite, or so high that the spectrum overflows.
 
+    The tie is settled in float64, as the session computes: the sign is that of v_i+1 where the rounded difference
+    v - v_i is above the rounded v_i+1 - v, and that of v_i otherwise. Speeds within a rounding of the middle may so
+    take either sign's side, and every method takes the same one.
+
     Source: Okamoto et al., equations (3) and (4).
     """
     v, speeds = foot_speed(speed_mm_s), spectra.speeds_mm_s
     lower = min(max(int(np.searchsorted(speeds, v, side="right")) - 1, 0), speeds.size - 2)
-    below_mm_s, above_mm_s = v - speeds[lower], speeds[lower + 1] - v
-    gap_mm_s = speeds[lower + 1] - speeds[lower]
-    first, second = spectra.amplitudes[lower], spectra.amplitudes[lower + 1]
-    nearest = lower if below_mm_s <= above_mm_s else lower + 1
-    measured = speeds[nearest] == v
+    nearest = lower if v - speeds[lower] <= speeds[lower + 1] - v else lower + 1
     extrapolated = not speeds[0] <= v <= speeds[-1]
-    with np.errstate(over="ignore", invalid="ignore"):
-        if measured:
-            amplitudes = spectra.amplitudes[nearest]
-        elif literal:
-            amplitudes = first + np.abs(second - first) * (below_mm_s / gap_mm_s)
-        elif extrapolated:
+
+    def line(levels: NDArray[np.float64]) -> NDArray[np.float64]:
+        below_mm_s, above_mm_s = v - speeds[lower], speeds[lower + 1] - v
+        gap_mm_s = speeds[lower + 1] - speeds[lower]
+        first, second = levels[lower], levels[lower + 1]
+        if speeds[nearest] == v:
+            return np.asarray(levels[nearest])
+        if literal:
+            return np.asarray(first + np.abs(second - first) * (below_mm_s / gap_mm_s))
+        if extrapolated:
             # From the nearer speed on: from v_i, a bin that falls would cancel to less than its rounding.
-            amplitudes = spectra.amplitudes[nearest] + (second - first) * ((v - speeds[nearest]) / gap_mm_s)
-        else:
-            # Two terms of one sign, so that no bin loses digits, even one that falls to nothing.
-            amplitudes = first * (above_mm_s / gap_mm_s) + second * (below_mm_s / gap_mm_s)
+            return np.asarray(levels[nearest] + (second - first) * ((v - speeds[nearest]) / gap_mm_s))
+        # Two terms of one sign, so that no bin loses digits, even one that falls to nothing.
+        return np.asarray(first * (above_mm_s / gap_mm_s) + second * (below_mm_s / gap_mm_s))
+
+    with np.errstate(over="ignore", invalid="ignore"):
+        amplitudes = line(spectra.amplitudes)
         sounding = np.maximum(amplitudes, 0.0)
         total = sounding.sum()
+        floored = np.count_nonzero(amplitudes < 0)
+        if extrapolated and spectra.left_out is not None:
+            floored += np.count_nonzero(line(spectra.left_out) < 0)
     if not total <= LOUDEST_M_S2 * FARTHEST:
         raise SynthesisError(f"speed_mm_s: got {v}; allowed: speeds at which the spectrum is finite; check the tracker")
     return SpectrumAtSpeed(
         coefficients=sounding * spectra.signs[nearest],
-        floored_bins=int(np.count_nonzero(amplitudes < 0)),
+        floored_bins=int(floored),
         extrapolated=extrapolated,
     )
 
@@ -248,5 +270,5 @@ def synthesise(
         waveform_m_s2=inverse_on(wanted.coefficients, on),
         floored_bins=wanted.floored_bins,
         extrapolated=wanted.extrapolated,
-        dropped_bins=wanted.coefficients.size - on.carried,
+        dropped_bins=spectra.dropped(on),
     )

@@ -38,33 +38,16 @@ the error allowed covers the bins left out."""
 
 
 @dataclass(frozen=True)
-class Considered:
-    """A method, what it promised, and why it was not taken (empty where it was).
-
-    Attributes:
-        method: with its name.
-        estimate: for the material and the output rate in question.
-        refused: in words.
-    """
-
-    method: Method
-    estimate: Estimate
-    refused: str
-
-
-@dataclass(frozen=True)
 class Choice:
     """What the engine decided.
 
     Attributes:
         method: the one taken.
         estimate: what it promises.
-        considered: all up to it, fastest first, with the one taken as the last.
     """
 
     method: Method
     estimate: Estimate
-    considered: tuple[Considered, ...]
 
     def prepare(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Renderer:
         """As `Method.prepare`."""
@@ -103,18 +86,13 @@ def choose(
     Raises:
         SynthesisError: no method promises this little, or the rate or the band is none.
     """
-    considered: list[Considered] = []
+    considered: list[Estimate] = []
     for method in methods(band_hz):
         estimate = method.estimate(spectra, output_rate_hz=output_rate_hz)
-        refused = ""
-        if not estimate.relative_error <= allowed_relative_error:
-            refused = f"relative error up to {estimate.relative_error:.1e}, above {allowed_relative_error:.1e}"
-        elif not estimate.memory_bytes <= allowed_memory_bytes:
-            refused = f"{estimate.memory_bytes} bytes, above {allowed_memory_bytes:.0f}"
-        considered.append(Considered(method, estimate, refused))
-        if not refused:
-            return Choice(method, estimate, tuple(considered))
-    least = min(considered, key=lambda c: c.estimate.relative_error).estimate
+        if estimate.relative_error <= allowed_relative_error and estimate.memory_bytes <= allowed_memory_bytes:
+            return Choice(method, estimate)
+        considered.append(estimate)
+    least = min(considered, key=lambda estimate: estimate.relative_error)
     raise SynthesisError(
         f"allowed_relative_error: got {allowed_relative_error:g} within {allowed_memory_bytes:g} bytes; allowed: "
         f"{least.relative_error:.1e} or more within {least.memory_bytes} bytes or more; allow that much"

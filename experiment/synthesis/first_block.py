@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.synthesis.basis import Basis, BasisRenderer, Weight
-from experiment.synthesis.crinkle import FARTHEST, CrinkleSpectra, Synthesised, at_speed
+from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, at_speed
 from experiment.synthesis.methods import COSINE_ROUNDINGS, LEAST, ROUNDING, Estimate, cosines, printed_sum_error
 from experiment.synthesis.spectra import Grid
 
@@ -41,7 +41,10 @@ STRIDE = 32
 """Bins between two sums."""
 
 NEAREST = 1e-290
-"""Gaps beyond the measured speeds below which, as beyond `FARTHEST`, the bins are summed one by one."""
+"""Gaps beyond the measured speeds below which the bins are summed one by one."""
+
+OUTERMOST = 1e3
+"""Gaps beyond the measured speeds from which they are again, lest the lines overflow in units of their scale."""
 
 LINE, RISE = 0, 1
 
@@ -146,7 +149,7 @@ class FirstBlockRenderer:
             return Begun(self.rows.weighted(where, slice(FIRST_BLOCK)), self, where)
         side = self.above if speed_mm_s > self.above.nearest_mm_s else self.below
         gaps = (speed_mm_s - side.nearest_mm_s) / side.gap_mm_s
-        if NEAREST <= gaps < FARTHEST:
+        if NEAREST <= gaps < OUTERMOST:
             return Begun(side.first(gaps, self.first_cosines), self, speed_mm_s)
         wanted = at_speed(self.rows.spectra, speed_mm_s=speed_mm_s).coefficients[1 : self.on.carried]
         # In rows of terms, which numpy sums pairwise.

@@ -23,13 +23,17 @@ LOWEST_HZ = 20.0
 """Nothing sounds below: headphones would spend excursion on what masks nothing."""
 
 
+CLAIMED_DB, CLAIMED_FROM_S = 0.5, 0.5
+"""How far an octave band from 31.5 Hz to 16 kHz is from its colour at most, and from which length of noise on."""
+
+
 def noise(*, colour: Colour, samples: int, rate_hz: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Noise of rms 1 from `LOWEST_HZ` to half the sampling rate.
 
     Args:
         colour: `pink` or `white`.
-        samples: n, at least one period of `LOWEST_HZ`. From half a second on, every octave band from 31.5 Hz to 16 kHz
-            is within 0.5 dB of its colour at rates of 44.1 kHz and more; shorter, the lowest bands hold too few bins.
+        samples: n, at least one period of `LOWEST_HZ`. At rates of 44.1 kHz and more octave bands are within
+            `CLAIMED_DB` of their colour from `CLAIMED_FROM_S` on; shorter, the lowest bands hold too few bins.
         rate_hz: sampling rate, Hz.
         rng: draws the phases.
 

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from experiment.synthesis.methods import Estimate, Method, Renderer
-from experiment.synthesis.spectra import bin_frequencies_hz
+from experiment.synthesis.methods import Estimate, Method, Renderer, rms
+from experiment.synthesis.spectra import Grid, bin_frequencies_hz
 
 SLACK = 1e-9
 """Relative rounding of the share that is left out."""
@@ -56,7 +56,7 @@ class BandPruned:
         first = inner.first_block_error
         return replace(
             inner,
-            relative_error=inner.relative_error + share * sqrt(on.p / on.count),
+            relative_error=inner.relative_error + left_out_error(spectra, band_hz=self.band_hz, on=on),
             # The bins left out may all peak in one sample: their sum is at most sqrt(2 bins) times their rms.
             first_block_error=None if first is None else first + share * sqrt(2 * on.carried),
             why=f"{inner.why}; and the bins left out are at most {share:.2g} of the rms at any speed, as measured",
@@ -67,7 +67,7 @@ class BandPruned:
 
 
 def prune(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> CrinkleSpectra:
-    """Spectra without the bins above a band, and silent below it.
+    """Spectra without the bins above a band, and silent below it; those that may be floored stay to be counted.
 
     Args:
         spectra: of one material.
@@ -78,12 +78,15 @@ def prune(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> CrinkleSp
     """
     within = _within(spectra, band_hz)
     bins = int(np.flatnonzero(within)[-1]) + 1 if within.any() else 1
+    falls = np.minimum(spectra.amplitudes[0] - spectra.amplitudes[1], spectra.amplitudes[-1] - spectra.amplitudes[-2])
+    left_out = spectra.amplitudes[:, ~within & (falls < 0)]
     return CrinkleSpectra(
         speeds_mm_s=spectra.speeds_mm_s,
         rate_hz=spectra.rate_hz,
         amplitudes=np.where(within[:bins], spectra.amplitudes[:, :bins], 0.0),
         signs=spectra.signs[:, :bins].copy(),
         recorded=spectra.samples,
+        left_out=left_out if left_out.size else None,
     )
 
 
@@ -109,11 +112,20 @@ def largest_share(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], carr
     return min(sqrt(max(shares)) * (1 + SLACK), 1.0)
 
 
-def loudest_outside(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], fastest_mm_s: float) -> float:
-    """Largest amplitude of any single bin outside a band at any speed up to `fastest_mm_s`, m/s^2; 0 without such bins.
+def left_out_error(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], on: Grid) -> float:
+    """What leaving out the bins outside a band adds to a relative error, at any speed; arguments as above."""
+    return largest_share(spectra, band_hz=band_hz, carried=on.carried) * sqrt(on.p / on.count)
 
-    A bin's amplitude is linear in speed between measured speeds and beyond them, so it is largest at one of them, at
-    0 mm/s, or at the fastest.
+
+def loudest_outside(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], fastest_mm_s: float) -> float:
+    """Largest rms of all that lies outside a band together, at any speed up to `fastest_mm_s`, m/s^2.
+
+    All together, for skin does not feel bins: how much of a vibration falls into one bin depends on the length of the
+    take. The rms of the whole does not, as long as the material sounds throughout; and no third octave, nor any other
+    part, has more. Rms, for so thresholds of vibration are stated.
+
+    Each bin is convex in speed from one measured speed to the next, and beyond them with the floor, and so is their
+    rms: it is largest at a measured speed, at 0 mm/s, or at the fastest.
 
     Args:
         spectra: of one material.
@@ -123,10 +135,11 @@ def loudest_outside(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], fa
     Raises:
         SynthesisError: a band that is none, or a speed at which there is no spectrum.
     """
-    left_out = ~_within(spectra, band_hz)
-    left_out[0] = False
-    ends = [at_speed(spectra, speed_mm_s=v).coefficients for v in (0.0, fastest_mm_s)]
-    return float(np.abs(np.vstack([spectra.amplitudes, *ends])[:, left_out]).max(initial=0.0))
+    outside = ~_within(spectra, band_hz)
+    measured = spectra.amplitudes[spectra.speeds_mm_s <= fastest_mm_s]
+    ends = [np.abs(at_speed(spectra, speed_mm_s=v).coefficients) for v in (0.0, fastest_mm_s)]
+    # On the recordings' own grid, which carries every bin.
+    return float(rms(np.vstack([measured, *ends]) * outside, spectra.grid(spectra.rate_hz)).max())
 
 
 def _within(spectra: CrinkleSpectra, band_hz: tuple[float, float]) -> NDArray[np.bool_]:

@@ -19,16 +19,13 @@ Each bin counts once, under what limited it last.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.spectra import bin_frequencies_hz, finite, inverse, spectrum
-
-ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
-"""Coefficients below this part of a waveform's peak are round-off of the transform, and no bin that was asked for."""
+from experiment.synthesis.spectra import finite
 
 
 @dataclass(frozen=True)
@@ -117,7 +114,8 @@ class Shaped:
         saturated: bins that ask for more than the highest level reaches.
         outside: bins beyond the measured frequencies.
         bounded: bins that the limit of the gain holds back.
-        scale: factor by which `drive` took the whole waveform down to keep it within its limits; 1 where it need not.
+        scale: factor by which the whole spectrum was taken down before; what that takes from a bin that nothing else
+            held back is in no loss.
     """
 
     coefficients_v: NDArray[np.float64]
@@ -128,7 +126,12 @@ class Shaped:
 
 
 def shape(
-    coefficients: ArrayLike, *, frequencies_hz: ArrayLike, response: Response, gain_limit_v_per_m_s2: float
+    coefficients: ArrayLike,
+    *,
+    frequencies_hz: ArrayLike,
+    response: Response,
+    gain_limit_v_per_m_s2: float,
+    scale: float = 1.0,
 ) -> Shaped:
     """Weight each bin of a spectrum by W(f, a), the inverse of the measured response.
 
@@ -139,9 +142,10 @@ def shape(
         frequencies_hz: of each bin, Hz, shape (N,).
         response: of the rig.
         gain_limit_v_per_m_s2: largest voltage that any bin may take for each m/s^2 it asks for, above zero.
+        scale: of the spectrum that voltages are found for, above 0, at most 1. Losses count what `coefficients` ask.
 
     Raises:
-        SynthesisError: values that are not finite, shapes that do not fit, or a limit that is none.
+        SynthesisError: values that are not finite, shapes that do not fit, or a limit or a scale that is none.
 
     Source: Okamoto et al., section 4, 'Frequency shaping', and equation (7).
     """
@@ -151,18 +155,20 @@ def shape(
             f"gain_limit_v_per_m_s2: got {gain_limit_v_per_m_s2}; allowed: a finite number above 0; "
             "correct the rig file"
         )
+    if not 0 < scale <= 1:
+        raise SynthesisError(f"scale: got {scale}; allowed: above 0, at most 1; leave it out")
     wanted = np.abs(signed)
     known = (f >= response.frequencies_hz[0]) & (f <= response.frequencies_hz[-1]) & (f > 0)
     outside = wanted[~known & (wanted > 0)]
     inside = np.flatnonzero(known & (wanted > 0))
-    a, curves = wanted[inside], _curves(response, f[inside])
+    a, curves = scale * wanted[inside], _curves(response, f[inside])
     levels = np.concatenate([[0.0], response.levels_v])
     free_v = _interpolated(a, curves, np.broadcast_to(levels, curves.shape))
     with np.errstate(over="ignore"):
         bound_v = a * gain_limit_v_per_m_s2
     volts = np.minimum(free_v, bound_v)
     reached = _interpolated(volts, np.broadcast_to(levels, curves.shape), curves)
-    short = np.maximum(a - reached, 0.0)
+    short = np.maximum(wanted[inside] - reached, 0.0)
     bounded = bound_v < free_v
     saturated = ~bounded & (a > curves[:, -1])
     shaped = np.zeros_like(signed)
@@ -172,6 +178,7 @@ def shape(
         saturated=_loss(short[saturated]),
         outside=_loss(outside),
         bounded=_loss(short[bounded]),
+        scale=scale,
     )
 
 
@@ -199,64 +206,6 @@ def accelerations(voltages_v: ArrayLike, *, frequencies_hz: ArrayLike, response:
     curves = _curves(response, f)
     levels = np.broadcast_to(np.concatenate([[0.0], response.levels_v]), curves.shape)
     return np.copysign(_interpolated(np.abs(signed), levels, curves), signed)
-
-
-def drive(
-    waveform_m_s2: ArrayLike,
-    *,
-    rate_hz: int,
-    response: Response,
-    gain_limit_v_per_m_s2: float,
-    limit_m_s2: float = np.inf,
-    limit_v: float = np.inf,
-) -> tuple[NDArray[np.float64], Shaped]:
-    """The voltages whose oscillations move the rig as a waveform asks: (1), then `shape`, then (7).
-
-    Shaping drops what the table does not reach, and a waveform without some of its bins can peak higher than the whole.
-    So the limits are held on what the response says the voltages will do: where they pass one, the whole waveform is
-    taken down and shaped anew.
-
-    Args:
-        waveform_m_s2: acceleration at the times (i + 1/2) / F, m/s^2, shape (n,).
-        rate_hz: sampling rate F of the waveform and of the voltages, Hz.
-        response: of the rig.
-        gain_limit_v_per_m_s2: as in `shape`.
-        limit_m_s2: largest magnitude of the acceleration that the voltages bring about, above zero.
-        limit_v: largest magnitude of the voltages, above zero.
-
-    Returns:
-        V, shape (n,); and what shaping did. A waveform made by (5) has the spectrum it was made from, to round-off
-        (`ROUND_OFF` of its peak), at any output rate whose samples fill the same time.
-
-    Raises:
-        SynthesisError: as `shape`, or a limit that is none.
-    """
-    for name, limit in (("limit_m_s2", limit_m_s2), ("limit_v", limit_v)):
-        if not limit > 0:
-            raise SynthesisError(
-                f"{name}: got {limit}; allowed: a number above 0; correct the protocol or the rig file"
-            )
-    y = finite(waveform_m_s2, what="waveform")
-    coefficients = spectrum(y)
-    coefficients[np.abs(coefficients) <= ROUND_OFF * np.abs(y).max()] = 0.0
-    f = bin_frequencies_hz(bins=y.size, rate_hz=rate_hz)
-    scale = 1.0
-    while True:
-        shaped = shape(
-            scale * coefficients, frequencies_hz=f, response=response, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2
-        )
-        voltages_v = inverse(shaped.coefficients_v)
-        sounding = np.flatnonzero(shaped.coefficients_v)
-        moved = np.zeros(y.size)
-        if sounding.size:
-            voltages = shaped.coefficients_v[sounding]
-            moved[sounding] = accelerations(voltages, frequencies_hz=f[sounding], response=response)
-        moved_m_s2 = inverse(moved)
-        over = max(np.abs(moved_m_s2).max() / limit_m_s2, np.abs(voltages_v).max() / limit_v)
-        if over <= 1:
-            return voltages_v, replace(shaped, scale=scale)
-        # A response that is not quite linear may need another round; each takes down by a thousandth at the least.
-        scale /= over * 1.001
 
 
 def _bins(

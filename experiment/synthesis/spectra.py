@@ -26,19 +26,6 @@ QUIET, LIFT = 2.0**-900, 2.0**900
 """Below the one, spectra are transformed after multiplication by the other, lest intermediate results be denormal."""
 
 
-@dataclass(frozen=True)
-class Waveform:
-    """A waveform made from a spectrum.
-
-    Attributes:
-        samples: acceleration at the times (i + 1/2) / output rate, unit of the spectrum, float64, shape (n,).
-        dropped_bins: bins at or above half the output rate, which this rate cannot carry.
-    """
-
-    samples: NDArray[np.float64]
-    dropped_bins: int
-
-
 def finite(values: ArrayLike, *, what: str) -> NDArray[np.float64]:
     """`values` as float64 with at least one number on the last axis, all of them finite.
 
@@ -202,29 +189,6 @@ def inverse_on(coefficients: ArrayLike, on: Grid) -> NDArray[np.float64]:
     if lift != 1.0:
         samples /= lift
     return samples
-
-
-def inverse_at_rate(coefficients: ArrayLike, *, rate_hz: int, output_rate_hz: int) -> Waveform:
-    """The sum of equation (5) at the times (i' + 1/2) / F' of another rate: exact and band-limited.
-
-    Args:
-        coefficients: C_k with its sign, m/s^2, shape (N,).
-        rate_hz: sampling rate F of the recording, Hz.
-        output_rate_hz: sampling rate F' of the waveform, Hz.
-
-    Returns:
-        The samples whose times lie within the recording's N / F seconds. Bins at or above F'/2 are dropped and counted.
-
-    Raises:
-        SynthesisError: as `grid` and `inverse_on`, or not one spectrum.
-
-    Source: Okamoto et al., equation (5).
-    """
-    c = finite(coefficients, what="coefficients")
-    if c.ndim != 1:
-        raise SynthesisError(f"coefficients: got shape {c.shape}; allowed: one spectrum, shape (N,); pass just one")
-    on = grid(samples=c.size, bins=c.size, rate_hz=rate_hz, output_rate_hz=output_rate_hz)
-    return Waveform(samples=inverse_on(c, on), dropped_bins=c.size - on.carried)
 
 
 def dissimilarity(

@@ -8,11 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from analysis import numerics
 from analysis.numerics import Numerics
 from analysis.numerics_timing import FULL, QUICK
 from experiment.apparatus.limiter import limit
+from experiment.cli_engine import engine
 from experiment.errors import DatasetError
 from experiment.synthesis import shaping
 from tests.analysis.test_numerics_measured import TINY
@@ -38,6 +40,21 @@ def test_everything_holds(result: Numerics) -> None:
     assert result.broken == ()
     assert not result.failed
     assert result.verdict.startswith("All of ")
+
+
+def test_a_file_in_the_way_is_found_before_anything_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def measured(**_: object) -> Numerics:
+        raise AssertionError("measured")
+
+    monkeypatch.setattr(numerics, "run", measured)
+    (tmp_path / "noise.csv").write_text("mine")
+    with pytest.raises(DatasetError, match=r"noise\.csv is no output of palpate"):
+        CliRunner().invoke(engine, ["numerics", "--out", str(tmp_path)], catch_exceptions=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["noise.csv"]
+    with pytest.raises(DatasetError, match="is a file; choose a folder"):
+        CliRunner().invoke(engine, ["numerics", "--out", str(tmp_path / "noise.csv")], catch_exceptions=False)
 
 
 def test_progress_counts_every_step() -> None:
@@ -104,7 +121,7 @@ def test_json_has_every_row(result: Numerics) -> None:
 
 def test_files_are_whole_and_may_be_written_again(result: Numerics, tmp_path: Path) -> None:
     files = numerics.write(result, tmp_path)
-    assert {path.name for path in files} == NAMES
+    assert {path.name for path in files} == NAMES == set(numerics.FILES)
     assert (tmp_path / "numerics.png").read_bytes().startswith(b"\x89PNG")
     assert b"<svg" in (tmp_path / "numerics.svg").read_bytes()
     with (tmp_path / "synthesis.csv").open(encoding="utf-8", newline="") as file:

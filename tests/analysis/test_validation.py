@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis import validation
+from analysis import validation, validation_figures
 from analysis.published import spectra as printed
 from analysis.validation_sections import sections
 from experiment.errors import DatasetError, RecordingError
+from experiment.synthesis.crinkle import Average
+from experiment.synthesis.spectra import spectrum
 from tests.analysis.test_dissimilarity import FRESH, SPEEDS, Takes, linear
 
 PAPER = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
@@ -54,6 +56,53 @@ def test_materials_that_the_paper_has_not_are_compared_with_one_another_alone() 
     made = validation.compute(linear(SPEEDS, 3), linear(FRESH, 10))
     assert (made.confusable, made.rank_correlation, made.pairs) == ((), None, {})
     assert "no answer ratios of these materials" in sections(made)[-1].paragraphs[0]
+
+
+def test_simulated_recordings_are_said_to_be_fitted_wherever_they_stand_beside_the_paper(tmp_path: Path) -> None:
+    recorded, fresh = of_the_paper(SPEEDS, 3, simulated=True), of_the_paper(FRESH, 10, simulated=True)
+    made = validation.validate(recorded, fresh, tmp_path, figures=False)
+    told = "Agreement with Table 3, with Figure 7, and of the rank correlation with Table 2 is made, not found"
+    for slug in ("classification", "dissimilarity"):
+        assert told in " ".join((tmp_path / "tables" / f"{slug}.md").read_text("utf-8").split())
+    assert " ".join(made.text().split()).count(told) == 2
+    assert " ".join(made.report.read_text("utf-8").split()).count(told) == 2
+    assert told in json.loads((tmp_path / "results.json").read_text("utf-8"))["fitted"]
+    assert "fitted to Table 3" in str(validation_figures.confusions(made.validation).get_suptitle()).replace("\n", " ")
+
+
+@pytest.mark.parametrize(("average", "other"), [("magnitude", "signed"), ("signed", "magnitude")])
+def test_takes_are_averaged_as_asked_and_the_other_average_is_told(average: Average, other: Average) -> None:
+    """Each is computed by hand from equations (1) and (2)."""
+    rng = np.random.default_rng(4)
+    recorded, fresh = of_the_paper(SPEEDS, 3), of_the_paper(FRESH, 10)
+    for name, takes in recorded.objects.items():
+        recorded.objects[name] = takes + rng.normal(0, 0.5, takes.shape)
+    made = validation.compute(recorded, fresh, average=average)
+    assert (made.average, made.other.average) == (average, other)
+
+    def at_200(takes: np.ndarray, how: Average) -> np.ndarray:
+        c = spectrum(takes[2])
+        return np.abs(c.mean(axis=0)) if how == "signed" else np.abs(c).mean(axis=0)
+
+    for how, pairs in ((average, made.pairs), (other, made.other.pairs)):
+        own = {n: np.maximum(at_200(t, how) - at_200(recorded.panel, how), 0) for n, t in recorded.objects.items()}
+        # 40 bins of 5 Hz: all lie below 500 Hz.
+        scores = {(a, b): np.abs(own[a] - own[b]).sum() for a, b in pairs}
+        assert pairs == {pair: pytest.approx(score / max(scores.values())) for pair, score in scores.items()}
+    assert made.pairs != made.other.pairs
+    swapped = validation.compute(recorded, fresh, average=other)
+    assert (swapped.pairs, swapped.rank_correlation) == (made.other.pairs, made.other.rank_correlation)
+    told = " ".join(" ".join(section.paragraphs) for section in sections(made))
+    assert f"Takes are averaged by {average}. Averaged by {other}, it would be: copy paper: " in told
+
+
+def test_materials_compared_beyond_the_recorded_speeds_are_said_to_be_extrapolated() -> None:
+    slow = np.array([50.0, 100.0, 150.0])
+    for speeds, extrapolated in ((slow, True), (SPEEDS, False)):
+        made = validation.compute(linear(speeds, 3), linear(FRESH, 10))
+        assert made.extrapolated is extrapolated
+        assert validation.numbers(made)["reference_extrapolated"] is extrapolated
+        assert ("EXTRAPOLATED" in " ".join(sections(made)[-1].paragraphs)) is extrapolated
 
 
 def test_takes_that_were_put_elsewhere_are_said_not_to_hold() -> None:

@@ -198,7 +198,7 @@ def stimuli(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, float], 
     takes.make_recordings(recordings, protocol=protocol, seed=1)
     planned = scene.plan(protocol=protocol, task_id="virtual")
     render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings)
-    return lambda material, speed_mm_s: render(material, speed_mm_s, SHAPED.rate_hz)
+    return lambda material, speed_mm_s: render(material, speed_mm_s, SHAPED.rate_hz).stimulus
 
 
 DELIVERED_WITHIN = 3e-3

@@ -117,7 +117,7 @@ def test_what_is_no_text_and_what_is_not_there(tmp_path: Path) -> None:
         read(tmp_path / "none.csv")
     response = Response(np.array([1.0, 2.0]), np.array([1.0]), np.array([[1.0], [1.0]]))
     with pytest.raises(RecordingError, match="cannot be written"):
-        write(tmp_path / "no folder" / "response.csv", response, comments=())
+        write(tmp_path / "binary.csv" / "response.csv", response, comments=())
 
 
 @given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))

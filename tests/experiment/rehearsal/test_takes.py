@@ -36,7 +36,7 @@ def test_at_least_half_of_the_takes_are_close_for_every_material(planned: Plan, 
 
 
 def test_attempts_are_the_same_in_whatever_order_they_are_asked_for(planned: Plan) -> None:
-    one, other = (takes.Session(planned, seed=3, number=2) for _ in range(2))
+    one, other = (takes.RecordingSession(planned, seed=3, number=2) for _ in range(2))
     conditions = planned.conditions()[:3]
     there = [one.attempt(c, 2).samples_m_s2 for c in conditions]
     back = [other.attempt(c, 2).samples_m_s2 for c in reversed(conditions)]
@@ -47,7 +47,7 @@ def test_no_two_attempts_sessions_seeds_or_plans_share_a_draw(planned: Plan) -> 
     condition = Condition("copy paper", 100.0, 1)
     longer = Plan(**{**vars(planned), "takes": planned.takes + 1})
     drawn = [
-        takes.Session(p, seed=seed, number=number).attempt(condition, attempt).speed_mm_s
+        takes.RecordingSession(p, seed=seed, number=number).attempt(condition, attempt).speed_mm_s
         for p in (planned, longer)
         for seed in (1, 2)
         for number in (0, 1)
@@ -58,7 +58,7 @@ def test_no_two_attempts_sessions_seeds_or_plans_share_a_draw(planned: Plan) -> 
 
 def test_speeds_are_those_of_a_foot_that_aims(planned: Plan) -> None:
     """Log-normal about the target: of 1000 attempts the mean log is within 4 standard errors of it."""
-    drawn = takes.Session(planned, seed=1, number=0)
+    drawn = takes.RecordingSession(planned, seed=1, number=0)
     target = Condition(None, 200.0, 1)
     logs = np.log([drawn.attempt(target, n).speed_mm_s / 200 for n in range(1, 1001)])
     assert logs.mean() == pytest.approx(0, abs=4 * takes.AIM_SIGMA / np.sqrt(1000))

@@ -17,6 +17,7 @@ from experiment.protocol.shipped import shipped
 from experiment.records import (
     Answer,
     BrokenOff,
+    Computed,
     Delivered,
     Footer,
     FootStep,
@@ -27,6 +28,7 @@ from experiment.records import (
     Resumed,
     TrackerOpened,
 )
+from experiment.scene import Rendered
 from experiment.session import attempt, journal, places, runner
 from experiment.synthesis.crinkle import Synthesised
 from tests.experiment.session.scripted import (
@@ -39,6 +41,7 @@ from tests.experiment.session.scripted import (
 from tests.experiment.session.test_journal import HEADER
 
 ORDER = ("copy paper", "polypropylene", "copy paper")
+COMPUTED = Computed(method="constant", relative_error=0.0)
 DELIVERED = Delivered(
     requested_ns=0, onset_ns=0, onset_error_ms=0.0, gain=1.0, residual_db=-60.0, xruns=0, delivered=True
 )
@@ -66,9 +69,10 @@ class Bench:
     masker: Masker | None = None
 
     def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
-        def render(material: str, speed_mm_s: float, rate_hz: int) -> Synthesised:
+        def render(material: str, speed_mm_s: float, rate_hz: int) -> Rendered:
             self.rendered.append((material, speed_mm_s))
-            return Synthesised(np.full(rate_hz // 2, 1.5), floored_bins=3, extrapolated=False, dropped_bins=0)
+            made = Synthesised(np.full(rate_hz // 2, 1.5), floored_bins=3, extrapolated=False, dropped_bins=0)
+            return Rendered(made, COMPUTED)
 
         virtual = asked.task == "virtual"
         devices = attempt.Devices(
@@ -125,6 +129,7 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
     assert step.contact_us == pytest.approx(2_000_000 + 300_000, abs=1)
     assert step.stimulus is not None
     assert (step.stimulus.samples, step.stimulus.floored_bins, step.stimulus.peak_m_s2) == (2500, 3, 1.5)
+    assert step.stimulus.computed == COMPUTED
 
 
 def test_a_real_session_names_the_object_to_lay_out_and_plays_nothing(protocol: Protocol, tmp_path: Path) -> None:

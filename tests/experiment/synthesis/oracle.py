@@ -1,4 +1,7 @@
-"""Equations (3) to (5) transcribed in extended precision: the oracle of every way to compute a stimulus."""
+"""Equations (3) to (5) transcribed, (3) and (4) in whole numbers and (5) in extended precision: the suite's oracle.
+
+It shares no line with `analysis/numerics_oracle.py`, the product's, so that each can judge the other.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,9 @@ from experiment.synthesis.first_block import FirstBlockRenderer
 from experiment.synthesis.methods import Method, denormal_error_m_s2
 
 Extended = NDArray[np.longdouble]
+
+SHIFT = 1074
+"""Every float64 is a whole multiple of 2^-1074."""
 
 
 @dataclass(frozen=True)
@@ -33,25 +39,47 @@ class Exact:
 @lru_cache(maxsize=64)
 def _basis(n: int, rate_hz: int, output_rate_hz: int, places: tuple[int, ...] | None) -> Extended:
     """cos(2 pi f_k t_i) at t = (i + 1/2) / F' while t < N / F, bins 1 to N - 1 below F' / 2; shape (bins, samples)."""
-    pi = 4 * np.arctan(np.longdouble(1))
     count = 0
     while (2 * count + 1) * rate_hz < 2 * n * output_rate_hz:
         count += 1
-    i = np.arange(count) if places is None else np.array(places)
-    k = np.array([k for k in range(1, n) if k * rate_hz < n * output_rate_hz], dtype=np.longdouble)
-    t = (i + np.longdouble(0.5)) / output_rate_hz
-    return np.asarray(np.cos(pi * np.outer(k * rate_hz / n, t)))
+    odd = [2 * i + 1 for i in (range(count) if places is None else places)]
+    bins = [k for k in range(1, n) if k * rate_hz < n * output_rate_hz]
+    half_turns = 2 * n * output_rate_hz
+    # 2 f_k t_i half turns are k F (2i + 1) / (2 N F'), reduced to less than two of them in whole numbers.
+    phases = [[(k * rate_hz * m) % (2 * half_turns) for m in odd] for k in bins]
+    pi = np.longdouble("3.14159265358979323846264338327950288")
+    angles = np.array(phases, dtype=np.longdouble).reshape(len(bins), len(odd)) * (pi / half_turns)
+    return np.asarray(np.cos(angles))
+
+
+def _whole(value: float) -> int:
+    """A float64 in units of the smallest there is, without rounding."""
+    numerator, denominator = float(value).as_integer_ratio()
+    return numerator * ((1 << SHIFT) // denominator)
 
 
 def spectrum_at(s: CrinkleSpectra, v: float) -> tuple[Extended, int, int | None]:
-    """C'_k(v) of (3) and (4), how many bins were floored, and the nearest speed's place in extrapolation."""
-    speeds, amplitudes = s.speeds_mm_s.astype(np.longdouble), s.amplitudes.astype(np.longdouble)
-    i = 0 if v < speeds[0] else max(n for n in range(len(speeds) - 1) if speeds[n] <= v)
-    j = i if v - s.speeds_mm_s[i] <= s.speeds_mm_s[i + 1] - v else i + 1
-    x = np.longdouble(v)
-    line = (amplitudes[i] * (speeds[i + 1] - x) + amplitudes[i + 1] * (x - speeds[i])) / (speeds[i + 1] - speeds[i])
+    """C'_k(v) of (3) and (4) in whole numbers, how many bins were floored, and the nearest speed in extrapolation.
+
+    No rounding, but in the sign's tie, which `at_speed` defines in float64, and in the last step.
+    """
+    speeds = [float(one) for one in s.speeds_mm_s]
+    gaps = [(speeds[n], speeds[n + 1]) for n in range(len(speeds) - 1)]
+    place = next((n for n, (_, faster) in enumerate(gaps) if v < faster), len(gaps) - 1)
+    slower, faster = gaps[place]
+    towards_faster = v - slower > faster - v
+    after, before, gap = _whole(v) - _whole(slower), _whole(faster) - _whole(v), _whole(faster) - _whole(slower)
+    floored, bins = 0, []
+    signs = s.signs[place + towards_faster]
+    for at_slower, at_faster, sign in zip(s.amplitudes[place], s.amplitudes[place + 1], signs, strict=True):
+        height = _whole(at_slower) * before + _whole(at_faster) * after
+        if height < 0:
+            floored, height = floored + 1, 0
+        rounded = height / (gap << SHIFT)
+        rest = (height - _whole(rounded) * gap) / (gap << SHIFT)
+        bins.append((np.longdouble(rounded) + np.longdouble(rest)) * np.longdouble(sign))
     outside = 0 if v < speeds[0] else len(speeds) - 1 if v > speeds[-1] else None
-    return np.maximum(line, 0) * s.signs[j], int(np.sum(line < 0)), outside
+    return np.array(bins, dtype=np.longdouble), floored, outside
 
 
 def exact(

@@ -8,9 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
+from experiment.synthesis.basis import Basis
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.methods import InverseDct
-from experiment.synthesis.pruning import BandPruned, largest_share, prune
+from experiment.synthesis.first_block import FirstBlockFirst
+from experiment.synthesis.methods import InverseDct, PrintedSum
+from experiment.synthesis.pruning import BandPruned, largest_share, loudest_outside, prune
 from tests.experiment.synthesis.oracle import random_spectra, spectrum_at
 
 BAND_HZ = (2.0, 15.0)
@@ -65,6 +67,38 @@ def test_what_is_kept_is_kept_and_the_rest_is_not_held() -> None:
     np.testing.assert_array_equal(held.amplitudes[:, 2:], s.amplitudes[:, 2:13])
     assert not held.amplitudes[:, :2].any()
     assert held.grid(480).count == s.grid(480).count
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), bins=st.integers(1, 24), rate_hz=st.sampled_from([480, 50, 20]))
+def test_floored_and_dropped_bins_are_counted_on_the_whole_spectrum(seed: int, bins: int, rate_hz: int) -> None:
+    s = random_spectra(np.random.default_rng(seed), speeds=3, bins=bins)
+    v = s.speeds_mm_s
+    dropped = sum(2 * k * s.rate_hz >= 2 * bins * rate_hz for k in range(bins))
+    for inner in (Basis(), FirstBlockFirst(), Basis(single=True), InverseDct(), PrintedSum()):
+        try:
+            render = BandPruned(inner, BAND_HZ).prepare(s, output_rate_hz=rate_hz)
+        except SynthesisError:
+            assert bins * rate_hz <= s.rate_hz, "too short for a sample"
+            continue
+        for speed in (0.0, v[0] / 2, v[0], v[1] + 1e-3, v[-1], v[-1] * 1.01, v[-1] * 1.5, v[-1] * 9):
+            made = render(float(speed))
+            _, floored, _ = spectrum_at(s, float(speed))
+            assert (made.floored_bins, made.dropped_bins) == (floored, dropped)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_loudest_outside_is_an_upper_bound_that_is_reached(seed: int) -> None:
+    s = random_spectra(np.random.default_rng(seed), speeds=3, bins=20)
+    f = np.arange(20) * s.rate_hz / 40
+    outside = (f < BAND_HZ[0]) | (f > BAND_HZ[1])
+    outside[0] = False
+    v = s.speeds_mm_s
+    for fastest in (float(v[0] / 3), float(v[1]), float(v[-1] * 1.7)):
+        speeds = {0.0, fastest, *np.linspace(0, fastest, 97), *v[v <= fastest]}
+        levels = [np.sqrt(np.sum(spectrum_at(s, float(one))[0][outside] ** 2) / 2) for one in speeds]
+        stated = loudest_outside(s, band_hz=BAND_HZ, fastest_mm_s=fastest)
+        assert stated == pytest.approx(float(max(levels)), rel=1e-12)
 
 
 def test_a_band_without_a_bin_is_silence_and_says_that_all_is_left_out() -> None:

@@ -17,10 +17,11 @@ from experiment.synthesis.spectra import (
     bin_frequencies_hz,
     dissimilarity,
     dissimilarity_matrix,
+    grid,
     inverse,
-    inverse_at_rate,
     spectrum,
 )
+from tests.experiment.synthesis.resampled import resampled
 
 LENGTHS = [1, 2, 3, 7, 16, 25]
 ACCELERATIONS = arrays(np.float64, st.integers(1, 40), elements=st.floats(-1e3, 1e3))
@@ -102,36 +103,35 @@ def test_a_cosine_stands_at_its_frequency() -> None:
 )
 def test_any_output_rate_is_the_same_sum_at_its_own_times(n: int, rate_hz: int, output_rate_hz: int) -> None:
     c = np.random.default_rng(n).normal(size=n)
-    made = inverse_at_rate(c, rate_hz=rate_hz, output_rate_hz=output_rate_hz)
-    np.testing.assert_allclose(made.samples, equation_5_at(c, rate_hz, output_rate_hz), rtol=0, atol=1e-12)
+    made = resampled(c, rate_hz=rate_hz, output_rate_hz=output_rate_hz)
+    np.testing.assert_allclose(made, equation_5_at(c, rate_hz, output_rate_hz), rtol=0, atol=1e-12)
 
 
 def test_its_own_rate_is_the_plain_inverse_and_drops_nothing() -> None:
     c = np.random.default_rng(3).normal(size=2500)
-    made = inverse_at_rate(c, rate_hz=5000, output_rate_hz=5000)
-    np.testing.assert_allclose(made.samples, inverse(c), rtol=0, atol=1e-13)
-    assert made.dropped_bins == 0
+    made = resampled(c, rate_hz=5000, output_rate_hz=5000)
+    np.testing.assert_allclose(made, inverse(c), rtol=0, atol=1e-13)
 
 
 def test_a_higher_rate_keeps_the_spectrum_and_adds_nothing_above() -> None:
     c = np.random.default_rng(4).normal(size=2500)
-    made = inverse_at_rate(c, rate_hz=5000, output_rate_hz=48_000)
-    again = spectrum(made.samples)
-    assert made.samples.shape == (24_000,)
+    made = resampled(c, rate_hz=5000, output_rate_hz=48_000)
+    again = spectrum(made)
+    assert made.shape == (24_000,)
     np.testing.assert_allclose(again[1:2500], c[1:], rtol=0, atol=1e-12)
     assert np.abs(again[2500:]).max() < 1e-12
 
 
 def test_a_lower_rate_drops_and_counts_the_bins_it_cannot_carry() -> None:
     c = np.ones(2500)
-    made = inverse_at_rate(c, rate_hz=5000, output_rate_hz=1000)
-    assert made.samples.shape == (500,)
-    assert made.dropped_bins == 2000
-    np.testing.assert_allclose(spectrum(made.samples)[1:], c[1:500], rtol=0, atol=1e-12)
+    made = resampled(c, rate_hz=5000, output_rate_hz=1000)
+    assert made.shape == (500,)
+    assert grid(samples=2500, bins=2500, rate_hz=5000, output_rate_hz=1000).carried == 2500 - 2000
+    np.testing.assert_allclose(spectrum(made)[1:], c[1:500], rtol=0, atol=1e-12)
 
 
 def test_one_bin_is_silence() -> None:
-    assert inverse_at_rate([5.0], rate_hz=5000, output_rate_hz=48_000).samples.tolist() == [0.0] * 10
+    assert resampled([5.0], rate_hz=5000, output_rate_hz=48_000).tolist() == [0.0] * 10
 
 
 def test_dissimilarity_is_the_printed_sum_over_0_to_500_hz() -> None:
@@ -170,7 +170,7 @@ def test_values_that_are_no_spectrum_are_refused(bad: list[float]) -> None:
         with pytest.raises(SynthesisError, match="allowed"):
             kernel(bad)
     with pytest.raises(SynthesisError, match="allowed"):
-        inverse_at_rate(bad, rate_hz=5000, output_rate_hz=48_000)
+        resampled(bad, rate_hz=5000, output_rate_hz=48_000)
     with pytest.raises(SynthesisError, match="allowed"):
         dissimilarity(bad, bad, frequencies_hz=[0.0, 1.0])
 
@@ -181,19 +181,14 @@ def test_values_that_are_no_spectrum_are_refused(bad: list[float]) -> None:
 )
 def test_impossible_rates_are_refused(rate_hz: int, output_rate_hz: int, message: str) -> None:
     with pytest.raises(SynthesisError, match=message):
-        inverse_at_rate(np.ones(10), rate_hz=rate_hz, output_rate_hz=output_rate_hz)
+        resampled(np.ones(10), rate_hz=rate_hz, output_rate_hz=output_rate_hz)
 
 
 def test_rates_in_an_absurd_ratio_are_refused_before_memory_is_taken() -> None:
     with pytest.raises(SynthesisError, match="use a rounder rate"):
-        inverse_at_rate(np.ones(99_991), rate_hz=99_989, output_rate_hz=191_999)
+        resampled(np.ones(99_991), rate_hz=99_989, output_rate_hz=191_999)
 
 
 def test_spectra_of_unequal_length_are_refused() -> None:
     with pytest.raises(SynthesisError, match="got 3 and 4 bins for 4 frequencies"):
         dissimilarity(np.ones(3), np.ones(4), frequencies_hz=np.arange(4.0))
-
-
-def test_several_spectra_at_once_are_refused_for_one_waveform() -> None:
-    with pytest.raises(SynthesisError, match="pass just one"):
-        inverse_at_rate(np.ones((2, 3)), rate_hz=5000, output_rate_hz=5000)
