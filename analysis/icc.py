@@ -148,7 +148,11 @@ def _limits_of_f(f: float | None, df1: int, df2: int, k: int, confidence: float)
 def _limits_agreement(
     ms_r: float, ms_c: float, ms_e: float, value: float | None, n: int, k: int, confidence: float
 ) -> Limits:
-    """Limits of ICC(A,1) with Satterthwaite's degrees of freedom (McGraw and Wong, Table 7)."""
+    """Limits of ICC(A,1) with Satterthwaite's degrees of freedom (McGraw and Wong, Table 7).
+
+    None where those come near zero, as for estimates far below zero: the two limits then fall together beside the
+    estimate.
+    """
     if value is None or value >= 1 or (ms_c == 0 and ms_e == 0):
         return None, None
     a = k * value / (n * (1 - value))
@@ -164,7 +168,7 @@ def _limits_agreement(
     mixed = k * ms_c + (k * n - k - n) * ms_e
     low = n * (ms_r - f_low * ms_e) / (f_low * mixed + n * ms_r)
     high = n * (f_high * ms_r - ms_e) / (mixed + n * f_high * ms_r)
-    return low, high
+    return (low, high) if low <= value <= high else (None, None)
 
 
 def _spearman_brown(value: float, k: int) -> float | None:

@@ -112,6 +112,14 @@ def test_limits_enclose_the_estimate(table: list[list[int]]) -> None:
             assert form.value <= form.high + 1e-9
 
 
+def test_limits_that_fall_together_beside_the_estimate_are_none() -> None:
+    table = [[20, 0, 3, 3, 9], [10, 8, 8, 0, 9], [7, 6, 10, 7, 4], [10, 7, 10, 2, 6]]
+    agreement = next(form for form in icc(table).forms if form.mcgraw_wong == "ICC(A,1)")
+    # pingouin 0.7.0 gives the same estimate, and [-0.1744, -0.1744] for its interval.
+    assert agreement.value == pytest.approx(-0.173859, abs=1e-6)
+    assert (agreement.low, agreement.high) == (None, None)
+
+
 def test_perfect_agreement_is_one_without_an_interval() -> None:
     for form in icc([[1, 1, 1], [2, 2, 2], [5, 5, 5]]).forms:
         assert form.value == 1
