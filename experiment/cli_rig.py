@@ -48,6 +48,42 @@ def devices(
         typer.echo("  none")
 
 
+@rig_commands.command(epilog="Example: palpate doctor --rig our-rig.toml --protocol study.toml")
+def doctor(
+    rig: RigFile,
+    protocol: Annotated[
+        Path | None, typer.Option("--protocol", help="Protocol file of the study that comes next.")
+    ] = None,
+    dataset: Annotated[
+        Path | None, typer.Option("--dataset", help="Folder of the study's dataset; participants/STUDY by default.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """Check a rig before a session: nobody may be on the panel, for it may move.
+
+    Files, calibrations, tracker, audio device with its loopback, actuator, disk and clocks, each green or red with the
+    remedy, through the drivers that sessions use. Exit code 2 if anything is red.
+    """
+    from experiment import doctor as doctors
+    from experiment.clock import MonotonicClock
+
+    typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
+    found = []
+    for check in doctors.examine(rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock()):
+        found.append(check)
+        if not as_json:
+            for line in doctors.lines(check):
+                typer.echo(line)
+    red = sum(check.verdict == "red" for check in found)
+    if as_json:
+        document = {"rig": str(rig), "ready": not red, "checks": [asdict(check) for check in found]}
+        typer.echo(json.dumps(document, indent=2, ensure_ascii=False))
+    else:
+        typer.echo(f"{red} of {len(found)} checks are red." if red else "Nothing is red.")
+    if red:
+        raise typer.Exit(2)
+
+
 @calibrate.command("tracker", epilog="Example: palpate calibrate tracker --rig our-rig.toml --out new-rig.toml")
 def calibrate_tracker(
     rig: RigFile,
@@ -106,7 +142,6 @@ def calibrate_audio(
     from experiment.apparatus import opening
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.audio import calibration
-    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
     from experiment.clock import MonotonicClock
     from experiment.errors import RigError
 
@@ -117,7 +152,7 @@ def calibrate_audio(
         raise RigError(f"{rig_file}: got no audio.channels.loopback; allowed: an input that is cabled to the actuator")
     if out is not None and out.exists():
         raise RigError(f"{out}: is there already; name a new file")
-    device = audio.device
+    device = None
     with ExitStack() as opened:
         card = None
         if loaded.rig.simulated:
@@ -132,12 +167,7 @@ def calibrate_audio(
             )
             opened.callback(card.close)
             device = DEVICE
-        ceilings = [0.0] * audio.channels.outputs
-        ceilings[audio.channels.actuator - 1] = peak
-        settings = StreamSettings(
-            audio.host_api, device, audio.rate_hz, audio.block, audio.channels.inputs, tuple(ceilings)
-        )
-        stream = AudioStream(settings, MonotonicClock())
+        stream = opening.open_probing(loaded, peak=peak, clock=MonotonicClock(), device=device)
         opened.callback(stream.close)
         if card is not None:
             card.disconnect(entry)
