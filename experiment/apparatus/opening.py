@@ -220,7 +220,7 @@ def open_actuator(
         stream: the session's, for an actuator that is a channel of it.
 
     Raises:
-        ActuatorError: the address or the limit cannot be used, or the stream is missing.
+        ActuatorError: the address or the limit cannot be used, nothing answers there, or the stream is missing.
         RigError: `drive` is missing, or there is one and the rig's actuator takes accelerations.
     """
     settings = rig.actuator
@@ -236,9 +236,11 @@ def open_actuator(
     if where is not None:
         from experiment.apparatus.pcm_actuator import PcmActuator
 
-        return PcmActuator(
+        server = PcmActuator(
             where, rate_hz=settings.rate_hz, full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive
         )
+        server.reach()
+        return server
     from experiment.apparatus.audio.actuator import AudioActuator
 
     if stream is None:

@@ -32,7 +32,7 @@ class PcmActuator:
     def __init__(
         self, address: str, *, rate_hz: int, full_scale: float, limit_m_s2: float, drive: Drive | None = None
     ) -> None:
-        """Prepare; the first connection is made by the first stimulus.
+        """Prepare; nothing is connected yet.
 
         Args:
             address: `host:port` of the server.

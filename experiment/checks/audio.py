@@ -32,35 +32,47 @@ def opened(stream: AudioStream, audio: AudioRig) -> Check:
 
 
 def steady(stream: AudioStream, audio: AudioRig, *, since: StreamHealth, exact: bool) -> tuple[Check, ...]:
-    """Whether it ran without a gap, and callbacks keep to their times.
+    """Watch a stream for `RUN_S` or longer.
 
     Args:
         stream: running.
         audio: of the rig.
         since: how it was when it began to be watched; opening and wiring a stream may cost an under-run.
-        exact: of a server that waits for its clients and loses nothing, so that under-runs it tells of are none.
+        exact: as in `health`.
     """
     try:
         stream.wait(since.frames + round(RUN_S * audio.rate_hz))
     except AudioError as error:
         return (refused("audio stream", error),)
-    health = stream.health
-    gaps, xruns = health.gaps - since.gaps, health.xruns - since.xruns
-    fit, block_ms = health.fit, 1e3 * audio.block / audio.rate_hz
+    return health(since, stream.health, audio, exact=exact)
+
+
+def health(since: StreamHealth, until: StreamHealth, audio: AudioRig, *, exact: bool) -> tuple[Check, ...]:
+    """Whether a stream ran without a gap, and callbacks kept to their times.
+
+    Args:
+        since: how it was at first.
+        until: how it was at last.
+        audio: of the rig.
+        exact: of a server that waits for its clients and loses nothing, so that under-runs it tells of are none.
+    """
+    seconds = (until.frames - since.frames) / audio.rate_hz
+    gaps, xruns = until.gaps - since.gaps, until.xruns - since.xruns
+    fit, quarter_ms = until.fit, 1e3 * audio.block / audio.rate_hz / 4
     return (
         judged(
             "audio stream",
             gaps == 0 and (exact or xruns == 0),
-            f"{(health.frames - since.frames) / audio.rate_hz:.1f} s: {gaps} gaps, {xruns} xruns",
+            f"{seconds:.1f} s: {gaps} gaps, {xruns} xruns",
             allowed="no gaps" + ("; this card waits, and loses nothing in an xrun" if exact else " and no xruns"),
             remedy="close other programs, or make audio.block larger and calibrate anew",
         ),
         judged(
             "audio timeline",
-            fit.median_ms <= block_ms / 4,
+            fit.median_ms <= quarter_ms,
             f"callbacks late by {fit.median_ms:.2f} ms (median), {fit.p95_ms:.2f} ms (p95), {fit.worst_ms:.2f} ms "
             "(worst)",
-            allowed=f"median at most {block_ms / 4:.2f} ms, a quarter of a block",
+            allowed=f"median at most {quarter_ms:.2f} ms, a quarter of a block",
             remedy="close other programs, or let this user run with real-time priority",
         ),
     )
