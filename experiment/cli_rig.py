@@ -1,14 +1,18 @@
-"""The commands of a rig: which devices this machine has, and what calibrates them."""
+"""The commands of a rig: which devices this machine has, whether they are in order, and what calibrates them."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from experiment.checks.verdict import Check
 
 rig_commands = typer.Typer()
 calibrate = typer.Typer(
@@ -17,6 +21,8 @@ calibrate = typer.Typer(
 rig_commands.add_typer(calibrate, name="calibrate")
 
 RigFile = Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")]
+
+COLOURS = {"green": typer.colors.GREEN, "red": typer.colors.RED, "not checked": typer.colors.YELLOW}
 
 
 @rig_commands.command(epilog="Example: palpate devices --json")
@@ -72,7 +78,7 @@ def doctor(
     for check in doctors.examine(rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock()):
         found.append(check)
         if not as_json:
-            for line in doctors.lines(check):
+            for line in _lines(check):
                 typer.echo(line)
     red = sum(check.verdict == "red" for check in found)
     if as_json:
@@ -82,6 +88,15 @@ def doctor(
         typer.echo(f"{red} of {len(found)} checks are red." if red else "Nothing is red.")
     if red:
         raise typer.Exit(2)
+
+
+def _lines(check: Check) -> Iterator[str]:
+    """A check for the terminal, in colour where it has some: one line, and the remedy under it."""
+    word = typer.style(f"{check.verdict:11}", fg=COLOURS[check.verdict])
+    allowed = f" (allowed: {check.allowed})" if check.allowed else ""
+    yield f"{word}  {check.name:19}  {check.measured}{allowed}"
+    if check.remedy:
+        yield f"{'':34}{check.remedy}"
 
 
 @calibrate.command("tracker", epilog="Example: palpate calibrate tracker --rig our-rig.toml --out new-rig.toml")

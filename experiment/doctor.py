@@ -11,8 +11,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import typer
-
 from experiment import enrolment
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
@@ -37,8 +35,6 @@ FOLDER = Path("participants")
 
 HIGHEST_RATE_HZ = 5000
 """Rate of a tracker where no rig file says which."""
-
-COLOURS = {"green": "green", "red": "red", "not checked": "yellow"}
 
 
 @dataclass(frozen=True)
@@ -89,15 +85,6 @@ def examine(*, rig_path: Path, protocol_path: Path | None, root: Path | None, cl
     yield machine.resolution(clock)
     yield machine.waking(clock)
     yield machine.wall(begun, machine.mark(clock))
-
-
-def lines(check: Check) -> Iterator[str]:
-    """A check for the terminal, in colour where it has some: one line, and the remedy under it."""
-    word = typer.style(f"{check.verdict:11}", fg=COLOURS[check.verdict])
-    allowed = f" (allowed: {check.allowed})" if check.allowed else ""
-    yield f"{word}  {check.name:19}  {check.measured}{allowed}"
-    if check.remedy:
-        yield f"{'':34}{check.remedy}"
 
 
 def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Iterator[Check]:

@@ -64,7 +64,7 @@ def test_a_cable_that_is_missing_is_said(parts: None) -> None:
 def test_devices_are_listed_as_a_rig_file_names_them(palpate: Palpate) -> None:
     with sound.sound_card(inputs=2, outputs=6):
         code, out, _ = palpate("devices")
-        assert json.loads(palpate("devices", "--json")[1])[-1]["outputs"] == 6
+        assert json.loads(palpate("devices", "--json")[1])["audio"][-1]["outputs"] == 6
     assert code == 0
     assert f'host_api = "{HOST_API}"  device = "{DEVICE}"  inputs 2, outputs 6, 48000 Hz' in out
 
