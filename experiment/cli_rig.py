@@ -1,14 +1,18 @@
-"""The commands of a rig: which devices this machine has, and what calibrates them."""
+"""The commands of a rig: which devices this machine has, whether they are in order, and what calibrates them."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from experiment.checks.verdict import Check
 
 rig_commands = typer.Typer()
 calibrate = typer.Typer(
@@ -17,6 +21,8 @@ calibrate = typer.Typer(
 rig_commands.add_typer(calibrate, name="calibrate")
 
 RigFile = Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")]
+
+COLOURS = {"green": typer.colors.GREEN, "red": typer.colors.RED, "not checked": typer.colors.YELLOW}
 
 
 @rig_commands.command(epilog="Example: palpate devices --json")
@@ -46,6 +52,51 @@ def devices(
         )
     if not audio:
         typer.echo("  none")
+
+
+@rig_commands.command(epilog="Example: palpate doctor --rig our-rig.toml --protocol study.toml")
+def doctor(
+    rig: RigFile,
+    protocol: Annotated[
+        Path | None, typer.Option("--protocol", help="Protocol file of the study that comes next.")
+    ] = None,
+    dataset: Annotated[
+        Path | None, typer.Option("--dataset", help="Folder of the study's dataset; participants/STUDY by default.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """Check a rig before a session: nobody may be on the panel, for it may move.
+
+    Files, calibrations, tracker, audio device with its loopback, actuator, disk and clocks, each green or red with the
+    remedy, through the drivers that sessions use. Exit code 2 if anything is red.
+    """
+    from experiment import doctor as doctors
+    from experiment.clock import MonotonicClock
+
+    typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
+    found = []
+    for check in doctors.examine(rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock()):
+        found.append(check)
+        if not as_json:
+            for line in _lines(check):
+                typer.echo(line)
+    red = sum(check.verdict == "red" for check in found)
+    if as_json:
+        document = {"rig": str(rig), "ready": not red, "checks": [asdict(check) for check in found]}
+        typer.echo(json.dumps(document, indent=2, ensure_ascii=False))
+    else:
+        typer.echo(f"{red} of {len(found)} checks are red." if red else "Nothing is red.")
+    if red:
+        raise typer.Exit(2)
+
+
+def _lines(check: Check) -> Iterator[str]:
+    """A check for the terminal, in colour where it has some: one line, and the remedy under it."""
+    word = typer.style(f"{check.verdict:11}", fg=COLOURS[check.verdict])
+    allowed = f" (allowed: {check.allowed})" if check.allowed else ""
+    yield f"{word}  {check.name:19}  {check.measured}{allowed}"
+    if check.remedy:
+        yield f"{'':34}{check.remedy}"
 
 
 @calibrate.command("tracker", epilog="Example: palpate calibrate tracker --rig our-rig.toml --out new-rig.toml")
@@ -106,7 +157,6 @@ def calibrate_audio(
     from experiment.apparatus import opening
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.audio import calibration
-    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
     from experiment.clock import MonotonicClock
     from experiment.errors import RigError
 
@@ -117,7 +167,7 @@ def calibrate_audio(
         raise RigError(f"{rig_file}: got no audio.channels.loopback; allowed: an input that is cabled to the actuator")
     if out is not None and out.exists():
         raise RigError(f"{out}: is there already; name a new file")
-    device = audio.device
+    device = None
     with ExitStack() as opened:
         card = None
         if loaded.rig.simulated:
@@ -132,12 +182,7 @@ def calibrate_audio(
             )
             opened.callback(card.close)
             device = DEVICE
-        ceilings = [0.0] * audio.channels.outputs
-        ceilings[audio.channels.actuator - 1] = peak
-        settings = StreamSettings(
-            audio.host_api, device, audio.rate_hz, audio.block, audio.channels.inputs, tuple(ceilings)
-        )
-        stream = AudioStream(settings, MonotonicClock())
+        stream = opening.open_probing(loaded, peak=peak, clock=MonotonicClock(), device=device)
         opened.callback(stream.close)
         if card is not None:
             card.disconnect(entry)

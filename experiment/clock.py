@@ -49,6 +49,11 @@ class ManualClock:
         self._now_ns += max(duration_ns, 0)
 
 
+def wall_ns() -> int:
+    """The machine's wall clock, ns since 1970-01-01T00:00Z; unlike a `Clock` it may be set meanwhile."""
+    return time.time_ns()
+
+
 def day(now_ns: int) -> date:
     """The day of a clock reading, where this machine stands.
 

@@ -22,7 +22,15 @@ def test_a_trial_flows_one_way(repository_root: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", [["--help"], ["--version"], ["rehearse", "--help"], ["analyse", "--help"], ["audit", "--help"]]
+    "command",
+    [
+        ["--help"],
+        ["--version"],
+        ["rehearse", "--help"],
+        ["analyse", "--help"],
+        ["audit", "--help"],
+        ["doctor", "--help"],
+    ],
 )
 def test_help_imports_nothing_heavy(repository_root: Path, command: list[str]) -> None:
     code = f"""

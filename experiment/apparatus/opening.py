@@ -136,6 +136,30 @@ def open_audio(
     return AudioStream(settings, clock)
 
 
+def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = None) -> AudioStream:
+    """Open the rig's audio device to measure it, whatever the age of its calibrations.
+
+    Args:
+        rig: the rig.
+        peak: largest magnitude of a probe on the actuator's channel, 1.0 being full scale; other channels are silent.
+        clock: the session's clock; it must go by itself.
+        device: used instead of the one that the rig names.
+
+    Raises:
+        RigError: the rig has no audio device.
+        AudioError: the device cannot be opened.
+    """
+    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
+
+    audio = audio_of(rig)
+    ceilings = [0.0] * audio.channels.outputs
+    ceilings[audio.channels.actuator - 1] = peak
+    settings = StreamSettings(
+        audio.host_api, device or audio.device, audio.rate_hz, audio.block, audio.channels.inputs, tuple(ceilings)
+    )
+    return AudioStream(settings, clock)
+
+
 def masker_noise(rig: Rig, *, samples: NDArray[np.float64], limit_db_a: float) -> MaskerNoise:
     """A masker as the rig's headphones play it.
 
@@ -196,7 +220,7 @@ def open_actuator(
         stream: the session's, for an actuator that is a channel of it.
 
     Raises:
-        ActuatorError: the address or the limit cannot be used, or the stream is missing.
+        ActuatorError: the address or the limit cannot be used, nothing answers there, or the stream is missing.
         RigError: `drive` is missing, or there is one and the rig's actuator takes accelerations.
     """
     settings = rig.actuator
@@ -212,9 +236,11 @@ def open_actuator(
     if where is not None:
         from experiment.apparatus.pcm_actuator import PcmActuator
 
-        return PcmActuator(
+        server = PcmActuator(
             where, rate_hz=settings.rate_hz, full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive
         )
+        server.reach()
+        return server
     from experiment.apparatus.audio.actuator import AudioActuator
 
     if stream is None:

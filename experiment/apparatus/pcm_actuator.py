@@ -32,7 +32,7 @@ class PcmActuator:
     def __init__(
         self, address: str, *, rate_hz: int, full_scale: float, limit_m_s2: float, drive: Drive | None = None
     ) -> None:
-        """Prepare; the first connection is made by the first stimulus.
+        """Prepare; nothing is connected yet.
 
         Args:
             address: `host:port` of the server.
@@ -97,14 +97,25 @@ class PcmActuator:
     def close(self) -> None:
         """Nothing stays open between stimuli."""
 
-    def _send(self, data: bytes, timeout_s: float) -> None:
+    def reach(self) -> None:
+        """Connect and hang up, which plays nothing.
+
+        Raises:
+            ActuatorError: nothing answers at the address.
+        """
+        self._connected().close()
+
+    def _connected(self) -> socket.socket:
         try:
-            connection = socket.create_connection(self._peer, timeout=CONNECT_S)
+            return socket.create_connection(self._peer, timeout=CONNECT_S)
         except OSError as error:
             raise ActuatorError(
                 f"actuator at {self._address}: nothing answers there ({error.strerror or error}); "
                 "start its server, or correct actuator.address in the rig file"
             ) from error
+
+    def _send(self, data: bytes, timeout_s: float) -> None:
+        connection = self._connected()
         try:
             with connection:
                 connection.settimeout(timeout_s)

@@ -113,14 +113,26 @@ def check_calibrations(audio: AudioRig, today: date) -> None:
     Raises:
         RigError: a calibration is older than the rig allows, or was made after today.
     """
-    latency, headphones = audio.latency, audio.headphones
-    for table, made, days, remedy in (
-        ("latency", latency.calibrated_on, latency.calibration_days, "run `palpate calibrate audio`"),
-        ("headphones", headphones.calibrated_on, headphones.calibration_days, "measure the headphones' level anew"),
-    ):
-        age = (today - made).days
-        if not 0 <= age <= days:
-            raise RigError(
-                f"audio.{table}: got a calibration of {made}, {age} days old on {today}; allowed: 0 to {days} days; "
-                f"{remedy}, and put the result into the rig file"
-            )
+    check_latency(audio, today)
+    check_headphones(audio, today)
+
+
+def check_latency(audio: AudioRig, today: date) -> None:
+    """The same for what `palpate calibrate audio` measures."""
+    made, days = audio.latency.calibrated_on, audio.latency.calibration_days
+    _check_age("latency", made, days, today, "run `palpate calibrate audio`")
+
+
+def check_headphones(audio: AudioRig, today: date) -> None:
+    """The same for the level of the headphones."""
+    made, days = audio.headphones.calibrated_on, audio.headphones.calibration_days
+    _check_age("headphones", made, days, today, "measure the headphones' level anew")
+
+
+def _check_age(table: str, made: date, days: int, today: date, remedy: str) -> None:
+    age = (today - made).days
+    if not 0 <= age <= days:
+        raise RigError(
+            f"audio.{table}: got a calibration of {made}, {age} days old on {today}; allowed: 0 to {days} days; "
+            f"{remedy}, and put the result into the rig file"
+        )

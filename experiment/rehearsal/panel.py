@@ -73,6 +73,9 @@ class Panel:
                 except OSError:
                     # A stimulus whose connection broke was not delivered.
                     continue
+                if not data:
+                    # Whoever sends nothing asked whether the panel is there.
+                    continue
                 data = data[: len(data) // _SAMPLE.itemsize * _SAMPLE.itemsize]
                 self._stimuli.put(self._moved(np.frombuffer(data, _SAMPLE).astype(np.float64)))
 

@@ -1,0 +1,125 @@
+"""`palpate run` refuses a rig that is not in order before anybody is on the panel: no journal is begun."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from datetime import date, timedelta
+from pathlib import Path
+
+import pytest
+
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.serial_tracker import SerialTracker
+from experiment.protocol import load
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal import takes as simulated
+from experiment.rehearsal.foot import Foot
+from experiment.rehearsal.panel import Panel
+from experiment.rehearsal.serial_line import SerialLine
+from tests.conftest import Palpate
+from tests.rig import sound
+from tests.rig.laboratory import write_rig
+
+SETTINGS = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+
+Run = Callable[[Path], str]
+
+
+@pytest.fixture
+def line() -> Iterator[SerialLine]:
+    with SerialLine() as laid:
+        yield laid
+
+
+@pytest.fixture
+def refusal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Palpate, seed_for: Callable[[Path, str], int]
+) -> Run:
+    """Runs a session of a sealed study with a rig file, which must be refused in one line; returns that line."""
+    monkeypatch.chdir(tmp_path)
+    study = tmp_path / "study.toml"
+    study.write_bytes(shipped("okamoto2012.toml").read_bytes())
+    manifest = simulated.make_recordings(tmp_path / "recordings", protocol=load.load(study), seed=1)
+    manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")
+    today = date.today()
+    approval = ["--approved-on", today, "--expires-on", today + timedelta(9)]
+    assert palpate("seal", study, "--approval-number", "17", *approval)[0] == 0
+    consent = ["--consent-on", today, "--dataset", "dataset", "--seed", seed_for(study, "virtual")]
+    assert palpate("enrol", study, "-p", "01", *consent)[0] == 0
+
+    def asked(prompt: str) -> str:
+        raise AssertionError(f"the experimenter was asked: {prompt}")
+
+    monkeypatch.setattr("builtins.input", asked)
+
+    def run(rig: Path) -> str:
+        where = ["--rig", rig, "--dataset", "dataset", "--recordings", "recordings"]
+        code, _, err = palpate("run", study, "-p", "01", "--task", "virtual", *where)
+        assert code == 2, err
+        assert err.count("\n") == 1
+        assert not list(tmp_path.glob("dataset/sourcedata/sub-01/*"))
+        return err
+
+    return run
+
+
+@pytest.fixture
+def panel() -> Iterator[Panel]:
+    opened = Panel(rigs.load(shipped("rigs/rehearsal.toml")).actuator)
+    yield opened
+    opened.close()
+
+
+def test_a_busy_or_silent_port(line: SerialLine, panel: Panel, refusal: Run, tmp_path: Path) -> None:
+    rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address=f'"{panel.address}"')
+    assert "no frame for 200 ms; see that the device is powered" in refusal(rig)
+    holder = SerialTracker(line.url, SETTINGS)
+    assert "holds it; close that program" in refusal(rig)
+    holder.close()
+    assert panel.felt(0) is None
+
+
+def test_counts_outside_the_calibration(line: SerialLine, panel: Panel, refusal: Run, tmp_path: Path) -> None:
+    rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address=f'"{panel.address}"')
+    foot = Foot(line, SETTINGS, real_time=True, rest_mm=150.0)
+    assert "got readings at or beyond 100 mm, where its calibration ends" in refusal(rig)
+    foot.close()
+
+
+def test_an_address_where_nothing_answers(line: SerialLine, refusal: Run, tmp_path: Path) -> None:
+    nobody = Panel(rigs.load(shipped("rigs/rehearsal.toml")).actuator)
+    nobody.close()
+    rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address=f'"{nobody.address}"')
+    assert f"actuator at {nobody.address}: nothing answers there" in refusal(rig)
+
+
+def test_an_old_calibration_of_the_tracker(line: SerialLine, refusal: Run, tmp_path: Path) -> None:
+    rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address='"127.0.0.1:9"')
+    rig.write_text(rig.read_text("utf-8").replace(str(date.today()), str(date.today() - timedelta(31))), "utf-8")
+    assert re.search(r"tracker.calibrated_on: got .*; run palpate calibrate tracker", refusal(rig))
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"actuator": "9"}, "got 4 outputs and 2 inputs; allowed: at least 9 and 2"),
+        ({"rate_hz": "44100"}, "it does not run at this rate"),
+        ({"device": '"hw:9"'}, "got no device of this name"),
+        ({"calibration_days": "1"}, "audio.latency: got a calibration of"),
+    ],
+    ids=["channel", "rate", "device", "old"],
+)
+def test_a_card_that_is_not_what_the_rig_file_says(
+    changed: dict[str, str], said: str, line: SerialLine, refusal: Run, tmp_path: Path
+) -> None:
+    rig = write_rig(tmp_path, "headless", **({"port": f'"{line.url}"', "device": '"system"'} | changed))
+    made = date.today() - timedelta(2 if "calibration_days" in changed else 0)
+    files, latency = rig.read_text("utf-8").split("[audio.latency]")
+    latency = re.sub(r"calibrated_on = \S+", f"calibrated_on = {made}", latency)
+    files = re.sub(r"calibrated_on = \S+", f"calibrated_on = {date.today()}", files)
+    text = f"{files}[audio.latency]{latency}"
+    # Of a rate that is changed everywhere, the tracker's, which stands first, stays.
+    rig.write_text(text.replace("rate_hz = 44100", "rate_hz = 1000", 1), "utf-8")
+    with sound.sound_card():
+        assert said in refusal(rig)
