@@ -106,8 +106,8 @@ METHODS: tuple[tuple[str, str], ...] = (
     (
         "Single trials",
         "logit P(right) = intercept + task + material + covariates. GEE, exchangeable within a participant, covariance "
-        "of Mancl and DeRouen (2001), Wald tests; mixed logit with a normal intercept a participant, variational "
-        "Bayes. statsmodels.",
+        "of Mancl and DeRouen (2001); mixed logit with a normal intercept a participant, maximum likelihood by "
+        "adaptive Gauss-Hermite quadrature (Pinheiro and Bates 1995). Wald tests.",
     ),
     ("Correlation with the paper", "Pearson's r over the cells of one printed table."),
 )

@@ -238,7 +238,8 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
         name = f"{count} correct ratios x {len(people)} participants"
         found.append(_reliability(f"{task.task.id}: {name}", task.task.id, _correct(task, people, count)))
     if len(tasks) > 1:
-        both = [label for label in _complete(tasks[0]) if all(label in _complete(task) for task in tasks[1:])]
+        others = [set(_complete(task)) for task in tasks[1:]]
+        both = [label for label in _complete(tasks[0]) if all(label in other for other in others)]
         rows = [row for task in tasks for row in _correct(task, both, count)]
         name = f"{len(rows)} correct ratios (material by task) x {len(both)} participants who did every task"
         linked = "; which row of one task goes with which of another is arbitrary in a reconstruction"
