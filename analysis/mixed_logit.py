@@ -112,7 +112,7 @@ def fit(*, correct: Floats, matrix: Floats, participants: NDArray[np.int64]) -> 
     information = correct.size * (np.array(rows) + np.array(rows).T) / 2
     if np.linalg.eigvalsh(information)[0] <= 0:
         raise NotDefined("the likelihood of the mixed logit is flat at its maximum")
-    covariance = np.linalg.inv(information)[:count, :count]
+    covariance: Floats = np.linalg.inv(information)[:count, :count].astype(np.float64)
     return MixedLogit(found.x[:count], covariance, abs(float(found.x[-1])), -float(found.fun) * correct.size)
 
 
