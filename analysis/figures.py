@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import io
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -71,6 +71,7 @@ def sheet(rows: Sequence[float], title: str, label: str, width_mm: float = COLUM
     head = [*textwrap.wrap(label, letters), *textwrap.wrap(title, letters)]
     figure = Figure(figsize=(width, sum(rows) + 0.13 * len(head)), layout="constrained")
     panels = figure.subplots(len(rows), 1, squeeze=False, height_ratios=rows)[:, 0].tolist()
+    figure.set_label(label)
     figure.suptitle("\n".join(head), fontsize=7, fontweight="bold" if label else "normal")
     return figure, panels
 
@@ -87,17 +88,18 @@ def pale(colour: str) -> tuple[float, float, float]:
 
 
 def svg(figure: Figure) -> bytes:
-    """The figure as SVG, the same bytes for the same figure."""
-    return _saved(figure, "svg", {"Date": None, "Creator": "palpate"})
+    """The figure as SVG, the same bytes for the same figure; its own label stands in the file's description."""
+    return _saved(figure, "svg", {"Date": None, "Creator": "palpate", "Description": figure.get_label() or None})
 
 
 def png(figure: Figure) -> bytes:
     """The figure as PNG at 300 dots an inch."""
-    return _saved(figure, "png", {"Software": "palpate"})
+    label = figure.get_label()
+    return _saved(figure, "png", {"Software": "palpate", **({"Description": label} if label else {})})
 
 
-def _saved(figure: Figure, kind: str, metadata: dict[str, str | None]) -> bytes:
+def _saved(figure: Figure, kind: str, metadata: Mapping[str, object]) -> bytes:
     file = io.BytesIO()
     with mpl.rc_context(STYLE):
-        figure.savefig(file, format=kind, dpi=300, metadata=metadata)
+        figure.savefig(file, format=kind, dpi=300, metadata=dict(metadata))
     return file.getvalue()

@@ -120,10 +120,7 @@ def test_every_file_carries_the_label(okamoto: Analysis) -> None:
     written = {str(path.relative_to(okamoto.out)) for path in okamoto.files}
     assert {"figures/confusion.png", "figures/correct-ratios.svg", "tables/tests.csv", "report.html"} <= written
     for path in sorted(path for path in okamoto.out.rglob("*") if path.is_file()):
-        if path.suffix == ".svg":
-            assert f"<!-- {label} -->" in path.read_text(encoding="utf-8"), path
-        elif path.suffix != ".png":
-            assert label in path.read_text(encoding="utf-8"), path
+        assert label.encode() in path.read_bytes(), path
 
 
 class _Links(HTMLParser):
@@ -206,13 +203,8 @@ def _no_nan(found: Analysis) -> str:
     texts = [path.read_text(encoding="utf-8") for path in found.files if path.suffix not in (".svg", ".png")]
     for text in (shown, *texts):
         body = re.sub(r"<style>.*?</style>|<svg .*?</svg>", "", text, flags=re.DOTALL)
-        assert not re.search(r"\b(nan|inf|infinity|none|null)\b(?!\))", _known(body), flags=re.IGNORECASE)
+        assert not re.search(r"\b(nan|NaN|NAN|inf|Infinity|None)\b", body)
     return shown
-
-
-def _known(text: str) -> str:
-    """Without the words that stand where they belong: JSON's null, and whole phrases."""
-    return re.sub(r'": null|^ +null|is infinite|got none', "", text, flags=re.MULTILINE)
 
 
 def test_one_task(tmp_path: Path) -> None:
