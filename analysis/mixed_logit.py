@@ -90,16 +90,24 @@ def log_likelihood(
 def fit(*, correct: Floats, matrix: Floats, participants: NDArray[np.int64]) -> MixedLogit:
     """The maximum of `log_likelihood`, from no effects and an SD of `START_SD`.
 
+    The search runs on columns made orthogonal and of one size, where the curvature is nearly the same every way.
+
     Raises:
-        NotDefined: where the search does not converge, or the likelihood is flat at its end.
+        NotDefined: where columns depend on one another, the search does not converge, or the likelihood is flat at its
+            end.
     """
     from scipy.optimize import minimize
 
     count = matrix.shape[1]
+    even, mixing = np.linalg.qr(matrix)
+    size = np.abs(np.diag(mixing))
+    if size.min() <= 1e-10 * size.max():
+        raise NotDefined("some terms of the mixed logit cannot be told from the others")
+    even, mixing = even * np.sqrt(len(even)), mixing / np.sqrt(len(even))
 
     def lost(parameters: Floats) -> tuple[float, Floats]:
         value, gradient = log_likelihood(
-            correct=correct, matrix=matrix, participants=participants, coefficients=parameters[:-1], sd=parameters[-1]
+            correct=correct, matrix=even, participants=participants, coefficients=parameters[:-1], sd=parameters[-1]
         )
         return -value / correct.size, -gradient / correct.size
 
@@ -112,8 +120,9 @@ def fit(*, correct: Floats, matrix: Floats, participants: NDArray[np.int64]) -> 
     information = correct.size * (np.array(rows) + np.array(rows).T) / 2
     if np.linalg.eigvalsh(information)[0] <= 0:
         raise NotDefined("the likelihood of the mixed logit is flat at its maximum")
-    covariance: Floats = np.linalg.inv(information)[:count, :count].astype(np.float64)
-    return MixedLogit(found.x[:count], covariance, abs(float(found.x[-1])), -float(found.fun) * correct.size)
+    back = np.linalg.inv(mixing)
+    covariance: Floats = (back @ np.linalg.inv(information)[:count, :count] @ back.T).astype(np.float64)
+    return MixedLogit(back @ found.x[:count], covariance, abs(float(found.x[-1])), -float(found.fun) * correct.size)
 
 
 def _modes(
