@@ -49,8 +49,8 @@ class Study:
         participants: every participant of `participants.tsv`.
         first_tasks: the task that a participant did first, of those of whom it is known.
         attempts: one row an attempt: participant, task, trial, attempt, counted, presented, answered,
-            response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, masker_db_a, redo_reason,
-            included.
+            response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, masker_db_a,
+            redo_reason, included.
         exclusions: the reason for every row that is not included, and for participants without rows.
         protocol: the protocol's copy, where the dataset holds one.
     """

@@ -93,19 +93,13 @@ def test_bins_hold_every_step_once(speeds: list[float]) -> None:
         assert one.interval.low <= one.right / one.trials <= one.interval.high
 
 
-def _with_columns(root: Path, columns: dict[str, list[str]]) -> None:
-    for file in sorted(root.glob("sub-*/beh/*_events.tsv")):
-        head, *rows = file.read_text(encoding="utf-8").splitlines()
-        lines = ["\t".join([head, *columns])]
-        lines += ["\t".join([row, *(values[k] for values in columns.values())]) for k, row in enumerate(rows)]
-        file.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 def test_onset_errors_and_masker_levels_are_read_where_they_are(tmp_path: Path) -> None:
-    root = write_dataset(tmp_path, {"7": {"real": _session("1011")}})
-    columns = {"onset_error": ["0.001", "n/a", "-0.0005", "0.0025"], "masker_level": ["60", "60", "63", "66"]}
-    _with_columns(root, columns)
-    found = course(read(root), 1)
+    cells = zip((0.001, None, -0.0005, 0.0025), (60.0, 60.0, 63.0, 66.0), strict=True)
+    rows = [
+        {**row, "onset_error": error, "masker_level": level}
+        for row, (error, level) in zip(_session("1011"), cells, strict=True)
+    ]
+    found = _course(tmp_path, {"7": rows})
     onsets = found.onsets["real"]
     assert onsets.errors_ms == pytest.approx((1.0, -0.5, 2.5))
     assert (onsets.mean_ms, onsets.largest_ms) == pytest.approx((1.0, 2.5))

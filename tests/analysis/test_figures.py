@@ -81,20 +81,21 @@ def _study(root: Path, people: int, tasks: Sequence[str], materials: Sequence[st
             else str(rng.choice([*materials, "(none)"] if "unanswered" in odd else materials))
             for material in shown
         ]
-        cells = {"foot_speed": 150.0} if "still" in odd else {}
-        rows = trials(zip(shown, said, strict=True), **cells)
-        return [{**row, "foot_speed": round(float(rng.uniform(40, 400)), 1)} if not cells else row for row in rows]
+        rows = trials(zip(shown, said, strict=True))
+        return [
+            {
+                **row,
+                "foot_speed": 150.0 if "still" in odd else round(float(rng.uniform(40, 400)), 1),
+                "onset_error": round(float(rng.normal(0, 5e-4)), 6),
+                "masker_level": 60.0 + int(rng.integers(8)),
+            }
+            for row in rows
+        ]
 
     sessions: Mapping[str, Mapping[str, Sequence[Mapping[str, object]]]] = {
         f"{who:02}": {task: session() for task in tasks} for who in range(1, people + 1)
     }
-    root = write_dataset(root, sessions, materials=materials, tasks=tasks)
-    rng = np.random.default_rng(5)
-    for file in sorted(root.glob("sub-*/beh/*_events.tsv")):
-        head, *rows = file.read_text(encoding="utf-8").splitlines()
-        more = [f"{row}\t{rng.normal(0, 5e-4):.6f}\t{60 + rng.integers(8)}" for row in rows]
-        file.write_text("\n".join([f"{head}\tonset_error\tmasker_level", *more]) + "\n", encoding="utf-8")
-    return root
+    return write_dataset(root, sessions, materials=materials, tasks=tasks)
 
 
 def _sheets(root: Path, dissimilarities: Dissimilarities = NONE) -> tuple[Sheet, ...]:
