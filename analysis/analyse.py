@@ -14,11 +14,13 @@ import numpy as np
 from analysis import published, report
 from analysis.anova import Anova
 from analysis.comparison import Comparison, compare
+from analysis.course import Course
 from analysis.dataset import Study
 from analysis.dissimilarities import NONE as NO_DISSIMILARITIES
 from analysis.dissimilarities import from_file
 from analysis.dissimilarities import printed as printed_dissimilarities
 from analysis.latex import latex
+from analysis.methods import METHODS
 from analysis.output import MANIFEST, publish
 from analysis.pooling import read_pooled
 from analysis.results import Results, TaskResult, compute
@@ -133,12 +135,20 @@ def _content(
     software = f"palpate {metadata.version('palpate')}"
     title = study.name.removeprefix(f"{study.label}: ")
     drawings: dict[str, bytes] = {}
+    captions = report.Captions({}, {}, METHODS)
     if figures:
         from analysis import figures as drawing
+        from analysis.sheets import sheets
 
-        for name, figure in drawing.figures(results, study.label).items():
-            drawings[name] = files[f"figures/{name}.svg"] = drawing.svg(figure)
-            files[f"figures/{name}.png"] = drawing.png(figure)
+        drawn = {one.name: one for one in sheets(results, study.label)}
+        captions = report.Captions(
+            {name: one.section for name, one in drawn.items()},
+            {name: one.caption for name, one in drawn.items()},
+            METHODS,
+        )
+        for name, one in drawn.items():
+            drawings[name] = files[f"figures/{name}.svg"] = drawing.svg(one.figure)
+            files[f"figures/{name}.png"] = drawing.png(one.figure)
     for section in (*parts, _counts(results)):
         if section.records:
             files[f"tables/{section.slug}.csv"] = comma_separated(section, study.label).encode()
@@ -148,7 +158,7 @@ def _content(
             files[f"tables/{section.slug}.tex"] = latex(section, study.label).encode()
     numbers = _numbers(study, results, comparison)
     files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
-    files[REPORT] = report.html(title, study.label, software, parts, drawings).encode()
+    files[REPORT] = report.html(title, study.label, software, parts, drawings, captions).encode()
     files.update(_bids(study, software))
     return files
 
@@ -205,6 +215,7 @@ def _numbers(study: Study, results: Results, comparison: Comparison | None) -> d
         "two_way": [_anova(anova) for anova in results.two_way],
         "two_way_statement": results.two_way_statement,
         "trials": _plain(results.trials),
+        "course": _course(results.course),
         "icc": [asdict(reliability) for reliability in results.reliabilities],
         "variance_components": _plain(results.components),
         "comparison": _plain(comparison),
@@ -242,6 +253,11 @@ def _anova(anova: Anova | None) -> dict[str, Any] | None:
         return None
     sizes = {effect.name: _plain(anova.eta_squared(effect)) for effect in anova.effects}
     return {**asdict(anova), "partial_eta_squared": sizes}
+
+
+def _course(found: Course) -> dict[str, Any]:
+    statements = [{"task": task, "of": of, "statement": why} for (task, of), why in found.statements.items()]
+    return {**_plain(replace(found, statements={})), "statements": statements}
 
 
 def _plain(value: Any) -> Any:

@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ class Confusion:
     participants: tuple[str, ...]
     counts: NDArray[np.int64]
 
-    @property
+    @cached_property
     def trials(self) -> NDArray[np.int64]:
         """Trials by participant and presented material, shape (P, M)."""
         return np.asarray(self.counts.sum(axis=2), dtype=np.int64)

@@ -49,7 +49,8 @@ class Study:
         participants: every participant of `participants.tsv`.
         first_tasks: the task that a participant did first, of those of whom it is known.
         attempts: one row an attempt: participant, task, trial, attempt, counted, presented, answered,
-            response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), redo_reason, included.
+            response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, masker_db_a,
+            redo_reason, included.
         exclusions: the reason for every row that is not included, and for participants without rows.
         protocol: the protocol's copy, where the dataset holds one.
     """
@@ -246,6 +247,8 @@ def _event(cells: Mapping[str, str], where: str, materials: tuple[str, ...], ori
         "foot_speed_mm_s": _number(cells["foot_speed"], f"{where}: foot_speed"),
         "frames_lost": _number(cells["frames_lost"], f"{where}: frames_lost"),
         "delivered": _number(cells["delivered"], f"{where}: delivered"),
+        "onset_error_s": _number(cells["onset_error"], f"{where}: onset_error"),
+        "masker_db_a": _number(cells.get("masker_level", MISSING), f"{where}: masker_level"),
         "redo_reason": cells["redo_reason"],
         "included": counted == "1",
     }

@@ -175,6 +175,11 @@ def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
     right = np.trace(matrix.counts[:, :, :-1], axis1=1, axis2=2)
     count = len(matrix.materials)
     shares = right / trials
+    known = {
+        label: corrected(n, total)
+        for label, n, total in zip(matrix.participants, right.tolist(), trials.tolist(), strict=True)
+        if total > 1
+    }
     said, value, interval = [], None, None
     try:
         value = d_prime(float(shares.mean()), count)
@@ -182,11 +187,8 @@ def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
         interval = Interval(d_prime(drawn.low, count), d_prime(drawn.high, count), CONFIDENCE)
     except NotDefined as reason:
         said.append(str(reason))
-    by_participant = {
-        label: d_prime(corrected(int(n), int(total)), count)
-        for label, n, total in zip(matrix.participants, right, trials, strict=True)
-        if total > 1
-    }
+    values = {share: d_prime(share, count) for share in set(known.values())}
+    by_participant = {label: values[share] for label, share in known.items()}
     moved = tuple(label for label, n, total in zip(matrix.participants, right, trials, strict=True) if n in (0, total))
     return Detection(count, float(shares.mean()), value, interval, by_participant, moved, "; ".join(said))
 

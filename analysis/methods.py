@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from analysis.bootstrap import RESAMPLES
+from analysis.course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
+from analysis.identification import CHOICE_RESAMPLES, INFORMATION_RESAMPLES
+from analysis.results import SEED
+
 METHODS: tuple[tuple[str, str], ...] = (
     (
         "Answer ratio",
@@ -106,8 +111,26 @@ METHODS: tuple[tuple[str, str], ...] = (
     (
         "Single trials",
         "logit P(right) = intercept + task + material + covariates. GEE, exchangeable within a participant, covariance "
-        "of Mancl and DeRouen (2001), Wald tests; mixed logit with a normal intercept a participant, variational "
-        "Bayes. statsmodels.",
+        "of Mancl and DeRouen (2001); mixed logit with a normal intercept a participant, maximum likelihood by "
+        "adaptive Gauss-Hermite quadrature (Pinheiro and Bates 1995). Wald tests.",
+    ),
+    (
+        "Learning curve",
+        f"Right answers over trials, of all participants together, in every run of {WINDOW} trial numbers; BCa "
+        "interval over participants.",
+    ),
+    (
+        "Speed curve",
+        f"Right answers over trials in bins of the foot's speed, the narrowest of "
+        f"{', '.join(map(str, BIN_WIDTHS_MM_S))} mm/s that needs no more than {MOST_BINS} bins; Wilson's interval.",
+    ),
+    ("Onset error", "Measured onset of the stimulus at the panel minus contact of the foot, in the trials analysed."),
+    (
+        "Random draws",
+        f"Resamples draw whole participants by numpy's default_rng, seeded with [{SEED}, place of the task from 0], "
+        f"and a 1 after that for the learning curve: {RESAMPLES} resamples for intervals of ratios, d' and the "
+        f"learning curve, {INFORMATION_RESAMPLES} for information, {CHOICE_RESAMPLES} for similarities and biases. "
+        "Nothing else is drawn: the same dataset gives the same numbers.",
     ),
     ("Correlation with the paper", "Pearson's r over the cells of one printed table."),
 )

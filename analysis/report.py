@@ -7,21 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from analysis.methods import METHODS
 from analysis.tables import Section, Table
 
-FIGURES = {"correct-ratios": "tests", "confusion": "confusion", "map": "confusions", "dissimilarity": "confusions"}
-"""Name of a figure -> slug of the section in which it stands."""
-
-CAPTIONS = {
-    "correct-ratios": "Correct answer ratios per material and task (as Fig. 11 of Okamoto et al.). Bars: mean; "
-    "whiskers: "
-    "standard deviation among participants; dots: participants; stars: above chance. The numbers stand in the tables "
-    "here.",
-    "confusion": "Answer ratios as heat maps. The numbers stand in the tables here.",
-    "map": "Materials as points: the closer two are, the more they were taken for one another.",
-    "dissimilarity": "Confusing answer ratios against the dissimilarity of spectra (as Fig. 13 of Okamoto et al.).",
-}
+COLUMN_POINTS = 300.0
+"""A figure wider than this takes the whole width of the page."""
 
 STYLE = """
 :root { color-scheme: light; --line: #c9ced6; --ink: #1b1f24; --quiet: #57606a; --band: #7a1f00; --mark: #e6eefb; }
@@ -49,7 +38,10 @@ tbody th { font-weight: 400; }
 .marked { background: var(--mark); }
 .marked:not(.left) { font-weight: 600; }
 .note { color: var(--quiet); font-size: .875rem; margin: .25rem 0; }
-figure { margin: 1.25rem 0; }
+.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); gap: 0 2rem; }
+figure { margin: 1.25rem 0; min-width: 0; }
+.wide { grid-column: 1 / -1; }
+figure .scroll { margin-top: 0; }
 figure svg { display: block; height: auto; }
 figcaption { color: var(--quiet); font-size: .875rem; max-width: 46rem; }
 dt { font-weight: 600; margin-top: .75rem; }
@@ -80,17 +72,13 @@ class Captions:
     methods: Sequence[tuple[str, str]]
 
 
-ANALYSIS = Captions(FIGURES, CAPTIONS, METHODS)
-"""Those of the analysis of a dataset."""
-
-
 def html(
     title: str,
     label: str,
     software: str,
     sections: Sequence[Section],
     figures: Mapping[str, bytes],
-    captions: Captions = ANALYSIS,
+    captions: Captions,
 ) -> str:
     """The whole report.
 
@@ -121,9 +109,9 @@ def html(
 def _section(section: Section, label: str, figures: Mapping[str, bytes], captions: Captions) -> str:
     parts = [f'<section id="{section.slug}"><h2>{escape(section.title)}</h2>']
     parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs]
-    for name, slug in captions.places.items():
-        if slug == section.slug and name in figures:
-            parts.append(_figure(name, label, figures[name], captions.captions[name]))
+    shown = [name for name, slug in captions.places.items() if slug == section.slug and name in figures]
+    drawings = [_figure(name, label, figures[name], captions.captions[name]) for name in shown]
+    parts += [f'<div class="figures">{"".join(drawings)}</div>'] if drawings else []
     parts += [_table(table) for table in section.tables]
     return "".join([*parts, "</section>\n"])
 
@@ -135,13 +123,12 @@ def _figure(name: str, label: str, svg: bytes, caption: str) -> str:
     points = float(width.group(1)) if width else 480.0
     drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, count=1, flags=re.DOTALL)
     drawing = re.sub(r'(\bid="|xlink:href="#|url\(#)', rf"\g<1>{name}-", drawing)
-    style = f"width:100%;max-width:{1.6 * points:.0f}px;min-width:{0.9 * points:.0f}px"
+    style = f"width:100%;max-width:{2 * points:.0f}px;min-width:{1.3 * points:.0f}px"
     described = escape(f"{label}. {caption}" if label else caption)
     drawing = drawing.replace("<svg ", f'<svg role="img" aria-label="{described}" style="{style}" ', 1)
-    return (
-        f'<figure><div class="scroll" tabindex="0" role="region" aria-label="Figure {name}">{drawing}</div>'
-        f"<figcaption>{described}</figcaption></figure>"
-    )
+    kind = ' class="wide"' if points > COLUMN_POINTS else ""
+    box = f'<div class="scroll" tabindex="0" role="region" aria-label="Figure {name}">{drawing}</div>'
+    return f"<figure{kind}>{box}<figcaption>{described}</figcaption></figure>"
 
 
 def _table(table: Table) -> str:

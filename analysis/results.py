@@ -11,6 +11,7 @@ import numpy as np
 from analysis.anova import TYPES, Anova, Cells, cells, one_way, two_way
 from analysis.bayes import log_bayes_factor
 from analysis.confusion import Confusion, confusion
+from analysis.course import Course, course
 from analysis.dataset import Study, Task
 from analysis.dissimilarities import NONE as NO_DISSIMILARITIES
 from analysis.dissimilarities import Dissimilarities
@@ -110,6 +111,7 @@ class Results:
     components: ComponentReliability | None
     reliabilities: tuple[Reliability, ...]
     trials: TrialLevel
+    course: Course
 
     def task(self, task: str) -> TaskResult | None:
         """The result of one task; None when the dataset has no such task."""
@@ -143,6 +145,7 @@ def compute(
         components=_components(data, tasks) if data else None,
         reliabilities=tuple(_reliabilities(study, tasks)),
         trials=trial_level(study),
+        course=course(study, SEED),
     )
 
 
@@ -238,7 +241,8 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
         name = f"{count} correct ratios x {len(people)} participants"
         found.append(_reliability(f"{task.task.id}: {name}", task.task.id, _correct(task, people, count)))
     if len(tasks) > 1:
-        both = [label for label in _complete(tasks[0]) if all(label in _complete(task) for task in tasks[1:])]
+        others = [set(_complete(task)) for task in tasks[1:]]
+        both = [label for label in _complete(tasks[0]) if all(label in other for other in others)]
         rows = [row for task in tasks for row in _correct(task, both, count)]
         name = f"{len(rows)} correct ratios (material by task) x {len(both)} participants who did every task"
         linked = "; which row of one task goes with which of another is arbitrary in a reconstruction"

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from analysis.anova import Anova, Effect
 from analysis.compared import comparison_section
 from analysis.comparison import Comparison
+from analysis.course_sections import course_section
 from analysis.dataset import Study
 from analysis.effect_sizes import EffectSize
 from analysis.icc_sections import icc_section
@@ -33,6 +34,7 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
         anova_section(results),
         icc_section(results),
         trials_section(results),
+        course_section(results.course),
         *compared,
     )
 

@@ -65,9 +65,11 @@ def number(value: float | None, decimals: int = 3) -> str:
 
 
 def probability(p: float | None) -> str:
-    """P to three digits, in powers of ten below 0.01."""
+    """P to three digits, in powers of ten below 0.01; below 1e-300 it may be nothing but underflow."""
     if p is None:
         return "-"
+    if p < 1e-300:
+        return "< 1e-300"
     if p >= 0.01:
         return f"{p:.3f}"
     mantissa, _, exponent = f"{p:.2e}".partition("e")

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from analysis.results import Results
 from analysis.tables import Section, Table, number, probability
 from analysis.trial_level import TrialLevel
-from analysis.trial_models import Coefficient, TrialModel
+from analysis.trial_models import TrialModel
 
 HEADER = ("term", "odds ratio", "95 % CI", "P")
 
@@ -31,31 +31,37 @@ def trials_section(results: Results) -> Section:
 def _gee(found: TrialLevel) -> Table | None:
     if (model := found.gee) is None:
         return None
-    rows = tuple((one.name, *_odds(one), probability(one.p)) for one in model.coefficients)
-    tests = "; ".join(f"{t.name}: chi2({t.df}) = {t.chi2:.2f}, P = {probability(t.p)}" for t in model.terms)
     notes = (
-        f"Wald tests: {tests}.",
+        _wald(model),
         f"Correlation within a participant: {model.spread:.3f}. Standard errors of Mancl and DeRouen.",
     )
     title = f"GEE logit: {model.trials} trials of {model.participants} participants"
-    return Table(title, HEADER, rows, notes=notes)
+    return Table(title, HEADER, _rows(model), notes=notes)
 
 
 def _mixed(found: TrialLevel) -> Table | None:
     if (model := found.mixed) is None:
         return None
-    rows = tuple((one.name, number(math.exp(one.estimate), 2)) for one in model.coefficients)
     notes = (
-        f"SD of the random intercepts: {model.spread:.2f}. Variational Bayes: its standard deviations are too small, "
-        "and no interval is given; those of the GEE logit stand above.",
+        _wald(model),
+        f"SD of the random intercepts: {model.spread:.2f}. Maximum likelihood; these are the odds of one participant, "
+        "further from 1 than those of the population above, the more participants differ.",
     )
     title = f"Mixed logit, a random intercept a participant: {model.trials} trials"
-    return Table(title, HEADER[:2], rows, notes=notes)
+    return Table(title, HEADER, _rows(model), notes=notes)
 
 
-def _odds(one: Coefficient) -> tuple[str, str]:
-    limits = "-" if one.low is None or one.high is None else f"{math.exp(one.low):.2f} to {math.exp(one.high):.2f}"
-    return number(math.exp(one.estimate), 2), limits
+def _rows(model: TrialModel) -> tuple[tuple[str, ...], ...]:
+    return tuple(
+        (one.name, number(math.exp(one.estimate), 2), f"{math.exp(one.low):.2f} to {math.exp(one.high):.2f}",
+         probability(one.p))
+        for one in model.coefficients
+    )  # fmt: skip
+
+
+def _wald(model: TrialModel) -> str:
+    tests = "; ".join(f"{t.name}: chi2({t.df}) = {t.chi2:.2f}, P = {probability(t.p)}" for t in model.terms)
+    return f"Wald tests: {tests}."
 
 
 def _records(kind: str, model: TrialModel | None) -> list[Mapping[str, object]]:

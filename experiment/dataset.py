@@ -15,7 +15,7 @@ from experiment.apparatus import rig as rigs
 from experiment.errors import DatasetError
 from experiment.protocol import load
 from experiment.protocol.models import Protocol, Task
-from experiment.records import NO_ANSWER, Answer, BrokenOff, FootStep, Onset, Redo, TrackerOpened
+from experiment.records import NO_ANSWER, Answer, BrokenOff, FootStep, MaskerSet, Onset, Redo, TrackerOpened
 from experiment.roster import Roster
 from experiment.session import journal
 from experiment.session.places import foot_path, rig_path
@@ -121,8 +121,14 @@ def _read(path: Path) -> _Session:
 def _rows(session: _Session, origin: files.Origin) -> list[dict[str, object]]:
     answers: dict[tuple[int, int], Answer] = {}
     redone: dict[tuple[int, int], str] = {}
+    masker: dict[str, object] = {}
+    maskers: dict[tuple[int, int], dict[str, object]] = {}
     for entry in session.contents.entries:
-        if isinstance(entry, Answer):
+        if isinstance(entry, MaskerSet):
+            masker = {"masker_level": entry.level_db_a}
+        elif isinstance(entry, FootStep | BrokenOff):
+            maskers[entry.trial, entry.attempt] = masker
+        elif isinstance(entry, Answer):
             answers[entry.trial, entry.attempt] = entry
         elif isinstance(entry, Redo):
             redone[entry.trial, entry.attempt] = entry.reason
@@ -151,6 +157,7 @@ def _rows(session: _Session, origin: files.Origin) -> list[dict[str, object]]:
                 "onset_error": _onset_error_s(landed.onset) if landed else None,
                 "redo_reason": step.reason if isinstance(step, BrokenOff) else reason,
                 "origin": origin,
+                **maskers[attempt],
             }
         )
     return rows

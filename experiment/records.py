@@ -320,3 +320,8 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
     },
 }
 """Columns of `_events.tsv` in their order, as the sidecar describes them."""
+
+MASKED_COLUMNS: dict[str, dict[str, object]] = {
+    "masker_level": {"Description": "Level of the masker in this attempt. n/a for silence.", "Units": "dB(A)"},
+}
+"""Further columns of a session in which the rig played a masker; left out of all others."""

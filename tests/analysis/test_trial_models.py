@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 import statsmodels.api as sm
 import statsmodels.formula.api as smf
-from scipy.optimize import minimize
+from scipy.optimize import approx_fprime, minimize
 from scipy.special import logsumexp
 
 from analysis.dataset import Study, read
 from analysis.exact import NotDefined
+from analysis.mixed_logit import log_likelihood
 from analysis.trial_level import trial_level
 from analysis.trial_models import gee, mixed
 from analysis.trials import LATER, RESPONSE, SPEED, TRIAL, Design, design
@@ -85,7 +86,7 @@ def _cbpp() -> Design:
     return Design(right, herds, ("intercept", "2", "3", "4"), matrix, {"period": (1, 2, 3)}, {}, 0)
 
 
-def test_the_mixed_logit_is_close_to_maximum_likelihood() -> None:
+def test_the_mixed_logit_is_at_maximum_likelihood() -> None:
     """The likelihood by its definition: each herd's integral over a normal intercept, at 60 Hermite nodes."""
     data = _cbpp()
     nodes, weights = np.polynomial.hermite_e.hermegauss(60)
@@ -96,10 +97,48 @@ def test_the_mixed_logit_is_close_to_maximum_likelihood() -> None:
         np.add.at(by_herd, data.participants, data.correct[:, None] * odds - np.logaddexp(0, odds))
         return -float(logsumexp(by_herd + np.log(weights / weights.sum()), axis=1).sum())
 
-    wanted = minimize(minus_log_likelihood, np.zeros(5)).x
+    best = minimize(minus_log_likelihood, np.zeros(5), options={"gtol": 1e-6})
     found = mixed(data)
-    assert [one.estimate for one in found.coefficients] == pytest.approx(wanted[:4].tolist(), abs=0.05)
-    assert found.spread == pytest.approx(np.exp(wanted[4]), abs=0.1)
+    assert [one.estimate for one in found.coefficients] == pytest.approx(best.x[:4].tolist(), abs=2e-4)
+    assert found.spread == pytest.approx(np.exp(best.x[4]), abs=2e-4)
+
+
+@pytest.mark.parametrize("sd", [0.0, 0.3, 1.0, 3.0])
+def test_the_likelihood_is_that_of_a_fine_trapezoid(sd: float) -> None:
+    """The integral over the intercept by its definition, in 4,000 steps from -10 to 10 SD."""
+    data = _cbpp()
+    nodes = np.linspace(-10, 10, 4001)
+    weights = np.exp(-(nodes**2) / 2) / np.sqrt(2 * np.pi) * (nodes[1] - nodes[0])
+    coefficients = np.array([-1.2, -0.8, 0.3, -1.5])
+
+    def direct(parameters: np.ndarray) -> float:
+        odds = (data.matrix @ parameters[:4])[:, None] + parameters[4] * nodes
+        by_herd = np.zeros((15, nodes.size))
+        np.add.at(by_herd, data.participants, data.correct[:, None] * odds - np.logaddexp(0, odds))
+        return float(logsumexp(by_herd, axis=1, b=weights).sum())
+
+    value, slopes = log_likelihood(
+        correct=data.correct, matrix=data.matrix, participants=data.participants, coefficients=coefficients, sd=sd
+    )
+    at = np.append(coefficients, sd)
+    assert value == pytest.approx(direct(at), abs=1e-4)
+    assert slopes.tolist() == pytest.approx(approx_fprime(at, direct, 1e-6).tolist(), abs=2e-3)
+
+
+def test_without_differences_among_participants_it_is_the_plain_logit(tmp_path: Path) -> None:
+    """Against statsmodels' Logit, from the same trials."""
+    trials = design(_study(tmp_path, 12))
+    plain = sm.Logit(trials.correct, trials.matrix)
+    coefficients = np.linspace(-0.5, 0.5, trials.matrix.shape[1])
+    value, slopes = log_likelihood(
+        correct=trials.correct,
+        matrix=trials.matrix,
+        participants=trials.participants,
+        coefficients=coefficients,
+        sd=0.0,
+    )
+    assert value == pytest.approx(plain.loglike(coefficients), abs=1e-9)
+    assert slopes.tolist() == pytest.approx([*plain.score(coefficients).tolist(), 0.0], abs=1e-9)
 
 
 def test_known_odds_come_back(tmp_path: Path) -> None:

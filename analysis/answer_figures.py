@@ -1,0 +1,193 @@
+"""Figures of answers: correct ratios (Okamoto, Fig. 11), confusion matrices of a task and of each participant, maps of
+the materials, and confusion against dissimilarity (Fig. 13).
+
+One function a figure; each draws into the axes it is given.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from math import ceil
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from analysis.dissimilarities import Dissimilarities
+from analysis.figures import COLOURS, COLUMN_MM, HATCHES, LETTER_INCHES, MARKERS, SHADES, key, pale
+from analysis.identification import Identification
+from analysis.results import TaskResult
+from experiment.records import NO_ANSWER
+
+ACROSS = 5
+"""Participants beside one another on a page of panels."""
+
+DOTS = 50
+"""More participants than this are not drawn as dots, which would cover the bar."""
+
+DARK = 0.6
+"""Above this ratio a cell is so dark that its text is white."""
+
+
+def correct_ratios(axes: Axes, tasks: Sequence[TaskResult]) -> None:
+    """Correct answer ratios for each material and task: mean, SD, stars and every participant."""
+    materials = tasks[0].confusion.materials
+    width = 0.8 / len(tasks)
+    for index, task in enumerate(tasks):
+        _bars(axes, task, index, width, (index - (len(tasks) - 1) / 2) * width)
+    for chance in sorted({task.chance for task in tasks}):
+        axes.axhline(chance, color="black", linestyle="--", linewidth=0.8, label=f"chance, {chance:.3g}")
+    _names(axes, materials)
+    axes.set_ylim(0, 1.18)
+    axes.set_yticks(np.linspace(0, 1, 6))
+    axes.set_ylabel("correct answer ratio")
+    key(axes)
+
+
+def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
+    """Mean answer ratios of one task as a heat map; each cell says mean and SD where there is room for them."""
+    matrix = task.confusion
+    answers = (*matrix.materials, NO_ANSWER)[: len(matrix.materials) + unanswered]
+    axes.pcolormesh(matrix.means()[:, : len(answers)], cmap=SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
+    axes.invert_yaxis()
+    room = (_width(axes) - 0.9) / len(answers)
+    for i in range(len(matrix.materials)):
+        for j in range(len(answers)):
+            _cell(axes, task, i, j, room)
+    letters = max(int(room / LETTER_INCHES), 6)
+    slanted = any(len(word) > letters for answer in answers for word in answer.split())
+    turned: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
+    shown = [answer if slanted else textwrap.fill(answer, letters) for answer in answers]
+    axes.set_xticks(np.arange(len(answers)) + 0.5, [_short(name, 26) for name in shown], **turned)
+    names = [textwrap.fill(_short(material, 26), 14) for material in matrix.materials]
+    axes.set_yticks(np.arange(len(names)) + 0.5, names)
+    axes.tick_params(length=0)
+    axes.set_xlabel("answered")
+    axes.set_ylabel("presented")
+    axes.set_title(f"{_short(task.task.title, 40)} (n = {len(matrix.participants)})")
+    axes.spines[:].set_visible(False)
+
+
+def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
+    """Every participant's own matrix, from `first` up to but not `last`: label and share right above each.
+
+    Rows are presented materials and columns answers, in the order of the tables; a material that a participant was
+    not presented stays white.
+    """
+    matrix = task.confusion
+    size, answers = len(matrix.materials), len(matrix.materials) + bool(matrix.unanswered)
+    step = (answers + 1, size + 2.2 * size / 4)
+    for place, index in enumerate(range(first, last)):
+        x, y = place % ACROSS * step[0], place // ACROSS * step[1]
+        counts, trials = matrix.counts[index, :, :answers], matrix.trials[index]
+        ratios = np.where(trials[:, None] > 0, counts / np.maximum(trials, 1)[:, None], np.nan)
+        edges = x + np.arange(answers + 1), y + np.arange(size + 1)
+        axes.pcolormesh(*edges, ratios, cmap=SHADES, vmin=0, vmax=1, edgecolors="#c9ced6", linewidth=0.25)
+        right = float(np.trace(counts[:, :size]) / trials.sum())
+        axes.text(x, y - 0.08 * size, f"{_short(matrix.participants[index], 6)}: {right:.2f}", ha="left", va="bottom")
+    axes.set_xlim(-0.1, ACROSS * step[0] - 0.9)
+    axes.set_ylim(ceil((last - first) / ACROSS) * step[1] - step[1] + size + 0.1, -0.55 * size)
+    axes.set_axis_off()
+
+
+def material_map(axes: Axes, one: Identification, materials: Sequence[str]) -> None:
+    """Materials as points, the closer the more they were taken for one another."""
+    points = one.scaling.points if one.scaling else np.zeros((0, 2))
+    for index, (material, point) in enumerate(zip(materials, points, strict=True)):
+        axes.plot(*point, _marker(index), color=_colour(index), label=_short(material, 24))
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.15)
+    axes.set_xlabel("first axis")
+    axes.set_ylabel(f"{one.task}: second axis")
+
+
+def against_dissimilarity(
+    axes: Axes, tasks: Sequence[TaskResult], found: Sequence[Identification], dissimilarities: Dissimilarities
+) -> None:
+    """Every confusing ratio against the dissimilarity of the two materials, of the tasks that have a Mantel test."""
+    for index, (task, one) in enumerate(zip(tasks, found, strict=True)):
+        if one.mantel is None:
+            continue
+        means, names = task.confusion.means(), task.confusion.materials
+        pairs = [(i, j) for i in range(len(names)) for j in range(len(names)) if i != j]
+        x = [dissimilarities.pairs[frozenset((names[i], names[j]))] for i, j in pairs]
+        said = f"{one.task}: Mantel r = {one.mantel.r:.2f}, P = {one.mantel.p_two:.3f}"
+        y = [means[i, j] for i, j in pairs]
+        axes.plot(x, y, _marker(index), color=_colour(index), markersize=4, alpha=0.8, label=said)
+    source = f"dissimilarity of the spectra ({dissimilarities.source})"
+    axes.set_xlabel(textwrap.fill(source, int((_width(axes) - 0.6) / LETTER_INCHES)))
+    axes.set_ylabel("confusing answer ratio")
+    axes.set_ylim(bottom=0)
+    key(axes, columns=1)
+
+
+def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) -> None:
+    matrix = task.confusion
+    colour = _colour(index)
+    named = False
+    for place, test in enumerate(task.tests):
+        result = test.result
+        if result.mean is None:
+            continue
+        x = place + shift
+        axes.bar(
+            x,
+            result.mean,
+            width * 0.92,
+            facecolor=pale(colour),
+            edgecolor=colour,
+            hatch=HATCHES[index % len(HATCHES)],
+            label=None if named else f"{task.task.id} (n = {len(matrix.participants)})",
+        )
+        named = True
+        values = [float(value) for value in matrix.ratios(place, place).values()]
+        if len(values) <= DOTS:
+            spread = np.linspace(-0.28, 0.28, len(values)) * width if len(values) > 1 else np.zeros(1)
+            axes.plot(x + spread, values, ".", color="black", markersize=2.5, alpha=0.6, clip_on=False)
+        if result.sd is not None:
+            axes.errorbar(x, result.mean, yerr=result.sd, color="black", capsize=2.5, linewidth=1.0)
+        top = max(1.0, *values, min(result.mean + (result.sd or 0.0), 1.1))
+        axes.text(x, top + 0.01, result.stars, ha="center", va="bottom")
+
+
+def _cell(axes: Axes, task: TaskResult, i: int, j: int, room: float) -> None:
+    mean, sd = task.confusion.mean(i, j), task.confusion.sd(i, j)
+    whole = room >= 8 * LETTER_INCHES
+    if mean is None:
+        text = "not\nshown" if whole else "-"
+    elif room < 4.5 * LETTER_INCHES:
+        return
+    else:
+        stars = task.tests[i].result.stars if i == j and whole else ""
+        text = f"{mean:.2f}{stars}" + ("" if sd is None or not whole else f"\n± {sd:.2f}")
+    colour = "white" if mean is not None and mean > DARK else "black"
+    axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=colour)
+
+
+def _names(axes: Axes, materials: Sequence[str]) -> None:
+    """Names of the materials below their places: broken between words where that does, else slanted."""
+    letters = int((_width(axes) - 0.5) / len(materials) / LETTER_INCHES) - 1
+    shown = [_short(material, 26) for material in materials]
+    if any(len(word) > letters for name in shown for word in name.split()):
+        axes.set_xticks(range(len(shown)), shown, rotation=40, ha="right", rotation_mode="anchor")
+    else:
+        axes.set_xticks(range(len(shown)), [textwrap.fill(name, letters) for name in shown])
+
+
+def _short(name: str, letters: int) -> str:
+    return name if len(name) <= letters else f"{name[: letters - 1].rstrip()}…"
+
+
+def _width(axes: Axes) -> float:
+    figure = axes.get_figure(root=True)
+    return float(figure.get_figwidth()) if figure else COLUMN_MM / 25.4
+
+
+def _colour(index: int) -> str:
+    return COLOURS[index % len(COLOURS)]
+
+
+def _marker(index: int) -> str:
+    """Shifted at every round of colours, so that no two series look the same."""
+    return MARKERS[(index + index // len(COLOURS)) % len(MARKERS)]

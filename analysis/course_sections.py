@@ -1,0 +1,101 @@
+"""Course of a study -> a section: right answers by speed and by trial number, onset errors, masker levels."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping
+
+from analysis.bootstrap import RESAMPLES
+from analysis.course import WINDOW, Course
+from analysis.tables import Section, Table, interval, number
+
+
+def course_section(found: Course) -> Section:
+    """Tables of what there is, and a statement on what there is not."""
+    paragraphs = [
+        f"Share of right answers over all participants: in runs of {WINDOW} trials, with BCa intervals from "
+        f"{RESAMPLES} resamples of whole participants; and by the speed of the foot, with Wilson's intervals, which "
+        "take all trials as independent. Every run of trials stands in course.csv."
+    ]
+    paragraphs += [f"No {what}, {task}: {why}." for (task, what), why in found.statements.items()]
+    for task, windows in found.learning.items():
+        reasons = dict.fromkeys(one.statement for one in windows if one.statement)
+        paragraphs += [f"No interval of some runs of trials, {task}: {why}." for why in reasons]
+    tables = (_learning(found), _speed(found), _onsets(found), _masker(found))
+    return Section(
+        "course",
+        "Course of the tasks",
+        tuple(paragraphs if found.learning or found.speed else paragraphs[1:]),
+        tuple(table for table in tables if table.rows),
+        tuple(_records(found)),
+    )
+
+
+def _learning(found: Course) -> Table:
+    rows = []
+    for task, windows in found.learning.items():
+        for one in dict.fromkeys((windows[0], windows[len(windows) // 2], windows[-1])):
+            share = number(one.right / one.trials)
+            rows.append((task, f"{one.first} to {one.last}", f"{one.right} of {one.trials}", share,
+                         interval(one.interval)))  # fmt: skip
+    header = ("task", "trials", "right", "ratio", "95 % CI")
+    return Table("Right answers in the first, the middle and the last run of trials", header, tuple(rows))
+
+
+def _speed(found: Course) -> Table:
+    rows = tuple(
+        (task, f"{one.low_mm_s:g} to {one.high_mm_s:g}", number(one.mean_mm_s, 0), f"{one.right} of {one.trials}",
+         number(one.right / one.trials), interval(one.interval))
+        for task, bins in found.speed.items() for one in bins
+    )  # fmt: skip
+    header = ("task", "speed (mm/s)", "mean", "right", "ratio", "95 % CI")
+    return Table("Right answers by the speed of the foot", header, rows)
+
+
+def _onsets(found: Course) -> Table:
+    rows = tuple(
+        (task, str(len(one.errors_ms)), number(one.mean_ms), number(one.sd_ms), number(one.largest_ms))
+        for task, one in found.onsets.items()
+    )
+    header = ("task", "trials", "mean (ms)", "SD (ms)", "largest, either way (ms)")
+    return Table("Measured onset minus contact", header, rows)
+
+
+def _masker(found: Course) -> Table:
+    rows = tuple(
+        (task, str(len(levels)), number(statistics.median(one.median_db_a for one in levels), 1),
+         f"{min(one.low_db_a for one in levels):.1f} to {max(one.high_db_a for one in levels):.1f}")
+        for task, levels in found.masker.items()
+    )  # fmt: skip
+    notes = ("Median of the participants' medians; lowest and highest level of any trial.",)
+    return Table("Masker, dB(A)", ("task", "participants", "median", "range"), rows, notes=notes)
+
+
+def _records(found: Course) -> list[Mapping[str, object]]:
+    records: list[Mapping[str, object]] = []
+    for task, windows in found.learning.items():
+        records += [
+            {"task": task, "quantity": "right in a run of trials", "from": one.first, "to": one.last,
+             "value": one.right / one.trials, "trials": one.trials, "low": one.interval.low if one.interval else None,
+             "high": one.interval.high if one.interval else None, "statement": one.statement}
+            for one in windows
+        ]  # fmt: skip
+    for task, bins in found.speed.items():
+        records += [
+            {"task": task, "quantity": "right at speeds, mm/s", "from": one.low_mm_s, "to": one.high_mm_s,
+             "value": one.right / one.trials, "trials": one.trials, "low": one.interval.low, "high": one.interval.high}
+            for one in bins
+        ]  # fmt: skip
+    for task, errors in found.onsets.items():
+        about = {"task": task, "quantity": "onset minus contact, ms", "trials": len(errors.errors_ms)}
+        records.append({**about, "value": errors.mean_ms, "sd": errors.sd_ms})
+    for task, levels in found.masker.items():
+        records += [
+            {"task": task, "quantity": "masker, dB(A)", "of": one.participant, "value": one.median_db_a,
+             "low": one.low_db_a, "high": one.high_db_a}
+            for one in levels
+        ]  # fmt: skip
+    records += [
+        {"task": task, "quantity": what, "statement": f"n/a: {why}"} for (task, what), why in found.statements.items()
+    ]
+    return records

@@ -1,0 +1,137 @@
+"""What an analysis costs: run `python -m tests.benchmarks.analyse`; time and peak memory of the whole command.
+
+The published study from a cold start, with and without figures; then 1,000 simulated participants, once as counts
+without any order and once as trials with times and speeds. Each run is a process of its own. Not a test of speed: the
+figures belong to the machine that printed them.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from experiment import reconstruction
+from experiment.dataset_files import DatasetText, TaskText, write_description, write_events, write_participants
+
+ROOT = Path(__file__).parents[2]
+PARTICIPANTS, REPETITIONS, RUNS = 1000, 10, 5
+MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
+RATIOS = {
+    "virtual": ((0.79, 0.02, 0.04, 0.15), (0.08, 0.44, 0.14, 0.34), (0.06, 0.17, 0.64, 0.13), (0.2, 0.29, 0.2, 0.31)),
+    "real": ((0.97, 0.01, 0.01, 0.01), (0.02, 0.59, 0.16, 0.23), (0.04, 0.14, 0.68, 0.14), (0.05, 0.28, 0.13, 0.54)),
+}
+"""Near the ratios of Okamoto's Tables 1 and 2, so that the analysis has as much to do as with the paper's data."""
+
+
+def answers(task: str) -> np.ndarray:
+    """Index of the answer of every participant, material and repetition."""
+    rng = np.random.default_rng([1, list(RATIOS).index(task)])
+    shape = (PARTICIPANTS, REPETITIONS)
+    return np.stack([rng.choice(len(MATERIALS), size=shape, p=row) for row in RATIOS[task]], axis=1)
+
+
+def counts_dataset(folder: Path) -> Path:
+    """As `palpate import-counts` makes it."""
+    pairs = {}
+    for task in RATIOS:
+        pairs[task] = folder / f"{task}.csv"
+        with pairs[task].open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(reconstruction.COLUMNS)
+            for who, rows in enumerate(answers(task), start=1):
+                for shown, said in zip(MATERIALS, rows, strict=True):
+                    found = np.bincount(said, minlength=len(MATERIALS)).tolist()
+                    writer.writerows(
+                        [who, shown, answer, count] for answer, count in zip(MATERIALS, found, strict=True) if count
+                    )
+    return reconstruction.import_counts(
+        pairs, folder / "counts", study=reconstruction.study_text("simulated", pairs, "simulated for a benchmark")
+    )
+
+
+def trials_dataset(folder: Path) -> Path:
+    """As a rehearsal makes it, without sessions behind it."""
+    root = folder / "trials"
+    readme = "Simulated answers for a benchmark. " * 6
+    text = DatasetText("simulated", "Simulated", "REHEARSAL", "CC0-1.0", ("Nobody",), tuple(RATIOS), readme, "0")
+    write_description(root, text)
+    labels = [f"{number:04}" for number in range(1, PARTICIPANTS + 1)]
+    first = ("virtual", "real")
+    people = ({"participant_id": f"sub-{who}", "first_task": first[int(who) % 2], "withdrawn": False} for who in labels)
+    write_participants(root, people, origin="REHEARSAL")
+    rng = np.random.default_rng(2)
+    for task in RATIOS:
+        said = answers(task)
+        described = {material: material for material in MATERIALS}
+        software = {"SoftwareName": "palpate"}
+        words = TaskText(task, f"{task.title()} materials", "A task.", "Say it.", described, software, "REHEARSAL")
+        for place, who in enumerate(labels):
+            order = rng.permutation(len(MATERIALS) * REPETITIONS)
+            rows = (
+                {
+                    "onset": 5.0 * number,
+                    "duration": 0.5,
+                    "trial": number,
+                    "attempt": 1,
+                    "counted": True,
+                    "presented": MATERIALS[cell // REPETITIONS],
+                    "answered": MATERIALS[said[place, cell // REPETITIONS, cell % REPETITIONS]],
+                    "response_time": round(float(rng.gamma(4, 0.4)), 6),
+                    "foot_speed": round(float(rng.uniform(60, 350)), 3),
+                    "frames_lost": 0,
+                    "delivered": True,
+                    "onset_error": round(float(rng.normal(0, 5e-4)), 6),
+                    "masker_level": 60.0 + place % 9,
+                    "origin": "REHEARSAL",
+                }
+                for number, cell in enumerate(order.tolist(), start=1)
+            )
+            write_events(root, who, words, rows)
+    return root
+
+
+def run(*arguments: str) -> tuple[float, float, float]:
+    """Wall-clock time, s, time on the processor, s, and peak memory, MB, of `palpate` with these arguments."""
+    command = [sys.executable, "-m", "experiment", *arguments]
+    begun = time.perf_counter()
+    silence = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
+    child = os.posix_spawn(command[0], command, os.environ, file_actions=silence)
+    _, status, usage = os.wait4(child, 0)
+    if status:
+        raise SystemExit(f"{' '.join(command)} failed")
+    return time.perf_counter() - begun, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+
+
+def lines(folder: Path) -> Iterator[str]:
+    out = str(folder / "out")
+    for flag in ("--no-figures", "--figures"):
+        found = [run("analyse", str(ROOT / "participants" / "okamoto2012"), flag, "--out", out) for _ in range(RUNS)]
+        taken, busy, memory = zip(*found, strict=True)
+        spread = f"{min(taken):.2f} to {max(taken):.2f} s of {RUNS}"
+        cost = f"busy {statistics.median(busy):.2f} s, {max(memory):.0f} MB"
+        yield f"okamoto2012 {flag}: {statistics.median(taken):.2f} s ({spread}), {cost}"
+    for make in (counts_dataset, trials_dataset):
+        dataset = make(folder)
+        for flag in ("--no-figures", "--figures"):
+            taken_s, busy_s, memory_mb = run("analyse", str(dataset), flag, "--out", f"{out}-{dataset.name}")
+            cost = f"{taken_s:.1f} s, busy {busy_s:.1f} s, {memory_mb:.0f} MB"
+            yield f"{PARTICIPANTS} participants, {dataset.name}, {flag}: {cost}"
+
+
+def main() -> None:
+    """Print the figures."""
+    with tempfile.TemporaryDirectory() as folder:
+        for line in lines(Path(folder)):
+            print(line, flush=True)
+
+
+if __name__ == "__main__":
+    main()
