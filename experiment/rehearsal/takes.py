@@ -198,8 +198,8 @@ def note(drawn: RecordingSession) -> str:
     if not _as_published(drawn.planned):
         return f"session {drawn.number}; materials fitted to Table 3 of Okamoto et al."
     return (
-        f"session {drawn.number}, the first from 0 on within {TABLE_3_TOLERANCE} of Table 3 of Okamoto et al., to "
-        "which the materials were fitted: its agreement with that table is made, not found"
+        f"session {drawn.number}, the first from 0 on within {TABLE_3_TOLERANCE} of Table 3 of Okamoto et al. as "
+        "drawn; the materials were fitted to that table too: agreement with it is made, not found"
     )
 
 

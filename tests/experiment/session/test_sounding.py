@@ -9,7 +9,8 @@ from experiment.apparatus.gate import Contact, Gate
 from experiment.apparatus.landing import Landing
 from experiment.apparatus.ports import Played
 from experiment.clock import ManualClock
-from experiment.records import Delivered
+from experiment.records import Computed, Delivered
+from experiment.scene import Rendered
 from experiment.session.sounding import Sounder, Sounding
 from experiment.synthesis.crinkle import Synthesised
 
@@ -52,7 +53,7 @@ def landing(ms: float) -> Landing:
 def test_an_onset_is_put_off_only_where_that_brings_it_nearer_to_the_contact() -> None:
     clock = ManualClock(0)
     actuator = Aimed(clock)
-    silence = Synthesised(np.zeros(10), 0, False, 0)
+    silence = Rendered(Synthesised(np.zeros(10), 0, False, 0), Computed(method="silence", relative_error=0.0))
     sounder = Sounder(lambda material, speed_mm_s, rate_hz: silence, actuator)
     sounding = Sounding(sounder, "copy paper", lambda us: round(us * 1e3), clock)
     sounding.prepare(Gate(top_us=0.0, bottom_us=1e4, speed_mm_s=100.0, given_us=1e4))
