@@ -1,7 +1,8 @@
 """Writing what an analysis makes: whole files, and never over a file that is not its own.
 
 A manifest in the folder lists the files written and their SHA-256. A file that stands there already is replaced only
-if the manifest names it and its bytes are as they were written.
+if the manifest names it and its bytes are as they were written. Everything is on disk under another name before the
+first file takes its place, so a full disk changes nothing.
 """
 
 from __future__ import annotations
@@ -30,18 +31,43 @@ def publish(out: Path, files: Mapping[str, bytes], label: str) -> tuple[Path, ..
     ours = check(out, files)
     new = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     either = {name: [*ours.get(name, []), *([new[name]] if name in new else [])] for name in {**ours, **new}}
+    made = not out.exists()
+    staged: list[tuple[Path, Path]] = []
     try:
-        _write(out / MANIFEST, _document(either, label))
+        _stage(staged, out / MANIFEST, _document(either, label))
         for name, content in files.items():
-            _write(out / name, content)
-        for name in set(ours) - set(files):
-            stale = out / name
-            if stale.is_file() and _sha256(stale) in ours[name]:
-                stale.unlink()
-        _write(out / MANIFEST, _document({name: [digest] for name, digest in new.items()}, label))
+            _stage(staged, out / name, content)
+        _stage(staged, out / MANIFEST, _document({name: [digest] for name, digest in new.items()}, label))
+        while staged:
+            partial, path = staged[0]
+            if path == out / MANIFEST and len(staged) == 1:
+                _remove_stale(out, ours, files)
+            partial.replace(path)
+            del staged[0]
     except OSError as error:
         raise DatasetError(f"cannot write {error.filename or out}: {error.strerror}; choose another --out") from error
+    finally:
+        _clean(staged, out, made=made)
     return tuple(out / name for name in files)
+
+
+def _remove_stale(out: Path, ours: Mapping[str, list[str]], files: Mapping[str, bytes]) -> None:
+    for name in set(ours) - set(files):
+        stale = out / name
+        if stale.is_file() and _sha256(stale) in ours[name]:
+            stale.unlink()
+
+
+def _clean(staged: list[tuple[Path, Path]], out: Path, *, made: bool) -> None:
+    """Take away what did not take its place, and the folders made for it."""
+    for partial, _ in staged:
+        partial.unlink(missing_ok=True)
+    if made and staged:
+        for folder in sorted((path for path in out.rglob("*") if path.is_dir()), reverse=True):
+            if not any(folder.iterdir()):
+                folder.rmdir()
+        if out.is_dir() and not any(out.iterdir()):
+            out.rmdir()
 
 
 def check(out: Path, names: Iterable[str]) -> dict[str, list[str]]:
@@ -65,17 +91,19 @@ def _manifest(out: Path) -> dict[str, list[str]]:
     if out.exists() and not out.is_dir():
         raise DatasetError(f"{out} is a file; choose a folder for --out")
     if not path.exists():
+        if out.exists() and any(out.iterdir()):
+            raise DatasetError(f"{out} holds files that are not palpate's; choose a new or empty folder for --out")
         return {}
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        files = content["palpate analyse"]
+        files = content["palpate"]
         return {str(name): [str(digest) for digest in digests] for name, digests in files.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} is no manifest of palpate; move it away or choose another --out") from error
 
 
 def _document(files: Mapping[str, list[str]], label: str) -> bytes:
-    content = {"dataset": label or "measured", "palpate analyse": dict(sorted(files.items()))}
+    content = {"dataset": label or "measured", "palpate": dict(sorted(files.items()))}
     return (json.dumps(content, indent=2) + "\n").encode()
 
 
@@ -83,15 +111,12 @@ def _sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _write(path: Path, content: bytes) -> None:
+def _stage(staged: list[tuple[Path, Path]], path: Path, content: bytes) -> None:
+    """Put `content` on disk beside `path`, under another name."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        partial = Path(name)
-        partial.chmod(0o644)
-        partial.replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    partial = Path(name)
+    staged.append((partial, path))
+    with os.fdopen(handle, "wb") as file:
+        file.write(content)
+    partial.chmod(0o644)

@@ -160,7 +160,9 @@ def plan(
             recordings = simulated.make_recordings(Path(folder) / "simulated", protocol=protocol, seed=1).parent
             source = "SIMULATED recordings, made for this plan"
         else:
-            source = str(recordings)
+            from experiment.recordings import manifest
+
+            source = f"SIMULATED recordings, {recordings}" if manifest.is_simulated(recordings) else str(recordings)
         plans = [
             scene_cost.plan(protocol=protocol, rig=opened, rig_folder=rig.parent, task_id=one, recordings=recordings)
             for one in tasks

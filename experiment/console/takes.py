@@ -11,6 +11,10 @@ from experiment.recordings.workflow import SPEED_TOLERANCE, Step
 KEEP, REPEAT = "k", "r"
 
 
+def _made_ready(condition: Condition) -> str:
+    return f"Lay out a fresh {condition.material}" if condition.material else "Leave the panel bare"
+
+
 class TerminalTakes:
     """Implements `TakesConsole` on a text stream; nothing is kept without a key."""
 
@@ -25,8 +29,7 @@ class TerminalTakes:
         self._ask = ask
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
-        what = f"Lay out a fresh {condition.material}" if condition.material else "Leave the panel bare"
-        self._ask(f"Take {done + 1} of {total}. {what}. Press Enter when the panel is ready: ")
+        self._ask(f"Take {done + 1} of {total}. {_made_ready(condition)}. Press Enter when the panel is ready: ")
 
     def arm(self, condition: Condition, *, attempt: int) -> None:
         again = f", attempt {attempt}" if attempt > 1 else ""
@@ -39,17 +42,22 @@ class TerminalTakes:
         self._show(
             f"Achieved {step.achieved_mm_s:.0f} mm/s, target {target:g} mm/s ({step.deviation:+.1%}): {verdict}."
         )
+        again = f"{_made_ready(step.condition)}. Press Enter when the panel is ready again: "
         if step.window is None:
-            self._ask("No take to keep; lay out a fresh one. Press Enter when the panel is ready: ")
+            self._ask(f"No take to keep. {again}")
             return False
-        while True:
-            key = self._ask(f"[{KEEP}] keep  [{REPEAT}] repeat: ").strip().lower()
-            if key == KEEP:
-                return True
-            if key == REPEAT:
-                self._ask("Press Enter when the panel is ready again: ")
-                return False
+        kept = self._key(f"[{KEEP}] keep  [{REPEAT}] repeat: ")
+        if kept and step.problems:
+            kept = self._key(f"It has the problems above. [{KEEP}] keep it all the same  [{REPEAT}] repeat: ")
+        if not kept:
+            self._ask(again)
+        return kept
+
+    def _key(self, prompt: str) -> bool:
+        """Whether the take is kept, by one of the two keys."""
+        while (key := self._ask(prompt).strip().lower()) not in (KEEP, REPEAT):
             self._show(f"'{key}' is no key here; use {KEEP} or {REPEAT}")
+        return key == KEEP
 
     def _show(self, text: str) -> None:
         self._write.write(text + "\n")

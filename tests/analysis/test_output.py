@@ -29,10 +29,34 @@ def test_what_others_put_there_stays(tmp_path: Path) -> None:
 
 
 def test_a_foreign_file_is_never_overwritten(tmp_path: Path) -> None:
+    publish(tmp_path, {"a.csv": b"a"}, "a label")
     (tmp_path / "report.html").write_bytes(b"mine")
     with pytest.raises(DatasetError, match=r"report\.html is no output of palpate.*choose another --out"):
-        publish(tmp_path, {"a.csv": b"a", "report.html": b"ours"}, "a label")
-    assert _files(tmp_path) == {"report.html": b"mine"}
+        publish(tmp_path, {"a.csv": b"b", "report.html": b"ours"}, "a label")
+    assert _files(tmp_path) == {"a.csv": b"a", "report.html": b"mine"}
+
+
+def test_a_folder_of_somebody_else_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "protocol.toml").write_bytes(b"mine")
+    with pytest.raises(DatasetError, match="holds files that are not palpate's; choose a new or empty folder"):
+        publish(tmp_path, {"a.csv": b"a"}, "a label")
+    assert _files(tmp_path) == {"protocol.toml": b"mine"}
+
+
+def test_a_disk_that_fills_up_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(self: Path, mode: int) -> None:
+        if "b.csv" in self.name:
+            raise OSError(28, "No space left on device", str(self))
+
+    for out, before in ((tmp_path / "new", {}), (tmp_path / "again", {"a.csv": b"1"})):
+        if before:
+            publish(out, before, "a label")
+        with monkeypatch.context() as patch:
+            patch.setattr(Path, "chmod", full)
+            with pytest.raises(DatasetError, match=r"cannot write .*b\.csv.*: No space left"):
+                publish(out, {"a.csv": b"2", "deep/down/b.csv": b"2"}, "a label")
+        assert out.exists() == bool(before)
+        assert _files(out) == before
 
 
 def test_a_file_changed_by_hand_is_never_overwritten(tmp_path: Path) -> None:
@@ -74,7 +98,7 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
         publish(tmp_path / "out", {"a.csv": b"a"}, "a label")
 
 
-@pytest.mark.parametrize("content", ["{", "[]", '{"palpate analyse": 3}', '{"other": {}}'])
+@pytest.mark.parametrize("content", ["{", "[]", '{"palpate": 3}', '{"other": {}}'])
 def test_a_foreign_manifest_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / MANIFEST).write_text(content)
     with pytest.raises(DatasetError, match="is no manifest of palpate"):

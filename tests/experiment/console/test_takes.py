@@ -41,7 +41,8 @@ def screen(*lines: str) -> tuple[TerminalTakes, Keys, io.StringIO]:
     ],
 )
 def test_the_achieved_speed_stands_beside_its_target(achieved: float, shown: str) -> None:
-    console, keys, written = screen("k")
+    # A take off its target is kept only by a second key.
+    console, keys, written = screen("k", *(["k"] if "off" in shown else []))
     assert console.keeps(Step(CONDITION, achieved, WINDOW))
     assert written.getvalue() == shown + "\n"
     assert keys.lines == []
@@ -53,6 +54,13 @@ def test_a_knock_that_was_left_out_is_told_of() -> None:
     assert written.getvalue().endswith("within 10%; a knock 412 ms before contact was left out.\n")
     console.keeps(Step(CONDITION, 100.0, None, knock_ms=412.3))
     assert written.getvalue().endswith("nothing shook the panel; a knock 412 ms before contact was left out.\n")
+
+
+def test_a_take_with_problems_can_be_repeated_at_the_second_question() -> None:
+    console, keys, _ = screen("k", "r", "")
+    assert not console.keeps(Step(CONDITION, 88.0, WINDOW))
+    assert keys.prompts[-1].startswith(f"Lay out a fresh {CONDITION.material}. ")
+    assert keys.lines == []
 
 
 def test_repeat_waits_until_the_panel_is_ready_again() -> None:
