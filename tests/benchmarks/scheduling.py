@@ -37,7 +37,7 @@ from experiment.protocol.shipped import shipped
 from experiment.recordings.response import open_drive
 from experiment.records import Delivered
 from experiment.rehearsal import movement, study
-from experiment.rehearsal.sound import Sound
+from experiment.rehearsal.sound import SimulatedSound
 from experiment.session.feed import Feed
 from experiment.session.sounding import Sounder
 from experiment.session.step import Watch, watch
@@ -192,7 +192,7 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
         if rig.audio is None:
             played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address="127.0.0.1:9")
         else:
-            sound = opened.enter_context(Sound(rig, protocol, clock))
+            sound = opened.enter_context(SimulatedSound(rig, protocol, clock))
             played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
         opened.callback(played.close)
         screen = TerminalConsole(write=opened.enter_context(Path(os.devnull).open("w")), ask=input, heading="REHEARSAL")
