@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from experiment import __version__, dataset, enrolment, roster, scene, schedule
-from experiment.apparatus import calibration, opening
+from experiment.apparatus import calibration, opening, priority
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Actuator
 from experiment.clock import Clock, MonotonicClock, day, utc
@@ -115,6 +115,8 @@ def run(
     _check_turn(root, allocation, task_id)
     _wait_for_break(root, protocol, allocation, task_id, clock, console)
     with ExitStack() as opened:
+        got = opened.enter_context(priority.raised())
+        console.show(f"Priority: {got}.")
         planned = scene.plan(protocol=protocol, task_id=task_id)
         sound: Sound | None = None
         if rig.audio is not None:
@@ -166,6 +168,7 @@ def run(
             clock=clock,
             masker=sound.masker if sound is not None else None,
             reconnect_s=attempt.RECONNECT_S,
+            priority=got,
         )
         try:
             footer = runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=root)

@@ -8,11 +8,13 @@ last before the device bounds the voltage whatever shaping did.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.limiter import limit
-from experiment.apparatus.ports import Drive, Played
+from experiment.apparatus.ports import Drive, Played, Spectrum
 from experiment.errors import ActuatorError
 from experiment.records import Driven
 
@@ -41,11 +43,15 @@ class Conditioner:
         """No sample is larger in magnitude; 1.0 is full scale."""
         return 1.0 if self._drive else float(self._highest(self._peak_m_s2))
 
-    def __call__(self, waveform_m_s2: NDArray[np.float64]) -> tuple[NDArray[np.float32], Played]:
+    def __call__(
+        self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None
+    ) -> tuple[NDArray[np.float32], Played]:
         """Limit, shape and scale a stimulus.
 
         Args:
             waveform_m_s2: samples at the device's rate, m/s^2, shape (n,), n at least 1.
+            spectrum: returns what they are the sum of, where that is known. It is not asked where the limiter changed
+                a sample: the sum would be another.
 
         Returns:
             Samples of the device, little-endian float32, shape (n,); and what became of the stimulus.
@@ -63,11 +69,11 @@ class Conditioner:
             samples = self._scaled(bounded_m_s2, self._peak_m_s2)
             peak_m_s2 = self._peak(samples)
         else:
-            waveform_v, shaping = self._drive(bounded_m_s2)
+            waveform_v, shaping = self._drive(bounded_m_s2, None if limited else spectrum)
             bounded_v, limited_v = limit(waveform_v, self._full_scale)
             samples = self._scaled(bounded_v, self._full_scale)
             driven = Driven(shaping=shaping, limited=limited_v, peak_v=self._peak(samples))
-            peak_m_s2 = float(np.max(np.abs(bounded_m_s2)))
+            peak_m_s2 = max(float(bounded_m_s2.max()), -float(bounded_m_s2.min()))
         return samples, Played(samples=samples.size, limited=limited, peak_m_s2=peak_m_s2, driven=driven)
 
     def _highest(self, peak: float) -> np.float32:
@@ -80,4 +86,4 @@ class Conditioner:
         return np.clip((bounded / self._full_scale).astype(np.float32), -highest, highest).astype("<f4")
 
     def _peak(self, samples: NDArray[np.float32]) -> float:
-        return float(np.max(np.abs(samples.astype(np.float64)))) * self._full_scale
+        return max(float(samples.max()), -float(samples.min())) * self._full_scale

@@ -127,6 +127,13 @@ class GateDetector:
         """Before the first sample."""
         return GateState()
 
+    def speed_mm_s(self, state: GateState) -> float | None:
+        """Speed of a passage whose end has been seen; a `Gate` with this speed follows if the foot falls on."""
+        if state.top_us is None or state.bottom_us is None:
+            return None
+        height_mm = self._step.gate_top_mm - self._step.gate_bottom_mm
+        return height_mm * 1e6 / (state.bottom_us - state.top_us)
+
     def step(self, state: GateState, samples: Samples) -> tuple[GateState, tuple[Gate | Contact, ...]]:
         """Take the next samples; however they are cut into pieces, the events are the same.
 
@@ -161,9 +168,9 @@ class GateDetector:
             return state, None
         if level == 1:
             return replace(state, bottom_us=self._crossing_us(us, mm, i, level)), None
-        if level == 2 and state.bottom_us is not None:
-            height_mm = self._step.gate_top_mm - self._step.gate_bottom_mm
-            gate = Gate(state.top_us, state.bottom_us, height_mm * 1e6 / (state.bottom_us - state.top_us), int(us[i]))
+        speed_mm_s = self.speed_mm_s(state)
+        if level == 2 and speed_mm_s is not None and state.bottom_us is not None:
+            gate = Gate(state.top_us, state.bottom_us, speed_mm_s, int(us[i]))
             return replace(state, given=gate), gate if gate != state.given else None
         if level == 3 and state.given is not None:
             contact = Contact(self._contact_us(us, mm, i, state.given.bottom_us), int(us[i]))

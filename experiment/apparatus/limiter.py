@@ -27,5 +27,7 @@ def limit(waveform_m_s2: ArrayLike, peak_m_s2: float) -> tuple[NDArray[np.float6
     if not (math.isfinite(peak_m_s2) and peak_m_s2 >= 0):
         raise ActuatorError(f"limiter: got a limit of {peak_m_s2} m/s^2; allowed: a finite number, not negative")
     wanted = np.asarray(waveform_m_s2, dtype=np.float64)
+    if wanted.size and -peak_m_s2 <= wanted.min() and wanted.max() <= peak_m_s2:
+        return wanted.copy(), 0
     bounded = np.clip(np.where(np.isnan(wanted), 0.0, wanted), -peak_m_s2, peak_m_s2)
     return bounded, int(np.count_nonzero(bounded != wanted))

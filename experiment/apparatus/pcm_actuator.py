@@ -10,12 +10,13 @@ The stream is neither encrypted nor authenticated: keep the server on the loopba
 from __future__ import annotations
 
 import socket
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.conditioning import Conditioner
-from experiment.apparatus.ports import Drive, Played
+from experiment.apparatus.ports import Drive, Played, Spectrum
 from experiment.errors import ActuatorError
 from experiment.records import Delivered
 
@@ -61,16 +62,17 @@ class PcmActuator:
     def lead_ns(self) -> int:
         return 0
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
         """Limit, shape and keep a stimulus.
 
         Args:
             waveform_m_s2: samples at `rate_hz`, m/s^2, shape (n,), n at least 1.
+            spectrum: as in `Actuator.prepare`.
 
         Raises:
             ActuatorError: there is nothing to play.
         """
-        self._prepared, played = self._condition(waveform_m_s2)
+        self._prepared, played = self._condition(waveform_m_s2, spectrum)
         return played
 
     def aim(self, onset_ns: int) -> bool:  # noqa: ARG002

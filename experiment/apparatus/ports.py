@@ -12,8 +12,29 @@ from numpy.typing import NDArray
 from experiment.apparatus.clock_map import ClockMap
 from experiment.records import Delivered, Driven, Shaping
 
-Drive = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], Shaping]]
-"""Frequency shaping: accelerations, m/s^2, shape (n,), at the device's rate -> V, shape (n,); and what is lost."""
+
+class Spectrum(Protocol):
+    """What a stimulus is the sum of: cosines of amplitude C_k at k F / (2 N) Hz (`synthesis.spectra.Bins` is one)."""
+
+    @property
+    def coefficients(self) -> NDArray[np.float64]:
+        """C_k with its sign, m/s^2, shape (K,)."""
+        ...
+
+    @property
+    def samples(self) -> int:
+        """N of the recordings."""
+        ...
+
+    @property
+    def rate_hz(self) -> int:
+        """F of the recordings, Hz."""
+        ...
+
+
+Drive = Callable[[NDArray[np.float64], "Callable[[], Spectrum] | None"], tuple[NDArray[np.float64], Shaping]]
+"""Frequency shaping: accelerations, m/s^2, shape (n,), at the device's rate, and what returns their spectrum, if that
+is known -> V, shape (n,); and what is lost."""
 
 
 @dataclass(frozen=True)
@@ -162,11 +183,12 @@ class Actuator(Protocol):
         """How long before its onset a stimulus can no longer be moved or withdrawn, ns; 0 where `landed` sounds it."""
         ...
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
         """Make a stimulus ready; nothing sounds yet. It replaces one that was prepared and has not begun.
 
         Args:
             waveform_m_s2: samples at `rate_hz`, m/s^2, shape (n,), n at least 1.
+            spectrum: returns what the waveform is the sum of; None where that is not known.
 
         Raises:
             ActuatorError: there is nothing to play, or the device is gone.

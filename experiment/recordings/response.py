@@ -18,7 +18,7 @@ sqrt 2 times the rms, half the peak to peak.
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
@@ -29,13 +29,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment import files
-from experiment.apparatus.ports import Drive
+from experiment.apparatus.ports import Drive, Spectrum
 from experiment.apparatus.rig_panel import ActuatorRig, response_table
 from experiment.errors import RecordingError
 from experiment.recordings.columns import number
 from experiment.records import Shaping
 from experiment.synthesis.driving import drive
 from experiment.synthesis.shaping import Response, not_rising
+from experiment.synthesis.spectra import Bins
 
 COLUMNS = ("frequency_hz", "drive_vrms", "acceleration_pp_m_s2")
 
@@ -111,8 +112,12 @@ def open_drive(folder: Path, actuator: ActuatorRig, *, limit_m_s2: float) -> Dri
         limit_v=shaping.full_scale_v,
     )
 
-    def driven(waveform_m_s2: NDArray[np.float64]) -> tuple[NDArray[np.float64], Shaping]:
-        waveform_v, did = shaped(waveform_m_s2)
+    def driven(
+        waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None
+    ) -> tuple[NDArray[np.float64], Shaping]:
+        known = spectrum() if spectrum is not None else None
+        bins = Bins(known.coefficients, known.samples, known.rate_hz) if known is not None else None
+        waveform_v, did = shaped(waveform_m_s2, bins=bins)
         return waveform_v, Shaping(
             saturated_bins=did.saturated.bins,
             saturated_cost_m_s2=did.saturated.cost_m_s2,

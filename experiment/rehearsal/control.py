@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.ports import Actuator, Played
+from experiment.apparatus.ports import Actuator, Played, Spectrum
 from experiment.records import Delivered
 
 
@@ -23,7 +25,11 @@ class SilentActuator:
     def lead_ns(self) -> int:
         return self._actuator.lead_ns
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+    def prepare(
+        self,
+        waveform_m_s2: NDArray[np.float64],
+        spectrum: Callable[[], Spectrum] | None = None,  # noqa: ARG002
+    ) -> Played:
         return self._actuator.prepare(np.zeros_like(waveform_m_s2))
 
     def aim(self, onset_ns: int) -> bool:

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from experiment import dataset, scene, study
-from experiment.apparatus import opening
+from experiment.apparatus import opening, priority
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Actuator
@@ -102,6 +102,7 @@ def _rehearse_task(
         clock=clock,
     )
     with ExitStack() as opened:
+        got = opened.enter_context(priority.raised()) if job.real_time else ""
         line = opened.enter_context(SerialLine())
         powered_ns = clock.now_ns()
         foot = Foot(line, rig.tracker, real_time=job.real_time)
@@ -160,6 +161,7 @@ def _rehearse_task(
             clock=clock,
             masker=sound.masker if sound is not None else None,
             reconnect_s=RECONNECT_S,
+            priority=got,
         )
         rig_file = job.dataset / "sourcedata" / "rig.toml"
         footer = runner.run(protocol=protocol, header=header, devices=devices, rig_file=rig_file, dataset=job.dataset)

@@ -56,6 +56,7 @@ class Devices:
         console: the experimenter's screen.
         clock: the session's.
         reconnect_s: how long a session waits for a tracker that stopped, s; then it is paused.
+        priority: of the session's threads, in words; empty where it does not matter, in simulated time.
     """
 
     tracker: Tracker
@@ -67,6 +68,7 @@ class Devices:
     clock: Clock
     masker: Masker | None
     reconnect_s: float
+    priority: str = ""
 
 
 class Attempts:

@@ -194,6 +194,8 @@ class _Session:
                 self._write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=False))
         else:
             self._journal.append(done.header)
+        if priority := self._devices.priority:
+            self._write(Phase(state=self._state, detail=f"priority: {priority}"))
         if done.attempts:
             self._follow(Event.RESUME)
         else:

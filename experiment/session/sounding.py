@@ -1,4 +1,4 @@
-"""The stimulus of one step: synthesised at the gate, aimed while the foot falls, sounding at contact."""
+"""The stimulus of one step: synthesised at the end of the gate, aimed while the foot falls, sounding at contact."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from experiment.apparatus.gate import Contact, Gate
+from experiment.apparatus.gate import Contact
 from experiment.apparatus.landing import Landing
-from experiment.apparatus.ports import Actuator
+from experiment.apparatus.ports import Actuator, Played
 from experiment.records import Onset, Stimulus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from experiment.clock import Clock
-    from experiment.scene import Render
+    from experiment.scene import Render, Rendered
 
 
 @dataclass(frozen=True)
@@ -47,15 +47,26 @@ class Sounding:
         self._clock = clock
         self._aimed: Landing | None = None
         self._scheduled_ns: int | None = None
-        self.stimulus: Stimulus | None = None
-        """What was prepared; None before the gate."""
+        self._speed_mm_s: float | None = None
+        self._prepared: tuple[Rendered, Played] | None = None
 
-    def prepare(self, gate: Gate) -> None:
-        """Synthesise for the foot's speed and have it ready; a later gate replaces an earlier one."""
-        rendered = self._render(self._material, gate.speed_mm_s, self._actuator.rate_hz)
+    def prepare(self, speed_mm_s: float) -> None:
+        """Synthesise for a foot's speed, mm/s, and have it ready; another speed replaces an earlier one."""
+        if speed_mm_s == self._speed_mm_s:
+            return
+        self._speed_mm_s = speed_mm_s
+        rendered = self._render(self._material, speed_mm_s, self._actuator.rate_hz)
         made = rendered.stimulus
-        played = self._actuator.prepare(made.waveform_m_s2)
-        self.stimulus = Stimulus(
+        self._prepared = rendered, self._actuator.prepare(made.waveform_m_s2, made.bins)
+
+    @property
+    def stimulus(self) -> Stimulus | None:
+        """What was prepared; None before the end of the gate. Its hash takes a while: ask after contact."""
+        if self._prepared is None:
+            return None
+        rendered, played = self._prepared
+        made = rendered.stimulus
+        return Stimulus(
             sha256=hashlib.sha256(np.asarray(made.waveform_m_s2, "<f8").tobytes()).hexdigest(),
             samples=played.samples,
             rate_hz=self._actuator.rate_hz,
@@ -91,7 +102,7 @@ class Sounding:
 
     def withdraw(self) -> bool:
         """Whether nothing of it sounds."""
-        return self.stimulus is None or self._actuator.withdraw()
+        return self._prepared is None or self._actuator.withdraw()
 
     def onset(self, contact: Contact) -> Onset:
         """How onset and contact met, once the stimulus has ended. Raises `ActuatorError`."""

@@ -1,8 +1,9 @@
 """One step of the foot, from arming to just after contact, and the stimulus it sets off.
 
-The foot passes the gate: its stimulus is synthesised and prepared. While it falls on, contact is predicted from every
-sample and the stimulus aimed at it, until it can no longer be moved. The foot lands: what could not be scheduled sounds
-now. A foot that stops, turns back or hesitates between gate and contact has its stimulus withdrawn, and the step ends.
+The foot crosses the gate's bottom: its stimulus is synthesised and prepared, before the gate is given. While it falls
+on, contact is predicted from every sample and the stimulus aimed at it, until it can no longer be moved. The foot
+lands: what could not be scheduled sounds now. A foot that stops, turns back or hesitates between gate and contact has
+its stimulus withdrawn, and the step ends.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from dataclasses import dataclass
 from experiment.apparatus.gate import Contact, Gate, GateDetector
 from experiment.apparatus.landing import Landing, LandingPredictor
 from experiment.apparatus.ports import LinkCounts
+from experiment.apparatus.priority import undisturbed
 from experiment.clock import Clock
 from experiment.errors import TrackerStopped
 from experiment.records import Onset, Stimulus
@@ -102,8 +104,9 @@ def watch(parts: Watch, material: str) -> WatchedStep | BrokenStep:
     """
     step = _Step(parts, material)
     try:
-        reason = step.fall()
-        return step.broken(reason) if reason else step.land()
+        with undisturbed():
+            reason = step.fall()
+            return step.broken(reason) if reason else step.land()
     except TrackerStopped as stopped:
         return step.broken(str(stopped), stopped)
     except BaseException:
@@ -149,6 +152,11 @@ class _Step:
                 sounding.aim(aim_at)
             if self._contact is not None:
                 return ""
+            if self._gate is None and sounding is not None:
+                # A millimetre before the gate is given its speed is known.
+                speed_mm_s = detector.speed_mm_s(state)
+                if speed_mm_s is not None:
+                    sounding.prepare(speed_mm_s)
 
     def land(self) -> WatchedStep:
         """The foot is down: have the stimulus sound, and record the tail."""
@@ -196,4 +204,4 @@ class _Step:
             return
         self._gate = event
         if self._sounding is not None:
-            self._sounding.prepare(event)
+            self._sounding.prepare(event.speed_mm_s)

@@ -27,13 +27,14 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass
+from functools import partial
 from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, foot_speed, synthesise
+from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, bins_at, foot_speed, synthesise
 from experiment.synthesis.methods import LEAST, ROUNDING, Estimate, held_bytes, rms, transform_error
 from experiment.synthesis.spectra import inverse_on
 
@@ -196,7 +197,17 @@ class BasisRenderer:
         where = self.weight(speed_mm_s)
         if where is None:
             return synthesise(self.spectra, speed_mm_s=speed_mm_s, output_rate_hz=self.output_rate_hz)
-        return Synthesised(self.weighted(where), 0, where.extrapolated, self.dropped_bins)
+        return self.stimulus(where, speed_mm_s)
+
+    def stimulus(self, where: Weight, speed_mm_s: float) -> Synthesised:
+        """The weighted sum as a stimulus; `where` is the weight of the foot's speed, mm/s."""
+        return Synthesised(
+            waveform_m_s2=self.weighted(where),
+            floored_bins=0,
+            extrapolated=where.extrapolated,
+            dropped_bins=self.dropped_bins,
+            bins=partial(bins_at, self.spectra, speed_mm_s),
+        )
 
 
 def _holds_between(spectra: CrinkleSpectra, levels: NDArray[np.float64]) -> tuple[float, float]:

@@ -146,7 +146,7 @@ class FirstBlockRenderer:
         """
         where = self.rows.weight(speed_mm_s)
         if where is not None:
-            return Begun(self.rows.weighted(where, slice(FIRST_BLOCK)), self, where)
+            return Begun(self.rows.weighted(where, slice(FIRST_BLOCK)), self, speed_mm_s, where)
         side = self.above if speed_mm_s > self.above.nearest_mm_s else self.below
         gaps = (speed_mm_s - side.nearest_mm_s) / side.gap_mm_s
         if NEAREST <= gaps < OUTERMOST:
@@ -166,19 +166,21 @@ class Begun:
     Attributes:
         first_m_s2: its first `FIRST_BLOCK` samples, or all of a shorter one, m/s^2.
         renderer: what computes the rest.
-        wanted: from what: its weight in the basis, or the foot's speed in mm/s where none holds.
+        speed_mm_s: of the foot.
+        where: the speed's weight in the basis; None where none holds.
     """
 
     first_m_s2: NDArray[np.float64]
     renderer: FirstBlockRenderer
-    wanted: Weight | float
+    speed_mm_s: float
+    where: Weight | None = None
 
     def complete(self) -> Synthesised:
         """The whole stimulus; it begins with the very samples of the first block. Raises as `Renderer`."""
-        rows, wanted = self.renderer.rows, self.wanted
-        if isinstance(wanted, Weight):
-            return Synthesised(rows.weighted(wanted), 0, wanted.extrapolated, rows.dropped_bins)
-        made = rows(wanted)
+        rows = self.renderer.rows
+        if self.where is not None:
+            return rows.stimulus(self.where, self.speed_mm_s)
+        made = rows(self.speed_mm_s)
         made.waveform_m_s2[: self.first_m_s2.size] = self.first_m_s2
         return made
 

@@ -6,12 +6,13 @@ there the divisor is at least the rms at the nearest measured speed. Rounding of
 most `denormal_error_m_s2`.
 
 Frequency shaping (7) is not linear in amplitude, so no method weights shaped waveforms: every method returns m/s^2, and
-the actuator's driver shapes what it is given (`driving.drive`).
+the actuator's driver shapes what it is given (`driving.drive`), from the bins that come with it where it can.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from math import log2, sqrt
 from typing import Protocol
 
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, at_speed, synthesise
+from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, at_speed, bins_at, synthesise
 from experiment.synthesis.spectra import Grid, finite, transformable
 
 ROUNDING = float(np.finfo(np.float64).eps) / 2
@@ -146,6 +147,7 @@ class _PrintedSum:
             floored_bins=wanted.floored_bins,
             extrapolated=wanted.extrapolated,
             dropped_bins=self.spectra.dropped(on),
+            bins=partial(bins_at, self.spectra, speed_mm_s),
         )
 
 

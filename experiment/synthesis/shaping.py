@@ -28,7 +28,7 @@ from experiment.errors import SynthesisError
 from experiment.synthesis.spectra import finite
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Response:
     """A measured frequency response.
 
@@ -93,6 +93,47 @@ def not_rising(accelerations_m_s2: NDArray[np.float64]) -> tuple[int, int] | Non
 
 
 @dataclass(frozen=True)
+class AtBins:
+    """What a response says of some bins.
+
+    Attributes:
+        known: the bins within the table, K of N.
+        beyond: the other bins.
+        levels_v: 0 V and each level, shape (1 + L,).
+        curves: A(f, e) at these for each known bin, shape (K, 1 + L).
+    """
+
+    known: NDArray[np.intp] | slice
+    beyond: NDArray[np.intp]
+    levels_v: NDArray[np.float64]
+    curves: NDArray[np.float64]
+
+
+def at_bins(response: Response, frequencies_hz: NDArray[np.float64], *, mean: bool = False) -> AtBins:
+    """Look a response up, once for all spectra of the same bins.
+
+    Args:
+        response: of the rig.
+        frequencies_hz: of each bin, shape (N,).
+        mean: whether a bin at 0 Hz counts as known where the table reaches to 0 Hz; it is no oscillation.
+    """
+    f, at = frequencies_hz, response.frequencies_hz
+    within = (f >= at[0]) & (f <= at[-1]) & ((f > 0) | mean)
+    known = np.flatnonzero(within)
+    f = f[known]
+    i = np.clip(np.searchsorted(at, f, side="right") - 1, 0, at.size - 2)
+    part = ((f - at[i]) / (at[i + 1] - at[i]))[:, None]
+    at_levels = (1 - part) * response.accelerations_m_s2[i] + part * response.accelerations_m_s2[i + 1]
+    one_run = known.size and known[-1] - known[0] == known.size - 1
+    return AtBins(
+        known=slice(int(known[0]), int(known[-1]) + 1) if one_run else known,
+        beyond=np.flatnonzero(~within),
+        levels_v=np.concatenate([[0.0], response.levels_v]),
+        curves=np.concatenate([np.zeros((f.size, 1)), at_levels], axis=1),
+    )
+
+
+@dataclass(frozen=True)
 class Loss:
     """Bins that one cause kept below what was asked for.
 
@@ -124,6 +165,11 @@ class Shaped:
     bounded: Loss
     scale: float = 1.0
 
+    @property
+    def losses(self) -> tuple[Loss, Loss, Loss]:
+        """By cause."""
+        return self.saturated, self.outside, self.bounded
+
 
 def shape(
     coefficients: ArrayLike,
@@ -150,6 +196,14 @@ def shape(
     Source: Okamoto et al., section 4, 'Frequency shaping', and equation (7).
     """
     signed, f = _bins(coefficients, frequencies_hz, what="coefficients")
+    at = at_bins(response, f)
+    return shape_at(signed, at, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2, scale=scale)
+
+
+def shape_at(
+    coefficients: NDArray[np.float64], at: AtBins, *, gain_limit_v_per_m_s2: float, scale: float = 1.0
+) -> Shaped:
+    """As `shape`, of finite coefficients at bins where the response has been looked up."""
     if not (np.isfinite(gain_limit_v_per_m_s2) and gain_limit_v_per_m_s2 > 0):
         raise SynthesisError(
             f"gain_limit_v_per_m_s2: got {gain_limit_v_per_m_s2}; allowed: a finite number above 0; "
@@ -157,26 +211,26 @@ def shape(
         )
     if not 0 < scale <= 1:
         raise SynthesisError(f"scale: got {scale}; allowed: above 0, at most 1; leave it out")
-    wanted = np.abs(signed)
-    known = (f >= response.frequencies_hz[0]) & (f <= response.frequencies_hz[-1]) & (f > 0)
-    outside = wanted[~known & (wanted > 0)]
-    inside = np.flatnonzero(known & (wanted > 0))
-    a, curves = scale * wanted[inside], _curves(response, f[inside])
-    levels = np.concatenate([[0.0], response.levels_v])
+    wanted = np.abs(coefficients)
+    outside, inside = wanted[at.beyond], wanted[at.known]
+    a, curves, levels = scale * inside, at.curves, at.levels_v
     free_v = _interpolated(a, curves, np.broadcast_to(levels, curves.shape))
     with np.errstate(over="ignore"):
         bound_v = a * gain_limit_v_per_m_s2
     volts = np.minimum(free_v, bound_v)
-    reached = _interpolated(volts, np.broadcast_to(levels, curves.shape), curves)
-    short = np.maximum(wanted[inside] - reached, 0.0)
     bounded = bound_v < free_v
     saturated = ~bounded & (a > curves[:, -1])
-    shaped = np.zeros_like(signed)
-    shaped[inside] = np.copysign(volts, signed[inside])
+    short = np.zeros_like(a)
+    held = np.flatnonzero(bounded | saturated)
+    if held.size:
+        reached = _interpolated(volts[held], np.broadcast_to(levels, (held.size, levels.size)), curves[held])
+        short[held] = np.maximum(inside[held] - reached, 0.0)
+    shaped = np.zeros_like(coefficients)
+    shaped[at.known] = np.copysign(volts, coefficients[at.known])
     return Shaped(
         coefficients_v=shaped,
         saturated=_loss(short[saturated]),
-        outside=_loss(outside),
+        outside=_loss(outside[outside > 0]),
         bounded=_loss(short[bounded]),
         scale=scale,
     )
@@ -203,9 +257,15 @@ def accelerations(voltages_v: ArrayLike, *, frequencies_hz: ArrayLike, response:
             f"response: got {f.min():g} to {f.max():g} Hz and up to {np.abs(signed).max():g} V; allowed: "
             f"{lowest:g} to {highest:g} Hz and up to {top_v:g} V, as measured; measure further"
         )
-    curves = _curves(response, f)
-    levels = np.broadcast_to(np.concatenate([[0.0], response.levels_v]), curves.shape)
-    return np.copysign(_interpolated(np.abs(signed), levels, curves), signed)
+    return accelerations_at(signed, at_bins(response, f, mean=True))
+
+
+def accelerations_at(voltages_v: NDArray[np.float64], at: AtBins) -> NDArray[np.float64]:
+    """As `accelerations`, of finite voltages at bins where the response has been looked up; 0 at those beyond it."""
+    volts, moved = voltages_v[at.known], np.zeros_like(voltages_v)
+    levels = np.broadcast_to(at.levels_v, at.curves.shape)
+    moved[at.known] = np.copysign(_interpolated(np.abs(volts), levels, at.curves), volts)
+    return moved
 
 
 def _bins(
@@ -218,15 +278,6 @@ def _bins(
             "both; pass the frequency of each bin"
         )
     return signed, f
-
-
-def _curves(response: Response, f: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A(f, e) at 0 V and at each level, shape (N, 1 + L), for frequencies within the table."""
-    measured = response.frequencies_hz
-    i = np.clip(np.searchsorted(measured, f, side="right") - 1, 0, measured.size - 2)
-    part = ((f - measured[i]) / (measured[i + 1] - measured[i]))[:, None]
-    at_levels = (1 - part) * response.accelerations_m_s2[i] + part * response.accelerations_m_s2[i + 1]
-    return np.concatenate([np.zeros((f.size, 1)), at_levels], axis=1)
 
 
 def _interpolated(x: NDArray[np.float64], at: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -149,6 +149,21 @@ def grid(*, samples: int, bins: int, rate_hz: int, output_rate_hz: int) -> Grid:
     return Grid(p=p, q=q, count=count, carried=min(bins, ceil(p / q)))
 
 
+@dataclass(frozen=True)
+class Bins:
+    """What a waveform is the sum of, by equation (5).
+
+    Attributes:
+        coefficients: C_k with its sign, m/s^2, shape (K,).
+        samples: N of the recordings, at least K.
+        rate_hz: F of the recordings, Hz.
+    """
+
+    coefficients: NDArray[np.float64]
+    samples: int
+    rate_hz: int
+
+
 def transformable(on: Grid) -> None:
     """Refuse a grid that needs a transform longer than `LONGEST_TRANSFORM`. Raises `SynthesisError`."""
     if on.p > LONGEST_TRANSFORM:

@@ -8,39 +8,22 @@ figures belong to the machine that printed them.
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment import dataset, scene
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.landing import LandingPredictor
-from experiment.apparatus.pcm_actuator import PcmActuator
-from experiment.apparatus.ports import LinkCounts, Samples
-from experiment.clock import MonotonicClock
-from experiment.protocol import load
-from experiment.protocol.models import Step
 from experiment.protocol.shipped import shipped
-from experiment.recordings.response import open_drive
 from experiment.rehearsal import movement, study
 from experiment.rehearsal.participant import SimulatedParticipant
-from experiment.session.feed import Feed
-from experiment.session.sounding import Sounder
-from experiment.session.step import Watch, watch
+from tests.benchmarks.scheduling import STEP, STEPS, loaded, report, spread
 
-STEPS = 2000
 LEADS_MS = (5.0, 10.0, 12.0, 15.0, 20.0)
 LINE_US = 40_000
-STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
 Sensed = list[tuple[NDArray[np.int64], NDArray[np.float64], float, float]]
 """Device times, heights, true contact and speed of each step."""
@@ -95,107 +78,6 @@ def shown(name: str, errors: NDArray[np.float64], speeds: NDArray[np.float64]) -
         print(f"    lead {lead_ms:4.0f} ms   " + "   ".join(cells) + f"   none: {np.isnan(errors[:, column]).sum()}")
 
 
-def spin() -> None:
-    while True:
-        pass
-
-
-@contextmanager
-def loaded(processes: int) -> Iterator[None]:
-    """As many processes that do nothing but compute."""
-    hogs = [multiprocessing.get_context("spawn").Process(target=spin, daemon=True) for _ in range(processes)]
-    for hog in hogs:
-        hog.start()
-    try:
-        yield
-    finally:
-        for hog in hogs:
-            hog.terminate()
-            hog.join()
-
-
-class Replayed:
-    """Implements `Tracker`: one step in reads of 2 ms, as fast as they are asked for."""
-
-    def __init__(self) -> None:
-        self.counts = LinkCounts()
-        self.clock_map: ClockMap | None = None
-        self.read_ns = 0
-        self._left: list[Samples] = []
-
-    def load(self, us: NDArray[np.int64], mm: NDArray[np.float64]) -> None:
-        self.clock_map = ClockMap(int(us[0]), time.monotonic_ns())
-        ends = np.arange(1, us.size + 1) * 12
-        whole = Samples(us, mm, bytes(int(ends[-1])), ends, 0)
-        self._left = []
-        while whole.device_us.size:
-            piece, whole = whole.cut(min(2, whole.device_us.size))
-            self._left.append(piece)
-
-    def drain(self) -> None:
-        pass
-
-    def read(self) -> Samples:
-        self.read_ns = time.perf_counter_ns()
-        return self._left.pop(0)
-
-    def reconnect(self, timeout_s: float) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
-
-
-class Timed(PcmActuator):
-    """Plays nothing, and notes how long after its read a stimulus was first aimed."""
-
-    def __init__(self, tracker: Replayed, *, rate_hz: int, folder: Path) -> None:
-        rig = rigs.load(folder / "rehearsal.toml")
-        actuator = rig.actuator.model_copy(update={"rate_hz": rate_hz})
-        drive = open_drive(folder, actuator, limit_m_s2=30.0)
-        super().__init__("127.0.0.1:9", rate_hz=rate_hz, full_scale=12.0, limit_m_s2=30.0, drive=drive)
-        self._tracker = tracker
-        self._fresh = False
-        self.waited_ms: list[float] = []
-
-    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> object:  # type: ignore[override]
-        self._fresh = True
-        return super().prepare(waveform_m_s2)
-
-    def aim(self, onset_ns: int) -> bool:
-        if self._fresh:
-            self.waited_ms.append((time.perf_counter_ns() - self._tracker.read_ns) / 1e6)
-            self._fresh = False
-        return True
-
-    def landed(self, contact_ns: int) -> None:
-        pass
-
-
-def gate_to_scheduled_ms(folder: Path, rate_hz: int) -> list[float]:
-    """From the read that showed the foot below the gate to its stimulus scheduled, for many steps."""
-    protocol = load.load(shipped("okamoto2012.toml"))
-    planned = scene.plan(protocol=protocol, task_id="virtual")
-    recordings = folder / "rehearsal" / dataset.RECORDINGS
-    render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
-    tracker = Replayed()
-    actuator = Timed(tracker, rate_hz=rate_hz, folder=shipped("rigs/rehearsal.toml").parent)
-    parts = Watch(
-        feed=Feed(tracker),
-        detector=GateDetector(STEP),
-        predictor=LandingPredictor(STEP, noise_mm=0.1),
-        clock=MonotonicClock(),
-        sounder=Sounder(render, actuator),
-    )
-    rng = np.random.default_rng(2)
-    for n in range(STEPS):
-        step = movement.trajectory(rng, float(rng.uniform(50, 400)), hesitation="none")
-        us = np.arange(int(step.gate_top_us) - 50_000, int(step.lift_us), 1000)
-        tracker.load(us, step.at(us) + rng.normal(0, 0.1, us.size))
-        watch(parts, protocol.materials[n % 4].id)
-    return actuator.waited_ms
-
-
 def dead_ms(folder: Path, name: str) -> list[float]:
     """From each keyed answer to the next trial's arming, in a rehearsal with every write on disk."""
     waited: list[float] = []
@@ -227,14 +109,6 @@ def dead_ms(folder: Path, name: str) -> list[float]:
     return waited
 
 
-def spread(name: str, values_ms: list[float]) -> None:
-    quantiles = np.quantile(values_ms, (0.5, 0.99, 0.999))
-    cells = "  ".join(
-        f"{label} {value:8.3f}" for label, value in zip(("median", "99 %", "99.9 %"), quantiles, strict=True)
-    )
-    print(f"  {name:44s} {cells}  worst {max(values_ms):8.3f} ms  ({len(values_ms)})")
-
-
 def main() -> None:
     print(f"Predicted minus true contact, ms: mean and standard deviation over {STEPS} steps of 50-400 mm/s")
     for noise_mm, rate_hz in ((0.1, 1000), (0.0, 1000), (0.1, 5000)):
@@ -255,10 +129,8 @@ def main() -> None:
         spread("answer to armed", dead_ms(folder, "rehearsal"))
         with loaded(cores):
             spread(f"answer to armed, {cores} cores loaded", dead_ms(folder, "loaded"))
-        for rate_hz in (5000, 48_000):
-            spread(f"gate to scheduled, {rate_hz} Hz", gate_to_scheduled_ms(folder, rate_hz))
-            with loaded(cores):
-                spread(f"gate to scheduled, {rate_hz} Hz, {cores} cores loaded", gate_to_scheduled_ms(folder, rate_hz))
+        print("Gate to scheduled")
+        report(folder, STEPS)
 
 
 if __name__ == "__main__":

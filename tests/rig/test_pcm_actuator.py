@@ -29,7 +29,7 @@ from experiment.records import Shaping
 from experiment.rehearsal import response, takes
 from experiment.rehearsal.panel import Panel
 from experiment.synthesis.crinkle import Synthesised
-from experiment.synthesis.spectra import bin_frequencies_hz, spectrum
+from experiment.synthesis.spectra import Bins, bin_frequencies_hz, spectrum
 
 RIG = ActuatorRig(driver="pcm-tcp", address="rehearsal", rate_hz=5000, full_scale_m_s2=64.0)
 
@@ -156,7 +156,7 @@ def test_a_device_of_volts_is_limited_before_shaping_and_after_it(wanted: np.nda
     asked: list[np.ndarray] = []
     sent: list[bytes] = []
 
-    def drive(waveform_m_s2: np.ndarray) -> tuple[np.ndarray, Shaping]:
+    def drive(waveform_m_s2: np.ndarray, spectrum: object = None) -> tuple[np.ndarray, Shaping]:
         asked.append(waveform_m_s2)
         return np.full(waveform_m_s2.size, driven), LOST
 
@@ -175,6 +175,22 @@ def test_a_device_of_volts_is_limited_before_shaping_and_after_it(wanted: np.nda
     assert played.driven.shaping == LOST
     assert played.driven.peak_v == np.max(np.abs(volts))
     assert played.driven.limited == (0 if abs(driven) <= 9.0 else wanted.size)
+
+
+@pytest.mark.parametrize(("peak_m_s2", "asked"), [(19.0, True), (21.0, False)])
+def test_the_spectrum_of_a_stimulus_is_used_only_where_the_limiter_left_it_alone(peak_m_s2: float, asked: bool) -> None:
+    given: list[object] = []
+
+    def drive(waveform_m_s2: np.ndarray, spectrum: object = None) -> tuple[np.ndarray, Shaping]:
+        given.append(spectrum)
+        return np.zeros(waveform_m_s2.size), LOST
+
+    def of_it() -> Bins:
+        raise NotImplementedError
+
+    opened = PcmActuator("127.0.0.1:4711", rate_hz=5000, full_scale=9.0, limit_m_s2=20.0, drive=drive)
+    opened.prepare(np.full(3, peak_m_s2), of_it)
+    assert given == [of_it if asked else None]
 
 
 SHAPED = ActuatorRig(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,7 +11,7 @@ from experiment.apparatus.audio import delivered as measure
 from experiment.apparatus.audio.mixer import AT_ONCE, Cue
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.conditioning import Conditioner
-from experiment.apparatus.ports import Drive, Played
+from experiment.apparatus.ports import Drive, Played, Spectrum
 from experiment.apparatus.rig_audio import AudioRig
 from experiment.errors import ActuatorError
 from experiment.records import Delivered
@@ -62,11 +64,12 @@ class AudioActuator:
         frames = self._stream.lead_frames + self._audio.block
         return round(self._output_ns + frames / self._stream.rate_hz * 1e9)
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
         """Limit and shape a stimulus and lay it ready; nothing sounds yet.
 
         Args:
             waveform_m_s2: samples at `rate_hz`, m/s^2, shape (n,), n at least 1.
+            spectrum: as in `Actuator.prepare`.
 
         Raises:
             ActuatorError: there is nothing to play.
@@ -74,7 +77,7 @@ class AudioActuator:
         """
         self.withdraw()
         self._requested_ns = None
-        self._samples, played = self._condition(waveform_m_s2)
+        self._samples, played = self._condition(waveform_m_s2, spectrum)
         self._cue = self._stream.schedule(self._samples, channel=self._audio.channels.actuator - 1, frame=SOMETIME)
         self._xruns = self._stream.health.xruns
         return played

@@ -242,3 +242,22 @@ def test_other_levels_of_a_protocol_are_followed() -> None:
 def test_no_samples_are_no_event() -> None:
     nothing = np.empty(0, dtype=np.int64)
     assert watch(nothing, np.empty(0), [0, 0]) == ()
+
+
+def test_the_speed_is_known_before_the_gate_is_given_and_is_its_speed() -> None:
+    us = np.arange(0, 200_000, 1000)
+    mm = 25.0 - us * 100.0 / 1e6
+    detector = GateDetector(STEP)
+    state, known_us = detector.init(), None
+    for at_us, height_mm in zip(us.tolist(), mm.tolist(), strict=True):
+        one = Samples(np.array([at_us]), np.array([height_mm]), b"", np.array([0]), 0)
+        state, events = detector.step(state, one)
+        if known_us is None and detector.speed_mm_s(state) is not None:
+            known_us = at_us
+        if events:
+            break
+    (gate,) = events
+    assert isinstance(gate, Gate)
+    assert known_us == 150_000
+    assert gate.given_us == pytest.approx(160_000, abs=1000)
+    assert gate.speed_mm_s == detector.speed_mm_s(state) == pytest.approx(100.0)

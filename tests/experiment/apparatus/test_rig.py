@@ -159,7 +159,7 @@ def test_another_measurement_of_the_response_is_another_rig(write: Write) -> Non
 
 
 def test_shaping_is_opened_for_volts_and_for_nothing_else(write: Write) -> None:
-    def drive(waveform_m_s2: np.ndarray) -> tuple[np.ndarray, Shaping]:
+    def drive(waveform_m_s2: np.ndarray, spectrum: object = None) -> tuple[np.ndarray, Shaping]:
         raise NotImplementedError
 
     with pytest.raises(RigError, match="got no frequency shaping for its actuator; allowed: one"):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import LinkCounts, Played, Samples
+from experiment.apparatus.ports import LinkCounts, Played, Samples, Spectrum
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerStopped
 from experiment.records import Delivered
@@ -82,7 +82,7 @@ class ScriptedActuator:
         self.heard: deque[Delivered] = deque()
         self._prepared: NDArray[np.float64] | None = None
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
         self._prepared = waveform_m_s2
         self.aimed.append([])
         return Played(samples=len(waveform_m_s2), limited=0, peak_m_s2=float(np.abs(waveform_m_s2).max()))

@@ -31,6 +31,7 @@ from experiment.records import (
 from experiment.scene import Rendered
 from experiment.session import attempt, journal, places, runner
 from experiment.synthesis.crinkle import Synthesised
+from experiment.synthesis.spectra import Bins
 from tests.experiment.session.scripted import (
     START_NS,
     ScriptedActuator,
@@ -67,11 +68,18 @@ class Bench:
     clock: ManualClock
     rendered: list[tuple[str, float]]
     masker: Masker | None = None
+    priority: str = ""
 
     def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
         def render(material: str, speed_mm_s: float, rate_hz: int) -> Rendered:
             self.rendered.append((material, speed_mm_s))
-            made = Synthesised(np.full(rate_hz // 2, 1.5), floored_bins=3, extrapolated=False, dropped_bins=0)
+            made = Synthesised(
+                np.full(rate_hz // 2, 1.5),
+                floored_bins=3,
+                extrapolated=False,
+                dropped_bins=0,
+                bins=lambda: Bins(np.zeros(1), samples=1, rate_hz=rate_hz),
+            )
             return Rendered(made, COMPUTED)
 
         virtual = asked.task == "virtual"
@@ -85,6 +93,7 @@ class Bench:
             clock=self.clock,
             masker=self.masker,
             reconnect_s=300.0,
+            priority=self.priority,
         )
         rig_file = shipped("rigs/rehearsal.toml")
         return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=dataset)
@@ -130,6 +139,15 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
     assert step.stimulus is not None
     assert (step.stimulus.samples, step.stimulus.floored_bins, step.stimulus.peak_m_s2) == (2500, 3, 1.5)
     assert step.stimulus.computed == COMPUTED
+
+
+def test_the_priority_of_a_session_is_journaled_each_time_it_runs(protocol: Protocol, tmp_path: Path) -> None:
+    one, two = bench("cq"), bench("pn")
+    one.priority, two.priority = "real time", "ordinary: the system allows no more"
+    one.run(protocol, header("virtual"), tmp_path)
+    two.run(protocol, header("virtual"), tmp_path)
+    said = [e.detail for e in entries(tmp_path, "virtual") if isinstance(e, Phase) and e.state == "ready"]
+    assert said == ["priority: real time", "priority: ordinary: the system allows no more"]
 
 
 def test_a_real_session_names_the_object_to_lay_out_and_plays_nothing(protocol: Protocol, tmp_path: Path) -> None:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.gate import Contact, Gate
+from experiment.apparatus.gate import Contact
 from experiment.apparatus.landing import Landing
-from experiment.apparatus.ports import Played
+from experiment.apparatus.ports import Played, Spectrum
 from experiment.clock import ManualClock
 from experiment.records import Computed, Delivered
 from experiment.scene import Rendered
 from experiment.session.sounding import Sounder, Sounding
 from experiment.synthesis.crinkle import Synthesised
+from experiment.synthesis.spectra import Bins
 
 LEAD_NS = 10_000_000
 
@@ -26,8 +30,10 @@ class Aimed:
     def __init__(self, clock: ManualClock) -> None:
         self._clock = clock
         self.aims: list[int] = []
+        self.prepared = 0
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64]) -> Played:
+    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
+        self.prepared += 1
         return Played(samples=waveform_m_s2.size, limited=0, peak_m_s2=0.0)
 
     def aim(self, onset_ns: int) -> bool:
@@ -50,13 +56,30 @@ def landing(ms: float) -> Landing:
     return Landing(us=ms * 1e3, standard_error_us=100.0, from_us=0)
 
 
+def silent(actuator: Aimed, clock: ManualClock) -> Sounding:
+    made = Synthesised(np.zeros(10), 0, False, 0, lambda: Bins(np.zeros(1), samples=10, rate_hz=1000))
+    silence = Rendered(made, Computed(method="silence", relative_error=0.0))
+    sounder = Sounder(lambda material, speed_mm_s, rate_hz: silence, actuator)
+    return Sounding(sounder, "copy paper", lambda us: round(us * 1e3), clock)
+
+
+def test_a_stimulus_is_prepared_once_for_a_speed_and_anew_for_another() -> None:
+    clock = ManualClock(0)
+    actuator = Aimed(clock)
+    sounding = silent(actuator, clock)
+    assert sounding.stimulus is None
+    for speed_mm_s in (100.0, 100.0, 101.0, 101.0):
+        sounding.prepare(speed_mm_s)
+    assert actuator.prepared == 2
+    assert sounding.stimulus is not None
+    assert sounding.stimulus.sha256 == hashlib.sha256(bytes(80)).hexdigest()
+
+
 def test_an_onset_is_put_off_only_where_that_brings_it_nearer_to_the_contact() -> None:
     clock = ManualClock(0)
     actuator = Aimed(clock)
-    silence = Rendered(Synthesised(np.zeros(10), 0, False, 0), Computed(method="silence", relative_error=0.0))
-    sounder = Sounder(lambda material, speed_mm_s, rate_hz: silence, actuator)
-    sounding = Sounding(sounder, "copy paper", lambda us: round(us * 1e3), clock)
-    sounding.prepare(Gate(top_us=0.0, bottom_us=1e4, speed_mm_s=100.0, given_us=1e4))
+    sounding = silent(actuator, clock)
+    sounding.prepare(100.0)
     sounding.aim(landing(13.0))
     clock.sleep_ns(2_000_000)
     sounding.aim(landing(12.5))

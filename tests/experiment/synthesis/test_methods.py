@@ -13,6 +13,7 @@ from experiment.synthesis.engine import EXACT, FASTEST_FIRST, methods
 from experiment.synthesis.methods import Method, PrintedSum, cosines, rms
 from experiment.synthesis.spectra import grid
 from tests.experiment.synthesis.oracle import exact, random_spectra, spectrum_at, worst_excess
+from tests.experiment.synthesis.resampled import resampled
 
 EVERY = methods(band_hz=(2.0, 15.0))
 """Each on all bins and on a band; `random_spectra` reach up to 25 Hz."""
@@ -78,6 +79,18 @@ def test_which_methods_claim_exactness_at_the_size_of_the_paper() -> None:
     for rate_hz in (5000, 44_100, 48_000, 96_000, 192_000):
         claims = {m.name: m.estimate(s, output_rate_hz=rate_hz).relative_error < EXACT for m in FASTEST_FIRST}
         assert [name for name, it_does in claims.items() if not it_does] == ["single precision"]
+
+
+@pytest.mark.parametrize("method", FASTEST_FIRST, ids=lambda m: m.name)
+@pytest.mark.parametrize("v", [0.0, 20.0, 100.0, 120.0, 310.0])
+def test_a_stimulus_is_the_sum_of_the_bins_that_it_names(method: Method, v: float) -> None:
+    s = of(extreme()["odd"])
+    made = method.prepare(s, output_rate_hz=480)(v)
+    bins = made.bins()
+    assert (bins.samples, bins.rate_hz) == (s.samples, s.rate_hz)
+    summed = resampled(bins.coefficients, rate_hz=bins.rate_hz, output_rate_hz=480)
+    error = np.sqrt(np.mean((made.waveform_m_s2 - summed) ** 2)) / np.sqrt(np.mean(summed**2))
+    assert error < method.estimate(s, output_rate_hz=480).relative_error + EXACT
 
 
 def test_a_printed_sum_of_several_chunks_is_the_sum_of_one(monkeypatch: pytest.MonkeyPatch) -> None:

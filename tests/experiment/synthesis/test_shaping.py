@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from experiment.errors import SynthesisError
 from experiment.synthesis.driving import drive
 from experiment.synthesis.shaping import Loss, Response, accelerations, not_rising, shape
-from experiment.synthesis.spectra import inverse, spectrum
+from experiment.synthesis.spectra import Bins, inverse, spectrum
 from tests.experiment.synthesis.resampled import resampled
 
 NO_LIMIT = 1e300
@@ -329,3 +329,65 @@ def test_shapes_that_do_not_fit_are_refused() -> None:
 def test_the_response_is_not_extrapolated(volts: float, f: float) -> None:
     with pytest.raises(SynthesisError, match="allowed: 100 to 500 Hz and up to 2 V, as measured"):
         accelerations([volts], frequencies_hz=[f], response=TABLE)
+
+
+def some_bins(seed: int, *, samples: int = 2500, held: int = 2500) -> Bins:
+    rng = np.random.default_rng(seed)
+    return Bins(rng.normal(0, 0.3, held), samples=samples, rate_hz=5000)
+
+
+@pytest.mark.parametrize("output_rate_hz", [5000, 44_100, 48_000])
+@pytest.mark.parametrize(("limit_m_s2", "limit_v"), [(np.inf, np.inf), (5.0, np.inf), (np.inf, 3.0), (5.0, 3.0)])
+@pytest.mark.parametrize("held", [700, 2500])
+def test_bins_that_are_known_give_what_a_transform_of_their_waveform_gives(
+    output_rate_hz: int, limit_m_s2: float, limit_v: float, held: int
+) -> None:
+    bins = some_bins(3, held=held)
+    whole = np.concatenate([bins.coefficients, np.zeros(bins.samples - held)])
+    waveform = resampled(whole, rate_hz=5000, output_rate_hz=output_rate_hz)
+    limits = {"gain_limit_v_per_m_s2": 3.0, "limit_m_s2": limit_m_s2, "limit_v": limit_v}
+    volts, did = drive(waveform, rate_hz=output_rate_hz, response=TABLE, bins=bins, **limits)
+    slowly, same = drive(waveform, rate_hz=output_rate_hz, response=TABLE, **limits)
+    assert np.max(np.abs(volts - slowly)) <= 1e-12 * np.max(np.abs(slowly))
+    assert did.scale == pytest.approx(same.scale, rel=1e-12)
+    for one, other in zip(did.losses, same.losses, strict=True):
+        assert one.bins == other.bins
+        assert one.cost_m_s2 == pytest.approx(other.cost_m_s2, rel=1e-10)
+
+
+def test_at_a_rate_whose_samples_do_not_fill_the_time_the_bins_are_those_of_the_recording() -> None:
+    # 7 samples at 100 Hz at 44 Hz: 3.08 samples; their own transform knows of no bin of the recording.
+    bins = Bins(np.array([0.0, 0.0, 0.0, 0.5, 0.0]), samples=7, rate_hz=100)
+    table = Response(np.array([1.0, 50.0]), np.array([1.0]), np.array([[2.0], [2.0]]))
+    waveform = 0.5 * np.cos(np.pi * 3 * (np.arange(3) + 0.5) * 100 / 44 / 7)
+    volts, _ = drive(waveform, rate_hz=44, response=table, gain_limit_v_per_m_s2=NO_LIMIT, bins=bins)
+    np.testing.assert_allclose(volts, waveform / 2, rtol=0, atol=1e-15)
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.1, 1e3), st.floats(0.1, 1e3))
+def test_no_limit_is_passed_whether_the_bins_are_known_or_not(seed: int, limit_m_s2: float, limit_v: float) -> None:
+    bins = some_bins(seed, samples=64, held=64)
+    table = Response(F_HZ, LEVELS_V, MEASURED)
+    waveform = resampled(bins.coefficients, rate_hz=5000, output_rate_hz=5000)
+    for known in (bins, None):
+        volts, _ = drive(
+            waveform,
+            rate_hz=5000,
+            response=table,
+            gain_limit_v_per_m_s2=3.0,
+            limit_m_s2=limit_m_s2,
+            limit_v=limit_v,
+            bins=known,
+        )
+        driven = spectrum(volts)
+        f_hz = np.arange(64) * 5000 / 128
+        within = (f_hz >= F_HZ[0]) & (f_hz <= F_HZ[-1])
+        moved = np.zeros(64)
+        moved[within] = accelerations(driven[within], frequencies_hz=f_hz[within], response=table)
+        assert np.abs(inverse(moved)).max() <= limit_m_s2 * (1 + 1e-12)
+        assert np.abs(volts).max() <= limit_v
+
+
+def test_bins_of_another_waveform_are_refused() -> None:
+    with pytest.raises(SynthesisError, match="bins: got those of 2500 samples at 5000 Hz for a waveform of 2499"):
+        drive(np.zeros(2499), rate_hz=5000, response=TABLE, gain_limit_v_per_m_s2=1.0, bins=some_bins(1))

@@ -1,0 +1,130 @@
+"""A session's threads before the machine's other work, for as long as it runs; and no collections while a foot falls.
+
+On Linux the thread that asks, and every thread and process it starts meanwhile, gets the lowest real-time priority
+(`SCHED_RR`): ordinary work waits for it, and sound servers and drivers, which run higher, do not. Where the system
+refuses that, it is made as little nice as the system allows. Where it allows neither, and on other systems, it stays as
+it is: a session works at any priority, and says which it has.
+
+A real-time thread that never rests must not lock the machine. The kernel leaves ordinary work a twentieth of each core
+(`sched_rt_runtime_us`); where that has been switched off, no real-time priority is taken.
+
+From then on the process keeps the memory that arrays give back: otherwise each stimulus would have a page fault for
+every 4 kB of every array that it passes through.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+REAL_TIME = 1
+"""The lowest of the real-time priorities."""
+
+LEAST_NICE = -20
+
+TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
+"""Parameters of glibc's `mallopt`."""
+
+KEPT_BYTES = 2**28
+LARGEST_KEPT_BYTES = 2**25
+"""An array larger than this goes back to the system whatever is kept; glibc allows no more."""
+
+THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us")
+"""How much of each second real-time threads may take, us; -1 for all of it."""
+
+
+@contextmanager
+def raised() -> Iterator[str]:
+    """Raise the calling thread, and with it what it starts meanwhile; it is lowered again at the end.
+
+    What there is of objects is kept out of further collections meanwhile, so that each takes less time.
+
+    Yields:
+        The priority in force, in words; where more could be had, how.
+    """
+    gc.collect()
+    gc.freeze()
+    try:
+        if sys.platform == "linux":
+            _keep_memory()
+            with _raised_on_linux() as got:
+                yield got
+        else:
+            yield "ordinary: palpate raises it on Linux alone; close what else runs"
+    finally:
+        gc.unfreeze()
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """No collection until the end of what must not wait; what it would have freed is freed soon after."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
+if sys.platform == "linux":
+
+    @contextmanager
+    def _raised_on_linux() -> Iterator[str]:
+        policy, parameters, nice = os.sched_getscheduler(0), os.sched_getparam(0), os.getpriority(os.PRIO_PROCESS, 0)
+        try:
+            yield _raise(nice)
+        finally:
+            _lower(policy, parameters, nice)
+
+    def _keep_memory() -> None:
+        mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # glibc has it, other libraries may not
+        if mallopt is not None:
+            mallopt(MMAP_THRESHOLD, LARGEST_KEPT_BYTES)
+            mallopt(TRIM_THRESHOLD, KEPT_BYTES)
+
+    def _raise(nice: int) -> str:
+        if _throttled():
+            try:
+                os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REAL_TIME))
+            except PermissionError:
+                pass
+            else:
+                return "real time"
+        for less_nice in sorted({LEAST_NICE, _least_nice()}):
+            if less_nice < nice:
+                try:
+                    os.setpriority(os.PRIO_PROCESS, 0, less_nice)
+                except PermissionError:
+                    continue
+                return f"nice {less_nice}: {_MORE}"
+        return f"ordinary: {_MORE}"
+
+    def _lower(policy: int, parameters: os.sched_param, nice: int) -> None:
+        """What was taken may be given back without any right."""
+        if os.sched_getscheduler(0) != policy:
+            os.sched_setscheduler(0, policy, parameters)
+        if os.getpriority(os.PRIO_PROCESS, 0) != nice:
+            os.setpriority(os.PRIO_PROCESS, 0, nice)
+
+    def _throttled() -> bool:
+        """Whether the kernel keeps real-time threads from taking a core for themselves."""
+        try:
+            return int(THROTTLE.read_text("ascii")) >= 0
+        except (OSError, ValueError):
+            return False
+
+    def _least_nice() -> int:
+        import resource
+
+        return 20 - resource.getrlimit(resource.RLIMIT_NICE)[0]
+
+    _MORE = (
+        "the system allows no more; for real time add the user to the group audio and give that an rtprio of 1 or "
+        "more in /etc/security/limits.d, and leave kernel.sched_rt_runtime_us as it comes"
+    )

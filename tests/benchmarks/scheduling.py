@@ -1,0 +1,254 @@
+"""From the gate to a scheduled stimulus: run `python -m tests.benchmarks.scheduling [STEPS]`.
+
+How long after the arrival of the frame that gave the gate its stimulus has been synthesised, limited, shaped, handed to
+its driver and aimed. A thread hands frames over as the tracker's does, and the terminal's screen is open. On an idle
+machine and with every core loaded by a busy process; at ordinary priority and at that of a session. Not a test: it
+asserts nothing, because these figures belong to the machine that printed them.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import tempfile
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment import dataset, scene
+from experiment.apparatus import opening, priority
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.clock_map import ClockMap
+from experiment.apparatus.gate import Contact, Gate, GateDetector, GateState
+from experiment.apparatus.landing import LandingPredictor
+from experiment.apparatus.ports import Actuator, LinkCounts, Played, Samples, Spectrum
+from experiment.clock import MonotonicClock
+from experiment.console.terminal import TerminalConsole
+from experiment.protocol import load
+from experiment.protocol.models import Step
+from experiment.protocol.shipped import shipped
+from experiment.recordings.response import open_drive
+from experiment.records import Delivered
+from experiment.rehearsal import movement, study
+from experiment.rehearsal.sound import SimulatedSound
+from experiment.session.feed import Feed
+from experiment.session.sounding import Sounder
+from experiment.session.step import Watch, watch
+
+STEPS = 2000
+STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
+
+READ_S = 0.002
+PACED_MM = (4.0, 12.0)
+"""Heights between which frames come as slowly as a foot falls; outside, as fast as they are taken."""
+
+
+def spin() -> None:
+    while True:
+        pass
+
+
+@contextmanager
+def loaded(processes: int) -> Iterator[None]:
+    """As many processes that do nothing but compute."""
+    hogs = [multiprocessing.get_context("spawn").Process(target=spin, daemon=True) for _ in range(processes)]
+    for hog in hogs:
+        hog.start()
+    try:
+        yield
+    finally:
+        for hog in hogs:
+            hog.terminate()
+            hog.join()
+
+
+class Replayed:
+    """Implements `Tracker`: one step in reads of 2 ms, from a thread of its own."""
+
+    def __init__(self) -> None:
+        self.counts = LinkCounts()
+        self.clock_map: ClockMap | None = None
+        self.read_ns = 0
+        """When the newest read arrived."""
+        self._changed = threading.Condition()
+        self._arrived: deque[tuple[Samples, int]] = deque()
+        self._whole: Samples | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def load(self, us: NDArray[np.int64], mm: NDArray[np.float64]) -> None:
+        self.clock_map = ClockMap(int(us[0]), time.monotonic_ns())
+        ends = np.arange(1, us.size + 1) * 12
+        with self._changed:
+            self._arrived.clear()
+            self._whole = Samples(us, mm, bytes(int(ends[-1])), ends, 0)
+            self._changed.notify_all()
+
+    def drain(self) -> None:
+        pass
+
+    def read(self) -> Samples:
+        with self._changed:
+            self._changed.wait_for(lambda: bool(self._arrived))
+            samples, self.read_ns = self._arrived.popleft()
+            return samples
+
+    def reconnect(self, timeout_s: float) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._whole is not None)
+                whole, self._whole = self._whole, None
+            while whole is not None and whole.device_us.size and self._whole is None:
+                piece, whole = whole.cut(min(2, whole.device_us.size))
+                if PACED_MM[0] <= piece.height_mm[0] <= PACED_MM[1]:
+                    time.sleep(READ_S)
+                with self._changed:
+                    self._arrived.append((piece, time.perf_counter_ns()))
+                    self._changed.notify_all()
+
+
+class Timed:
+    """Implements `Actuator`: plays nothing, and notes how long after the gate's frame a stimulus was first aimed."""
+
+    def __init__(self, actuator: Actuator) -> None:
+        self._actuator = actuator
+        self.gate_ns: int | None = None
+        """When the frame arrived that gave the gate; None once a stimulus was aimed after it."""
+        self.waited_ms: list[float] = []
+
+    @property
+    def rate_hz(self) -> int:
+        return self._actuator.rate_hz
+
+    @property
+    def lead_ns(self) -> int:
+        return self._actuator.lead_ns
+
+    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
+        return self._actuator.prepare(waveform_m_s2, spectrum)
+
+    def aim(self, onset_ns: int) -> bool:
+        self._actuator.aim(onset_ns)
+        if self.gate_ns is not None:
+            self.waited_ms.append((time.perf_counter_ns() - self.gate_ns) / 1e6)
+            self.gate_ns = None
+            # Steps come faster than stimuli end.
+            self._actuator.withdraw()
+        return True
+
+    def landed(self, contact_ns: int) -> None:
+        pass
+
+    def withdraw(self) -> bool:
+        return self._actuator.withdraw()
+
+    def delivered(self) -> Delivered | None:
+        return None
+
+    def close(self) -> None:
+        self._actuator.close()
+
+
+class Noted(GateDetector):
+    """Notes when the frame arrived that gave a gate."""
+
+    def __init__(self, tracker: Replayed, actuator: Timed) -> None:
+        super().__init__(STEP)
+        self._tracker = tracker
+        self._actuator = actuator
+
+    def step(self, state: GateState, samples: Samples) -> tuple[GateState, tuple[Gate | Contact, ...]]:
+        state, events = super().step(state, samples)
+        if any(isinstance(event, Gate) for event in events):
+            self._actuator.gate_ns = self._tracker.read_ns
+        return state, events
+
+
+def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) -> list[float]:
+    """From the arrival of the frame that showed the foot below the gate to its stimulus aimed, for many steps."""
+    protocol = load.load(shipped("okamoto2012.toml"))
+    planned = scene.plan(protocol=protocol, task_id="virtual")
+    recordings = folder / "rehearsal" / dataset.RECORDINGS
+    render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
+    rig_file, clock, tracker = shipped(f"rigs/{rig_name}.toml"), MonotonicClock(), Replayed()
+    rig = rigs.load(rig_file)
+    rig = rig.model_copy(update={"actuator": rig.actuator.model_copy(update={"rate_hz": rate_hz})})
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+    drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
+    with ExitStack() as opened:
+        if rig.audio is None:
+            played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address="127.0.0.1:9")
+        else:
+            sound = opened.enter_context(SimulatedSound(rig, protocol, clock))
+            played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
+        opened.callback(played.close)
+        screen = TerminalConsole(write=opened.enter_context(Path(os.devnull).open("w")), ask=input, heading="REHEARSAL")
+        actuator = Timed(played)
+        parts = Watch(
+            feed=Feed(tracker),
+            detector=Noted(tracker, actuator),
+            predictor=LandingPredictor(STEP, noise_mm=0.1),
+            clock=clock,
+            sounder=Sounder(render, actuator),
+        )
+        rng = np.random.default_rng(2)
+        for n in range(steps):
+            step = movement.trajectory(rng, float(rng.uniform(50, 400)), hesitation="none")
+            us = np.arange(int(step.gate_top_us) - 50_000, int(step.lift_us), 1000)
+            screen.arm(trial=n + 1, attempt=1, trials=steps)
+            tracker.load(us, step.at(us) + rng.normal(0, 0.1, us.size))
+            watch(parts, protocol.materials[n % 4].id)
+    return actuator.waited_ms
+
+
+def spread(name: str, values_ms: list[float]) -> None:
+    quantiles = np.quantile(values_ms, (0.5, 0.99, 0.999))
+    cells = "  ".join(
+        f"{label} {value:8.3f}" for label, value in zip(("median", "99 %", "99.9 %"), quantiles, strict=True)
+    )
+    print(f"  {name:56s} {cells}  worst {max(values_ms):8.3f} ms  ({len(values_ms)})", flush=True)
+
+
+def report(folder: Path, steps: int) -> None:
+    """Print the table; `folder` holds a rehearsal."""
+    cores = os.cpu_count() or 1
+    for rig_name, rate_hz in (("rehearsal", 5000), ("rehearsal", 48_000), ("headless", 48_000)):
+        how = f"{'JACK' if rig_name == 'headless' else 'PCM'}, {rate_hz} Hz"
+        for load_name, hogs in (("idle", 0), (f"{cores} cores loaded", cores)):
+            with loaded(hogs):
+                spread(f"{how}, {load_name}, ordinary", gate_to_scheduled_ms(folder, rig_name, rate_hz, steps))
+                with priority.raised() as got:
+                    in_session = gate_to_scheduled_ms(folder, rig_name, rate_hz, steps)
+                spread(f"{how}, {load_name}, {got.partition(':')[0]}", in_session)
+
+
+def main() -> None:
+    steps = int(sys.argv[1]) if len(sys.argv) > 1 else STEPS
+    with tempfile.TemporaryDirectory() as name:
+        rehearsed = Path(name) / "rehearsal"
+        study.rehearse(
+            protocol_file=shipped("okamoto2012.toml"),
+            rig_file=shipped("rigs/rehearsal.toml"),
+            out=rehearsed,
+            participants=1,
+            seed=3,
+        )
+        print("Gate to scheduled")
+        report(Path(name), steps)
+
+
+if __name__ == "__main__":
+    main()

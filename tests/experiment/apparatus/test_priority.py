@@ -1,0 +1,112 @@
+"""The priority of a session: what the system allows, said in words, and given back."""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from experiment.apparatus import priority
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")
+
+
+def refuse(*_: object) -> None:
+    raise PermissionError(1, "Operation not permitted")
+
+
+def standing() -> tuple[int, int]:
+    return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
+
+
+def test_what_it_says_is_what_the_kernel_holds_and_it_is_given_back() -> None:
+    before = standing()
+    inherited: list[tuple[int, int]] = []
+    with priority.raised() as got:
+        within = standing()
+        thread = threading.Thread(target=lambda: inherited.append(standing()))
+        thread.start()
+        thread.join()
+    assert standing() == before
+    assert inherited == [within]
+    if got == "real time":
+        assert within[0] == os.SCHED_RR
+    elif got.startswith("nice "):
+        assert within[1] == int(got.partition(":")[0].removeprefix("nice "))
+        assert within[1] < before[1]
+    else:
+        assert got.startswith("ordinary: ")
+        assert within == before
+
+
+def test_without_the_right_to_real_time_it_is_made_less_nice(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(os, "setpriority", lambda _which, _who, nice: asked.append(nice))
+    with priority.raised() as got:
+        pass
+    assert asked == [priority.LEAST_NICE]
+    assert got.startswith("nice -20: the system allows no more; for real time add the user to the group audio")
+
+
+def test_without_any_right_it_stays_as_it_is_and_says_how_to_get_more(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = standing()
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    monkeypatch.setattr(os, "setpriority", refuse)
+    with priority.raised() as got:
+        assert standing() == before
+    assert got.startswith("ordinary: the system allows no more; for real time add the user to the group audio")
+
+
+@pytest.mark.parametrize("content", ["-1\n", "", None])
+def test_no_real_time_where_the_kernel_would_let_it_lock_the_machine(
+    content: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    throttle = tmp_path / "sched_rt_runtime_us"
+    if content is not None:
+        throttle.write_text(content)
+    monkeypatch.setattr(priority, "THROTTLE", throttle)
+    with priority.raised() as got:
+        assert os.sched_getscheduler(0) == os.SCHED_OTHER
+    assert got != "real time"
+
+
+def test_it_is_given_back_when_a_session_fails() -> None:
+    before, frozen = standing(), gc.get_freeze_count()
+    with pytest.raises(KeyboardInterrupt), priority.raised():
+        raise KeyboardInterrupt
+    assert standing() == before
+    assert gc.get_freeze_count() == frozen == 0
+
+
+def test_nothing_is_collected_while_undisturbed() -> None:
+    seen: list[str] = []
+
+    def watch(phase: str, _info: dict[str, int]) -> None:
+        seen.append(phase)
+
+    gc.callbacks.append(watch)
+    try:
+        with priority.undisturbed():
+            kept = [[] for _ in range(100_000)]
+            assert not seen
+        assert len(kept) == 100_000
+        more = [[] for _ in range(100_000)]
+    finally:
+        gc.callbacks.remove(watch)
+    assert seen
+    assert len(more) == 100_000
+
+
+def test_collection_that_was_off_stays_off() -> None:
+    gc.disable()
+    try:
+        with priority.undisturbed():
+            pass
+        assert not gc.isenabled()
+    finally:
+        gc.enable()
