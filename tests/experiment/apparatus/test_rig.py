@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Callable
 from pathlib import Path
 
@@ -166,7 +167,10 @@ def test_shaping_is_opened_for_volts_and_for_nothing_else(write: Write) -> None:
         opening.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0)
     with pytest.raises(RigError, match="got a frequency shaping for its actuator; allowed: none"):
         opening.open_actuator(rigs.load(write(GOOD)), limit_m_s2=10.0, drive=drive)
-    assert opening.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0, drive=drive).rate_hz == 48_000
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        where = f"127.0.0.1:{server.getsockname()[1]}"
+        opened = opening.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0, drive=drive, address=where)
+    assert opened.rate_hz == 48_000
 
 
 def test_every_problem_is_reported_at_once_one_a_line(write: Write) -> None:
