@@ -148,7 +148,7 @@ def test_what_is_written_is_whole_and_says_what_it_is(tmp_path: Path) -> None:
     parser = Outside()
     parser.feed(page)
     assert parser.fetched == []
-    assert page.count("<figure>") == 4
+    assert page.count("<figure") == 4
     for name in tables:
         assert "SIMULATED" in (tmp_path / "out" / name).read_text("utf-8")
     assert "SIMULATED" in page
