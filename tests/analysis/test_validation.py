@@ -177,7 +177,7 @@ def test_a_second_run_gives_the_same_bytes(tmp_path: Path) -> None:
 
 def test_a_file_in_the_way_stays(tmp_path: Path) -> None:
     (tmp_path / "report.html").write_text("mine")
-    with pytest.raises(DatasetError, match="is no output of palpate"):
+    with pytest.raises(DatasetError, match="holds files that are not palpate's"):
         validation.validate(linear(SPEEDS, 3), linear(FRESH, 10), tmp_path, figures=False)
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
