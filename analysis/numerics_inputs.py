@@ -131,6 +131,7 @@ def _of_crinkle() -> list[tuple[str, Call, dict[str, float]]]:
             EITHER,
         ),
         ("at_speed: speed_mm_s", lambda x: crinkle.at_speed(of, speed_mm_s=x), EITHER),
+        ("bins_at: speed_mm_s", lambda x: crinkle.bins_at(of, x), EITHER),
         ("synthesise: speed_mm_s", lambda x: crinkle.synthesise(of, speed_mm_s=x, output_rate_hz=rate_hz), EITHER),
     ]
 
@@ -174,7 +175,14 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     move = partial(shaping.accelerations, response=of)
     within: Callable[..., object] = partial(drive, c, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     unbounded = partial(shaping.shape, c, frequencies_hz=f, response=of)
+    at = shaping.at_bins(of, f)
+    shape_at = partial(shaping.shape_at, at=at, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     return [
+        ("at_bins: frequencies_hz", lambda x: shaping.at_bins(of, changed(f, x)), EITHER),
+        ("shape_at: coefficients", lambda x: shape_at(changed(c, x)), EITHER),
+        ("shape_at: gain_limit_v_per_m_s2", lambda x: shaping.shape_at(c, at, gain_limit_v_per_m_s2=x), EITHER),
+        ("shape_at: scale", lambda x: shape_at(c, scale=x), EITHER),
+        ("accelerations_at: voltages_v", lambda x: shaping.accelerations_at(changed(c, x), at), EITHER),
         (
             "Response: frequencies_hz",
             lambda x: shaping.Response(changed(FREQUENCIES_HZ, x), LEVELS_V, answers()),

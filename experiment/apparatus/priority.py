@@ -35,6 +35,7 @@ LARGEST_KEPT_BYTES = 2**25
 """An array larger than this goes back to the system whatever is kept; glibc allows no more."""
 
 THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us")
+PERIOD = THROTTLE.with_name("sched_rt_period_us")
 """How much of each second real-time threads may take, us; -1 for all of it."""
 
 
@@ -115,7 +116,8 @@ if sys.platform == "linux":
     def _throttled() -> bool:
         """Whether the kernel keeps real-time threads from taking a core for themselves."""
         try:
-            return int(THROTTLE.read_text("ascii")) >= 0
+            share_us, of_us = (int(file.read_text("ascii")) for file in (THROTTLE, PERIOD))
+            return 0 <= share_us < of_us
         except (OSError, ValueError):
             return False
 

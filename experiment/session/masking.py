@@ -7,9 +7,10 @@ asked for; no protocol has these keys for anything else.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from datetime import UTC, datetime
+from datetime import date
 
 from experiment.apparatus.ports import Masker
+from experiment.clock import day
 from experiment.console.port import Console
 from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
 from experiment.records import MaskerSet
@@ -77,6 +78,13 @@ class Masking:
         self._console.show(f"Masker at {set_db_a:.0f} dB(A){at_limit}.")
         return True
 
+    def spent(self) -> str:
+        """Why no further trial may begin: the dose of the day is used up; nothing while it is not."""
+        exposure = self._masker.exposure()
+        if exposure.dose < 1:
+            return ""
+        return f"the masker's dose of the day is used up ({exposure.dose:.2f} of 1); go on another day"
+
     def end(self, *, note: bool) -> None:
         """Silence; `note` puts what it came to on disk."""
         self._masker.stop()
@@ -91,17 +99,29 @@ class Masking:
 
 
 def dose_today(journals: Iterable[Contents], now_ns: int) -> float:
-    """What a participant's sessions used up of the dose of the day (UTC) so far.
+    """What a participant's sessions used up of the dose of the day so far.
 
     Args:
         journals: of the participant.
         now_ns: session time, ns.
     """
-    today = datetime.fromtimestamp(now_ns // 10**9, tz=UTC).date()
-    spent = [
-        (line.t_ns, line.entry.dose)
-        for contents in journals
-        for line in contents.lines
-        if isinstance(line.entry, MaskerSet) and datetime.fromtimestamp(line.t_ns // 10**9, tz=UTC).date() == today
-    ]
-    return max(spent)[1] if spent else 0.0
+    today = day(now_ns)
+    spent = [_spent(contents, today) for contents in journals]
+    return max(spent, default=(0, 0.0))[1]
+
+
+def _spent(contents: Contents, today: date) -> tuple[int, float]:
+    """When a journal last told of today's dose, ns, and what it was by the journal's last line.
+
+    A session that was killed has no last word of its masker: it counts as playing until its last line.
+    """
+    told = [(line.t_ns, line.entry) for line in contents.lines if isinstance(line.entry, MaskerSet)]
+    if not told or day(told[-1][0]) != today:
+        return 0, 0.0
+    t_ns, last = told[-1]
+    if last.level_db_a is None:
+        return t_ns, last.dose
+    from experiment.apparatus.audio import sound_level
+
+    played_s = (contents.lines[-1].t_ns - t_ns) / 1e9
+    return t_ns, last.dose + sound_level.dose(level_db_a=last.level_db_a, duration_s=played_s)

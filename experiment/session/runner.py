@@ -142,6 +142,8 @@ class _Session:
         """Why no further attempt is begun, or nothing."""
         if self._devices.clock.now_ns() > self._ends_ns:
             return f"the protocol's {self._protocol.exposure.session_min:g} min of a session are over"
+        if self._masking is not None and (spent := self._masking.spent()):
+            return spent
         if begun[trial] == MOST_ATTEMPTS:
             return f"trial {trial} was begun {MOST_ATTEMPTS} times; see to the rig, then go on"
         return ""

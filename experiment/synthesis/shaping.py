@@ -117,7 +117,7 @@ def at_bins(response: Response, frequencies_hz: NDArray[np.float64], *, mean: bo
         frequencies_hz: of each bin, shape (N,).
         mean: whether a bin at 0 Hz counts as known where the table reaches to 0 Hz; it is no oscillation.
     """
-    f, at = frequencies_hz, response.frequencies_hz
+    f, at = finite(frequencies_hz, what="frequencies_hz"), response.frequencies_hz
     within = (f >= at[0]) & (f <= at[-1]) & ((f > 0) | mean)
     known = np.flatnonzero(within)
     f = f[known]
@@ -203,7 +203,7 @@ def shape(
 def shape_at(
     coefficients: NDArray[np.float64], at: AtBins, *, gain_limit_v_per_m_s2: float, scale: float = 1.0
 ) -> Shaped:
-    """As `shape`, of finite coefficients at bins where the response has been looked up."""
+    """As `shape`, at bins where the response has been looked up."""
     if not (np.isfinite(gain_limit_v_per_m_s2) and gain_limit_v_per_m_s2 > 0):
         raise SynthesisError(
             f"gain_limit_v_per_m_s2: got {gain_limit_v_per_m_s2}; allowed: a finite number above 0; "
@@ -211,7 +211,7 @@ def shape_at(
         )
     if not 0 < scale <= 1:
         raise SynthesisError(f"scale: got {scale}; allowed: above 0, at most 1; leave it out")
-    wanted = np.abs(coefficients)
+    wanted = np.abs(finite(coefficients, what="coefficients"))
     outside, inside = wanted[at.beyond], wanted[at.known]
     a, curves, levels = scale * inside, at.curves, at.levels_v
     free_v = _interpolated(a, curves, np.broadcast_to(levels, curves.shape))
@@ -261,7 +261,8 @@ def accelerations(voltages_v: ArrayLike, *, frequencies_hz: ArrayLike, response:
 
 
 def accelerations_at(voltages_v: NDArray[np.float64], at: AtBins) -> NDArray[np.float64]:
-    """As `accelerations`, of finite voltages at bins where the response has been looked up; 0 at those beyond it."""
+    """As `accelerations`, at bins where the response has been looked up; 0 at those beyond it."""
+    voltages_v = finite(voltages_v, what="voltages_v")
     volts, moved = voltages_v[at.known], np.zeros_like(voltages_v)
     levels = np.broadcast_to(at.levels_v, at.curves.shape)
     moved[at.known] = np.copysign(_interpolated(np.abs(volts), levels, at.curves), volts)

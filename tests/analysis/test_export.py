@@ -95,5 +95,5 @@ def test_a_file_of_somebody_elses_is_left_alone(tmp_path: Path) -> None:
     root = write_dataset(tmp_path / "data", {"1": {"real": balanced(1)}})
     (tmp_path / "tables").mkdir()
     (tmp_path / "tables" / "long.csv").write_text("mine")
-    with pytest.raises(DatasetError, match="no output of palpate"):
+    with pytest.raises(DatasetError, match="holds files that are not palpate's"):
         export([root], tmp_path / "tables")

@@ -62,14 +62,16 @@ def test_without_any_right_it_stays_as_it_is_and_says_how_to_get_more(monkeypatc
     assert got.startswith("ordinary: the system allows no more; for real time add the user to the group audio")
 
 
-@pytest.mark.parametrize("content", ["-1\n", "", None])
+@pytest.mark.parametrize("content", ["-1\n", "1000000\n", "", None])
 def test_no_real_time_where_the_kernel_would_let_it_lock_the_machine(
     content: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     throttle = tmp_path / "sched_rt_runtime_us"
     if content is not None:
         throttle.write_text(content)
+    (tmp_path / "sched_rt_period_us").write_text("1000000\n")
     monkeypatch.setattr(priority, "THROTTLE", throttle)
+    monkeypatch.setattr(priority, "PERIOD", tmp_path / "sched_rt_period_us")
     with priority.raised() as got:
         assert os.sched_getscheduler(0) == os.SCHED_OTHER
     assert got != "real time"

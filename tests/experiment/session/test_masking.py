@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from experiment.clock import ManualClock
 from experiment.errors import AudioError
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
-from experiment.records import Footer, MaskerSet
+from experiment.records import Footer, MaskerSet, Phase
 from experiment.session import journal, masking, places
 from experiment.session.journal import Contents, Line
 from experiment.session.masking import FIRST_DB_A, STEP_DB, Masking
@@ -120,6 +121,32 @@ def test_a_dose_that_is_used_up_ends_the_session(protocol: Protocol, tmp_path: P
     footer = journal.read(places.journal_path(tmp_path, "01", "real")).entries[-1]
     assert isinstance(footer, Footer)
     assert footer.reason == "error"
+
+
+def test_a_dose_that_is_used_up_between_trials_pauses_the_session(protocol: Protocol, tmp_path: Path) -> None:
+    one = masked(bench("cpta"), ".")
+    assert one.masker is not None
+    begun = one.masker.exposure
+
+    def spent() -> MaskerExposure:
+        answered = sum(
+            entry.kind == "answer" for entry in journal.read(places.journal_path(tmp_path, "01", "real")).entries
+        )
+        return replace(begun(), dose=1.0) if answered == 2 else begun()
+
+    one.masker.exposure = spent  # type: ignore[method-assign]
+    footer = one.run(protocol, header("real"), tmp_path)
+    assert (footer.reason, footer.answered) == ("paused", 2)
+    assert footer.detail == "the masker's dose of the day is used up (1.00 of 1); go on another day"
+
+
+def test_a_session_that_was_killed_counts_until_its_last_line() -> None:
+    noon_ns = START_NS // DAY_NS * DAY_NS + DAY_NS // 2
+    playing = contents((noon_ns, 0.1))
+    hour = Line(noon_ns + 3600 * 10**9, Phase(state="armed"))
+    killed = Contents((*playing.lines, hour), b"", 0, journal.GENESIS)
+    # An hour at 80 dB(A) is an eighth of the day's dose (2003/10/EC); at 60 dB(A) a hundredth of that.
+    assert masking.dose_today([killed], noon_ns + 2 * 3600 * 10**9) == pytest.approx(0.1 + 0.125 / 100)
 
 
 def contents(*entries: tuple[int, float]) -> Contents:
