@@ -173,6 +173,8 @@ def run(
         try:
             footer = runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=root)
         except PalpateError as ended:
+            # No device is kept, and no priority, while files are written.
+            opened.close()
             try:
                 dataset.build(root)
             except PalpateError as unbuilt:
