@@ -14,7 +14,7 @@ from experiment.apparatus.landing import NOISE_MM, LandingPredictor
 from experiment.apparatus.ports import Actuator, LinkCounts, Masker, Tracker
 from experiment.clock import Clock
 from experiment.console.port import Console
-from experiment.errors import TrackerError
+from experiment.errors import TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import (
     Answer,
@@ -113,6 +113,7 @@ class Attempts:
         )
         self._opened: TrackerOpened | None = None
         self._broken: BrokenStep | None = None
+        self._outage = ""
 
     def run(self, planned: PlannedTrial, attempt: int) -> Event:
         """One attempt.
@@ -127,12 +128,18 @@ class Attempts:
         Raises:
             PalpateError: a part failed.
         """
-        self._arm(planned, attempt)
+        try:
+            self._arm(planned, attempt)
+        except TrackerStopped as stopped:
+            # No step had begun: nothing is on file of it, and the same attempt is armed again.
+            self._outage = str(stopped)
+            return Event.LOST
         seen = watch(self._watch, planned.presented)
         self._map_clock(seen)
         if isinstance(seen, BrokenStep):
             self._broken = seen
             self._record_broken(planned, attempt, seen)
+            self._outage = seen.reason if seen.stopped else ""
             return Event.LOST if seen.stopped else Event.BROKEN_OFF
         self._record_step(planned, attempt, seen)
         if reason := self._repeat_reason(seen):
@@ -143,14 +150,17 @@ class Attempts:
     @property
     def outage(self) -> str:
         """Why the last attempt was lost."""
-        return self._broken.reason if self._broken else ""
+        return self._outage
 
     def reconnected(self) -> None:
         """The tracker is back: its device time may be another."""
-        self._opened, self._broken = None, None
+        self._opened, self._broken, self._outage = None, None, ""
 
     def _arm(self, planned: PlannedTrial, attempt: int) -> None:
-        """Have the trial stepped. After a step that broke off the foot is still watched, so that nothing is missed."""
+        """Have the trial stepped. After a step that broke off the foot is still watched, so that nothing is missed.
+
+        Raises `TrackerStopped`.
+        """
         devices, broken = self._devices, self._broken
         self._broken = None
         if broken is not None and not broken.felt:

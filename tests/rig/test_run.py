@@ -171,3 +171,41 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
     assert broken.link.received > 0
     events = (Path("dataset") / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").read_text()
     assert events.count("the port has gone") == 1
+
+
+@pytest.mark.parametrize("task", ["real"])
+def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
+    laboratory: Laboratory, task: str, monkeypatch: pytest.MonkeyPatch, palpate: Palpate
+) -> None:
+    reconnect = SerialTracker.reconnect
+
+    def plugged_in_again(self: SerialTracker, timeout_s: float) -> None:
+        laboratory.line.replug()
+        laboratory.power()
+        reconnect(self, timeout_s)
+
+    monkeypatch.setattr(SerialTracker, "reconnect", plugged_in_again)
+    typed = iter(["c", "", "a", "", "n", "", "t", ""])
+    asked = 0
+
+    def ask(prompt: str) -> str:
+        nonlocal asked
+        if "Key" not in prompt and "confirms" not in prompt:
+            return ""
+        asked += "Key" in prompt
+        if asked == 2 and "Key" in prompt:
+            laboratory.line.unplug()
+        return next(typed)
+
+    monkeypatch.setattr("builtins.input", ask)
+    code, out, err = palpate(
+        "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
+    )
+    assert (code, err) == (0, "")
+    assert "The tracker is back; the trial is armed again." in out
+    assert "The session is complete: 4 answers." in out
+    folder = Path("dataset") / "sourcedata" / "sub-01"
+    entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
+    attempts = [(e.trial, e.attempt) for e in entries if e.kind in ("step", "broken-off")]
+    assert attempts == [(1, 1), (2, 1), (3, 1), (4, 1)]
+    assert sum(e.kind == "tracker" for e in entries) == 2

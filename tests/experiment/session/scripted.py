@@ -40,11 +40,14 @@ class ScriptedTracker:
         self._lost = deque(lost)
         self._clock = clock
         self._comes_back = comes_back
+        self.drains: deque[TrackerStopped | None] = deque()
+        """What the next calls of `drain` raise, if anything."""
         self.clock_map: ClockMap | None = None
         self.counts = LinkCounts()
 
     def drain(self) -> None:
-        pass
+        if self.drains and (stopped := self.drains.popleft()):
+            raise stopped
 
     def reconnect(self, timeout_s: float) -> None:
         self._clock.sleep_ns(int(timeout_s / 2 * 1e9))

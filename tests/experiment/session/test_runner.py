@@ -247,6 +247,38 @@ def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(protocol: Protoco
     assert kinds[lost : lost + 4] == [BrokenOff, Phase, Phase, TrackerOpened]
 
 
+def test_a_tracker_that_goes_between_two_steps_is_waited_for_and_the_same_attempt_is_armed_again(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    said = "tracker at scripted: the port has gone; plug the device in again"
+    one = bench("cpt")
+    one.tracker = ScriptedTracker(
+        [step_samples(0, 150.0), step_samples(0, 150.0), step_samples(2_000_000, 150.0)],
+        clock=one.clock,
+        comes_back=True,
+    )
+    one.tracker.drains.extend([None, TrackerStopped(said)])
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
+    assert one.console.placed == [(n, ORDER[n - 1]) for n in (1, 2, 2, 3)]
+    assert one.console.shown[0] == f"{said}. The session waits for 300 s; nothing is lost."
+    done = entries(tmp_path, "real")
+    assert [e.detail for e in done if isinstance(e, Phase) and e.state == "waiting"] == [said]
+    kinds = [type(e) for e in done]
+    assert BrokenOff not in kinds
+    assert kinds.count(TrackerOpened) == 2
+
+
+def test_a_tracker_that_goes_between_two_steps_and_stays_away_pauses(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+    one.tracker.drains.extend([None, TrackerStopped("tracker at scripted: the port has gone")])
+    footer = one.run(protocol, header("real"), tmp_path)
+    assert footer == Footer(reason="paused", detail="tracker at scripted: not back within 300 s", answered=1)
+    second = bench("pt")
+    assert second.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert second.console.armed == [(2, 1), (3, 1)]
+
+
 def test_a_tracker_that_stops_after_contact_has_its_trial_put_off(protocol: Protocol, tmp_path: Path) -> None:
     landed, _ = step_samples(0, 150.0).cut(220)
     one = bench("cpt")
