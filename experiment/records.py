@@ -212,7 +212,8 @@ class FootStep(Entry):
 
 
 class BrokenOff(Entry):
-    """A step that ended before the foot had landed, or before its landing was on file; its stimulus was withdrawn.
+    """A step that ended before the foot had landed, or before its landing was on file; its stimulus was withdrawn
+    where it still could be.
 
     `gate_top_us`, `gate_bottom_us` and `speed_mm_s` are None where the foot had not passed the gate, `at_us` (device
     time of the newest sample) where none had come. `felt`: something may have been felt, so the trial is put off to

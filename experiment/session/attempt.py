@@ -139,6 +139,8 @@ class Attempts:
         if isinstance(seen, BrokenStep):
             self._broken = seen
             self._record_broken(planned, attempt, seen)
+            if seen.failed is not None:
+                raise seen.failed
             self._outage = seen.reason if seen.stopped else ""
             return Event.LOST if seen.stopped else Event.BROKEN_OFF
         self._record_step(planned, attempt, seen)

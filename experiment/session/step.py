@@ -76,6 +76,7 @@ class BrokenStep:
         reason: why it ended.
         felt: whether something may have been felt.
         stopped: the tracker's silence, where that ended it.
+        failed: what else ended it, once something may have been felt: to be raised when the step is on file.
         raw: every byte of the tracker until then.
         link: frames counted until then.
     """
@@ -87,6 +88,7 @@ class BrokenStep:
     reason: str
     felt: bool
     stopped: TrackerStopped | None
+    failed: BaseException | None
     raw: bytes
     link: LinkCounts
 
@@ -101,6 +103,8 @@ def watch(parts: Watch, material: str) -> WatchedStep | BrokenStep:
     Raises:
         TrackerError: the tracker's device restarted.
         ActuatorError: the stimulus could not be handed over.
+        BaseException: any other failure, or an interrupt; like the two above only while nothing can have been felt.
+            After that it is handed out with the broken step, so that the step is not lost.
     """
     step = _Step(parts, material)
     try:
@@ -108,11 +112,19 @@ def watch(parts: Watch, material: str) -> WatchedStep | BrokenStep:
             reason = step.fall()
             return step.broken(reason) if reason else step.land()
     except TrackerStopped as stopped:
-        return step.broken(str(stopped), stopped)
-    except BaseException:
+        return step.broken(str(stopped), stopped=stopped)
+    except BaseException as failed:
         # Nothing may sound once nobody watches.
-        step.withdraw()
+        broken = step.broken(_why(failed), failed=failed)
+        if broken.felt:
+            return broken
         raise
+
+
+def _why(failed: BaseException) -> str:
+    if isinstance(failed, KeyboardInterrupt):
+        return "interrupted at the keyboard"
+    return str(failed) or type(failed).__name__
 
 
 class _Step:
@@ -183,7 +195,9 @@ class _Step:
         """Take the stimulus back; returns whether nothing of it sounds."""
         return self._sounding is None or self._sounding.withdraw()
 
-    def broken(self, reason: str, stopped: TrackerStopped | None = None) -> BrokenStep:
+    def broken(
+        self, reason: str, *, stopped: TrackerStopped | None = None, failed: BaseException | None = None
+    ) -> BrokenStep:
         """End it without a contact, or without the rest of its record."""
         withdrawn, taken = self.withdraw(), self._taken
         return BrokenStep(
@@ -194,6 +208,7 @@ class _Step:
             reason=reason,
             felt=self._contact is not None or not withdrawn,
             stopped=stopped,
+            failed=failed,
             raw=taken.raw(),
             link=taken.link(taken.newest_us or 0),
         )

@@ -82,7 +82,7 @@ class ScriptedActuator:
         """The onsets asked for, of each stimulus."""
         self.withdrawn = 0
         self.sounds_anyway = False
-        self.heard: deque[Delivered] = deque()
+        self.heard: deque[Delivered | BaseException] = deque()
         self._prepared: NDArray[np.float64] | None = None
 
     def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
@@ -105,7 +105,10 @@ class ScriptedActuator:
         return not self.sounds_anyway
 
     def delivered(self) -> Delivered | None:
-        return self.heard.popleft() if self.heard else None
+        heard = self.heard.popleft() if self.heard else None
+        if isinstance(heard, BaseException):
+            raise heard
+        return heard
 
     def close(self) -> None:
         pass

@@ -10,7 +10,7 @@ import pytest
 
 from experiment.apparatus.ports import Masker, Samples
 from experiment.clock import ManualClock
-from experiment.errors import JournalError, PalpateError, TrackerError, TrackerStopped
+from experiment.errors import ActuatorError, AudioError, JournalError, PalpateError, TrackerError, TrackerStopped
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.protocol.shipped import shipped
@@ -449,6 +449,44 @@ def test_without_a_rule_an_undelivered_trial_is_marked_and_counts(protocol: Prot
     assert first.onset is not None
     assert first.onset.delivered is not None
     assert first.onset.delivered.reason == "nothing was heard"
+
+
+@pytest.mark.parametrize("failed", [AudioError("audio: the stream has stopped"), ActuatorError("actuator: gone")])
+def test_a_step_that_was_felt_is_on_file_when_the_sound_fails_after_contact(
+    protocol: Protocol, tmp_path: Path, failed: PalpateError
+) -> None:
+    one = bench("c")
+    one.actuator.heard.append(failed)
+    with pytest.raises(type(failed), match=str(failed)):
+        one.run(protocol, header("virtual"), tmp_path)
+    *_, broken, footer = entries(tmp_path, "virtual")
+    assert footer == Footer(reason="error", detail=str(failed), answered=0)
+    _felt_and_on_file(broken, str(failed), tmp_path)
+    second = bench("pnc")
+    assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
+    assert second.console.armed == [(2, 1), (3, 1), (1, 2)]
+
+
+def test_a_step_that_was_felt_is_on_file_when_it_is_interrupted(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+    one.actuator.heard.append(KeyboardInterrupt())
+    footer = one.run(protocol, header("virtual"), tmp_path)
+    assert footer == Footer(reason="paused", detail="interrupted at the keyboard", answered=0)
+    *_, broken, last = entries(tmp_path, "virtual")
+    assert last == footer
+    _felt_and_on_file(broken, "interrupted at the keyboard", tmp_path)
+    second = bench("pnc")
+    assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
+    assert second.console.armed == [(2, 1), (3, 1), (1, 2)]
+
+
+def _felt_and_on_file(broken: object, reason: str, dataset: Path) -> None:
+    """The first trial's step of 100 mm/s, with every frame up to the end of its tail."""
+    assert isinstance(broken, BrokenOff)
+    assert (broken.trial, broken.attempt, broken.felt, broken.reason) == (1, 1, True, reason)
+    assert broken.speed_mm_s == pytest.approx(100.0, rel=1e-9)
+    assert broken.trace.length == broken.link.received == 401
+    assert places.foot_path(places.journal_path(dataset, "01", "virtual")).stat().st_size == 401
 
 
 def test_a_stimulus_is_withdrawn_when_the_session_breaks_off(protocol: Protocol, tmp_path: Path) -> None:
