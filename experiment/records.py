@@ -56,7 +56,10 @@ class Header(Entry):
 
 
 class TrackerOpened(Entry):
-    """The tracker's port was opened: which device time is which session time (of its first frame)."""
+    """The tracker's port was opened: which device time is which session time (of its first frame).
+
+    Where the two clocks turn out to have parted, once more for the step at which they had.
+    """
 
     kind: Literal["tracker"] = "tracker"
     port: str

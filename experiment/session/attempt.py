@@ -135,15 +135,18 @@ class Attempts:
             self._outage = str(stopped)
             return Event.LOST
         seen = watch(self._watch, planned.presented)
-        self._map_clock(seen)
+        # Whatever went wrong, the step is put on disk first: it may have been felt.
+        parted = self._map_clock(seen)
         if isinstance(seen, BrokenStep):
             self._broken = seen
             self._record_broken(planned, attempt, seen)
-            if seen.failed is not None:
-                raise seen.failed
+            if failed := seen.failed or parted:
+                raise failed
             self._outage = seen.reason if seen.stopped else ""
             return Event.LOST if seen.stopped else Event.BROKEN_OFF
         self._record_step(planned, attempt, seen)
+        if parted is not None:
+            raise parted
         if reason := self._repeat_reason(seen):
             self._write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
             return Event.REDONE
@@ -197,21 +200,26 @@ class Attempts:
         devices.console.confirmed(trial=planned.trial, answer=answered)
         return Event.ANSWERED
 
-    def _map_clock(self, seen: WatchedStep | BrokenStep) -> None:
+    def _map_clock(self, seen: WatchedStep | BrokenStep) -> TrackerError | None:
+        """Journal which device time is which session time; returns why the session cannot go on, if it cannot."""
         if seen.first_us is None or seen.first_ns is None:
-            return
-        at_us = seen.at_us if isinstance(seen, BrokenStep) else seen.contact.us
+            return None
+        port, now_ns = self._devices.tracker_port, self._devices.clock.now_ns()
+        at_us = (seen.at_us or 0) if isinstance(seen, BrokenStep) else int(seen.contact.us)
         if self._opened is None:
-            self._opened = TrackerOpened(port=self._devices.tracker_port, device_us=seen.first_us, t_ns=seen.first_ns)
+            self._opened = TrackerOpened(port=port, device_us=seen.first_us, t_ns=seen.first_ns)
             self._write(self._opened)
         # Where the foot is late on one clock and early on the other, the device restarted between two steps.
-        passed_us = (self._devices.clock.now_ns() - self._opened.t_ns) / 1e3
-        ahead_us = (at_us or 0) - self._opened.device_us - passed_us
-        if abs(ahead_us) > CLOCKS_PART_US:
-            raise TrackerError(
-                f"tracker at {self._devices.tracker_port}: its clock and the session's part by {ahead_us / 1e6:.1f} s; "
-                "the device restarted, or does not count microseconds; see to it, then resume the session"
-            )
+        passed_us = (now_ns - self._opened.t_ns) / 1e3
+        ahead_us = at_us - self._opened.device_us - passed_us
+        if abs(ahead_us) <= CLOCKS_PART_US:
+            return None
+        # The step was now, whatever its device says.
+        self._write(TrackerOpened(port=port, device_us=at_us, t_ns=now_ns))
+        return TrackerError(
+            f"tracker at {port}: its clock and the session's part by {ahead_us / 1e6:.1f} s; "
+            "the device restarted, or does not count microseconds; see to it, then resume the session"
+        )
 
     def _record_step(self, planned: PlannedTrial, attempt: int, seen: WatchedStep) -> None:
         trace = self._keep(seen.raw)

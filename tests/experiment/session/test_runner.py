@@ -187,6 +187,16 @@ def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol
     with pytest.raises(TrackerError, match=r"part by 3[67].* s; the device restarted"):
         one.run(protocol, header("real"), tmp_path)
     assert one.console.confirmations == [(1, "copy paper")]
+    # The step is on file all the same, at the session time it was at.
+    *_, remapped, step, footer = entries(tmp_path, "real")
+    assert isinstance(remapped, TrackerOpened)
+    assert isinstance(step, FootStep)
+    assert (step.trial, step.trace.length > 0) == (2, True)
+    assert remapped.device_us == pytest.approx(step.contact_us, abs=1)
+    assert isinstance(footer, Footer)
+    second = bench("pt")
+    assert second.run(protocol, header("real"), tmp_path).reason == "complete"
+    assert second.console.armed == [(2, 2), (3, 1)]
 
 
 def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Path) -> None:
