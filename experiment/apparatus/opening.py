@@ -59,7 +59,11 @@ def open_tracker(rig: Rig, *, clock: Clock, port: str | None = None, clock_map: 
     """
     if port is None and rig.tracker.port == REHEARSAL:
         raise TrackerError(_simulated_only(rig, "tracker.port"))
-    return _tracker_driver(rig)(port or rig.tracker.port, rig.tracker, clock=clock, clock_map=clock_map)
+    driver = _tracker_driver(rig)
+    try:
+        return driver(port or rig.tracker.port, rig.tracker, clock=clock, clock_map=clock_map)
+    except (TypeError, ValueError, AttributeError) as error:
+        raise RigError(_not_a_driver(rig, error)) from error
 
 
 def _tracker_driver(rig: Rig) -> Callable[..., Tracker]:
@@ -70,12 +74,19 @@ def _tracker_driver(rig: Rig) -> Callable[..., Tracker]:
     module, _, name = rig.tracker.driver.partition(":")
     try:
         driver: Callable[..., Tracker] = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        raise RigError(
-            f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({error}); allowed: {FRAMES}, or a "
-            "class that can be imported; install the package that holds it, or correct the rig file"
-        ) from error
+    except (ImportError, AttributeError, SyntaxError, TypeError, ValueError) as error:
+        raise RigError(_not_a_driver(rig, error)) from error
+    missing = [name for name in ("read", "drain", "reconnect", "close") if not hasattr(driver, name)]
+    if missing:
+        raise RigError(_not_a_driver(rig, AttributeError(f"it has no {', '.join(missing)}")))
     return driver
+
+
+def _not_a_driver(rig: Rig, error: Exception) -> str:
+    return (
+        f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({error}); allowed: {FRAMES}, or a class "
+        "that can be imported and implements Tracker; install the package that holds it, or correct the rig file"
+    )
 
 
 def audio_of(rig: Rig) -> AudioRig:

@@ -149,6 +149,7 @@ class Attempts:
             raise parted
         if reason := self._repeat_reason(seen):
             self._write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
+            self._devices.console.show(f"Trial {planned.trial} comes again at the end of its block: {reason}.")
             return Event.REDONE
         return self._ask(planned, attempt, seen)
 

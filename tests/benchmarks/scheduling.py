@@ -37,6 +37,7 @@ from experiment.protocol.shipped import shipped
 from experiment.recordings.response import open_drive
 from experiment.records import Delivered
 from experiment.rehearsal import movement, study
+from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.sound import SimulatedSound
 from experiment.session.feed import Feed
 from experiment.session.sounding import Sounder
@@ -190,7 +191,9 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
     drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
     with ExitStack() as opened:
         if rig.audio is None:
-            played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address="127.0.0.1:9")
+            panel = Panel(rig.actuator)
+            opened.callback(panel.close)
+            played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=panel.address)
         else:
             sound = opened.enter_context(SimulatedSound(rig, protocol, clock))
             played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)

@@ -77,7 +77,9 @@ def test_it_follows_a_foot(code: str, tmp_path: Path, monkeypatch: pytest.Monkey
         tracker.close()
 
 
-@pytest.mark.parametrize("driver", ["no_such_module:Tracker", "experiment.apparatus.ports:NoSuchTracker"])
+@pytest.mark.parametrize(
+    "driver", ["no_such_module:Tracker", "experiment.apparatus.ports:NoSuchTracker", "json:dumps", "io:BytesIO"]
+)
 def test_a_driver_that_there_is_not_is_refused(driver: str) -> None:
     with pytest.raises(RigError, match=f"tracker.driver: got '{driver}' .*; allowed: palpate-frames, or a class that"):
         opening.open_tracker(rig(driver), clock=MonotonicClock(), port="none")
