@@ -194,6 +194,7 @@ def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
             return ""
         asked += "Key" in prompt
         if asked == 2 and "Key" in prompt:
+            laboratory.foot.close()
             laboratory.line.unplug()
         return next(typed)
 
