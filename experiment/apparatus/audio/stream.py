@@ -8,6 +8,7 @@ at its very frame; what comes too late is never played belatedly: its cue says s
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,7 +111,6 @@ class AudioStream:
         self._abort = sounddevice.CallbackAbort
         number = devices.find(host_api=settings.host_api, name=settings.device, inputs=settings.inputs, outputs=outputs)
         self._switch_s = sys.getswitchinterval()
-        sys.setswitchinterval(min(SWITCH_S, self._switch_s))
         with devices.explained(settings.device):
             self._stream = sounddevice.Stream(
                 device=(number, number),
@@ -121,11 +121,15 @@ class AudioStream:
                 latency="low",
                 callback=self._called,
             )
-            self._stream.start()
         try:
+            with devices.explained(settings.device):
+                self._stream.start()
+            sys.setswitchinterval(min(SWITCH_S, self._switch_s))
             self.wait(2 * settings.block)
-        except AudioError:
-            self.close()
+        except BaseException:
+            # What went wrong first is what is told.
+            with suppress(AudioError):
+                self.close()
             raise
 
     @property
