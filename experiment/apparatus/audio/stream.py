@@ -223,11 +223,13 @@ class AudioStream:
         """Fade what loops, stop and close the device."""
         sys.setswitchinterval(self._switch_s)
         loop = self._mixer.loop
-        if loop is not None and loop.gain > 0 and self._stream.active:
-            loop.wanted = 0.0
-            self.wait(self._mixer.frame + round(FADE_S * self.rate_hz) + 2 * self._settings.block)
-        with devices.explained(self._settings.device):
-            self._stream.close()
+        try:
+            if loop is not None and loop.gain > 0 and self._stream.active:
+                loop.wanted = 0.0
+                self.wait(self._mixer.frame + round(FADE_S * self.rate_hz) + 2 * self._settings.block)
+        finally:
+            with devices.explained(self._settings.device):
+                self._stream.close()
 
     def _called(self, inputs: Block, outputs: Block, _frames: int, _time: object, status: Any) -> None:
         try:

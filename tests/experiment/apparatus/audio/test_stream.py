@@ -98,3 +98,14 @@ def test_an_interrupt_while_it_is_waited_for_is_told_and_the_device_let_go(libra
     with pytest.raises(KeyboardInterrupt):
         AudioStream(SETTINGS, MonotonicClock())
     assert let_go(library)
+
+
+@pytest.mark.parametrize("error", [AudioError("it stopped"), KeyboardInterrupt()])
+def test_a_stream_that_cannot_fade_is_closed_nevertheless(library: Library, error: BaseException) -> None:
+    stream = AudioStream(SETTINGS, MonotonicClock())
+    stream.play_loop(np.ones(100, np.float32), (0,)).wanted = 1.0
+    stream.wait(stream.next_frame + BLOCK)
+    library.asleep = error
+    with pytest.raises(type(error)):
+        stream.close()
+    assert let_go(library)
