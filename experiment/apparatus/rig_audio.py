@@ -82,7 +82,7 @@ class DeliveredRig(Confined):
     """What a stimulus heard by loopback may differ from the intended one and still count as delivered.
 
     `onset_ms`: how early or late; `gain_db`: how much louder or softer; `residual_db`: power of what neither delay nor
-    gain explains, relative to the intended waveform.
+    gain explains, relative to the intended waveform; of an intended silence the loudest sample, relative to full scale.
     """
 
     onset_ms: Annotated[float, Field(gt=0, le=100)]

@@ -10,6 +10,7 @@ import pytest
 
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.audio.mixer import AT_ONCE
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.ports import Actuator
 from experiment.apparatus.rig import Rig
@@ -171,6 +172,20 @@ def test_an_intended_silence_is_delivered(actuator: Actuator) -> None:
     heard = actuator.delivered()
     assert heard is not None
     assert (heard.delivered, heard.onset_ns, heard.gain) == (True, None, None)
+
+
+def test_an_intended_silence_in_which_something_sounds_is_not_delivered(
+    actuator: Actuator, stream: AudioStream
+) -> None:
+    assert RIG.audio is not None
+    actuator.prepare(np.zeros(4800))
+    # The conditioner's limit of 20 m/s^2 is 0.31 of full scale.
+    stream.schedule(np.full(9600, 0.25), channel=RIG.audio.channels.actuator - 1, frame=AT_ONCE)
+    actuator.landed(CLOCK.now_ns())
+    heard = actuator.delivered()
+    assert heard is not None
+    assert (heard.delivered, heard.onset_ns) == (False, None)
+    assert heard.reason == "something was heard at -12.0 dB of full scale where silence was intended; allowed: -20 dB"
 
 
 def test_a_start_that_a_standing_stream_missed_is_on_record(

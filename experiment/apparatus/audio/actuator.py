@@ -130,9 +130,9 @@ class AudioActuator:
         first = max(cue.started + behind - reach, 0)
         end = cue.started + behind + cue.samples + reach
         heard = self._stream.kept(first, end - first)[:, self._audio.channels.loopback - 1]
-        if not self._samples.any():
-            return self._said(requested_ns, "")
         gain = latency.loopback_gain
+        if not self._samples.any():
+            return self._said(requested_ns, measure.silence_objection(heard, gain=gain, tolerance=self._tolerance))
         found = measure.align(heard, self._samples, gain=gain)
         if found is None:
             return self._said(requested_ns, "the loopback did not hear it")

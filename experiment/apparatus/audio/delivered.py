@@ -77,6 +77,25 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
     )
 
 
+def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, tolerance: Tolerance) -> str:
+    """Why an intended silence does not count as delivered; empty where it does.
+
+    A silence has no power that what was heard could be relative to, so its loudest sample is set beside full scale.
+
+    Args:
+        heard: samples, shape (m,), m at least 1.
+        gain: what the loopback makes of a sample of 1.0.
+        tolerance: what may differ.
+    """
+    loudest = float(np.max(np.abs(heard))) / gain
+    if loudest <= 10 ** (tolerance.residual_db / 20):
+        return ""
+    return (
+        f"something was heard at {20 * np.log10(loudest):.1f} dB of full scale where silence was intended; "
+        f"allowed: {tolerance.residual_db:g} dB"
+    )
+
+
 def objection(alignment: Alignment, *, onset_error_ms: float, gain: float, tolerance: Tolerance) -> str:
     """Why what was heard does not count as delivered; empty where it does.
 

@@ -2,8 +2,10 @@
 
 The callback and the session's thread share no lock. A stimulus that waits lies in a deque of at most one place, and
 whoever pops it owns it: the callback to start it, the session's thread to move or withdraw it. So a stimulus either
-starts at the frame that was asked for last, or the session knows that it can no longer be moved. Everything that
-`fill` touches was allocated before the stream began; what it allocates are views of it.
+starts at the frame that was asked for last, or the session knows that it can no longer be moved. Whether it sounds at
+all is settled once, in the same way: whoever pops the one entry of `Cue.unsettled`, the callback to start it or the
+session's thread to withdraw it, has its way, wherever the stimulus lies meanwhile. Everything that `fill` touches was
+allocated before the stream began; what it allocates are views of it.
 """
 
 from __future__ import annotations
@@ -27,7 +29,10 @@ Block = NDArray[np.float32]
 
 
 class Cue:
-    """A stimulus handed to the mixer. The callback alone writes `started`, `late` and `done`.
+    """A stimulus handed to the mixer.
+
+    The callback alone writes `started` and `late`, the session's thread alone `frame` and `withdrawn`. `done` is
+    written by whoever took it out of the mixer: the callback, or the session's thread that withdrew it while it waited.
 
     Attributes:
         channel: output channel, from 0.
@@ -35,10 +40,12 @@ class Cue:
         frame: frame at which its first sample is to leave, or `AT_ONCE`.
         started: frame at which it left; None as long as it has not.
         late: its frame had passed when the callback came to it, so it was not played.
-        done: nothing more of it will sound.
+        withdrawn: it was taken back before it started; nothing of it sounds.
+        done: nothing more of it will sound, and the mixer holds it no longer.
+        unsettled: one entry for as long as nobody has started or withdrawn it.
     """
 
-    __slots__ = ("channel", "done", "frame", "late", "samples", "slot", "started")
+    __slots__ = ("channel", "done", "frame", "late", "samples", "slot", "started", "unsettled", "withdrawn")
 
     def __init__(self, slot: int, channel: int, samples: int, frame: int) -> None:
         self.slot = slot
@@ -47,7 +54,17 @@ class Cue:
         self.frame = frame
         self.started: int | None = None
         self.late = False
+        self.withdrawn = False
         self.done = False
+        self.unsettled: deque[None] = deque([None], maxlen=1)
+
+    def settle(self) -> bool:
+        """Have the say whether it sounds; False if the other side had it before."""
+        try:
+            self.unsettled.pop()
+        except IndexError:
+            return False
+        return True
 
 
 class _Slot:
@@ -163,7 +180,7 @@ class Mixer:
     def move(self, cue: Cue, frame: int) -> bool:
         """Have a waiting stimulus start at another frame; False if it has started, then nothing is changed."""
         slot = self._slots[cue.slot]
-        if slot.cue is not cue or not slot.waiting:
+        if cue.withdrawn or slot.cue is not cue or not slot.waiting:
             return False
         try:
             slot.waiting.pop()
@@ -175,14 +192,17 @@ class Mixer:
 
     def withdraw(self, cue: Cue) -> bool:
         """Take a stimulus back; True if nothing of it has sounded or will."""
+        if not cue.settle():
+            return cue.withdrawn
+        cue.withdrawn = True
         slot = self._slots[cue.slot]
-        if slot.cue is cue and slot.waiting:
+        if slot.cue is cue:
             try:
                 slot.waiting.pop()
-            except IndexError:  # The callback was faster.
-                return cue.done and cue.started is None
+            except IndexError:  # The callback has it in hand, and drops it, or dropped it as too late.
+                return True
             cue.done = True
-        return cue.done and cue.started is None
+        return True
 
     def fill(self, outputs: Block, inputs: Block) -> None:
         """Make the next block, and keep what was heard meanwhile. The callback's whole work.
@@ -237,15 +257,18 @@ class Mixer:
 
     def _start(self, slot: _Slot, first: int, end: int) -> None:
         try:
-            if slot.waiting[0].frame >= end:
+            head = slot.waiting[0]
+            if head.frame >= end and head.unsettled:
                 return
             cue = slot.waiting.pop()
         except IndexError:  # The session's thread is moving it, or has withdrawn it.
             return
-        if cue.frame >= end:  # Moved since it was looked at.
+        if cue.frame >= end and cue.unsettled:  # Moved since it was looked at.
             slot.waiting.append(cue)
         elif AT_ONCE < cue.frame < first:
             cue.late = True
+            cue.done = True
+        elif not cue.settle():  # Withdrawn since it was looked at.
             cue.done = True
         else:
             cue.started = max(cue.frame, first)

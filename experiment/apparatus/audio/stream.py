@@ -8,6 +8,7 @@ at its very frame; what comes too late is never played belatedly: its cue says s
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -110,7 +111,6 @@ class AudioStream:
         self._abort = sounddevice.CallbackAbort
         number = devices.find(host_api=settings.host_api, name=settings.device, inputs=settings.inputs, outputs=outputs)
         self._switch_s = sys.getswitchinterval()
-        sys.setswitchinterval(min(SWITCH_S, self._switch_s))
         with devices.explained(settings.device):
             self._stream = sounddevice.Stream(
                 device=(number, number),
@@ -121,11 +121,15 @@ class AudioStream:
                 latency="low",
                 callback=self._called,
             )
-            self._stream.start()
         try:
+            with devices.explained(settings.device):
+                self._stream.start()
+            sys.setswitchinterval(min(SWITCH_S, self._switch_s))
             self.wait(2 * settings.block)
-        except AudioError:
-            self.close()
+        except BaseException:
+            # What went wrong first is what is told.
+            with suppress(AudioError):
+                self.close()
             raise
 
     @property
@@ -219,11 +223,13 @@ class AudioStream:
         """Fade what loops, stop and close the device."""
         sys.setswitchinterval(self._switch_s)
         loop = self._mixer.loop
-        if loop is not None and loop.gain > 0 and self._stream.active:
-            loop.wanted = 0.0
-            self.wait(self._mixer.frame + round(FADE_S * self.rate_hz) + 2 * self._settings.block)
-        with devices.explained(self._settings.device):
-            self._stream.close()
+        try:
+            if loop is not None and loop.gain > 0 and self._stream.active:
+                loop.wanted = 0.0
+                self.wait(self._mixer.frame + round(FADE_S * self.rate_hz) + 2 * self._settings.block)
+        finally:
+            with devices.explained(self._settings.device):
+                self._stream.close()
 
     def _called(self, inputs: Block, outputs: Block, _frames: int, _time: object, status: Any) -> None:
         try:

@@ -40,7 +40,11 @@ class Fit:
 
 
 class Timeline:
-    """Kept by the callback through `note`, read by the session's thread."""
+    """Kept by the callback through `note`, read by the session's thread.
+
+    They share no lock: the callback publishes how many callbacks and gaps there are together and last, and a reader
+    takes both at once. Of what a reader then looks at, the callback changes at most the line of the last three.
+    """
 
     def __init__(self, *, rate_hz: float, block: int) -> None:
         """Begin.
@@ -49,16 +53,14 @@ class Timeline:
             rate_hz: frames a second.
             block: frames of a block.
         """
-        self.gaps = 0
-        """Gaps seen."""
         self._ns_per_frame = 1e9 / rate_hz
         self._quarter_block_ns = 0.25 * block * self._ns_per_frame
         # Of each callback: its first frame, ns less the ns that this frame stands for, and gaps before it.
         self._frames = np.zeros(KEPT, np.int64)
         self._offsets_ns = np.zeros(KEPT, np.int64)
         self._line = np.zeros(KEPT, np.int64)
-        self._count = 0
         self._late = 0
+        self._count_and_gaps = (0, 0)
 
     def note(self, frame: int, now_ns: int) -> None:
         """A callback came. Touches preallocated memory alone.
@@ -67,32 +69,40 @@ class Timeline:
             frame: first frame of its block.
             now_ns: session time.
         """
+        count, gaps = self._count_and_gaps
         offset_ns = now_ns - int(frame * self._ns_per_frame)
-        if self._count and offset_ns - self._origin_ns() > self._quarter_block_ns:
+        if count and offset_ns - self._origin_ns() > self._quarter_block_ns:
             self._late += 1
         else:
             self._late = 0
-        place = self._count % KEPT
-        self._frames[place], self._offsets_ns[place], self._line[place] = frame, offset_ns, self.gaps
-        self._count += 1
+        place = count % KEPT
+        self._frames[place], self._offsets_ns[place], self._line[place] = frame, offset_ns, gaps
+        count += 1
         if self._late == IN_A_ROW:
-            self.gaps += 1
+            gaps += 1
             self._late = 0
             for back in range(1, IN_A_ROW + 1):
-                self._line[(self._count - back) % KEPT] = self.gaps
+                self._line[(count - back) % KEPT] = gaps
+        self._count_and_gaps = count, gaps
+
+    @property
+    def gaps(self) -> int:
+        """Gaps seen."""
+        return self._count_and_gaps[1]
 
     @property
     def known(self) -> bool:
         """Whether a callback has come."""
-        return self._count > 0
+        return self._count_and_gaps[0] > 0
 
     def ns_of(self, frame: float) -> int:
         """Session time at which the stream takes a frame, or took it, ns; the output's latency not included."""
-        count = self._count
+        count, _ = self._count_and_gaps
         places = np.arange(max(count - KEPT, 0), count) % KEPT
+        lines = self._line[places]
         at = int(np.searchsorted(self._frames[places], frame, side="right")) - 1
-        near = places[max(at - WINDOW + 1, 0) : at + WINDOW] if at >= 0 else places[:1]
-        same = self._offsets_ns[near][self._line[near] == self._line[places[max(at, 0)]]]
+        near = slice(max(at - WINDOW + 1, 0), at + WINDOW) if at >= 0 else slice(1)
+        same = self._offsets_ns[places[near]][lines[near] == lines[max(at, 0)]]
         return int(same.min()) + round(frame * self._ns_per_frame)
 
     def frame_at(self, t_ns: int) -> int:
@@ -101,13 +111,15 @@ class Timeline:
 
     def fit(self) -> Fit:
         """How well the last callbacks kept to it."""
-        late_ms = (self._window() - self._origin_ns()) / 1e6
+        window = self._window()
+        late_ms = (window - window.min()) / 1e6
         return Fit(float(np.median(late_ms)), float(np.percentile(late_ms, 95)), float(late_ms.max()))
 
     def _window(self) -> NDArray[np.int64]:
         """Offsets of the last callbacks on the line that holds now."""
-        places = np.arange(max(self._count - WINDOW, 0), self._count) % KEPT
-        held: NDArray[np.int64] = self._offsets_ns[places[self._line[places] == self.gaps]]
+        count, gaps = self._count_and_gaps
+        places = np.arange(max(count - WINDOW, 0), count) % KEPT
+        held: NDArray[np.int64] = self._offsets_ns[places[self._line[places] == gaps]]
         return held
 
     def _origin_ns(self) -> int:

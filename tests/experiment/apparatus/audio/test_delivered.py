@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment.apparatus.audio.delivered import LEAST_DB, Alignment, Tolerance, align, objection
+from experiment.apparatus.audio.delivered import LEAST_DB, Alignment, Tolerance, align, objection, silence_objection
 
 TOLERANCE = Tolerance(onset_ms=1.0, gain_db=1.0, residual_db=-20.0)
 
@@ -100,6 +100,20 @@ def test_what_is_not_as_intended_does_not_count(changed: object, reason: str) ->
     import re
 
     assert re.search(reason, said), said
+
+
+@pytest.mark.parametrize(
+    ("loudest", "said"),
+    [
+        (0.0, ""),
+        (0.199, ""),
+        (-0.4, "something was heard at -14.0 dB of full scale where silence was intended; allowed: -20 dB"),
+        (np.inf, "something was heard at inf dB of full scale where silence was intended; allowed: -20 dB"),
+    ],
+)
+def test_a_silence_counts_where_little_was_heard(loudest: float, said: str) -> None:
+    heard = placed(np.array([loudest]), 70, 100)
+    assert silence_objection(heard, gain=2.0, tolerance=TOLERANCE) == said
 
 
 def test_objections_stand_in_order_of_what_explains_most() -> None:

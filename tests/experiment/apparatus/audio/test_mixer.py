@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, Layout, Loop, Mixer
+from experiment.apparatus.audio import mixer as mixing
+from experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, Cue, Layout, Loop, Mixer
 from experiment.errors import AudioError
+from tests.experiment.apparatus.audio import interleaved
 
 ANYTHING = st.floats(allow_nan=True, allow_infinity=True, width=32)
 
@@ -152,6 +155,74 @@ def test_a_withdrawn_stimulus_leaves_its_place_to_another() -> None:
     assert mixed.withdraw(cues[3])
     assert np.count_nonzero(run(mixed, [8])[:, 1]) == 4
     assert later.done
+
+
+def told_truly(mixed: Mixer, cue: Cue, withdrawn: bool, before: np.ndarray) -> None:
+    """What `withdraw` said is what is heard from then on, and whose place it was is free again."""
+    after = run(mixed, [64] * 8)
+    assert before.any() == (not withdrawn) == (cue.started is not None)
+    assert before.any() or not after.any(), "what had not begun to sound sounds after it was withdrawn"
+    assert mixed.withdraw(cue) == withdrawn
+    assert cue.done
+    later = [mixed.schedule(np.ones(4), channel=0, frame=AT_ONCE) for _ in range(SLOTS)]
+    run(mixed, [64])
+    assert all(each.started is not None for each in later)
+
+
+def make(mixed: Mixer, made: list[np.ndarray]) -> None:
+    made.append(run(mixed, [64]))
+
+
+def withdraw(mixed: Mixer, cue: Cue, said: list[bool]) -> None:
+    said.append(mixed.withdraw(cue))
+
+
+@pytest.mark.parametrize("frame", [10, 200, AT_ONCE])
+@pytest.mark.parametrize("moved", [None, 20, 150])
+def test_what_is_withdrawn_at_any_point_of_a_block_never_sounds_later(frame: int, moved: int | None) -> None:
+    still = mixer()
+    still.schedule(np.ones(30), channel=0, frame=frame)
+    opcodes = interleaved.points(mixing, lambda: run(still, [64]), lambda _: None)
+    # The session may move it at one point and withdraw it at a later one, while the callback has it in hand.
+    for point in range(opcodes):
+        for apart in (0, 5, 20):
+            mixed = mixer()
+            said: list[bool] = []
+            made: list[np.ndarray] = []
+            cue = mixed.schedule(np.ones(30), channel=0, frame=frame)
+
+            def meanwhile(
+                at: int,
+                mixed: Mixer = mixed,
+                cue: Cue = cue,
+                said: list[bool] = said,
+                when: tuple[int, int] = (point, point + apart),
+            ) -> None:
+                if at == when[0] and moved is not None:
+                    mixed.move(cue, moved)
+                if at == when[1]:
+                    said.append(mixed.withdraw(cue))
+
+            interleaved.points(mixing, partial(make, mixed, made), meanwhile)
+            told_truly(mixed, cue, said[0] if said else mixed.withdraw(cue), made[0])
+
+
+@pytest.mark.parametrize("frame", [10, 100, AT_ONCE])
+def test_a_block_that_is_made_while_something_is_withdrawn_does_as_withdraw_says(frame: int) -> None:
+    still = mixer()
+    gone = still.schedule(np.ones(30), channel=0, frame=frame)
+    for point in range(interleaved.points(mixing, lambda: still.withdraw(gone), lambda _: None)):
+        mixed = mixer()
+        said: list[bool] = []
+        made: list[np.ndarray] = []
+        cue = mixed.schedule(np.ones(30), channel=0, frame=frame)
+
+        def meanwhile(at: int, mixed: Mixer = mixed, made: list[np.ndarray] = made, point: int = point) -> None:
+            if at == point:
+                made.append(run(mixed, [64, 64]))
+
+        interleaved.points(mixing, partial(withdraw, mixed, cue, said), meanwhile)
+        told_truly(mixed, cue, said[0], made[0])
 
 
 @given(blocks=st.lists(st.integers(1, 64), min_size=3, max_size=60), data=st.data())

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 import pytest
 
-from experiment.apparatus.audio.timeline import WINDOW, Timeline
+from experiment.apparatus.audio import timeline
+from experiment.apparatus.audio.timeline import IN_A_ROW, WINDOW, Timeline
+from tests.experiment.apparatus.audio import interleaved
 
 RATE_HZ, BLOCK = 48_000, 256
 START_NS = 1_700_000_000_000_000_000
@@ -61,3 +66,59 @@ def test_a_gap_moves_no_frame_that_was_taken_before_it(lost_ms: float) -> None:
     found_ns = np.array([line.ns_of(int(callback) * BLOCK) for callback in taken])
     truth_ns = START_NS + np.round(taken * PERIOD_NS + late_ms * 1e6)
     assert np.max(np.abs(found_ns - truth_ns)) <= 1
+
+
+LOST_MS = 20.0
+BEFORE, AFTER = START_NS + round(100 * PERIOD_NS), START_NS + round(100 * PERIOD_NS + LOST_MS * 1e6)
+
+
+def about_to_find_a_gap() -> Timeline:
+    late_ms = np.zeros(99 + IN_A_ROW)
+    late_ms[100:] = LOST_MS
+    return ran(late_ms)
+
+
+def goes_on(line: Timeline, callbacks: range) -> None:
+    for number in callbacks:
+        line.note(number * BLOCK, START_NS + round(number * PERIOD_NS + LOST_MS * 1e6))
+
+
+READERS: list[Callable[[Timeline], object]] = [
+    Timeline.fit,
+    lambda line: line.frame_at(BEFORE),
+    lambda line: line.ns_of(100 * BLOCK),
+    lambda line: line.ns_of(102 * BLOCK),
+]
+
+
+def test_whoever_reads_while_a_gap_is_found_reads_the_line_before_it_or_the_one_after() -> None:
+    line = about_to_find_a_gap()
+    read: list[int] = []
+
+    def look(_point: int) -> None:
+        line.fit()
+        read.extend((line.ns_of(100 * BLOCK), line.ns_of(102 * BLOCK) - round(2 * PERIOD_NS)))
+        assert line.frame_at(BEFORE) in (100 * BLOCK, 100 * BLOCK - round(LOST_MS / 1e3 * RATE_HZ))
+
+    interleaved.points(timeline, lambda: goes_on(line, range(103, 104)), look)
+    assert line.gaps == 1
+    assert all(min(abs(each - BEFORE), abs(each - AFTER)) <= 2 for each in read)
+    assert abs(read[0] - BEFORE) <= 2
+    assert abs(line.ns_of(100 * BLOCK) - AFTER) <= 2
+
+
+@pytest.mark.parametrize("callbacks", [range(103, 104), range(103, 103 + 2 * WINDOW)])
+@pytest.mark.parametrize("reader", READERS)
+def test_a_gap_that_is_found_while_somebody_reads_leaves_something_to_read(
+    reader: Callable[[Timeline], object], callbacks: range
+) -> None:
+    still = about_to_find_a_gap()
+    for point in range(interleaved.points(timeline, lambda: reader(still), lambda _: None)):
+        line = about_to_find_a_gap()
+
+        def meanwhile(at: int, line: Timeline = line, point: int = point) -> None:
+            if at == point:
+                goes_on(line, callbacks)
+
+        interleaved.points(timeline, partial(reader, line), meanwhile)
+        assert line.gaps == 1

@@ -1,0 +1,111 @@
+"""Opening and closing a stream on a library that fails: the device is let go, and the interpreter is as it was."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiment.apparatus.audio import devices
+from experiment.apparatus.audio.stream import SWITCH_S, AudioStream, StreamSettings
+from experiment.clock import MonotonicClock
+from experiment.errors import AudioError
+
+BLOCK = 64
+SETTINGS = StreamSettings("an API", "a card", 48_000, BLOCK, 1, (1.0,))
+
+
+class PortAudioError(Exception):
+    """As sounddevice has it."""
+
+
+class Library:
+    """The stream of sounddevice, whose callback comes whenever the session's thread sleeps."""
+
+    def __init__(self) -> None:
+        self.refused: BaseException | None = None
+        self.unstarted: BaseException | None = None
+        self.unclosed: BaseException | None = None
+        self.asleep: BaseException | None = None
+        self.open = 0
+        self.active = False
+
+    def stream(self, *, callback: Callable[..., None], **_others: Any) -> Library:
+        if self.refused is not None:
+            raise self.refused
+        self.open += 1
+        self.callback = callback
+        return self
+
+    def start(self) -> None:
+        if self.unstarted is not None:
+            raise self.unstarted
+        self.active = True
+
+    def close(self) -> None:
+        self.open -= 1
+        self.active = False
+        if self.unclosed is not None:
+            raise self.unclosed
+
+    def slept(self, _ns: int) -> None:
+        if self.asleep is not None:
+            raise self.asleep
+        self.callback(np.zeros((BLOCK, 1), np.float32), np.zeros((BLOCK, 1), np.float32), BLOCK, None, 0)
+
+
+@pytest.fixture
+def library(monkeypatch: pytest.MonkeyPatch) -> Iterator[Library]:
+    made = Library()
+    offered = SimpleNamespace(Stream=made.stream, PortAudioError=PortAudioError, CallbackAbort=RuntimeError)
+    monkeypatch.setattr(devices, "library", lambda: offered)
+    monkeypatch.setattr(devices, "find", lambda **_: 0)
+    monkeypatch.setattr(MonotonicClock, "sleep_ns", lambda _, ns: made.slept(ns))
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(0.005)
+    yield made
+    sys.setswitchinterval(before)
+
+
+def let_go(library: Library) -> bool:
+    return library.open == 0 and sys.getswitchinterval() == pytest.approx(0.005)
+
+
+def test_threads_take_turns_sooner_for_as_long_as_a_stream_is_open(library: Library) -> None:
+    stream = AudioStream(SETTINGS, MonotonicClock())
+    assert sys.getswitchinterval() == pytest.approx(SWITCH_S)
+    stream.close()
+    assert let_go(library)
+
+
+@pytest.mark.parametrize("where", ["refused", "unstarted"])
+@pytest.mark.parametrize(("error", "told"), [(PortAudioError("no"), AudioError), (KeyboardInterrupt(), None)])
+def test_a_stream_that_does_not_open_or_start_leaves_nothing_behind(
+    library: Library, where: str, error: BaseException, told: type[BaseException] | None
+) -> None:
+    setattr(library, where, error)
+    with pytest.raises(told or type(error)):
+        AudioStream(SETTINGS, MonotonicClock())
+    assert let_go(library)
+
+
+def test_an_interrupt_while_it_is_waited_for_is_told_and_the_device_let_go(library: Library) -> None:
+    library.asleep, library.unclosed = KeyboardInterrupt(), PortAudioError("cannot close")
+    with pytest.raises(KeyboardInterrupt):
+        AudioStream(SETTINGS, MonotonicClock())
+    assert let_go(library)
+
+
+@pytest.mark.parametrize("error", [AudioError("it stopped"), KeyboardInterrupt()])
+def test_a_stream_that_cannot_fade_is_closed_nevertheless(library: Library, error: BaseException) -> None:
+    stream = AudioStream(SETTINGS, MonotonicClock())
+    stream.play_loop(np.ones(100, np.float32), (0,)).wanted = 1.0
+    stream.wait(stream.next_frame + BLOCK)
+    library.asleep = error
+    with pytest.raises(type(error)):
+        stream.close()
+    assert let_go(library)
