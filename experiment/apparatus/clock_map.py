@@ -5,10 +5,17 @@ operating system that is busy holds a read up for 31 ms and then passes on a bur
 lower edge of what is seen, and late arrivals say nothing:
 
 - the newest sample of each read is looked at, for it waited least;
-- of each `BIN_US` of device time the read with the least delay is kept, of the last `BINS` of them;
-- drift is the median of the slopes between every two kept reads (Theil 1950; Sen 1968, J. Am. Stat. Assoc. 63), within
-  `DRIFT_LIMIT_PPM`, which no crystal exceeds. It is zero until `TRUSTED_BINS` are kept;
-- the offset is the largest that puts no kept read, nor any read since, before its own sample.
+- of each `FINE_US` of device time the read with the least delay is kept for `FINE_BINS` of them, and of each `BIN_US`
+  the one with the least of all for `BINS` of them;
+- drift is the median of the slopes between every two reads kept of `BIN_US` (Theil 1950; Sen 1968, J. Am. Stat. Assoc.
+  63), and until `TRUSTED_BINS` of them are kept, of those kept of `FINE_US`. It is zero until `TRUSTED_FINE_BINS` are
+  kept, and within `DRIFT_LIMIT_PPM`, which no resonator exceeds;
+- the offset is the largest that puts no kept read, nor any read since, before its own sample. Where drift is not known
+  yet or beyond the limit, old reads would hold the line back: then only those of the last two `FINE_US` count.
+
+So what drift is wrong by moves the newest sample by at most twice `FINE_US` of it: 1 ms in the first half second of a
+resonator that is 5000 ppm off, and 2 ms for every 10 000 ppm beyond the limit. With reads every 4 ms and stalls of
+31 ms the newest sample is within 2 ms after 0.1 s and within 0.1 ms after 5 s, up to 5000 ppm.
 
 Hence the newest sample is never put later than its arrival. A stall that leaves any read of its second untouched moves
 nothing; only while every read so far was held up is the map late, by the least of their delays. A delay that every
@@ -33,10 +40,20 @@ BINS = 64
 """Reads that are kept: about a minute, in which a crystal's rate changes by less than can be seen."""
 
 TRUSTED_BINS = 3
-"""Fewer say nothing about drift."""
+"""Fewer say less about drift than the reads kept of `FINE_US` do."""
 
-DRIFT_LIMIT_PPM = 500.0
-"""Largest drift that is believed: several times what a ceramic resonator is sold with, parts per million."""
+FINE_US = 100_000
+"""Of each such stretch one read is kept for a while, microseconds: three times the longest stall of a busy system, and
+a part of `BIN_US`."""
+
+FINE_BINS = 30
+"""Reads that are kept of `FINE_US`: as long as it takes until `TRUSTED_BINS` are."""
+
+TRUSTED_FINE_BINS = 5
+"""Fewer say nothing about drift: a stall would tilt the line."""
+
+DRIFT_LIMIT_PPM = 10_000.0
+"""Largest drift that is believed: twice what a ceramic resonator is sold with, parts per million."""
 
 _DELAY_EDGES_US = (0.0, *np.geomspace(1.0, 1e6, 121).tolist())
 
@@ -91,8 +108,9 @@ class ClockState:
         origin_us: device time of the first read, microseconds.
         origin_ns: its arrival, ns.
         newest_x: of the newest read.
-        kept: (x, y) of the read with the least delay of each stretch that is over.
-        low: (x, y) of the one of the present stretch.
+        kept: (x, y) of the read with the least delay of each `BIN_US` that is over.
+        fine: the same of each `FINE_US` that is over.
+        low: (x, y) of the one of the present `FINE_US`.
         slope: y per x.
         level: y at x = 0.
         delays: reads by how much after the line they came, counted per decade in twenty steps.
@@ -102,6 +120,7 @@ class ClockState:
     origin_ns: int
     newest_x: float
     kept: tuple[tuple[float, float], ...]
+    fine: tuple[tuple[float, float], ...]
     low: tuple[float, float]
     slope: float
     level: float
@@ -131,7 +150,7 @@ def init(device_us: int, arrived_ns: int) -> ClockState:
         arrived_ns: session time at which it came, ns.
     """
     delays = (1, *[0] * (len(_DELAY_EDGES_US) - 1))
-    return ClockState(device_us, arrived_ns, 0.0, (), (0.0, 0.0), 0.0, 0.0, delays)
+    return ClockState(device_us, arrived_ns, 0.0, (), (), (0.0, 0.0), 0.0, 0.0, delays)
 
 
 def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
@@ -144,25 +163,31 @@ def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
     """
     x = float(device_us - state.origin_us)
     y = (arrived_ns - state.origin_ns) / 1000 - x
-    kept, low, slope, level = state.kept, state.low, state.slope, state.level
-    if x // BIN_US == low[0] // BIN_US:
+    kept, fine, low, slope, level = state.kept, state.fine, state.low, state.slope, state.level
+    if x // FINE_US == low[0] // FINE_US:
         if y - slope * x < low[1] - slope * low[0]:
             low = (x, y)
         level = min(level, y - slope * x)
     else:
-        kept = (*kept, low)[-BINS:]
+        fine = (*fine, low)[-FINE_BINS:]
+        if x // BIN_US != low[0] // BIN_US:
+            over = [read for read in fine if read[0] // BIN_US == low[0] // BIN_US]
+            kept = (*kept, min(over, key=lambda read: read[1] - slope * read[0]))[-BINS:]
         low = (x, y)
-        slope = _slope(kept)
-        level = min(at_y - slope * at_x for at_x, at_y in (*kept, low))
+        known, slope = _slope(kept, fine)
+        counted = (*kept, *fine, low) if known else (fine[-1], low)
+        level = min(at_y - slope * at_x for at_x, at_y in counted)
     place = min(bisect_left(_DELAY_EDGES_US, y - slope * x - level), len(state.delays) - 1)
     delays = (*state.delays[:place], state.delays[place] + 1, *state.delays[place + 1 :])
-    return ClockState(state.origin_us, state.origin_ns, x, kept, low, slope, level, delays)
+    return ClockState(state.origin_us, state.origin_ns, x, kept, fine, low, slope, level, delays)
 
 
-def _slope(kept: tuple[tuple[float, float], ...]) -> float:
-    if len(kept) < TRUSTED_BINS:
-        return 0.0
-    x, y = np.array(kept).T
+def _slope(kept: tuple[tuple[float, float], ...], fine: tuple[tuple[float, float], ...]) -> tuple[bool, float]:
+    """Whether drift is known and within the limit, and the slope to go by."""
+    if len(kept) < TRUSTED_BINS and len(fine) < TRUSTED_FINE_BINS:
+        return False, 0.0
+    x, y = np.array(kept if len(kept) >= TRUSTED_BINS else fine).T
     first, second = np.triu_indices(x.size, 1)
-    slopes = (y[second] - y[first]) / (x[second] - x[first])
-    return float(np.clip(np.median(slopes), -DRIFT_LIMIT_PPM * 1e-6, DRIFT_LIMIT_PPM * 1e-6))
+    slope = float(np.median((y[second] - y[first]) / (x[second] - x[first])))
+    limit = DRIFT_LIMIT_PPM * 1e-6
+    return abs(slope) < limit, min(max(slope, -limit), limit)

@@ -16,7 +16,10 @@ from experiment.clock import Clock
 from experiment.errors import TrackerError
 
 LISTEN_S = 4.5
-"""How long the tracker is listened to, s: the clock map says nothing of drift before three whole seconds."""
+"""How long the tracker is listened to, s: from three whole seconds on the clock map tells drift to some ppm."""
+
+CRYSTAL_PPM = 500.0
+"""More than any crystal drifts, parts per million; a ceramic resonator may be ten times as far off."""
 
 RATE_PART = 0.01
 """By how much the rate may differ from the rig file's, as a part of it."""
@@ -133,13 +136,15 @@ def rate(heard: Heard, settings: TrackerRig) -> Check:
 def drift(heard: Heard) -> Check:
     """Whether the device's clock runs as this machine's does."""
     ppm = heard.clock_map.drift_ppm
+    off = f"; no crystal's but a resonator's: the foot's speed is off by {abs(ppm) * 1e-4:.1f} %"
     return judged(
         "tracker clock",
         abs(ppm) < DRIFT_LIMIT_PPM,
-        f"drift {ppm:+.0f} ppm against this machine's clock over {heard.clock_map.span_s:.1f} s",
+        f"drift {ppm:+.0f} ppm against this machine's clock over {heard.clock_map.span_s:.1f} s"
+        + (off if CRYSTAL_PPM <= abs(ppm) < DRIFT_LIMIT_PPM else ""),
         allowed=f"less than {DRIFT_LIMIT_PPM:g} ppm either way",
-        remedy="see that the firmware counts microseconds and the board has a crystal; on a loaded machine, close "
-        "other programs and check again",
+        remedy="see that the firmware counts microseconds and the board has a crystal or a resonator; on a loaded "
+        "machine, close other programs and check again",
     )
 
 

@@ -39,7 +39,10 @@ RECONNECT_S = 300.0
 """How long a session with a participant in the room waits for a tracker that stopped, s."""
 
 CLOCKS_PART_US = 10e6
-"""Device and session time may part by this much: a slow step, and the drift of two crystals over a session."""
+"""Device and session time may part by this much: a slow step, and what came before the first."""
+
+CLOCKS_DRIFT = 0.01
+"""And by this part of the time passed: the largest drift that clock_map.py believes, twice a ceramic resonator's."""
 
 
 @dataclass(frozen=True)
@@ -213,7 +216,7 @@ class Attempts:
         # Where the foot is late on one clock and early on the other, the device restarted between two steps.
         passed_us = (now_ns - self._opened.t_ns) / 1e3
         ahead_us = at_us - self._opened.device_us - passed_us
-        if abs(ahead_us) <= CLOCKS_PART_US:
+        if abs(ahead_us) <= CLOCKS_PART_US + CLOCKS_DRIFT * abs(passed_us):
             return None
         # The step was now, whatever its device says.
         self._write(TrackerOpened(port=port, device_us=at_us, t_ns=now_ns))

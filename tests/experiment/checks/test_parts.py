@@ -40,9 +40,18 @@ def test_one_sample_is_no_rate() -> None:
     assert tracker.rate(heard(np.arange(1), []), RIG.tracker).verdict == "red"
 
 
-@pytest.mark.parametrize(("drift_ppm", "verdict"), [(-499.0, "green"), (500.0, "red"), (-500.0, "red")])
+@pytest.mark.parametrize(("drift_ppm", "verdict"), [(-9999.0, "green"), (10_000.0, "red"), (-10_000.0, "red")])
 def test_a_clock_at_the_end_of_what_is_believed_is_red(drift_ppm: float, verdict: str) -> None:
     assert tracker.drift(heard(np.arange(2), [], drift_ppm)).verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("drift_ppm", "said"),
+    [(499.0, ""), (-5000.0, "; no crystal's but a resonator's: the foot's speed is off by 0.5 %"), (10_000.0, "")],
+)
+def test_a_resonators_drift_is_green_with_a_word(drift_ppm: float, said: str) -> None:
+    found = tracker.drift(heard(np.arange(2), [], drift_ppm))
+    assert found.measured == f"drift {drift_ppm:+.0f} ppm against this machine's clock over 0.0 s{said}"
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Masker, Samples
 from experiment.clock import ManualClock
 from experiment.errors import ActuatorError, AudioError, JournalError, PalpateError, TrackerError, TrackerStopped
@@ -197,6 +198,31 @@ def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path).reason == "complete"
     assert second.console.armed == [(2, 2), (3, 1)]
+
+
+class Drifting(ScriptedTracker):
+    """Before each step but the first 1500 s pass on its clock, and more or less on the session's."""
+
+    def __init__(self, drift_ppm: float, *, clock: ManualClock) -> None:
+        super().__init__([step_samples(n * 1_500_000_000, 150.0) for n in range(3)], clock=clock)
+        self._drift_ppm = drift_ppm
+
+    def read(self) -> Samples:
+        self.clock_map = self.clock_map or ClockMap(0, self._clock.now_ns(), self._drift_ppm)
+        due_ns = self.clock_map.session_ns(1_500_000_000 * (3 - len(self._steps)) + 1_000_000)
+        self._clock.sleep_ns(max(due_ns - self._clock.now_ns(), 0))
+        return super().read()
+
+
+@pytest.mark.parametrize("drift_ppm", [5000.0, -5000.0, 30_000.0, -30_000.0])
+def test_a_resonators_drift_over_a_session_is_no_restart(protocol: Protocol, tmp_path: Path, drift_ppm: float) -> None:
+    one = bench("cpt")
+    one.tracker = Drifting(drift_ppm, clock=one.clock)
+    if abs(drift_ppm) < 10_000:
+        assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    else:
+        with pytest.raises(TrackerError, match=r"part by -?4[3-6]\..* s; the device restarted"):
+            one.run(protocol, header("real"), tmp_path)
 
 
 def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Path) -> None:
