@@ -59,18 +59,19 @@ def open_tracker(rig: Rig, *, clock: Clock, port: str | None = None, clock_map: 
     """
     if port is None and rig.tracker.port == REHEARSAL:
         raise TrackerError(_simulated_only(rig, "tracker.port"))
-    driver = _tracker_driver(rig)
+    where, settings = port or rig.tracker.port, rig.tracker
+    if settings.driver == FRAMES:
+        from experiment.apparatus.serial_tracker import SerialTracker
+
+        return SerialTracker(where, settings, clock=clock, clock_map=clock_map)
+    driver = _foreign_driver(rig)
     try:
-        return driver(port or rig.tracker.port, rig.tracker, clock=clock, clock_map=clock_map)
+        return driver(where, settings, clock=clock, clock_map=clock_map)
     except (TypeError, ValueError, AttributeError) as error:
         raise RigError(_not_a_driver(rig, error)) from error
 
 
-def _tracker_driver(rig: Rig) -> Callable[..., Tracker]:
-    if rig.tracker.driver == FRAMES:
-        from experiment.apparatus.serial_tracker import SerialTracker
-
-        return SerialTracker
+def _foreign_driver(rig: Rig) -> Callable[..., Tracker]:
     module, _, name = rig.tracker.driver.partition(":")
     try:
         driver: Callable[..., Tracker] = getattr(importlib.import_module(module), name)

@@ -47,9 +47,16 @@ def test_calibration_finds_the_way_round_and_writes_the_rig(palpate: Palpate, tm
     assert (code, "is there already; name a new file" in err) == (2, True)
 
 
-def test_a_rig_without_its_own_latency_table_is_not_rewritten() -> None:
-    with pytest.raises(RigError, match="paste what was printed"):
-        calibration.rewritten("[audio]\nlatency = { output_ms = 1.0 }\n", {"output_ms": "2.0"})
+def test_the_latency_is_rewritten_and_all_else_stays() -> None:
+    assert calibration.rewritten("[audio]\nlatency = { output_ms = 1.0 }\n", {"output_ms": "2.0"}) == (
+        "[audio]\nlatency = { output_ms = 2.0 }\n"
+    )
+    before = "# ours\n[audio.latency]\noutput_ms = 1.0  # measured\ncalibrated_on = 2026-01-02\n\n[other]\nx = 1\n"
+    after = calibration.rewritten(before, {"output_ms": "2.667", "calibrated_on": "2026-11-21"})
+    assert after == before.replace("1.0", "2.667").replace("2026-01-02", "2026-11-21")
+
+
+def test_a_rig_without_a_latency_table_is_not_rewritten() -> None:
     with pytest.raises(RigError, match="paste what was printed"):
         calibration.rewritten("[audio.latency]\noutput_ms = 1.0\n[other]\ninput_ms = 1.0\n", {"input_ms": "2.0"})
 

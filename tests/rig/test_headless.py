@@ -38,9 +38,7 @@ def answers(root: Path, task: str) -> list[dict[str, str]]:
         return [row for row in csv.DictReader(file, delimiter="\t") if row["counted"] == "1"]
 
 
-def test_a_session_runs_in_real_time_on_a_sound_card_of_its_own(tmp_path: Path) -> None:
-    with sound.sound_card():
-        pass
+def rehearsed(tmp_path: Path) -> Path:
     root = study.rehearse(
         protocol_file=short(tmp_path),
         rig_file=shipped("rigs/headless.toml"),
@@ -50,6 +48,13 @@ def test_a_session_runs_in_real_time_on_a_sound_card_of_its_own(tmp_path: Path) 
         real_time=True,
     )
     assert [len(answers(root, task)) for task in ("virtual", "real")] == [4, 4]
+    return root
+
+
+def test_a_session_runs_in_real_time_on_a_sound_card_of_its_own(tmp_path: Path) -> None:
+    with sound.sound_card():
+        pass
+    root = rehearsed(tmp_path)
     assert all(float(row["duration"]) == 0.5 for row in answers(root, "virtual"))
     assert all(row["delivered"] == "1" for row in answers(root, "virtual"))
     entries = journal.read(next(root.glob("sourcedata/sub-01/*_task-virtual_journal.jsonl"))).entries
@@ -94,15 +99,7 @@ def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
             monkeypatch.setattr(self.panel, "felt", felt)
 
     monkeypatch.setattr(session, "SimulatedSound", Pulled)
-    root = study.rehearse(
-        protocol_file=short(tmp_path),
-        rig_file=shipped("rigs/headless.toml"),
-        out=tmp_path / "made",
-        participants=1,
-        seed=1,
-        real_time=True,
-    )
-    assert [len(answers(root, task)) for task in ("virtual", "real")] == [4, 4]
+    root = rehearsed(tmp_path)
     entries = journal.read(next(root.glob("sourcedata/sub-01/*_task-virtual_journal.jsonl"))).entries
     first, second = [entry for entry in entries if isinstance(entry, FootStep)][:2]
     for step in (first, second):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from datetime import date
 
 import numpy as np
+import tomlkit
 from numpy.typing import NDArray
 
 from experiment.apparatus.audio import delivered
@@ -140,20 +140,15 @@ def rewritten(rig_text: str, values: dict[str, str]) -> str:
         values: key -> what to write.
 
     Raises:
-        RigError: the table does not stand there as a table of its own, with each key on a line.
+        RigError: there is no such table, or it lacks one of the keys.
     """
-    head = re.search(r"^\[audio\.latency\][^\n]*\n", rig_text, re.MULTILINE)
-    missing = RigError(
-        "audio.latency: got no table of its own with a line for each key; paste what was printed instead"
-    )
-    if head is None:
-        raise missing
-    following = re.compile(r"^\s*\[", re.MULTILINE).search(rig_text, head.end())
-    end = following.start() if following else len(rig_text)
-    table = rig_text[head.end() : end]
+    document = tomlkit.parse(rig_text)
+    table = document.get("audio", {}).get("latency", {})
+    missing = sorted(set(values) - set(table))
+    if missing:
+        raise RigError(
+            f"audio.latency: got no {', '.join(missing)}; allowed: the whole table; paste what was printed instead"
+        )
     for key, value in values.items():
-        line = re.compile(rf"^(\s*{key}\s*=\s*)[^\s#]+", re.MULTILINE)
-        table, count = line.subn(rf"\g<1>{value}", table)
-        if count != 1:
-            raise missing
-    return rig_text[: head.end()] + table + rig_text[end:]
+        table[key] = tomlkit.value(value)
+    return tomlkit.dumps(document)

@@ -90,11 +90,6 @@ class Timeline:
         """Gaps seen."""
         return self._count_and_gaps[1]
 
-    @property
-    def known(self) -> bool:
-        """Whether a callback has come."""
-        return self._count_and_gaps[0] > 0
-
     def ns_of(self, frame: float) -> int:
         """Session time at which the stream takes a frame, or took it, ns; the output's latency not included."""
         count, _ = self._count_and_gaps
