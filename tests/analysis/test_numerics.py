@@ -7,6 +7,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -40,6 +41,17 @@ def test_everything_holds(result: Numerics) -> None:
     assert result.broken == ()
     assert not result.failed
     assert result.verdict.startswith("All of ")
+
+
+def test_the_command_ends_with_1_where_a_limiter_lets_nan_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    def passes(wave: np.ndarray, peak: float) -> tuple[np.ndarray, int]:
+        return np.asarray(wave, dtype=np.float64), 0
+
+    made = {"whole": numerics.compute(TINY, limit=limit), "broken": numerics.compute(TINY, limit=passes)}
+    for name, code in (("whole", 0), ("broken", 1)):
+        monkeypatch.setattr(numerics, "run", lambda name=name, **_: made[name])
+        assert CliRunner().invoke(engine, ["numerics"], catch_exceptions=False).exit_code == code
+    assert made["broken"].broken != ()
 
 
 def test_a_file_in_the_way_is_found_before_anything_is_measured(
