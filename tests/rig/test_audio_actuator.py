@@ -10,7 +10,7 @@ import pytest
 
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.audio.mixer import AT_ONCE
+from experiment.apparatus.audio.cues import AT_ONCE
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.ports import Actuator
 from experiment.apparatus.rig import Rig

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.audio import delivered as measure
-from experiment.apparatus.audio.mixer import AT_ONCE, Cue
+from experiment.apparatus.audio.cues import AT_ONCE, Cue
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.conditioning import Conditioner
 from experiment.apparatus.ports import Drive, Played, Spectrum

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.audio import sound_level
-from experiment.apparatus.audio.mixer import Block
+from experiment.apparatus.audio.cues import Block
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.ports import MaskerExposure
 from experiment.clock import Clock

@@ -1,104 +1,27 @@
 """What an audio callback does with each block: loops and stimuli mixed, limited, and the inputs kept. No device.
 
-The callback and the session's thread share no lock. A stimulus that waits lies in a deque of at most one place, and
-whoever pops it owns it: the callback to start it, the session's thread to move or withdraw it. So a stimulus either
-starts at the frame that was asked for last, or the session knows that it can no longer be moved. Whether it sounds at
-all is settled once, in the same way: whoever pops the one entry of `Cue.unsettled`, the callback to start it or the
-session's thread to withdraw it, has its way, wherever the stimulus lies meanwhile. Everything that `fill` touches was
-allocated before the stream began; what it allocates are views of it.
+The callback and the session's thread share no lock; how they share stimuli is said in cues.py. Everything that `fill`
+touches was allocated before the stream began; what it allocates are views of it.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment.apparatus.audio.cues import AT_ONCE, Block, Cue, Loop, Slot
 from experiment.errors import AudioError
 
 SLOTS = 8
 """Stimuli that may wait or sound at a time."""
 
-AT_ONCE = -1
-"""In place of a frame: with the next block."""
 
-Block = NDArray[np.float32]
-
-
-class Cue:
-    """A stimulus handed to the mixer.
-
-    The callback alone writes `started` and `late`, the session's thread alone `frame` and `withdrawn`. `done` is
-    written by whoever took it out of the mixer: the callback, or the session's thread that withdrew it while it waited.
-
-    Attributes:
-        channel: output channel, from 0.
-        samples: its length.
-        frame: frame at which its first sample is to leave, or `AT_ONCE`.
-        started: frame at which it left; None as long as it has not.
-        late: its frame had passed when the callback came to it, so it was not played.
-        withdrawn: it was taken back before it started; nothing of it sounds.
-        done: nothing more of it will sound, and the mixer holds it no longer.
-        unsettled: one entry for as long as nobody has started or withdrawn it.
-    """
-
-    __slots__ = ("channel", "done", "frame", "late", "samples", "slot", "started", "unsettled", "withdrawn")
-
-    def __init__(self, slot: int, channel: int, samples: int, frame: int) -> None:
-        self.slot = slot
-        self.channel = channel
-        self.samples = samples
-        self.frame = frame
-        self.started: int | None = None
-        self.late = False
-        self.withdrawn = False
-        self.done = False
-        self.unsettled: deque[None] = deque([None], maxlen=1)
-
-    def settle(self) -> bool:
-        """Have the say whether it sounds; False if the other side had it before."""
-        try:
-            self.unsettled.pop()
-        except IndexError:
-            return False
-        return True
-
-
-class _Slot:
-    """A place for one stimulus."""
-
-    __slots__ = ("buffer", "cue", "playing", "position", "waiting")
-
-    def __init__(self, samples: int) -> None:
-        self.buffer = np.zeros(samples, np.float32)
-        self.waiting: deque[Cue] = deque(maxlen=1)
-        self.cue: Cue | None = None
-        self.playing: Cue | None = None
-        self.position = 0
-
-
-class Loop:
-    """Samples without end, which the mixer plays with a gain that changes in ramps. The callback alone writes `gain`.
-
-    Attributes:
-        samples: one round, float32, shape (n,); frame f of the stream plays sample f modulo n.
-        channels: output channels, from 0.
-        wanted: the gain to go to.
-        step: largest change of gain from a frame to the next.
-        gain: the gain of the last frame played.
-    """
-
-    __slots__ = ("channels", "gain", "samples", "step", "wanted")
-
-    def __init__(self, samples: Block, channels: tuple[int, ...], step: float) -> None:
-        self.samples = samples
-        self.channels = channels
-        self.step = step
-        self.wanted = 0.0
-        self.gain = 0.0
+UNSHARED = 500
+"""Elements up to which numpy keeps the interpreter to itself. In a larger operation another thread may take it, and the
+callback waits until it is given back: so blocks are made in pieces."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +64,10 @@ class Mixer:
         self.limited = 0
         """Samples that the limiter changed."""
         self.loop: Loop | None = None
-        self._slots = [_Slot(layout.stimulus_frames) for _ in range(SLOTS)]
+        pieces = -(-layout.block * max(layout.outputs, layout.inputs, 1) // UNSHARED)
+        self._piece = -(-layout.block // pieces)
+        """Frames that are made at a time."""
+        self._slots = [Slot(layout.stimulus_frames) for _ in range(SLOTS)]
         self._kept = np.zeros((layout.kept_frames, layout.inputs), np.float32)
         self._ceilings = np.array(layout.ceilings, np.float32)
         self._floors = -self._ceilings
@@ -212,18 +138,11 @@ class Mixer:
             inputs: what the device heard, shape (frames, inputs).
         """
         first, frames = self.frame, len(outputs)
-        self._keep(inputs, first)
-        outputs.fill(0)
         # The limiter sees to what a sum of infinities leaves; nothing is to be said of it here.
         with np.errstate(invalid="ignore", over="ignore"):
-            if self.loop is not None:
-                self._play_loop(self.loop, outputs, first)
-            for slot in self._slots:
-                if slot.waiting:
-                    self._start(slot, first, first + frames)
-                if slot.playing is not None:
-                    self._play(slot, slot.playing, outputs, first)
-        self._limit(outputs)
+            for begin in range(0, frames, self._piece):
+                piece = slice(begin, begin + self._piece)
+                self._fill(outputs[piece], inputs[piece], first + begin)
         self.frame = first + frames
 
     def kept(self, frame: int, frames: int) -> Block:
@@ -248,6 +167,18 @@ class Mixer:
             raise AudioError(f"audio: got a wish for input from frame {frame} on; allowed: from {oldest}, ask sooner")
         return taken
 
+    def _fill(self, outputs: Block, inputs: Block, first: int) -> None:
+        self._keep(inputs, first)
+        outputs.fill(0)
+        if self.loop is not None:
+            self._play_loop(self.loop, outputs, first)
+        for slot in self._slots:
+            if slot.waiting:
+                self._start(slot, first, first + len(outputs))
+            if slot.playing is not None:
+                self._play(slot, slot.playing, outputs, first)
+        self._limit(outputs)
+
     def _keep(self, inputs: Block, first: int) -> None:
         ring = self._kept
         at = first % len(ring)
@@ -255,7 +186,7 @@ class Mixer:
         ring[at : at + until_end] = inputs[:until_end]
         ring[: len(inputs) - until_end] = inputs[until_end:]
 
-    def _start(self, slot: _Slot, first: int, end: int) -> None:
+    def _start(self, slot: Slot, first: int, end: int) -> None:
         try:
             head = slot.waiting[0]
             if head.frame >= end and head.unsettled:
@@ -275,7 +206,7 @@ class Mixer:
             slot.position = 0
             slot.playing = cue
 
-    def _play(self, slot: _Slot, cue: Cue, outputs: Block, first: int) -> None:
+    def _play(self, slot: Slot, cue: Cue, outputs: Block, first: int) -> None:
         begin = max((cue.started or 0) - first, 0)
         frames = min(cue.samples - slot.position, len(outputs) - begin)
         outputs[begin : begin + frames, cue.channel] += slot.buffer[slot.position : slot.position + frames]

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.audio import devices
-from experiment.apparatus.audio.mixer import Block, Cue, Layout, Loop, Mixer
+from experiment.apparatus.audio.cues import Block, Cue, Loop
+from experiment.apparatus.audio.mixer import Layout, Mixer
 from experiment.apparatus.audio.timeline import Fit, Timeline
 from experiment.clock import Clock
 from experiment.errors import AudioError
@@ -169,7 +170,7 @@ class AudioStream:
         return self._timeline.frame_at(t_ns)
 
     def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
-        """Have a waveform play from a frame on, or with the next block (`mixer.AT_ONCE`); see `Mixer.schedule`.
+        """Have a waveform play from a frame on, or with the next block (`cues.AT_ONCE`); see `Mixer.schedule`.
 
         Raises:
             AudioError: it cannot be scheduled, or the stream has stopped.

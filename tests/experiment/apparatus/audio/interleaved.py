@@ -8,22 +8,22 @@ from types import FrameType, ModuleType
 from typing import Any
 
 
-def points(module: ModuleType, run: Callable[[], object], meanwhile: Callable[[int], object]) -> int:
-    """Run something, and before each opcode of a module's functions something else.
+def points(modules: tuple[ModuleType, ...], run: Callable[[], object], meanwhile: Callable[[int], object]) -> int:
+    """Run something, and before each opcode of some modules' functions something else.
 
     Args:
-        module: whose functions are interrupted.
+        modules: whose functions are interrupted.
         run: what is interrupted.
         meanwhile: called with the number of the opcode, from 0; it is not interrupted itself.
 
     Returns:
         How many opcodes there were.
     """
-    passed = 0
+    passed, files = 0, {module.__file__ for module in modules}
 
     def trace(frame: FrameType, event: str, _argument: Any) -> Any:
         nonlocal passed
-        if frame.f_code.co_filename != module.__file__:
+        if frame.f_code.co_filename not in files:
             return None
         frame.f_trace_opcodes = True
         if event == "opcode":

@@ -11,10 +11,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
+from experiment.apparatus.audio import cues as queued
 from experiment.apparatus.audio import mixer as mixing
-from experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, Cue, Layout, Loop, Mixer
+from experiment.apparatus.audio.cues import AT_ONCE, Cue, Loop
+from experiment.apparatus.audio.mixer import SLOTS, Layout, Mixer
 from experiment.errors import AudioError
 from tests.experiment.apparatus.audio import interleaved
+
+MODULES = (mixing, queued)
+"""What callback and session run of their own."""
 
 ANYTHING = st.floats(allow_nan=True, allow_infinity=True, width=32)
 
@@ -182,7 +187,7 @@ def withdraw(mixed: Mixer, cue: Cue, said: list[bool]) -> None:
 def test_what_is_withdrawn_at_any_point_of_a_block_never_sounds_later(frame: int, moved: int | None) -> None:
     still = mixer()
     still.schedule(np.ones(30), channel=0, frame=frame)
-    opcodes = interleaved.points(mixing, lambda: run(still, [64]), lambda _: None)
+    opcodes = interleaved.points(MODULES, lambda: run(still, [64]), lambda _: None)
     # The session may move it at one point and withdraw it at a later one, while the callback has it in hand.
     for point in range(opcodes):
         for apart in (0, 5, 20):
@@ -203,7 +208,7 @@ def test_what_is_withdrawn_at_any_point_of_a_block_never_sounds_later(frame: int
                 if at == when[1]:
                     said.append(mixed.withdraw(cue))
 
-            interleaved.points(mixing, partial(make, mixed, made), meanwhile)
+            interleaved.points(MODULES, partial(make, mixed, made), meanwhile)
             told_truly(mixed, cue, said[0] if said else mixed.withdraw(cue), made[0])
 
 
@@ -211,7 +216,7 @@ def test_what_is_withdrawn_at_any_point_of_a_block_never_sounds_later(frame: int
 def test_a_block_that_is_made_while_something_is_withdrawn_does_as_withdraw_says(frame: int) -> None:
     still = mixer()
     gone = still.schedule(np.ones(30), channel=0, frame=frame)
-    for point in range(interleaved.points(mixing, lambda: still.withdraw(gone), lambda _: None)):
+    for point in range(interleaved.points(MODULES, lambda: still.withdraw(gone), lambda _: None)):
         mixed = mixer()
         said: list[bool] = []
         made: list[np.ndarray] = []
@@ -221,7 +226,7 @@ def test_a_block_that_is_made_while_something_is_withdrawn_does_as_withdraw_says
             if at == point:
                 made.append(run(mixed, [64, 64]))
 
-        interleaved.points(mixing, partial(withdraw, mixed, cue, said), meanwhile)
+        interleaved.points(MODULES, partial(withdraw, mixed, cue, said), meanwhile)
         told_truly(mixed, cue, said[0], made[0])
 
 
