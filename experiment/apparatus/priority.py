@@ -1,7 +1,9 @@
 """A session's threads before the machine's other work, for as long as it runs; and no collections while a foot falls.
 
 On Linux the thread that asks, and every thread and process it starts meanwhile, gets the lowest real-time priority
-(`SCHED_RR`): ordinary work waits for it, and sound servers and drivers, which run higher, do not. Where the system
+(`SCHED_RR`): ordinary work waits for it, and sound servers and drivers, which run higher, do not. A thread that a
+library starts is ordinary all the same; one that runs our code must take part (`joining`), or the session waits for an
+ordinary thread whenever that holds the interpreter. Where the system
 refuses that, it is made as little nice as the system allows. Where it allows neither, and on other systems, it stays as
 it is: a session works at any priority, and says which it has.
 
@@ -18,12 +20,12 @@ import ctypes
 import gc
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 REAL_TIME = 1
-"""The lowest of the real-time priorities."""
+"""The lowest of the real-time priorities; what the session must never hold up is one higher."""
 
 LEAST_NICE = -20
 
@@ -59,6 +61,34 @@ def raised() -> Iterator[str]:
             yield "ordinary: palpate raises it on Linux alone; close what else runs"
     finally:
         gc.unfreeze()
+
+
+def is_real_time() -> bool:
+    """Whether the calling thread runs in real time."""
+    return sys.platform == "linux" and os.sched_getscheduler(0) in (os.SCHED_RR, os.SCHED_FIFO)
+
+
+def joining() -> Callable[[], None]:
+    """What a thread that a library starts calls to run at the priority of the one that asks here, or just above it.
+
+    A thread that stands higher already stays where it is.
+    """
+    if sys.platform != "linux":
+        return lambda: None
+    real_time, nice = is_real_time(), os.getpriority(os.PRIO_PROCESS, 0)
+
+    def join() -> None:
+        if is_real_time():
+            return
+        # What the asking thread could have this one may have too, but the step above it not in any case.
+        if real_time:
+            for level in (REAL_TIME, REAL_TIME + 1):
+                with suppress(PermissionError):
+                    os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(level))
+        elif nice < os.getpriority(os.PRIO_PROCESS, 0):
+            os.setpriority(os.PRIO_PROCESS, 0, nice)
+
+    return join
 
 
 @contextmanager

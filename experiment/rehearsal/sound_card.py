@@ -22,6 +22,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
+from experiment.apparatus import priority
 from experiment.apparatus.audio import devices
 from experiment.errors import AudioError
 
@@ -31,6 +32,9 @@ DEVICE = "system"
 
 STREAM = "PortAudio"
 """The client that a session's stream is, as JACK names it."""
+
+SERVER_PRIORITY = 10
+"""Of the server's threads where the session runs in real time; JACK gives its clients five less."""
 
 READY_S = 10.0
 """How long the server may take to start, s."""
@@ -73,9 +77,14 @@ class SoundCard:
         # The server must not outlive this process, even where that is killed: the kernel ends it with its parent,
         # and -T with its last client.
         command = [*([ends, "--pdeathsig", "KILL"] if ends else []), program, *(["-S"] if exact else []), "-T"]
+        pace = (
+            ["--realtime", "--realtime-priority", str(SERVER_PRIORITY)]
+            if priority.is_real_time()
+            else ["--no-realtime"]
+        )
         try:
             with devices.looking_anew():
-                self._wiring = self._started([*command, "--no-realtime", "-n"], ["-d", "dummy", *arguments])
+                self._wiring = self._started([*command, *pace, "-n"], ["-d", "dummy", *arguments])
         except AudioError:
             self._tidy()
             raise

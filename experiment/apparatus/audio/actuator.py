@@ -79,7 +79,7 @@ class AudioActuator:
         self._requested_ns = None
         self._samples, played = self._condition(waveform_m_s2, spectrum)
         self._cue = self._stream.schedule(self._samples, channel=self._audio.channels.actuator - 1, frame=SOMETIME)
-        self._xruns = self._stream.health.xruns
+        self._xruns = self._stream.xruns
         return played
 
     def aim(self, onset_ns: int) -> bool:
@@ -154,7 +154,7 @@ class AudioActuator:
             onset_error_ms=None if onset_ns is None else (onset_ns - requested_ns) / 1e6,
             gain=None if found is None else found.gain,
             residual_db=None if found is None else found.residual_db,
-            xruns=self._stream.health.xruns - self._xruns,
+            xruns=self._stream.xruns - self._xruns,
             delivered=not reason,
             reason=reason,
         )

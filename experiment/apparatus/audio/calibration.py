@@ -96,7 +96,7 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
     """
     wave = probe(rate_hz=stream.rate_hz, peak=peak)
     reach = round(LONGEST_S * stream.rate_hz)
-    xruns = stream.health.xruns
+    xruns = stream.xruns
     lags, gains, residuals = [], [], []
     for number in range(1, probes + 1):
         cue = stream.schedule(wave, channel=output - 1, frame=stream.next_frame + 4 * stream.lead_frames)
@@ -125,7 +125,7 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
         spread_db=20 * float(np.log10(max(gains) / min(gains))) if min(gains) > 0 else np.inf,
         residual_db=float(max(residuals)),
         probes=probes,
-        xruns=stream.health.xruns - xruns,
+        xruns=stream.xruns - xruns,
         output_ms=output_ms,
         input_ms=round_trip_ms - output_ms,
         as_reported=as_reported,

@@ -8,6 +8,7 @@ at its very frame; what comes too late is never played belatedly: its cue says s
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment.apparatus import priority
 from experiment.apparatus.audio import devices
 from experiment.apparatus.audio.cues import Block, Cue, Loop
 from experiment.apparatus.audio.mixer import Layout, Mixer
@@ -35,7 +37,7 @@ FADE_S = 0.05
 """How long a loop takes from silence to full scale and back, s: a step would click."""
 
 
-SWITCH_S = 0.0005
+SWITCH_S = 0.0002
 """How long another thread of the process may hold the callback up while a stream is open, s; CPython's own is 5 ms."""
 
 
@@ -108,6 +110,7 @@ class AudioStream:
         self._timeline = Timeline(rate_hz=settings.rate_hz, block=settings.block)
         self._xruns = 0
         self._broken: Exception | None = None
+        self._join: Callable[[], None] | None = priority.joining()
         sounddevice = devices.library()
         self._abort = sounddevice.CallbackAbort
         number = devices.find(host_api=settings.host_api, name=settings.device, inputs=settings.inputs, outputs=outputs)
@@ -153,6 +156,11 @@ class AudioStream:
         """Latencies of input and output as the driver states them, s."""
         entry, out = self._stream.latency
         return float(entry), float(out)
+
+    @property
+    def xruns(self) -> int:
+        """Callbacks that the device marked, as in `health`, which takes longer."""
+        return self._xruns
 
     @property
     def health(self) -> StreamHealth:
@@ -234,6 +242,9 @@ class AudioStream:
 
     def _called(self, inputs: Block, outputs: Block, _frames: int, _time: object, status: Any) -> None:
         try:
+            if self._join is not None:
+                self._join()
+                self._join = None
             self._timeline.note(self._mixer.frame, self._clock.now_ns())
             if status:
                 self._xruns += 1

@@ -6,6 +6,7 @@ import gc
 import os
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -112,3 +113,45 @@ def test_collection_that_was_off_stays_off() -> None:
         assert not gc.isenabled()
     finally:
         gc.enable()
+
+
+def test_a_thread_that_a_library_starts_joins_just_above_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    joined: list[tuple[int, int]] = []
+
+    def called(join: Callable[[], None]) -> None:
+        join()
+        joined.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
+
+    def start(join: Callable[[], None]) -> tuple[int, int]:
+        thread = threading.Thread(target=called, args=(join,))
+        thread.start()
+        thread.join()
+        return joined[-1]
+
+    ordinary = start(priority.joining())
+    with priority.raised() as got:
+        join = priority.joining()
+    real_time = got == "real time"
+    assert start(join) == ((os.SCHED_RR, priority.REAL_TIME + 1) if real_time else ordinary)
+    assert ordinary[0] == os.sched_getscheduler(0)
+    if real_time:
+        set_before = os.sched_setscheduler
+
+        def at_most_the_lowest(who: int, policy: int, parameters: os.sched_param) -> None:
+            if parameters.sched_priority > priority.REAL_TIME:
+                refuse()
+            set_before(who, policy, parameters)
+
+        monkeypatch.setattr(os, "sched_setscheduler", at_most_the_lowest)
+        assert start(join) == (os.SCHED_RR, priority.REAL_TIME)
+
+
+def test_a_thread_that_stands_higher_stays_there() -> None:
+    with priority.raised() as got:
+        join = priority.joining()
+        if got != "real time":
+            pytest.skip("the system allows no real time")
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
+        join()
+        assert (os.sched_getscheduler(0), os.sched_getparam(0).sched_priority) == (os.SCHED_FIFO, 5)
+    assert os.sched_getscheduler(0) == os.SCHED_OTHER

@@ -1,0 +1,34 @@
+"""The priority of the threads that a real audio server starts."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+import pytest
+
+from experiment.apparatus import priority
+from experiment.apparatus.audio.cues import Block
+from experiment.apparatus.audio.mixer import Mixer
+from tests.rig import sound
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")
+def test_the_callback_never_waits_for_ordinary_work_where_the_session_does_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    ranks: list[tuple[int, int]] = []
+    fill = Mixer.fill
+
+    def noted(self: Mixer, outputs: Block, inputs: Block) -> None:
+        ranks.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
+        fill(self, outputs, inputs)
+
+    monkeypatch.setattr(Mixer, "fill", noted)
+    with priority.raised() as got, sound.sound_card(), sound.stream() as opened:
+        opened.wait(8 * sound.BLOCK)
+        session = os.sched_getparam(0).sched_priority
+    if got == "real time":
+        assert all(policy in (os.SCHED_RR, os.SCHED_FIFO) and rank > session for policy, rank in ranks)
+    else:
+        assert {policy for policy, _ in ranks} == {os.SCHED_OTHER}
