@@ -111,6 +111,7 @@ class ClockState:
         kept: (x, y) of the read with the least delay of each `BIN_US` that is over.
         fine: the same of each `FINE_US` that is over.
         low: (x, y) of the one of the present `FINE_US`.
+        known: whether drift is known, and within the limit.
         slope: y per x.
         level: y at x = 0.
         delays: reads by how much after the line they came, counted per decade in twenty steps.
@@ -122,6 +123,7 @@ class ClockState:
     kept: tuple[tuple[float, float], ...]
     fine: tuple[tuple[float, float], ...]
     low: tuple[float, float]
+    known: bool
     slope: float
     level: float
     delays: tuple[int, ...]
@@ -150,7 +152,7 @@ def init(device_us: int, arrived_ns: int) -> ClockState:
         arrived_ns: session time at which it came, ns.
     """
     delays = (1, *[0] * (len(_DELAY_EDGES_US) - 1))
-    return ClockState(device_us, arrived_ns, 0.0, (), (), (0.0, 0.0), 0.0, 0.0, delays)
+    return ClockState(device_us, arrived_ns, 0.0, (), (), (0.0, 0.0), False, 0.0, 0.0, delays)
 
 
 def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
@@ -163,7 +165,8 @@ def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
     """
     x = float(device_us - state.origin_us)
     y = (arrived_ns - state.origin_ns) / 1000 - x
-    kept, fine, low, slope, level = state.kept, state.fine, state.low, state.slope, state.level
+    kept, fine, low, known = state.kept, state.fine, state.low, state.known
+    slope, level = state.slope, state.level
     if x // FINE_US == low[0] // FINE_US:
         if y - slope * x < low[1] - slope * low[0]:
             low = (x, y)
@@ -174,19 +177,21 @@ def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
             over = [read for read in fine if read[0] // BIN_US == low[0] // BIN_US]
             kept = (*kept, min(over, key=lambda read: read[1] - slope * read[0]))[-BINS:]
         low = (x, y)
-        known, slope = _slope(kept, fine)
+        trusted = kept if len(kept) >= TRUSTED_BINS else fine if len(fine) >= TRUSTED_FINE_BINS else ()
+        if trusted is not state.kept:
+            known, slope = _slope(trusted)
         counted = (*kept, *fine, low) if known else (fine[-1], low)
         level = min(at_y - slope * at_x for at_x, at_y in counted)
     place = min(bisect_left(_DELAY_EDGES_US, y - slope * x - level), len(state.delays) - 1)
     delays = (*state.delays[:place], state.delays[place] + 1, *state.delays[place + 1 :])
-    return ClockState(state.origin_us, state.origin_ns, x, kept, fine, low, slope, level, delays)
+    return ClockState(state.origin_us, state.origin_ns, x, kept, fine, low, known, slope, level, delays)
 
 
-def _slope(kept: tuple[tuple[float, float], ...], fine: tuple[tuple[float, float], ...]) -> tuple[bool, float]:
+def _slope(reads: tuple[tuple[float, float], ...]) -> tuple[bool, float]:
     """Whether drift is known and within the limit, and the slope to go by."""
-    if len(kept) < TRUSTED_BINS and len(fine) < TRUSTED_FINE_BINS:
+    if not reads:
         return False, 0.0
-    x, y = np.array(kept if len(kept) >= TRUSTED_BINS else fine).T
+    x, y = np.array(reads).T
     first, second = np.triu_indices(x.size, 1)
     slope = float(np.median((y[second] - y[first]) / (x[second] - x[first])))
     limit = DRIFT_LIMIT_PPM * 1e-6

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterator
 from datetime import date
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
@@ -133,9 +134,14 @@ class TrackerRig(Confined):
         Args:
             counts: readings, shape (n,).
         """
-        points = self.calibration
-        heights_mm: NDArray[np.float64] = np.interp(counts, [p.counts for p in points], [p.mm for p in points])
+        heights_mm: NDArray[np.float64] = np.interp(counts, *self._points)
         return heights_mm
+
+    @cached_property
+    def _points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Readings and heights of the calibration."""
+        points = self.calibration
+        return np.array([float(point.counts) for point in points]), np.array([point.mm for point in points])
 
     def counts(self, height_mm: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
         """The reading that stands for each height, as the sensor would give it; the inverse of `height_mm`.
