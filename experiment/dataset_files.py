@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from experiment import files
 from experiment.errors import DatasetError
-from experiment.records import EVENT_COLUMNS, MASKED_COLUMNS, NO_ANSWER
+from experiment.records import EVENT_COLUMNS, FURTHER_COLUMNS, NO_ANSWER
 
 BIDS_VERSION = "1.10.0"
 MISSING = "n/a"
@@ -194,12 +194,12 @@ def write_events(root: Path, participant: str, task: TaskText, rows: Iterable[Ma
     """Write the events of one session, and the sidecar that describes every column.
 
     `participant` is a label without `sub-`; a row is one attempt, its keys are those of `records.EVENT_COLUMNS`, and of
-    `records.MASKED_COLUMNS`, which stand in the table where some row has them.
+    `records.FURTHER_COLUMNS`, each of which stands in the table where some row has it.
     """
     path = beh_path(root, participant, task.id, "events.tsv")
     attempts = list(rows)
-    masked = any(name in row for row in attempts for name in MASKED_COLUMNS)
-    texts = {**EVENT_COLUMNS, **(MASKED_COLUMNS if masked else {})}
+    known = {name for row in attempts for name in row}
+    texts = {**EVENT_COLUMNS, **{name: text for name, text in FURTHER_COLUMNS.items() if name in known}}
     count = write_table(path, tuple(texts), attempts)
     columns: dict[str, dict[str, object]] = {name: dict(text) for name, text in texts.items()}
     columns["presented"]["Levels"] = dict(task.materials)

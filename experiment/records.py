@@ -13,8 +13,9 @@ NO_ANSWER = "(none)"
 """How a trial without an answer stands in tables."""
 
 
-FORMAT: Literal[2] = 2
-"""Of the journal: models and their meaning. 1 was never written down."""
+FORMAT: Literal[3] = 3
+"""Of the journal: models and their meaning. 1 was never written down; 2 had one line from device to session time, without
+drift, for all steps since the tracker was opened, and no times of scheduling and arming."""
 
 
 class Entry(BaseModel):
@@ -38,7 +39,7 @@ class Header(Entry):
     """
 
     kind: Literal["header"] = "header"
-    format: Literal[2] = FORMAT
+    format: Literal[3] = FORMAT
     study: str
     protocol_sha256: str
     software: str
@@ -56,10 +57,7 @@ class Header(Entry):
 
 
 class TrackerOpened(Entry):
-    """The tracker's port was opened: which device time is which session time (of its first frame).
-
-    Where the two clocks turn out to have parted, once more for the step at which they had.
-    """
+    """The tracker's port was opened: which device time is which session time (of its first frame)."""
 
     kind: Literal["tracker"] = "tracker"
     port: str
@@ -168,6 +166,8 @@ class Onset(Entry):
     the newest sample it rests on; None where the foot came too fast to be predicted. `prediction_error_ms`: predicted
     minus actual contact. `contact_ns`: actual contact, session time. `scheduled_ns`: session time for which the onset
     was asked; None where the actuator cannot schedule, or was not aimed in time, so that it sounded after contact.
+    `gate_to_scheduled_ms`: from the arrival of the frame that gave the gate until the onset was first scheduled; None
+    where it never was, and in simulated time.
     `delivered`: what a loopback measured; None where there is none.
     """
 
@@ -177,6 +177,7 @@ class Onset(Entry):
     prediction_error_ms: float | None
     contact_ns: int
     scheduled_ns: int | None
+    gate_to_scheduled_ms: float | None
     delivered: Delivered | None
 
 
@@ -197,13 +198,30 @@ class Trace(Entry):
     sha256: str
 
 
+class TrackerClock(Entry):
+    """Which session time a device time is, as it was known at the end of a step: a straight line.
+
+    `anchor_us` was at `anchor_ns`, and since then the session's clock ran ahead of the device's by `drift_ppm`.
+    """
+
+    anchor_us: int
+    anchor_ns: int
+    drift_ppm: float
+
+
 class FootStep(Entry):
-    """One step of the foot, in device time, with the stimulus it set off."""
+    """One step of the foot, in device time, with the stimulus it set off.
+
+    `dead_time_ms`: from the confirmed answer to the trial before until this one was armed, without the time in which
+    its object was laid out; None where no answer came just before, and in simulated time.
+    """
 
     kind: Literal["step"] = "step"
     trial: int
     attempt: int
     presented: str
+    clock: TrackerClock
+    dead_time_ms: float | None
     gate_top_us: float
     gate_bottom_us: float
     contact_us: float
@@ -219,8 +237,8 @@ class BrokenOff(Entry):
     where it still could be.
 
     `gate_top_us`, `gate_bottom_us` and `speed_mm_s` are None where the foot had not passed the gate, `at_us` (device
-    time of the newest sample) where none had come. `felt`: something may have been felt, so the trial is put off to
-    the end of its block; else it is armed again at once.
+    time of the newest sample) and `clock` where none had come. `felt`: something may have been felt, so the trial is
+    put off to the end of its block; else it is armed again at once. `dead_time_ms`: as in `FootStep`.
     """
 
     kind: Literal["broken-off"] = "broken-off"
@@ -229,6 +247,8 @@ class BrokenOff(Entry):
     presented: str
     reason: str
     felt: bool
+    clock: TrackerClock | None
+    dead_time_ms: float | None
     at_us: int | None
     gate_top_us: float | None
     gate_bottom_us: float | None
@@ -325,7 +345,27 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
 }
 """Columns of `_events.tsv` in their order, as the sidecar describes them."""
 
-MASKED_COLUMNS: dict[str, dict[str, object]] = {
+FURTHER_COLUMNS: dict[str, dict[str, object]] = {
     "masker_level": {"Description": "Level of the masker in this attempt. n/a for silence.", "Units": "dB(A)"},
+    "prediction_error": {
+        "Description": "Contact as predicted last before the onset could no longer be moved, minus actual contact. n/a "
+        "where it was not predicted in time.",
+        "Units": "s",
+    },
+    "delivery_error": {
+        "Description": "Measured onset of the stimulus at the panel minus the onset that was asked for. n/a where "
+        "nothing measured it.",
+        "Units": "s",
+    },
+    "gate_to_scheduled": {
+        "Description": "From the arrival of the tracker's frame that gave the gate until the onset was first "
+        "scheduled. n/a where it was not.",
+        "Units": "s",
+    },
+    "dead_time": {
+        "Description": "From the confirmed answer to the trial before until this attempt was armed, without the time "
+        "in which an object was laid out. n/a where no answer came just before.",
+        "Units": "s",
+    },
 }
-"""Further columns of a session in which the rig played a masker; left out of all others."""
+"""Further columns, each left out where a session knows nothing of it, as simulated time of the last two."""

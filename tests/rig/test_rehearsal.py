@@ -121,6 +121,16 @@ def test_contact_was_predicted_in_every_virtual_trial(one: Path) -> None:
     assert all(onset.scheduled_ns is None for onset in onsets if onset)
 
 
+def test_simulated_time_claims_no_durations(one: Path) -> None:
+    steps = [e for e in journal.read(places.journal_path(one, "01", "virtual")).entries if e.kind == "step"]
+    assert {step.dead_time_ms for step in steps} == {None}
+    assert {step.onset.gate_to_scheduled_ms for step in steps if step.onset} == {None}
+    (row, *_) = counted(one, "virtual")
+    assert "prediction_error" in row
+    assert not {"delivery_error", "gate_to_scheduled", "dead_time"} & set(row)
+    assert "prediction_error" not in counted(one, "real")[0]
+
+
 def test_every_file_says_rehearsal(one: Path) -> None:
     for path in sorted(one.rglob("*")):
         relative = path.relative_to(one).as_posix()
