@@ -14,8 +14,8 @@ NO_ANSWER = "(none)"
 
 
 FORMAT: Literal[3] = 3
-"""Of the journal: models and their meaning. 1 was never written down; 2 had one line from device to session time, without
-drift, for all steps since the tracker was opened, and no times of scheduling and arming."""
+"""Of the journal: models and their meaning. 1 was never written down; 2 had one line from device to session time,
+without drift, for all steps since the tracker was opened, and no times of scheduling and arming."""
 
 
 class Entry(BaseModel):
