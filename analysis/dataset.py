@@ -17,7 +17,7 @@ import pandas as pd
 
 from analysis.exclusions import Exclusion, exclude
 from experiment.errors import DatasetError
-from experiment.records import EVENT_COLUMNS, NO_ANSWER
+from experiment.event_columns import EVENT_COLUMNS, NO_ANSWER
 
 if TYPE_CHECKING:
     from experiment.protocol.models import Protocol
@@ -56,7 +56,7 @@ class Study:
         first_tasks: the task that a participant did first, of those of whom it is known.
         attempts: one row an attempt: participant, task, trial, attempt, counted, presented, answered,
             response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, redo_reason,
-            included; and of `records.FURTHER_COLUMNS` masker_db_a, prediction_error_s, delivery_error_s,
+            included; and of `event_columns.FURTHER_COLUMNS` masker_db_a, prediction_error_s, delivery_error_s,
             gate_to_scheduled_s, dead_time_s.
         exclusions: the reason for every row that is not included, and for participants without rows.
         protocol: the protocol's copy, where the dataset holds one.

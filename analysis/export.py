@@ -18,7 +18,7 @@ from analysis.dataset import MISSING, Study
 from analysis.output import publish
 from analysis.pooling import read_pooled
 from experiment.errors import DatasetError
-from experiment.records import NO_ANSWER
+from experiment.event_columns import NO_ANSWER
 
 LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated or reconstructed", "text")
 PARTICIPANT = ("participant", "label of the participant", "text")

@@ -15,12 +15,14 @@ from experiment.apparatus import frames
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
 from experiment.errors import DatasetError
+from experiment.event_columns import NO_ANSWER
 from experiment.protocol import load
 from experiment.protocol.models import Protocol, Task
-from experiment.records import NO_ANSWER, Answer, BrokenOff, FootStep, MaskerSet, Onset, Redo, TrackerOpened
+from experiment.records import Answer, BrokenOff, FootStep, MaskerSet, Redo, TrackerOpened
 from experiment.roster import Roster
 from experiment.session import journal
 from experiment.session.places import foot_path, rig_path
+from experiment.stimulus_record import Onset
 
 RECORDINGS = Path("stimuli") / "recordings"
 """Where the recordings stand that a study's stimuli are made from."""

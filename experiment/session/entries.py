@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import LinkCounts
+from experiment.apparatus.samples import LinkCounts
 from experiment.records import BrokenOff, FootStep, Link, PlannedTrial, Trace, TrackerClock
 from experiment.session.step import BrokenStep, WatchedStep
 

@@ -12,7 +12,7 @@ from experiment.apparatus.gate import Contact
 from experiment.apparatus.landing import Landing
 from experiment.apparatus.ports import Actuator, Played
 from experiment.clock import lasted_ms
-from experiment.records import Onset, Stimulus
+from experiment.stimulus_record import Onset, Stimulus
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.gate import Contact, Gate, GateDetector
 from experiment.apparatus.landing import Landing, LandingPredictor
-from experiment.apparatus.ports import LinkCounts
 from experiment.apparatus.priority import undisturbed
+from experiment.apparatus.samples import LinkCounts
 from experiment.clock import Clock
 from experiment.errors import TrackerStopped
-from experiment.records import Onset, Stimulus
 from experiment.session.feed import Feed
 from experiment.session.sounding import Sounder, Sounding
 from experiment.session.taken import Taken
+from experiment.stimulus_record import Onset, Stimulus
 
 TAIL_US = 100_000
 """How long the foot is recorded after contact, so that the landing is on file."""

@@ -11,7 +11,6 @@ from experiment.records import (
     FootStep,
     Header,
     MaskerSet,
-    Onset,
     Phase,
     Redo,
     Resumed,
@@ -19,6 +18,7 @@ from experiment.records import (
 )
 from experiment.session.journal import Contents
 from experiment.session.resume import progress
+from experiment.stimulus_record import Onset
 
 
 def text(contents: Contents) -> str:

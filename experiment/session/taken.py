@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import LinkCounts, Samples
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.errors import TrackerStopped
 from experiment.session.feed import Feed
 

@@ -20,7 +20,7 @@ from experiment.dataset_files import (
     write_table,
 )
 from experiment.errors import DatasetError
-from experiment.records import EVENT_COLUMNS, FURTHER_COLUMNS
+from experiment.event_columns import EVENT_COLUMNS, FURTHER_COLUMNS
 from tests.analysis.datasets import trial, write_dataset
 
 samples = st.lists(st.one_of(st.just(float("nan")), st.floats(-1e4, 1e4)), max_size=60)

@@ -14,7 +14,7 @@ from experiment.apparatus import clock_map as clock_maps
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap, ClockState
 from experiment.apparatus.frames import Decoder, encode
-from experiment.apparatus.ports import LinkCounts, Samples
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.apparatus.serial_tracker import KEPT_S
 from experiment.clock import ManualClock
 from experiment.errors import TrackerStopped

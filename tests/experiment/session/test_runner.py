@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import Masker, Samples
+from experiment.apparatus.ports import Masker
+from experiment.apparatus.samples import Samples
 from experiment.clock import ManualClock
 from experiment.errors import ActuatorError, AudioError, JournalError, PalpateError, TrackerError, TrackerStopped
 from experiment.protocol import load
@@ -18,8 +19,6 @@ from experiment.protocol.shipped import shipped
 from experiment.records import (
     Answer,
     BrokenOff,
-    Computed,
-    Delivered,
     Footer,
     FootStep,
     Header,
@@ -31,6 +30,7 @@ from experiment.records import (
 )
 from experiment.scene import Rendered
 from experiment.session import attempt, journal, places, runner, story
+from experiment.stimulus_record import Computed, Delivered
 from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins
 from tests.experiment.session.scripted import (

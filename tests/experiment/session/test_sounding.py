@@ -13,9 +13,9 @@ from experiment.apparatus.gate import Contact
 from experiment.apparatus.landing import Landing
 from experiment.apparatus.ports import Played, Spectrum
 from experiment.clock import ManualClock
-from experiment.records import Computed, Delivered
 from experiment.scene import Rendered
 from experiment.session.sounding import Sounder, Sounding
+from experiment.stimulus_record import Computed, Delivered
 from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins
 
