@@ -27,7 +27,7 @@ from analysis.results import Results, TaskResult, compute
 from analysis.sections import sections
 from analysis.tables import WIDTH, Section, comma_separated, markdown, text
 from experiment.errors import DatasetError
-from experiment.records import NO_ANSWER
+from experiment.event_columns import NO_ANSWER
 
 DERIVATIVES = Path("derivatives") / "palpate"
 """Where results go within a dataset when no other place is named."""

@@ -18,7 +18,7 @@ from analysis.dissimilarities import Dissimilarities
 from analysis.figures import COLOURS, COLUMN_MM, HATCHES, LETTER_INCHES, MARKERS, SHADES, key, pale
 from analysis.identification import Identification
 from analysis.results import TaskResult
-from experiment.records import NO_ANSWER
+from experiment.event_columns import NO_ANSWER
 
 ACROSS = 5
 """Participants beside one another on a page of panels."""

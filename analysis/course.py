@@ -1,4 +1,5 @@
-"""How a task went, trial by trial: right answers against trial number and foot speed, onset errors, masker levels.
+"""How a task went, trial by trial: right answers against trial number and foot speed, onset errors, timing,
+masker levels.
 
 Each is there where the dataset holds what it needs; else a statement says what is missing. Trials without an answer
 are not right.
@@ -17,6 +18,7 @@ from analysis.bootstrap import RESAMPLES, bca, leave_one_out, resamples
 from analysis.dataset import Study
 from analysis.exact import NotDefined
 from analysis.intervals import Interval, wilson
+from analysis.timing import Timing, timing
 
 WINDOW = 10
 """Trials of the running mean."""
@@ -26,6 +28,7 @@ BIN_WIDTHS_MM_S = (25, 50, 100, 200, 500, 1000)
 """Of the foot's speed: the narrowest that needs no more than `MOST_BINS` bins, or the widest."""
 
 LEARNING, SPEED, ONSET, MASKER = "learning curve", "speed curve", "onset errors", "masker levels"
+TIMING = "timing"
 COLUMNS = {
     SPEED: ("foot_speed_mm_s", "the foot's speed"),
     ONSET: ("onset_error_s", "a measured onset"),
@@ -86,6 +89,7 @@ class Course:
     speed: Mapping[str, tuple[SpeedBin, ...]]
     onsets: Mapping[str, OnsetErrors]
     masker: Mapping[str, tuple[MaskerLevels, ...]]
+    timing: Mapping[str, tuple[Timing, ...]]
     statements: Mapping[tuple[str, str], str]
 
 
@@ -104,6 +108,8 @@ def course(study: Study, seed: int) -> Course:
                 said[task, name] = f"{what} is known of 0 of {len(trials)} trials"
             else:
                 known[name][task] = found
+    timed = timing(study)
+    said |= {(task, TIMING): "nothing of it was measured" for task in tasks if task not in timed}
     return Course(
         {
             task: _learning(trials, np.random.default_rng([seed, place, 1]))
@@ -113,6 +119,7 @@ def course(study: Study, seed: int) -> Course:
         {task: _speed(trials) for task, trials in known[SPEED].items()},
         {task: _onsets(trials) for task, trials in known[ONSET].items()},
         {task: _masker(trials) for task, trials in known[MASKER].items()},
+        timed,
         said,
     )
 

@@ -1,4 +1,4 @@
-"""Course of a study -> a section: right answers by speed and by trial number, onset errors, masker levels."""
+"""Course of a study -> a section: right answers by speed and by trial number, onset errors, timing, masker levels."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def course_section(found: Course) -> Section:
     for task, windows in found.learning.items():
         reasons = dict.fromkeys(one.statement for one in windows if one.statement)
         paragraphs += [f"No interval of some runs of trials, {task}: {why}." for why in reasons]
-    tables = (_learning(found), _speed(found), _onsets(found), _masker(found))
+    tables = (_learning(found), _speed(found), _onsets(found), _timing(found), _masker(found))
     return Section(
         "course",
         "Course of the tasks",
@@ -61,6 +61,19 @@ def _onsets(found: Course) -> Table:
     return Table("Measured onset minus contact", header, rows)
 
 
+def _timing(found: Course) -> Table:
+    rows = tuple(
+        (task, one.quantity, str(one.attempts),
+         *map(number, (one.median_ms, one.sd_ms, one.p99_ms, one.p999_ms, one.largest_ms)))
+        for task, quantities in found.timing.items() for one in quantities
+    )  # fmt: skip
+    header = ("task", "what", "attempts", "median (ms)", "SD (ms)", "p99", "p99.9", "largest")
+    notes = (
+        "All attempts, those that were done again among them; p99, p99.9 and largest: either way, in ms; - : too few.",
+    )
+    return Table("Timing", header, rows, left=frozenset({0, 1}), notes=notes)
+
+
 def _masker(found: Course) -> Table:
     rows = tuple(
         (task, str(len(levels)), number(statistics.median(one.median_db_a for one in levels), 1),
@@ -89,6 +102,12 @@ def _records(found: Course) -> list[Mapping[str, object]]:
     for task, errors in found.onsets.items():
         about = {"task": task, "quantity": "onset minus contact, ms", "trials": len(errors.errors_ms)}
         records.append({**about, "value": errors.mean_ms, "sd": errors.sd_ms})
+    for task, quantities in found.timing.items():
+        records += [
+            {"task": task, "quantity": f"{one.quantity}, ms", "trials": one.attempts, "value": one.median_ms,
+             "sd": one.sd_ms, "p99": one.p99_ms, "p99.9": one.p999_ms, "largest": one.largest_ms}
+            for one in quantities
+        ]  # fmt: skip
     for task, levels in found.masker.items():
         records += [
             {"task": task, "quantity": "masker, dB(A)", "of": one.participant, "value": one.median_db_a,

@@ -17,12 +17,18 @@ import pandas as pd
 
 from analysis.exclusions import Exclusion, exclude
 from experiment.errors import DatasetError
-from experiment.records import EVENT_COLUMNS, NO_ANSWER
+from experiment.event_columns import EVENT_COLUMNS, NO_ANSWER
 
 if TYPE_CHECKING:
     from experiment.protocol.models import Protocol
 
 MISSING = "n/a"
+FURTHER = {
+    "masker_db_a": "masker_level",
+    **{f"{column}_s": column for column in ("prediction_error", "delivery_error", "gate_to_scheduled", "dead_time")},
+}
+"""Name of each further column here, and in the table."""
+
 ORIGINS = ("PARTICIPANT", "REHEARSAL", "RECONSTRUCTION")
 
 
@@ -49,8 +55,9 @@ class Study:
         participants: every participant of `participants.tsv`.
         first_tasks: the task that a participant did first, of those of whom it is known.
         attempts: one row an attempt: participant, task, trial, attempt, counted, presented, answered,
-            response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, masker_db_a,
-            redo_reason, included.
+            response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, redo_reason,
+            included; and of `event_columns.FURTHER_COLUMNS` masker_db_a, prediction_error_s, delivery_error_s,
+            gate_to_scheduled_s, dead_time_s.
         exclusions: the reason for every row that is not included, and for participants without rows.
         protocol: the protocol's copy, where the dataset holds one.
     """
@@ -248,7 +255,7 @@ def _event(cells: Mapping[str, str], where: str, materials: tuple[str, ...], ori
         "frames_lost": _number(cells["frames_lost"], f"{where}: frames_lost"),
         "delivered": _number(cells["delivered"], f"{where}: delivered"),
         "onset_error_s": _number(cells["onset_error"], f"{where}: onset_error"),
-        "masker_db_a": _number(cells.get("masker_level", MISSING), f"{where}: masker_level"),
+        **{name: _number(cells.get(column, MISSING), f"{where}: {column}") for name, column in FURTHER.items()},
         "redo_reason": cells["redo_reason"],
         "included": counted == "1",
     }

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from experiment.records import NO_ANSWER
+from experiment.event_columns import NO_ANSWER
 
 if TYPE_CHECKING:
     from experiment.protocol.models import ExclusionRule

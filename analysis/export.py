@@ -18,7 +18,7 @@ from analysis.dataset import MISSING, Study
 from analysis.output import publish
 from analysis.pooling import read_pooled
 from experiment.errors import DatasetError
-from experiment.records import NO_ANSWER
+from experiment.event_columns import NO_ANSWER
 
 LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated or reconstructed", "text")
 PARTICIPANT = ("participant", "label of the participant", "text")
@@ -40,6 +40,11 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("response_time_s", "contact of the foot to the confirmed answer", "seconds"),
         ("foot_speed_mm_s", "10 mm divided by the time from 20 to 10 mm above the panel", "mm/s"),
         ("frames_lost", "tracker frames lost or damaged between arming and contact", "whole number"),
+        ("onset_error_s", "measured onset of the stimulus at the panel minus contact", "seconds"),
+        ("prediction_error_s", "contact as predicted before the point of no return minus actual contact", "seconds"),
+        ("delivery_error_s", "measured onset of the stimulus at the panel minus the onset asked for", "seconds"),
+        ("gate_to_scheduled_s", "arrival of the frame that gave the gate to the onset first scheduled", "seconds"),
+        ("dead_time_s", "confirmed answer to the trial before to this attempt armed", "seconds"),
         ("first_task", "the task that the participant did first", "text"),
     ),
     "long.csv": (

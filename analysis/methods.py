@@ -126,6 +126,12 @@ METHODS: tuple[tuple[str, str], ...] = (
     ),
     ("Onset error", "Measured onset of the stimulus at the panel minus contact of the foot, in the trials analysed."),
     (
+        "Timing",
+        "Of every attempt of the participants analysed, also of those done again. Percentiles are of the magnitude, "
+        "interpolated linearly, and given from 100 (p99) and 1,000 (p99.9) attempts on. Dead time: from a confirmed "
+        "answer until the next trial is armed, the laying out of an object left out. Simulated time has no durations.",
+    ),
+    (
         "Random draws",
         f"Resamples draw whole participants by numpy's default_rng, seeded with [{SEED}, place of the task from 0], "
         f"and a 1 after that for the learning curve: {RESAMPLES} resamples for intervals of ratios, d' and the "

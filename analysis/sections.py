@@ -16,7 +16,7 @@ from analysis.identification_sections import identification_sections
 from analysis.results import Results, TaskResult
 from analysis.tables import Section, Table, bayes_factor, interval, number, probability
 from analysis.trial_sections import trials_section
-from experiment.records import NO_ANSWER
+from experiment.event_columns import NO_ANSWER
 
 MANY = 20
 """More exclusions than this are counted by rule in a terminal, and listed in the files."""

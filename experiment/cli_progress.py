@@ -8,11 +8,23 @@ from contextlib import contextmanager
 
 @contextmanager
 def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
-    """A progress bar on standard error: what sets its total, and what moves it on."""
+    """A progress bar on standard error: what sets its total, and what moves it on.
+
+    It is not drawn before its total is set: what is refused until then leaves one line.
+    """
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), disable=quiet) as bar:
-        task = bar.add_task(label, total=None)
-        yield (lambda total: bar.update(task, total=total)), (lambda: bar.advance(task))
+    bar = Progress(*columns, console=Console(stderr=True), disable=quiet)
+    task = bar.add_task(label, total=None)
+
+    def begin(total: int) -> None:
+        bar.update(task, total=total)
+        bar.start()
+
+    try:
+        yield begin, lambda: bar.advance(task)
+    finally:
+        if bar.live.is_started:
+            bar.stop()

@@ -22,9 +22,16 @@ class Clock(Protocol):
         """Let `duration_ns` pass."""
         ...
 
+    @property
+    def simulated(self) -> bool:
+        """Whether its time moves only when somebody lets it pass."""
+        ...
+
 
 class MonotonicClock:
     """The machine's monotonic clock, anchored once to the wall clock."""
+
+    simulated = False
 
     def __init__(self) -> None:
         self._anchor_ns = time.time_ns() - time.monotonic_ns()
@@ -39,6 +46,8 @@ class MonotonicClock:
 class ManualClock:
     """Simulated time: it moves only when somebody lets time pass."""
 
+    simulated = True
+
     def __init__(self, start_ns: int) -> None:
         self._now_ns = start_ns
 
@@ -47,6 +56,16 @@ class ManualClock:
 
     def sleep_ns(self, duration_ns: int) -> None:
         self._now_ns += max(duration_ns, 0)
+
+
+def lasted_ms(clock: Clock, since_ns: int) -> float | None:
+    """How long something took this machine, ms; None in simulated time, which cannot tell.
+
+    Args:
+        clock: the session's.
+        since_ns: when it began, session time.
+    """
+    return None if clock.simulated else (clock.now_ns() - since_ns) / 1e6
 
 
 def wall_ns() -> int:

@@ -7,18 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from experiment import __version__
 from experiment import dataset_files as files
 from experiment.apparatus import frames
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.clock_map import ClockMap
 from experiment.errors import DatasetError
+from experiment.event_columns import NO_ANSWER
 from experiment.protocol import load
 from experiment.protocol.models import Protocol, Task
-from experiment.records import NO_ANSWER, Answer, BrokenOff, FootStep, MaskerSet, Onset, Redo, TrackerOpened
+from experiment.records import Answer, BrokenOff, FootStep, MaskerSet, Redo, TrackerOpened
 from experiment.roster import Roster
 from experiment.session import journal
 from experiment.session.places import foot_path, rig_path
+from experiment.stimulus_record import Onset
 
 RECORDINGS = Path("stimuli") / "recordings"
 """Where the recordings stand that a study's stimuli are made from."""
@@ -51,9 +55,29 @@ def journals(root: Path) -> list[Path]:
 @dataclass(frozen=True)
 class _Session:
     contents: journal.Contents
-    steps: tuple[tuple[FootStep | BrokenOff, float, float], ...]
-    """Each step with the device time of its contact, or of its end where it broke off, us; and s from the first frame
-    of the session's tracker."""
+    steps: tuple[Placed, ...]
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A step in the session's time.
+
+    Attributes:
+        step: as the journal has it.
+        at_us: device time of its contact, or of its end where it broke off, microseconds.
+        at_s: the same, s of the session's clock from the first frame of the session's tracker.
+        drift_ppm: by how much the session's clock ran ahead of the device's.
+    """
+
+    step: FootStep | BrokenOff
+    at_us: float
+    at_s: float
+    drift_ppm: float
+
+    def seconds(self, device_us: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Device times on the clock of `at_s`, s, shape as given."""
+        passed_s = (device_us - self.at_us) / 1e6
+        return np.asarray(self.at_s + passed_s * (1 + self.drift_ppm * 1e-6), np.float64)
 
 
 def build(root: Path) -> None:
@@ -100,21 +124,20 @@ def build(root: Path) -> None:
 
 def _read(path: Path) -> _Session:
     contents = journal.read(path)
-    zero: TrackerOpened | None = None
-    opened: TrackerOpened | None = None
-    steps: list[tuple[FootStep | BrokenOff, float, float]] = []
+    zero_ns: int | None = None
+    steps: list[Placed] = []
     for entry in contents.entries:
         if isinstance(entry, TrackerOpened):
-            zero, opened = zero or entry, entry
+            zero_ns = entry.t_ns if zero_ns is None else zero_ns
         elif isinstance(entry, FootStep | BrokenOff):
-            at_us = entry.at_us if isinstance(entry, BrokenOff) else entry.contact_us
-            if at_us is None:
+            at_us, clock = entry.at_us if isinstance(entry, BrokenOff) else entry.contact_us, entry.clock
+            if at_us is None or clock is None:
                 # No frame came.
                 continue
-            if zero is None or opened is None:
+            if zero_ns is None:
                 raise DatasetError(f"{path}: a step stands before its tracker was opened; restore it from a backup")
-            seconds = (opened.t_ns - zero.t_ns) / 1e9 + (at_us - opened.device_us) / 1e6
-            steps.append((entry, at_us, seconds))
+            at_ns = ClockMap(clock.anchor_us, clock.anchor_ns, clock.drift_ppm).session_ns(at_us)
+            steps.append(Placed(entry, at_us, (at_ns - zero_ns) / 1e9, clock.drift_ppm))
     return _Session(contents, tuple(steps))
 
 
@@ -133,7 +156,8 @@ def _rows(session: _Session, origin: files.Origin) -> list[dict[str, object]]:
         elif isinstance(entry, Redo):
             redone[entry.trial, entry.attempt] = entry.reason
     rows: list[dict[str, object]] = []
-    for step, _, seconds in session.steps:
+    for placed in session.steps:
+        step = placed.step
         attempt = step.trial, step.attempt
         answer = answers.get(attempt)
         landed = step if isinstance(step, FootStep) else None
@@ -142,7 +166,7 @@ def _rows(session: _Session, origin: files.Origin) -> list[dict[str, object]]:
         reason = redone.get(attempt, None if answer else "no answer was confirmed")
         rows.append(
             {
-                "onset": round(seconds, 6),
+                "onset": round(placed.at_s, 6),
                 "duration": stimulus.samples / stimulus.rate_hz if stimulus else None,
                 "trial": step.trial,
                 "attempt": step.attempt,
@@ -158,9 +182,23 @@ def _rows(session: _Session, origin: files.Origin) -> list[dict[str, object]]:
                 "redo_reason": step.reason if isinstance(step, BrokenOff) else reason,
                 "origin": origin,
                 **maskers[attempt],
+                **_timing_s(step),
             }
         )
     return rows
+
+
+def _timing_s(step: FootStep | BrokenOff) -> dict[str, object]:
+    """What is known of a step's timing, by column, s."""
+    onset = step.onset if isinstance(step, FootStep) else None
+    heard = onset.delivered if onset else None
+    known_ms = {
+        "prediction_error": onset.prediction_error_ms if onset else None,
+        "delivery_error": heard.onset_error_ms if heard else None,
+        "gate_to_scheduled": onset.gate_to_scheduled_ms if onset else None,
+        "dead_time": step.dead_time_ms,
+    }
+    return {column: round(ms / 1e3, 6) for column, ms in known_ms.items() if ms is not None}
 
 
 def _onset_error_s(onset: Onset | None) -> float | None:
@@ -170,7 +208,10 @@ def _onset_error_s(onset: Onset | None) -> float | None:
 
 
 def _write_foot(root: Path, session: _Session, journal_file: Path, origin: files.Origin) -> None:
-    """The foot's height on the device's own time grid; between the steps nothing was recorded."""
+    """The foot's height on a grid of the rig's rate, beginning anew with each step; between them nothing was recorded.
+
+    A device's clock that drifts leaves a place empty now and then, or puts two of its frames in one.
+    """
     if not session.steps:
         return
     header = session.contents.header
@@ -182,31 +223,32 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: files
         raw = path.read_bytes()
     except OSError as error:
         raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
-    times: list[np.ndarray] = []
-    heights: list[np.ndarray] = []
-    for step, at_us, at_s in session.steps:
+    rate_hz = rig.tracker.rate_hz
+    places: list[NDArray[np.float64]] = []
+    heights: list[NDArray[np.float64]] = []
+    for placed in session.steps:
+        step = placed.step
         part = raw[step.trace.offset : step.trace.offset + step.trace.length]
         if hashlib.sha256(part).hexdigest() != step.trace.sha256:
             raise DatasetError(
                 f"{path}: the frames of trial {step.trial} are not those that the journal names; restore the file"
             )
-        _, decoded = frames.Decoder(near_us=int(at_us)).feed(part)
-        times.append(at_s + (decoded.device_us - at_us) / 1e6)
+        _, decoded = frames.Decoder(near_us=int(placed.at_us)).feed(part)
+        seconds = placed.seconds(decoded.device_us)
+        places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
         heights.append(rig.tracker.height_mm(decoded.counts))
-    time_s, height_mm = np.concatenate(times), np.concatenate(heights)
-    cuts = np.flatnonzero(np.diff(time_s) > LONGEST_GAP_S) + 1
-    for number, (seconds, mm) in enumerate(
-        zip(np.split(time_s, cuts), np.split(height_mm, cuts), strict=True), start=1
-    ):
-        place = np.rint((seconds - seconds[0]) * rig.tracker.rate_hz).astype(np.int64)
+    cuts = np.flatnonzero(np.diff(np.concatenate(places)) > LONGEST_GAP_S * rate_hz) + 1
+    parts = (np.split(np.concatenate(whole), cuts) for whole in (places, heights))
+    for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
+        place = (on_grid - on_grid.min()).astype(np.int64)
         grid = np.full(int(place.max()) + 1, np.nan)
         grid[place] = mm
         recording = f"recording-foot{number if number > 1 else ''}_physio.tsv.gz"
         files.write_physio(
             files.beh_path(root, header.participant, header.task, recording),
             {"foot_height": files.PhysioColumn(grid, "Height of the sole above the panel.", "mm", 3)},
-            rate_hz=rig.tracker.rate_hz,
-            start_s=round(float(seconds[0]), 6),
+            rate_hz=rate_hz,
+            start_s=round(float(on_grid.min()) / rate_hz, 6),
             task=header.task,
             description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
             origin=origin,

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from experiment import files
 from experiment.errors import DatasetError
-from experiment.records import EVENT_COLUMNS, MASKED_COLUMNS, NO_ANSWER
+from experiment.event_columns import EVENT_COLUMNS, FURTHER_COLUMNS, NO_ANSWER
 
 BIDS_VERSION = "1.10.0"
 MISSING = "n/a"
@@ -193,13 +193,13 @@ def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
 def write_events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[str, object]]) -> None:
     """Write the events of one session, and the sidecar that describes every column.
 
-    `participant` is a label without `sub-`; a row is one attempt, its keys are those of `records.EVENT_COLUMNS`, and of
-    `records.MASKED_COLUMNS`, which stand in the table where some row has them.
+    `participant` is a label without `sub-`; a row is one attempt, its keys are those of `event_columns.EVENT_COLUMNS`,
+    and of `event_columns.FURTHER_COLUMNS`, each of which stands in the table where some row has it.
     """
     path = beh_path(root, participant, task.id, "events.tsv")
     attempts = list(rows)
-    masked = any(name in row for row in attempts for name in MASKED_COLUMNS)
-    texts = {**EVENT_COLUMNS, **(MASKED_COLUMNS if masked else {})}
+    known = {name for row in attempts for name in row}
+    texts = {**EVENT_COLUMNS, **{name: text for name, text in FURTHER_COLUMNS.items() if name in known}}
     count = write_table(path, tuple(texts), attempts)
     columns: dict[str, dict[str, object]] = {name: dict(text) for name, text in texts.items()}
     columns["presented"]["Levels"] = dict(task.materials)
@@ -239,7 +239,7 @@ def write_physio(
         start_s: time of the first sample on the events' clock, s.
         task: the task's id.
         description: what was recorded, with what.
-        origin: what produced it, as in `records.EVENT_COLUMNS`.
+        origin: what produced it, as in `event_columns.EVENT_COLUMNS`.
 
     Raises:
         ValueError: when the lengths differ.

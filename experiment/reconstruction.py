@@ -28,7 +28,7 @@ from experiment.dataset_files import (
     write_participants,
 )
 from experiment.errors import DatasetError
-from experiment.records import NO_ANSWER
+from experiment.event_columns import NO_ANSWER
 
 COLUMNS = ("participant", "presented", "answered", "count")
 """Header of a counts file."""
@@ -152,7 +152,7 @@ def study_text(study: str, counts: Mapping[str, Path], source: str | None = None
 
 
 def read_counts(path: Path, materials: Sequence[str]) -> Counts:
-    """Read a counts file: CSV with the header of `COLUMNS`, answers from `materials` or `records.NO_ANSWER`.
+    """Read a counts file: CSV with the header of `COLUMNS`, answers from `materials` or `event_columns.NO_ANSWER`.
 
     Raises:
         DatasetError: naming file and line, for anything that is not such a file.

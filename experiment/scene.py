@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from experiment.protocol.models import Protocol
-from experiment.records import Computed
+from experiment.stimulus_record import Computed
 
 if TYPE_CHECKING:
     import numpy as np

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from experiment.apparatus.limiter import limit
 from experiment.apparatus.ports import Drive, Played, Spectrum
 from experiment.errors import ActuatorError
-from experiment.records import Driven
+from experiment.stimulus_record import Driven
 
 
 class Conditioner:

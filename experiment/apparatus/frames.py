@@ -37,7 +37,7 @@ import numpy as np
 from cobs import cobs
 from numpy.typing import NDArray
 
-from experiment.apparatus.ports import LinkCounts
+from experiment.apparatus.samples import LinkCounts
 
 FRAME_BYTES = 12
 """Length of a frame, the closing 0x00 included."""

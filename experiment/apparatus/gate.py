@@ -30,7 +30,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.ports import Samples
+from experiment.apparatus.samples import Samples
 from experiment.protocol.models import Step
 
 SETTLED_MM = 1.0

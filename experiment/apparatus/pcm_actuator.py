@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from experiment.apparatus.conditioning import Conditioner
 from experiment.apparatus.ports import Drive, Played, Spectrum
 from experiment.errors import ActuatorError
-from experiment.records import Delivered
+from experiment.stimulus_record import Delivered
 
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 from experiment.apparatus import clock_map as clock_maps
 from experiment.apparatus.clock_map import ClockMap, ClockState
 from experiment.apparatus.frames import FRAME_BYTES, Decoder
-from experiment.apparatus.ports import LinkCounts, Samples
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.apparatus.serial_devices import identity_of, port_of
 from experiment.apparatus.serial_port import VANISHED, SerialPort, reason
 from experiment.clock import Clock, MonotonicClock

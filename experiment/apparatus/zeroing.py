@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.ports import Samples, Tracker
+from experiment.apparatus.ports import Tracker
+from experiment.apparatus.samples import Samples
 from experiment.errors import TrackerError
 
 SAMPLES = 500

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from experiment.apparatus import calibration
 from experiment.apparatus.clock_map import DRIFT_LIMIT_PPM, ClockMap
-from experiment.apparatus.ports import LinkCounts, Tracker
+from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import TrackerRig
+from experiment.apparatus.samples import LinkCounts
 from experiment.checks.verdict import Check, judged, refused, unchecked
 from experiment.clock import Clock
 from experiment.errors import TrackerError

@@ -33,7 +33,7 @@ from experiment.apparatus.ports import Drive, Spectrum
 from experiment.apparatus.rig_panel import ActuatorRig, response_table
 from experiment.errors import RecordingError
 from experiment.recordings.columns import number
-from experiment.records import Shaping
+from experiment.stimulus_record import Shaping
 from experiment.synthesis.driving import drive
 from experiment.synthesis.shaping import Response, not_rising
 from experiment.synthesis.spectra import Bins

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.ports import Actuator, Played, Spectrum
-from experiment.records import Delivered
+from experiment.stimulus_record import Delivered
 
 
 class SilentActuator:

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import Accelerometer, Heard, LinkCounts, Samples, Tracker
+from experiment.apparatus.ports import Accelerometer, Heard, Tracker
 from experiment.apparatus.rig_panel import AccelerometerRig
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.clock import Clock, ManualClock
 
 REST_NOISE_M_S2 = 0.002

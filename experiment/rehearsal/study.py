@@ -10,6 +10,7 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from multiprocessing import connection
 from pathlib import Path
@@ -94,7 +95,8 @@ def rehearse(
 
     Raises:
         DatasetError: `out` holds anything but this rehearsal.
-        PalpateError: a part failed; the same call goes on where it stopped.
+        PalpateError: a part failed; the same call goes on where it stopped. Before the first session began nothing is
+            left in `out`.
     """
     protocol = load.load(protocol_file)
     rig = rigs.load(rig_file)
@@ -117,17 +119,19 @@ def rehearse(
         out = Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}"
     out = out.resolve()
     plan = Plan("REHEARSAL", canonical.sha256(protocol), rigs.sha256(rig), count, seed, control, real_time)
-    if not _is_begun(out, plan):
-        _prepare(out, plan, protocol_file, rig_file)
     allocations = roster.allocate(protocol, seed)[:count]
     todo = [Job(out, one.participant, one.tasks, seed, control, real_time) for one in allocations]
-    total(sum(_remaining(out, protocol, job) for job in todo))
-    jobs = jobs or os.cpu_count() or 1
-    if jobs == 1 or screen is not None:
-        for job in todo:
-            rehearse_participant(job, tick, screen)
-    else:
-        _in_processes(todo, jobs, tick)
+    with ExitStack() as refused:
+        if not _is_begun(out, plan):
+            refused.enter_context(_gone_if_refused(out))
+            _prepare(out, plan, protocol_file, rig_file)
+        total(sum(_remaining(out, protocol, job) for job in todo))
+        jobs = jobs or os.cpu_count() or 1
+        if jobs == 1 or screen is not None:
+            for job in todo:
+                rehearse_participant(job, tick, screen)
+        else:
+            _in_processes(todo, jobs, tick)
     dataset.build(out)
     return out
 
@@ -169,9 +173,32 @@ def _is_begun(out: Path, plan: Plan) -> bool:
     return True
 
 
+@contextmanager
+def _gone_if_refused(out: Path) -> Iterator[None]:
+    """Have `out`, which holds nothing yet, be as it was before where this ends before the first session has begun."""
+    was_there, made = out.exists(), [above for above in out.parents if not above.exists()]
+    try:
+        yield
+    except BaseException:
+        if not any(path.stat().st_size for path in dataset.journals(out)):
+            for folder in (_partial(out), out):
+                shutil.rmtree(folder, ignore_errors=True)
+            if was_there:
+                out.mkdir(exist_ok=True)
+            for folder in made:
+                with suppress(OSError):
+                    folder.rmdir()
+        raise
+
+
+def _partial(out: Path) -> Path:
+    """Where `out` is made."""
+    return out.with_name(f".{out.name}.partial")
+
+
 def _prepare(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> None:
     """Make the folder with all that stands before the first participant, whole or not at all."""
-    partial = out.with_name(f".{out.name}.partial")
+    partial = _partial(out)
     shutil.rmtree(partial, ignore_errors=True)
     source = partial / "sourcedata"
     source.mkdir(parents=True)

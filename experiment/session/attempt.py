@@ -5,30 +5,21 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import BinaryIO
 
 from experiment import scene as scenes
+from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.landing import NOISE_MM, LandingPredictor
-from experiment.apparatus.ports import Actuator, LinkCounts, Masker, Tracker
-from experiment.clock import Clock
+from experiment.apparatus.ports import Actuator, Masker, Tracker
+from experiment.clock import Clock, lasted_ms
 from experiment.console.port import Console
 from experiment.errors import TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records import (
-    Answer,
-    AnyEntry,
-    BrokenOff,
-    FootStep,
-    Header,
-    Link,
-    PlannedTrial,
-    Redo,
-    Trace,
-    TrackerOpened,
-)
+from experiment.records import Answer, AnyEntry, Header, PlannedTrial, Redo, Trace, TrackerOpened
 from experiment.session import answers
+from experiment.session.entries import Armed, entry
 from experiment.session.feed import Feed
 from experiment.session.masking import KEYS, Masking
 from experiment.session.sounding import Sounder
@@ -74,6 +65,14 @@ class Devices:
     priority: str = ""
 
 
+@dataclass(frozen=True)
+class _Parted:
+    """The tracker's clock has parted from the session's: the one to go by, and why the session cannot go on."""
+
+    clock: ClockMap
+    error: TrackerError
+
+
 class Attempts:
     """The attempts of one session, one after the other."""
 
@@ -116,6 +115,7 @@ class Attempts:
         )
         self._opened: TrackerOpened | None = None
         self._broken: BrokenStep | None = None
+        self._answered_ns: int | None = None
         self._outage = ""
 
     def run(self, planned: PlannedTrial, attempt: int) -> Event:
@@ -132,24 +132,25 @@ class Attempts:
             PalpateError: a part failed.
         """
         try:
-            self._arm(planned, attempt)
+            armed = Armed(planned, attempt, self._arm(planned, attempt))
         except TrackerStopped as stopped:
             # No step had begun: nothing is on file of it, and the same attempt is armed again.
             self._outage = str(stopped)
             return Event.LOST
         seen = watch(self._watch, planned.presented)
         # Whatever went wrong, the step is put on disk first: it may have been felt.
-        parted = self._map_clock(seen)
+        parted = self._parted(seen)
+        if parted is not None:
+            seen = replace(seen, clock=parted.clock)
+        self._write(entry(armed, seen, self._keep(seen.raw)))
         if isinstance(seen, BrokenStep):
             self._broken = seen
-            self._record_broken(planned, attempt, seen)
-            if failed := seen.failed or parted:
+            if failed := seen.failed or (parted and parted.error):
                 raise failed
             self._outage = seen.reason if seen.stopped else ""
             return Event.LOST if seen.stopped else Event.BROKEN_OFF
-        self._record_step(planned, attempt, seen)
         if parted is not None:
-            raise parted
+            raise parted.error
         if reason := self._repeat_reason(seen):
             self._write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
             self._devices.console.show(f"Trial {planned.trial} comes again at the end of its block: {reason}.")
@@ -165,20 +166,28 @@ class Attempts:
         """The tracker is back: its device time may be another."""
         self._opened, self._broken, self._outage = None, None, ""
 
-    def _arm(self, planned: PlannedTrial, attempt: int) -> None:
+    def _arm(self, planned: PlannedTrial, attempt: int) -> float | None:
         """Have the trial stepped. After a step that broke off the foot is still watched, so that nothing is missed.
 
-        Raises `TrackerStopped`.
+        Returns:
+            The dead time since the answer just before, ms; None without one.
+
+        Raises:
+            TrackerStopped: it cannot be watched.
         """
-        devices, broken = self._devices, self._broken
-        self._broken = None
+        devices, broken, answered_ns = self._devices, self._broken, self._answered_ns
+        self._broken = self._answered_ns = None
         if broken is not None and not broken.felt:
             devices.console.rearm(trial=planned.trial, attempt=attempt, reason=broken.reason)
-            return
+            return None
+        laid_ns = 0
         if self._scene.place:
+            begun_ns = devices.clock.now_ns()
             devices.console.place(trial=planned.trial, material=planned.presented)
+            laid_ns = devices.clock.now_ns() - begun_ns
         self._feed.drain()
         devices.console.arm(trial=planned.trial, attempt=attempt, trials=self._trials)
+        return None if answered_ns is None else lasted_ms(devices.clock, answered_ns + laid_ns)
 
     def _ask(self, planned: PlannedTrial, attempt: int, seen: WatchedStep) -> Event:
         devices, spoken = self._devices, self._protocol.answers
@@ -190,6 +199,7 @@ class Attempts:
             reason = "paused before the answer" if pauses else "asked for by the experimenter"
             self._write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
             return Event.PAUSE if pauses else Event.REDONE
+        self._answered_ns = devices.clock.now_ns()
         answered = answers.material_of(self._protocol, key)
         self._write(
             Answer(
@@ -198,68 +208,33 @@ class Attempts:
                 presented=planned.presented,
                 answered=answered,
                 key=key,
-                response_time_s=(devices.clock.now_ns() - seen.contact_ns) / 1e9,
+                response_time_s=(self._answered_ns - seen.contact_ns) / 1e9,
             )
         )
         devices.console.confirmed(trial=planned.trial, answer=answered)
         return Event.ANSWERED
 
-    def _map_clock(self, seen: WatchedStep | BrokenStep) -> TrackerError | None:
-        """Journal which device time is which session time; returns why the session cannot go on, if it cannot."""
-        if seen.first_us is None or seen.first_ns is None:
+    def _parted(self, seen: WatchedStep | BrokenStep) -> _Parted | None:
+        """Journal the tracker's first frame; returns whether its clock has parted from the session's since."""
+        if seen.first_us is None or seen.clock is None:
             return None
         port, now_ns = self._devices.tracker_port, self._devices.clock.now_ns()
         at_us = (seen.at_us or 0) if isinstance(seen, BrokenStep) else int(seen.contact.us)
         if self._opened is None:
-            self._opened = TrackerOpened(port=port, device_us=seen.first_us, t_ns=seen.first_ns)
+            first_ns = seen.clock.session_ns(seen.first_us)
+            self._opened = TrackerOpened(port=port, device_us=seen.first_us, t_ns=first_ns)
             self._write(self._opened)
         # Where the foot is late on one clock and early on the other, the device restarted between two steps.
         passed_us = (now_ns - self._opened.t_ns) / 1e3
         ahead_us = at_us - self._opened.device_us - passed_us
         if abs(ahead_us) <= CLOCKS_PART_US + CLOCKS_DRIFT * abs(passed_us):
             return None
-        # The step was now, whatever its device says.
-        self._write(TrackerOpened(port=port, device_us=at_us, t_ns=now_ns))
-        return TrackerError(
+        error = TrackerError(
             f"tracker at {port}: its clock and the session's part by {ahead_us / 1e6:.1f} s; "
             "the device restarted, or does not count microseconds; see to it, then resume the session"
         )
-
-    def _record_step(self, planned: PlannedTrial, attempt: int, seen: WatchedStep) -> None:
-        trace = self._keep(seen.raw)
-        self._write(
-            FootStep(
-                trial=planned.trial,
-                attempt=attempt,
-                presented=planned.presented,
-                gate_top_us=seen.gate.top_us,
-                gate_bottom_us=seen.gate.bottom_us,
-                contact_us=seen.contact.us,
-                speed_mm_s=seen.gate.speed_mm_s,
-                link=_link(seen.link),
-                trace=trace,
-                stimulus=seen.stimulus,
-                onset=seen.onset,
-            )
-        )
-
-    def _record_broken(self, planned: PlannedTrial, attempt: int, seen: BrokenStep) -> None:
-        trace, gate = self._keep(seen.raw), seen.gate
-        self._write(
-            BrokenOff(
-                trial=planned.trial,
-                attempt=attempt,
-                presented=planned.presented,
-                reason=seen.reason,
-                felt=seen.felt,
-                at_us=seen.at_us,
-                gate_top_us=gate.top_us if gate else None,
-                gate_bottom_us=gate.bottom_us if gate else None,
-                speed_mm_s=gate.speed_mm_s if gate else None,
-                link=_link(seen.link),
-                trace=trace,
-            )
-        )
+        # The step was now, whatever its device says.
+        return _Parted(ClockMap(at_us, now_ns), error)
 
     def _keep(self, raw: bytes) -> Trace:
         """Put raw frames on disk; says where they stand."""
@@ -285,7 +260,3 @@ class Attempts:
             if broken.get(rule.when, False):
                 return f"{rule.id}: {rule.reason}"
         return None
-
-
-def _link(counts: LinkCounts) -> Link:
-    return Link(received=counts.received, lost=counts.lost, damaged=counts.damaged, repeated=counts.repeated)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from experiment.apparatus.ports import Samples, Tracker
+from experiment.apparatus.ports import Tracker
+from experiment.apparatus.samples import Samples
 
 
 class Feed:

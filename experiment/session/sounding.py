@@ -11,7 +11,8 @@ import numpy as np
 from experiment.apparatus.gate import Contact
 from experiment.apparatus.landing import Landing
 from experiment.apparatus.ports import Actuator, Played
-from experiment.records import Onset, Stimulus
+from experiment.clock import lasted_ms
+from experiment.stimulus_record import Onset, Stimulus
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,6 +47,8 @@ class Sounding:
         self._session_ns = session_ns
         self._clock = clock
         self._aimed: Landing | None = None
+        self._given_ns: int | None = None
+        self._gate_to_scheduled_ms: float | None = None
         self._scheduled_ns: int | None = None
         self._speed_mm_s: float | None = None
         self._prepared: tuple[Rendered, Played] | None = None
@@ -58,6 +61,11 @@ class Sounding:
         rendered = self._render(self._material, speed_mm_s, self._actuator.rate_hz)
         made = rendered.stimulus
         self._prepared = rendered, self._actuator.prepare(made.waveform_m_s2, made.bins)
+
+    def given(self, speed_mm_s: float, arrived_ns: int) -> None:
+        """The gate was given at a speed, mm/s, by a frame that arrived at a session time: have it ready."""
+        self._given_ns = arrived_ns
+        self.prepare(speed_mm_s)
 
     @property
     def stimulus(self) -> Stimulus | None:
@@ -92,9 +100,14 @@ class Sounding:
         late_ns = onset_ns - contact_ns
         if late_ns and self._scheduled_ns is not None and abs(self._scheduled_ns - contact_ns) <= late_ns:
             return
-        if self._actuator.aim(onset_ns):
-            self._aimed = landing
-            self._scheduled_ns = onset_ns if self._actuator.lead_ns else None
+        if not self._actuator.aim(onset_ns):
+            return
+        self._aimed = landing
+        if not self._actuator.lead_ns:
+            return
+        if self._scheduled_ns is None and self._given_ns is not None:
+            self._gate_to_scheduled_ms = lasted_ms(self._clock, self._given_ns)
+        self._scheduled_ns = onset_ns
 
     def landed(self, contact: Contact) -> None:
         """The foot is down. Raises `ActuatorError`."""
@@ -104,15 +117,24 @@ class Sounding:
         """Whether nothing of it sounds."""
         return self._prepared is None or self._actuator.withdraw()
 
-    def onset(self, contact: Contact) -> Onset:
-        """How onset and contact met, once the stimulus has ended. Raises `ActuatorError`."""
+    def onset(self, contact: Contact, contact_ns: int) -> Onset:
+        """How onset and contact met, once the stimulus has ended.
+
+        Args:
+            contact: the contact.
+            contact_ns: its session time.
+
+        Raises:
+            ActuatorError: the device cannot say.
+        """
         aimed = self._aimed
         return Onset(
             predicted_us=aimed.us if aimed else None,
             standard_error_ms=aimed.standard_error_us / 1e3 if aimed else None,
             predicted_from_us=aimed.from_us if aimed else None,
             prediction_error_ms=(aimed.us - contact.us) / 1e3 if aimed else None,
-            contact_ns=self._session_ns(contact.us),
+            contact_ns=contact_ns,
             scheduled_ns=self._scheduled_ns,
+            gate_to_scheduled_ms=self._gate_to_scheduled_ms,
             delivered=self._actuator.delivered(),
         )

@@ -11,16 +11,17 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
+from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.gate import Contact, Gate, GateDetector
 from experiment.apparatus.landing import Landing, LandingPredictor
-from experiment.apparatus.ports import LinkCounts
 from experiment.apparatus.priority import undisturbed
+from experiment.apparatus.samples import LinkCounts
 from experiment.clock import Clock
 from experiment.errors import TrackerStopped
-from experiment.records import Onset, Stimulus
 from experiment.session.feed import Feed
 from experiment.session.sounding import Sounder, Sounding
 from experiment.session.taken import Taken
+from experiment.stimulus_record import Onset, Stimulus
 
 TAIL_US = 100_000
 """How long the foot is recorded after contact, so that the landing is on file."""
@@ -43,10 +44,10 @@ class WatchedStep:
 
     Attributes:
         first_us: device time of the first sample after arming.
-        first_ns: its session time.
+        clock: the tracker's, as it was known at the end of the tail.
         gate: the passage through the gate that led to contact.
         contact: the contact.
-        contact_ns: its session time.
+        contact_ns: its session time by that clock.
         raw: every byte of the tracker from arming to the end of the tail.
         link: frames counted from arming to contact.
         stimulus: what was handed to the actuator; None in a task without synthesis.
@@ -54,7 +55,7 @@ class WatchedStep:
     """
 
     first_us: int
-    first_ns: int
+    clock: ClockMap
     gate: Gate
     contact: Contact
     contact_ns: int
@@ -70,7 +71,7 @@ class BrokenStep:
 
     Attributes:
         first_us: device time of the first sample after arming; None where none came.
-        first_ns: its session time; None likewise.
+        clock: the tracker's, as it was known in the end; None likewise.
         at_us: device time of the newest sample; None likewise.
         gate: the passage through the gate, if there was one.
         reason: why it ended.
@@ -82,7 +83,7 @@ class BrokenStep:
     """
 
     first_us: int | None
-    first_ns: int | None
+    clock: ClockMap | None
     at_us: int | None
     gate: Gate | None
     reason: str
@@ -149,7 +150,7 @@ class _Step:
             for us, mm in zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True):
                 falling = predictor.step(falling, us, mm)
                 while upcoming and upcoming[0].given_us <= us and self._contact is None:
-                    self._passed(upcoming.popleft())
+                    self._passed(upcoming.popleft(), samples.arrived_ns)
                 if self._gate is None:
                     continue
                 if self._contact is not None:
@@ -179,16 +180,18 @@ class _Step:
             self._sounding.landed(contact)
         link = taken.link(contact.us)
         taken.until(contact.us + TAIL_US)
+        clock = taken.clock()
+        contact_ns = clock.session_ns(contact.us)
         return WatchedStep(
             first_us=taken.first_us,
-            first_ns=taken.session_ns(taken.first_us),
+            clock=clock,
             gate=gate,
             contact=contact,
-            contact_ns=taken.session_ns(contact.us),
+            contact_ns=contact_ns,
             raw=taken.raw(),
             link=link,
             stimulus=self._sounding.stimulus if self._sounding is not None else None,
-            onset=self._sounding.onset(contact) if self._sounding is not None else None,
+            onset=self._sounding.onset(contact, contact_ns) if self._sounding is not None else None,
         )
 
     def withdraw(self) -> bool:
@@ -202,7 +205,7 @@ class _Step:
         withdrawn, taken = self.withdraw(), self._taken
         return BrokenStep(
             first_us=taken.first_us,
-            first_ns=taken.session_ns(taken.first_us) if taken.first_us is not None else None,
+            clock=taken.clock() if taken.first_us is not None else None,
             at_us=taken.newest_us,
             gate=self._gate,
             reason=reason,
@@ -213,10 +216,10 @@ class _Step:
             link=taken.link(taken.newest_us or 0),
         )
 
-    def _passed(self, event: Gate | Contact) -> None:
+    def _passed(self, event: Gate | Contact, arrived_ns: int) -> None:
         if isinstance(event, Contact):
             self._contact = event
             return
         self._gate = event
         if self._sounding is not None:
-            self._sounding.prepare(event.speed_mm_s)
+            self._sounding.given(event.speed_mm_s, arrived_ns)

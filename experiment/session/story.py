@@ -11,7 +11,6 @@ from experiment.records import (
     FootStep,
     Header,
     MaskerSet,
-    Onset,
     Phase,
     Redo,
     Resumed,
@@ -19,6 +18,7 @@ from experiment.records import (
 )
 from experiment.session.journal import Contents
 from experiment.session.resume import progress
+from experiment.stimulus_record import Onset
 
 
 def text(contents: Contents) -> str:
@@ -64,11 +64,12 @@ def _said(entry: AnyEntry) -> str:
             return (
                 f"trial {entry.trial}.{entry.attempt}: {entry.presented}, {entry.speed_mm_s:.1f} mm/s, {played}; "
                 f"frames {link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated"
-                f"{_met(entry.onset)}"
+                f"{_met(entry.onset)}{_dead(entry.dead_time_ms)}"
             )
         case BrokenOff():
             again = "put off to the end of the block" if entry.felt else "armed again"
-            return f"trial {entry.trial}.{entry.attempt}: {entry.presented}, broken off and {again}: {entry.reason}"
+            said = f"trial {entry.trial}.{entry.attempt}: {entry.presented}, broken off and {again}: {entry.reason}"
+            return f"{said}{_dead(entry.dead_time_ms)}"
         case Answer():
             answered = entry.answered or "no answer"
             return f"trial {entry.trial}.{entry.attempt}: answered {answered} after {entry.response_time_s:.2f} s"
@@ -84,11 +85,20 @@ def _said(entry: AnyEntry) -> str:
 
 def _met(onset: Onset | None) -> str:
     """How onset and contact met, as far as is known."""
-    if onset is None or onset.prediction_error_ms is None:
+    if onset is None:
         return ""
-    said = f"; contact predicted {onset.prediction_error_ms:+.2f} ms off"
+    said = ""
+    if onset.prediction_error_ms is not None:
+        said += f"; contact predicted {onset.prediction_error_ms:+.2f} ms off"
+    if onset.gate_to_scheduled_ms is not None:
+        said += f"; scheduled {onset.gate_to_scheduled_ms:.2f} ms after the gate"
     if onset.delivered is None:
         return said
     heard = onset.delivered
-    off = f"onset {heard.onset_error_ms:+.2f} ms off" if heard.onset_error_ms is not None else "no onset"
-    return f"{said}, {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"
+    off = f"onset {heard.onset_error_ms:+.3f} ms off what was asked" if heard.onset_error_ms is not None else "no onset"
+    return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"
+
+
+def _dead(dead_time_ms: float | None) -> str:
+    """How long after the answer before it an attempt was armed, if that is known."""
+    return "" if dead_time_ms is None else f"; armed {dead_time_ms:.1f} ms after the answer before"

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from experiment.apparatus.ports import LinkCounts, Samples
+from experiment.apparatus.clock_map import ClockMap
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.errors import TrackerStopped
 from experiment.session.feed import Feed
 
@@ -39,12 +40,16 @@ class Taken:
         self._newest, self.newest_us = samples, int(samples.device_us[-1])
         return samples
 
-    def session_ns(self, device_us: float) -> int:
-        """Session time of a device time, ns, as the tracker's clock stands now. Raises `TrackerStopped`."""
+    def clock(self) -> ClockMap:
+        """Session time of device time, as the tracker's clock stands now. Raises `TrackerStopped`."""
         clock_map = self._feed.tracker.clock_map
         if clock_map is None:
             raise TrackerStopped("tracker: got no sample since it was opened; see that the device is sampling")
-        return clock_map.session_ns(device_us)
+        return clock_map
+
+    def session_ns(self, device_us: float) -> int:
+        """Session time of a device time, ns, as `clock` says now. Raises `TrackerStopped`."""
+        return self.clock().session_ns(device_us)
 
     def until(self, device_us: float) -> None:
         """Wait for the first sample at this time or later, and leave what follows it to the next attempt.

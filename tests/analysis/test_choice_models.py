@@ -12,10 +12,10 @@ from analysis import choice_models, published
 from analysis.choice_models import Answers
 from analysis.simulated_counts import draw
 from experiment.errors import PowerError, ProtocolError
+from experiment.event_columns import NO_ANSWER
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.protocol.shipped import shipped
-from experiment.records import NO_ANSWER
 from tests.analysis.datasets import trials, write_dataset
 
 MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")

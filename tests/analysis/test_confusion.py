@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.confusion import confusion
-from experiment.records import NO_ANSWER
+from experiment.event_columns import NO_ANSWER
 
 MATERIALS = ("glass", "sand", "snow")
 rows = st.lists(

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from analysis import course as courses
-from analysis.course import BIN_WIDTHS_MM_S, LEARNING, MASKER, MOST_BINS, ONSET, SPEED, WINDOW, Course, course
+from analysis.course import BIN_WIDTHS_MM_S, LEARNING, MASKER, MOST_BINS, ONSET, SPEED, TIMING, WINDOW, Course, course
 from analysis.course_sections import course_section
 from analysis.dataset import read
 from tests.analysis.datasets import MATERIALS, trial, write_dataset
@@ -117,6 +117,7 @@ def test_what_a_dataset_lacks_is_said(tmp_path: Path) -> None:
         ("real", SPEED): "the foot's speed is known of 0 of 3 trials",
         ("real", ONSET): "a measured onset is known of 0 of 3 trials",
         ("real", MASKER): "the masker's level is known of 0 of 3 trials",
+        ("real", TIMING): "nothing of it was measured",
     }
     assert "No onset errors, real: a measured onset is known of 0 of 3 trials." in course_section(found).paragraphs
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from analysis.dataset import read
 from experiment.errors import DatasetError
-from experiment.records import NO_ANSWER
+from experiment.event_columns import NO_ANSWER
 from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
 
 EVENTS = Path("sub-02/beh/sub-02_task-virtual_events.tsv")

@@ -14,10 +14,10 @@ from analysis.dataset import Study
 from analysis.planned_tests import Question
 from analysis.results import Results, compute
 from analysis.simulated_counts import draw
+from experiment.event_columns import NO_ANSWER
 from experiment.protocol import load
 from experiment.protocol.models import PlannedTest, Protocol
 from experiment.protocol.shipped import shipped
-from experiment.records import NO_ANSWER
 from tests.analysis.datasets import trials, write_dataset
 
 MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")

@@ -28,20 +28,21 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.gate import Contact, Gate, GateDetector, GateState
 from experiment.apparatus.landing import LandingPredictor
-from experiment.apparatus.ports import Actuator, LinkCounts, Played, Samples, Spectrum
+from experiment.apparatus.ports import Actuator, Played, Spectrum
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.clock import MonotonicClock
 from experiment.console.terminal import TerminalConsole
 from experiment.protocol import load
 from experiment.protocol.models import Step
 from experiment.protocol.shipped import shipped
 from experiment.recordings.response import open_drive
-from experiment.records import Delivered
 from experiment.rehearsal import movement, study
 from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.sound import SimulatedSound
 from experiment.session.feed import Feed
 from experiment.session.sounding import Sounder
 from experiment.session.step import Watch, watch
+from experiment.stimulus_record import Delivered
 
 STEPS = 2000
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)

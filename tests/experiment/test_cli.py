@@ -80,6 +80,7 @@ def test_schedule_is_the_same_in_text_and_json(palpate: Palpate, protocol: Path)
         (["analyse", "none"], "none"),
         (["rehearse", "--participants", 16, "--out", "unused"], "the protocol has 15; give 1 to 15"),
         (["rehearse", "--rig", "none.toml", "--out", "unused"], "none.toml"),
+        (["rehearse", "--rig", shipped("rigs/headless.toml"), "--out", "unused"], "add --real-time, or give a rig"),
     ],
 )
 def test_what_is_wrong_is_one_line_and_exit_code_2(
@@ -91,6 +92,7 @@ def test_what_is_wrong_is_one_line_and_exit_code_2(
     assert (code, out) == (2, "")
     assert said in err
     assert "Traceback" not in err
+    assert "REHEARSAL" not in err, "a progress bar was drawn"
     assert list(tmp_path.iterdir()) == []
 
 

@@ -16,6 +16,8 @@ def _step(trial: int, attempt: int = 1) -> BrokenOff:
         presented="glass",
         reason="the foot turned back",
         felt=False,
+        clock=None,
+        dead_time_ms=None,
         at_us=1000 * trial,
         gate_top_us=None,
         gate_bottom_us=None,
@@ -31,7 +33,9 @@ def _masker(level_db_a: float | None) -> MaskerSet:
 
 def _levels(entries: list[AnyEntry]) -> list[object]:
     lines = tuple(Line(number, entry) for number, entry in enumerate(entries))
-    steps = tuple((entry, entry.at_us or 0, 0.0) for entry in entries if isinstance(entry, BrokenOff))
+    steps = tuple(
+        dataset.Placed(entry, entry.at_us or 0, 0.0, 0.0) for entry in entries if isinstance(entry, BrokenOff)
+    )
     rows = dataset._rows(dataset._Session(Contents(lines=lines, torn=b"", size=0, last_hash=""), steps), "PARTICIPANT")
     return [row.get("masker_level", "no column") for row in rows]
 

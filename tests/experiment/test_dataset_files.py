@@ -20,6 +20,8 @@ from experiment.dataset_files import (
     write_table,
 )
 from experiment.errors import DatasetError
+from experiment.event_columns import EVENT_COLUMNS, FURTHER_COLUMNS
+from tests.analysis.datasets import trial, write_dataset
 
 samples = st.lists(st.one_of(st.just(float("nan")), st.floats(-1e4, 1e4)), max_size=60)
 
@@ -74,6 +76,19 @@ def test_cells_of_a_table(tmp_path: Path) -> None:
     row = {"a": None, "b": True, "c": 0.1, "d": float("nan"), "e": "x y"}
     assert write_table(path, "abcdef", [row]) == 1
     assert path.read_text() == "a\tb\tc\td\te\tf\nn/a\t1\t0.1\tn/a\tx y\tn/a\n"
+
+
+def test_a_further_column_stands_in_the_table_and_its_dictionary_where_some_row_has_it(tmp_path: Path) -> None:
+    root = write_dataset(
+        tmp_path, {"1": {"real": [trial(1, "sand", "sand"), trial(2, "sand", "snow", dead_time=0.01)]}}
+    )
+    path = beh_path(root, "1", "real", "events.tsv")
+    header, *rows = [line.split("\t") for line in path.read_text().splitlines()]
+    assert header == [*EVENT_COLUMNS, "dead_time"]
+    assert [row[-1] for row in rows] == ["n/a", "0.01"]
+    described = json.loads(path.with_suffix(".json").read_text())
+    assert described["dead_time"] == FURTHER_COLUMNS["dead_time"]
+    assert not {"masker_level", "gate_to_scheduled"} & set(described)
 
 
 @pytest.mark.parametrize("cell", ["", "a\tb", "a\nb", "a\rb"])

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from analysis.dataset import read
 from experiment.dataset_files import LABELS
 from experiment.errors import DatasetError
+from experiment.event_columns import NO_ANSWER
 from experiment.reconstruction import OKAMOTO2012, StudyText, import_counts, parse_task, read_counts, study_text
-from experiment.records import NO_ANSWER
 
 HEADER = "participant,presented,answered,count\n"
 STUDY = StudyText(

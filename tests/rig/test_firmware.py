@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import Contact, Gate, GateDetector
-from experiment.apparatus.ports import LinkCounts, Samples
 from experiment.apparatus.rig import CalibrationPoint, TrackerRig
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.apparatus.serial_tracker import SerialTracker
 from experiment.errors import TrackerStopped
 from experiment.protocol.models import Step

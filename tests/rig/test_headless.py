@@ -64,6 +64,14 @@ def test_a_session_runs_in_real_time_on_a_sound_card_of_its_own(tmp_path: Path) 
     assert all(each.gain == pytest.approx(1.0, abs=1e-6) and (each.residual_db or 0.0) < -100 for each in heard)
     # Predicted from 0.1 mm of noise some 10 ms ahead: within five of the standard errors that go with it.
     assert all(abs(o.prediction_error_ms or 0.0) < 5 * (o.standard_error_ms or 0.0) for o in onsets)
+    # What was measured of the timing stands in the journal, and in the table.
+    assert all(onset.gate_to_scheduled_ms is not None and onset.gate_to_scheduled_ms > 0 for onset in onsets)
+    assert all(float(row["gate_to_scheduled"]) > 0 for row in answers(root, "virtual"))
+    assert all(float(row["delivery_error"]) == pytest.approx(0.0, abs=1e-3) for row in answers(root, "virtual"))
+    for task in ("virtual", "real"):
+        first, *others = [row for row in answers(root, task) if row["attempt"] == "1"]
+        assert first["dead_time"] == "n/a"
+        assert all(float(row["dead_time"]) > 0 for row in others)
     levels = [entry.level_db_a for entry in entries if isinstance(entry, MaskerSet)]
     assert levels[0] == 50.0
     assert levels[-1] is None

@@ -13,8 +13,8 @@ from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.frames import Decoder
 from experiment.apparatus.gate import Contact, Gate, GateDetector
-from experiment.apparatus.ports import Samples
 from experiment.apparatus.rig import Rig
+from experiment.apparatus.samples import Samples
 from experiment.clock import MonotonicClock
 from experiment.errors import RigError, TrackerStopped
 from experiment.protocol.models import Step

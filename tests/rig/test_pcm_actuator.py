@@ -25,9 +25,9 @@ from experiment.errors import ActuatorError
 from experiment.protocol import load
 from experiment.protocol.shipped import shipped
 from experiment.recordings.response import open_drive
-from experiment.records import Shaping
 from experiment.rehearsal import response, takes
 from experiment.rehearsal.panel import Panel
+from experiment.stimulus_record import Shaping
 from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins, bin_frequencies_hz, spectrum
 

@@ -121,6 +121,16 @@ def test_contact_was_predicted_in_every_virtual_trial(one: Path) -> None:
     assert all(onset.scheduled_ns is None for onset in onsets if onset)
 
 
+def test_simulated_time_claims_no_durations(one: Path) -> None:
+    steps = [e for e in journal.read(places.journal_path(one, "01", "virtual")).entries if e.kind == "step"]
+    assert {step.dead_time_ms for step in steps} == {None}
+    assert {step.onset.gate_to_scheduled_ms for step in steps if step.onset} == {None}
+    (row, *_) = counted(one, "virtual")
+    assert "prediction_error" in row
+    assert not {"delivery_error", "gate_to_scheduled", "dead_time"} & set(row)
+    assert "prediction_error" not in counted(one, "real")[0]
+
+
 def test_every_file_says_rehearsal(one: Path) -> None:
     for path in sorted(one.rglob("*")):
         relative = path.relative_to(one).as_posix()
@@ -217,6 +227,51 @@ def test_another_rehearsal_or_anything_else_in_the_folder_is_refused(tmp_path: P
     with pytest.raises(DatasetError, match="a rehearsal never writes into anything else"):
         rehearse(tmp_path / "study")
     assert (tmp_path / "study" / "data.tsv").read_text() == "precious"
+
+
+def rig_with(folder: Path, old: str, new: str) -> Path:
+    """The rehearsal's rig with one line changed, and the response table beside it."""
+    for name in ("rehearsal.toml", "rehearsal-response.csv"):
+        shutil.copyfile(shipped(f"rigs/{name}"), folder / name)
+    path = folder / "rehearsal.toml"
+    text = path.read_text("utf-8")
+    assert text.count(old) == 1
+    path.write_text(text.replace(old, new), "utf-8")
+    return path
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.parametrize("exists", [False, True])
+def test_a_rehearsal_that_is_refused_before_the_first_session_leaves_nothing(
+    tmp_path: Path, jobs: int, exists: bool
+) -> None:
+    (tmp_path / "rig").mkdir()
+    unfit = rig_with(tmp_path / "rig", "[tracker]\n", '[tracker]\ndriver = "nobody_wrote_this:Tracker"\n')
+    out = tmp_path / "new" / "rehearsal"
+    if exists:
+        out.mkdir(parents=True)
+    with pytest.raises(RigError, match="nobody_wrote_this"):
+        study.rehearse(
+            protocol_file=shipped("okamoto2012.toml"), rig_file=unfit, out=out, participants=2, seed=1, jobs=jobs
+        )
+    assert sorted(tmp_path.rglob("*")) == sorted(
+        [*tmp_path.glob("rig"), *tmp_path.glob("rig/*"), *([out.parent, out] * exists)]
+    )
+    # Another rig may be rehearsed there.
+    assert len(counted(rehearse(out), "virtual")) == 40
+
+
+def test_a_rehearsal_that_fails_after_its_first_session_began_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Foot, "step", interrupted)
+    with pytest.raises(Interrupted):
+        rehearse(tmp_path / "rehearsal")
+    assert journal.read(places.journal_path(tmp_path / "rehearsal", "01", "virtual")).lines
+
+
+def interrupted(*_: object) -> None:
+    raise KeyboardInterrupt
 
 
 def test_a_broken_journal_is_refused_and_nothing_is_overwritten(tmp_path: Path, one: Path) -> None:

@@ -14,8 +14,8 @@ import pytest
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.frames import Decoder, encode
 from experiment.apparatus.gate import Contact, Gate, GateDetector
-from experiment.apparatus.ports import LinkCounts, Samples
 from experiment.apparatus.rig import TrackerRig
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.apparatus.serial_tracker import SerialTracker
 from experiment.clock import ManualClock
 from experiment.errors import TrackerError, TrackerStopped

@@ -14,7 +14,7 @@ from experiment.apparatus.conditioning import Conditioner
 from experiment.apparatus.ports import Drive, Played, Spectrum
 from experiment.apparatus.rig_audio import AudioRig
 from experiment.errors import ActuatorError
-from experiment.records import Delivered
+from experiment.stimulus_record import Delivered
 
 SOMETIME = 2**62
 """A frame that never comes: a stimulus that is ready and not aimed yet."""

@@ -16,8 +16,8 @@ from experiment.apparatus import calibration as calibrations
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.calibration import Level
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import LinkCounts, Samples
 from experiment.apparatus.rig import Rig
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.errors import RigError, TrackerError
 from experiment.protocol.models import Step
 

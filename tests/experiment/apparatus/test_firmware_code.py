@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 
 from experiment.apparatus.frames import FRAME_BYTES, encode
 from experiment.apparatus.gate import Gate, GateDetector
-from experiment.apparatus.ports import Samples
+from experiment.apparatus.samples import Samples
 from experiment.protocol.models import Step
 from experiment.rehearsal import movement
 from tests.conftest import REPOSITORY

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.apparatus.frames import FRAME_BYTES, LONGEST_PAUSE_US, Decoder, Frames, encode
-from experiment.apparatus.ports import LinkCounts
+from experiment.apparatus.samples import LinkCounts
 
 WRAP_US = 2**32
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from experiment.apparatus.gate import Contact, Gate, GateDetector
-from experiment.apparatus.ports import Samples
+from experiment.apparatus.samples import Samples
 from experiment.protocol.models import Step
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)

@@ -17,7 +17,7 @@ from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
 from experiment.clock import ManualClock
 from experiment.errors import ActuatorError, RigError, TrackerError
 from experiment.protocol.models import Step
-from experiment.records import Shaping
+from experiment.stimulus_record import Shaping
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 

@@ -14,8 +14,8 @@ import serial
 from experiment.apparatus import serial_tracker
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.frames import Decoder, encode
-from experiment.apparatus.ports import LinkCounts
 from experiment.apparatus.rig import CalibrationPoint, TrackerRig
+from experiment.apparatus.samples import LinkCounts
 from experiment.apparatus.serial_tracker import SerialTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerError, TrackerStopped

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.apparatus import zeroing
-from experiment.apparatus.ports import Samples
+from experiment.apparatus.samples import Samples
 from experiment.errors import TrackerError
 
 

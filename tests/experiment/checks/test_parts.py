@@ -9,7 +9,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.stream import StreamHealth
 from experiment.apparatus.audio.timeline import Fit
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import LinkCounts
+from experiment.apparatus.samples import LinkCounts
 from experiment.checks import audio, tracker
 from experiment.checks.tracker import Heard
 from experiment.protocol.shipped import shipped

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from experiment.apparatus.gate import GateDetector
-from experiment.apparatus.ports import Heard, LinkCounts, Samples, Window
+from experiment.apparatus.ports import Heard, Window
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, RecordingError, RigError, TrackerStopped
 from experiment.protocol.load import load as load_protocol

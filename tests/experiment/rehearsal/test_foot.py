@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.frames import Decoder, Frames
 from experiment.apparatus.gate import Contact, Gate, GateDetector
-from experiment.apparatus.ports import LinkCounts, Samples
 from experiment.apparatus.rig import TrackerRig
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.clock import ManualClock
 from experiment.protocol.models import Step
 from experiment.rehearsal import movement

@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import LinkCounts, Played, Samples, Spectrum
+from experiment.apparatus.ports import Played, Spectrum
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerStopped
-from experiment.records import Delivered
+from experiment.stimulus_record import Delivered
 
 START_NS = 10**18
 

@@ -6,7 +6,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.records import Answer, AnyEntry, BrokenOff, Footer, FootStep, Header, Link, PlannedTrial, Redo, Trace
+from experiment.records import (
+    Answer,
+    AnyEntry,
+    BrokenOff,
+    Footer,
+    FootStep,
+    Header,
+    Link,
+    PlannedTrial,
+    Redo,
+    Trace,
+    TrackerClock,
+)
 from experiment.session.resume import progress
 from tests.experiment.session.test_journal import HEADER
 
@@ -26,6 +38,8 @@ def step(trial: int, attempt: int) -> FootStep:
         gate_bottom_us=50_000.0,
         contact_us=100_000.0,
         speed_mm_s=200.0,
+        clock=TrackerClock(anchor_us=0, anchor_ns=0, drift_ppm=0.0),
+        dead_time_ms=None,
         link=Link(received=1, lost=0, damaged=0, repeated=0),
         trace=Trace(offset=0, length=0, sha256="0" * 64),
         stimulus=None,
@@ -40,6 +54,8 @@ def broken_off(trial: int, attempt: int, *, felt: bool) -> BrokenOff:
         presented="foil",
         reason="the foot turned back",
         felt=felt,
+        clock=None,
+        dead_time_ms=None,
         at_us=90_000,
         gate_top_us=0.0,
         gate_bottom_us=50_000.0,

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import Masker, Samples
+from experiment.apparatus.ports import Masker
+from experiment.apparatus.samples import Samples
 from experiment.clock import ManualClock
 from experiment.errors import ActuatorError, AudioError, JournalError, PalpateError, TrackerError, TrackerStopped
 from experiment.protocol import load
@@ -18,8 +19,6 @@ from experiment.protocol.shipped import shipped
 from experiment.records import (
     Answer,
     BrokenOff,
-    Computed,
-    Delivered,
     Footer,
     FootStep,
     Header,
@@ -30,7 +29,8 @@ from experiment.records import (
     TrackerOpened,
 )
 from experiment.scene import Rendered
-from experiment.session import attempt, journal, places, runner
+from experiment.session import attempt, journal, places, runner, story
+from experiment.stimulus_record import Computed, Delivered
 from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins
 from tests.experiment.session.scripted import (
@@ -189,11 +189,11 @@ def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol
         one.run(protocol, header("real"), tmp_path)
     assert one.console.confirmations == [(1, "copy paper")]
     # The step is on file all the same, at the session time it was at.
-    *_, remapped, step, footer = entries(tmp_path, "real")
-    assert isinstance(remapped, TrackerOpened)
+    *_, step, footer = entries(tmp_path, "real")
     assert isinstance(step, FootStep)
     assert (step.trial, step.trace.length > 0) == (2, True)
-    assert remapped.device_us == pytest.approx(step.contact_us, abs=1)
+    assert step.clock.anchor_us == pytest.approx(step.contact_us, abs=1)
+    assert step.clock.anchor_ns == one.clock.now_ns()
     assert isinstance(footer, Footer)
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path).reason == "complete"
@@ -223,6 +223,52 @@ def test_a_resonators_drift_over_a_session_is_no_restart(protocol: Protocol, tmp
     else:
         with pytest.raises(TrackerError, match=r"part by -?4[3-6]\..* s; the device restarted"):
             one.run(protocol, header("real"), tmp_path)
+
+
+class Going(ManualClock):
+    """Passes for a clock of the machine."""
+
+    simulated = False
+
+
+class SlowConsole(ScriptedConsole):
+    """Takes a second to lay out an object, 3 ms to show an answer, and 2 ms to show a trial."""
+
+    def place(self, *, trial: int, material: str) -> None:
+        super().place(trial=trial, material=material)
+        self._clock.sleep_ns(1_000_000_000)
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        super().confirmed(trial=trial, answer=answer)
+        self._clock.sleep_ns(3_000_000)
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+        super().arm(trial=trial, attempt=attempt, trials=trials)
+        self._clock.sleep_ns(2_000_000)
+
+
+@pytest.mark.parametrize("task", ["real", "virtual"])
+def test_the_dead_time_after_an_answer_is_journaled_without_the_laying_out(
+    protocol: Protocol, tmp_path: Path, task: str
+) -> None:
+    clock = Going(START_NS)
+    one = bench("crpt")
+    one.clock, one.console = clock, SlowConsole(clock, "crpt")
+    one.tracker = ScriptedTracker([step_samples(2_000_000 * n, 150.0) for n in range(1, 5)], clock=clock)
+    one.run(protocol, header(task), tmp_path)
+    steps = [e for e in entries(tmp_path, task) if isinstance(e, FootStep)]
+    assert [(step.trial, step.attempt) for step in steps] == [(1, 1), (2, 1), (2, 2), (3, 1)]
+    # None came before the first, and what came before the third was no answer.
+    assert [step.dead_time_ms for step in steps] == [None, 5.0, None, 5.0]
+    said = story.text(journal.read(places.journal_path(tmp_path, "01", task)))
+    assert said.count("; armed 5.0 ms after the answer before") == 2
+
+
+def test_simulated_time_knows_no_dead_time(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.console = SlowConsole(one.clock, "cpt")
+    one.run(protocol, header("real"), tmp_path)
+    assert [e.dead_time_ms for e in entries(tmp_path, "real") if isinstance(e, FootStep)] == [None, None, None]
 
 
 def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Path) -> None:

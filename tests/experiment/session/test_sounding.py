@@ -6,15 +6,16 @@ import hashlib
 from collections.abc import Callable
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from experiment.apparatus.gate import Contact
 from experiment.apparatus.landing import Landing
 from experiment.apparatus.ports import Played, Spectrum
 from experiment.clock import ManualClock
-from experiment.records import Computed, Delivered
 from experiment.scene import Rendered
 from experiment.session.sounding import Sounder, Sounding
+from experiment.stimulus_record import Computed, Delivered
 from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins
 
@@ -50,6 +51,12 @@ class Aimed:
         return None
 
     def close(self) -> None: ...
+
+
+class Going(ManualClock):
+    """Passes for a clock of the machine."""
+
+    simulated = False
 
 
 def landing(ms: float) -> Landing:
@@ -90,5 +97,33 @@ def test_an_onset_is_put_off_only_where_that_brings_it_nearer_to_the_contact() -
     assert actuator.aims == [13_000_000, 12_500_000]
     sounding.aim(landing(14.5))
     assert actuator.aims[-1] == 14_500_000
-    onset = sounding.onset(Contact(us=14_400.0, given_us=14_400))
+    onset = sounding.onset(Contact(us=14_400.0, given_us=14_400), 14_400_000)
     assert (onset.scheduled_ns, onset.predicted_us) == (14_500_000, 14_500.0)
+
+
+@pytest.mark.parametrize(("clock", "waited_ms"), [(Going(0), 3.5), (ManualClock(0), None)])
+def test_how_long_it_took_from_the_gates_frame_to_the_first_schedule(
+    clock: ManualClock, waited_ms: float | None
+) -> None:
+    sounding = silent(Aimed(clock), clock)
+    clock.sleep_ns(1_000_000)
+    sounding.prepare(100.0)
+    # The frame came 0.5 ms before it was read, and was aimed 3 ms after that; where it is aimed later is no matter.
+    sounding.given(100.0, 500_000)
+    clock.sleep_ns(3_000_000)
+    sounding.aim(landing(40.0))
+    clock.sleep_ns(5_000_000)
+    sounding.aim(landing(41.0))
+    onset = sounding.onset(Contact(us=41_000.0, given_us=41_000), 41_000_000)
+    assert onset.gate_to_scheduled_ms == waited_ms
+
+
+def test_what_is_never_scheduled_has_no_time_of_it() -> None:
+    clock = Going(0)
+    actuator = Aimed(clock)
+    actuator.lead_ns = 0
+    sounding = silent(actuator, clock)
+    sounding.given(100.0, 0)
+    sounding.aim(landing(40.0))
+    onset = sounding.onset(Contact(us=40_000.0, given_us=40_000), 40_000_000)
+    assert (onset.scheduled_ns, onset.gate_to_scheduled_ms) == (None, None)

@@ -1,0 +1,70 @@
+"""Columns of the events tables made from journals; shared with analysis."""
+
+from __future__ import annotations
+
+NO_ANSWER = "(none)"
+"""How a trial without an answer stands in tables."""
+
+EVENT_COLUMNS: dict[str, dict[str, object]] = {
+    "onset": {
+        "Description": "Contact of the foot with the panel, from the first frame of the session's tracker; where a "
+        "step broke off, when it did. n/a where no clock ran.",
+        "Units": "s",
+    },
+    "duration": {"Description": "Length of the stimulus. n/a where none was played by the rig.", "Units": "s"},
+    "trial": {"Description": "Place of the trial in the realised order, from 1."},
+    "attempt": {"Description": "1 for the first attempt at this trial, 2 after one redo, and so on."},
+    "counted": {
+        "Description": "Whether this attempt is the one that counts.",
+        "Levels": {"1": "the attempt that counts", "0": "done again: see redo_reason"},
+    },
+    "presented": {"Description": "Material presented."},
+    "answered": {"Description": f"Material the participant named; {NO_ANSWER} where none was named."},
+    "response_time": {"Description": "From contact to the confirmed answer. n/a where no clock ran.", "Units": "s"},
+    "foot_speed": {"Description": "10 mm divided by the time from 20 mm to 10 mm above the panel.", "Units": "mm/s"},
+    "frames_lost": {"Description": "Tracker frames lost or damaged between arming and contact."},
+    "floored_bins": {"Description": "Bins of the synthesised spectrum floored at zero. n/a without synthesis."},
+    "delivered": {
+        "Description": "Whether the loopback heard the stimulus as it was intended. n/a where nothing measured it.",
+        "Levels": {"1": "within the rig's thresholds", "0": "late, changed or not at all"},
+    },
+    "onset_error": {
+        "Description": "Measured onset of the stimulus at the panel minus contact. n/a where nothing measured it.",
+        "Units": "s",
+    },
+    "redo_reason": {"Description": "Why this attempt was done again. n/a where it counts."},
+    "origin": {
+        "Description": "What produced this row.",
+        "Levels": {
+            "PARTICIPANT": "a participant in the room",
+            "REHEARSAL": "simulated participants, simulated materials",
+            "RECONSTRUCTION": "consistent with printed tables, no original data",
+        },
+    },
+}
+"""Columns of `_events.tsv` in their order, as the sidecar describes them."""
+
+FURTHER_COLUMNS: dict[str, dict[str, object]] = {
+    "masker_level": {"Description": "Level of the masker in this attempt. n/a for silence.", "Units": "dB(A)"},
+    "prediction_error": {
+        "Description": "Contact as predicted last before the onset could no longer be moved, minus actual contact. n/a "
+        "where it was not predicted in time.",
+        "Units": "s",
+    },
+    "delivery_error": {
+        "Description": "Measured onset of the stimulus at the panel minus the onset that was asked for. n/a where "
+        "nothing measured it.",
+        "Units": "s",
+    },
+    "gate_to_scheduled": {
+        "Description": "From the arrival of the tracker's frame that gave the gate until the onset was first "
+        "scheduled. n/a where it was not.",
+        "Units": "s",
+    },
+    "dead_time": {
+        "Description": "From the confirmed answer to the trial before until this attempt was armed, without the time "
+        "in which an object was laid out. n/a where no answer came just before.",
+        "Units": "s",
+    },
+}
+"""Further columns, each left out where a session knows nothing of it, as simulated time of the last two."""

@@ -1,0 +1,107 @@
+"""What is on record of a stimulus: how it was computed and driven, how it met the contact, and what was delivered."""
+
+from __future__ import annotations
+
+from pydantic import BaseModel, ConfigDict
+
+
+class Record(BaseModel):
+    """Base of everything that is kept on record."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
+
+
+class Shaping(Record):
+    """What frequency shaping could not reach: bins by cause, and the sum over them of amplitude asked minus reached.
+
+    Asked is what the stimulus asked for, before `scale`; what `scale` alone takes from a bin is in no sum.
+    `saturated`: above the highest drive level measured. `outside`: beyond the measured frequencies. `bounded`: held
+    back by the rig's limit of volts per m/s^2. `scale`: factor by which the whole stimulus was taken down, so that what
+    the rig's response makes of it stays within the limit of vibration; 1 where it need not be.
+    """
+
+    saturated_bins: int
+    saturated_cost_m_s2: float
+    outside_bins: int
+    outside_cost_m_s2: float
+    bounded_bins: int
+    bounded_cost_m_s2: float
+    scale: float
+
+
+class Driven(Record):
+    """The voltages of a stimulus: what shaping did, samples that the limiter changed in volts, and its peak."""
+
+    shaping: Shaping
+    limited: int
+    peak_v: float
+
+
+class Computed(Record):
+    """How the stimuli of a material are computed.
+
+    `method`: its name, with the band where bins outside it are left out. `relative_error`: what it claims at any speed.
+    """
+
+    method: str
+    relative_error: float
+
+
+class Stimulus(Record):
+    """What was synthesised and handed to the actuator.
+
+    `sha256` is that of the samples as float64, little-endian. `floored_bins` counts the bins that
+    extrapolation would have made negative, of the whole spectrum. `driven` is None where the actuator takes
+    accelerations; `computed` in journals from before it was written.
+    """
+
+    sha256: str
+    samples: int
+    rate_hz: int
+    floored_bins: int
+    extrapolated: bool
+    limited: int
+    peak_m_s2: float
+    driven: Driven | None = None
+    computed: Computed | None = None
+
+
+class Delivered(Record):
+    """What the loopback heard of one stimulus, set beside what was intended.
+
+    `requested_ns`: session time for which its first sample was asked, as reaching the panel. `onset_ns`: when it was
+    measured to reach the panel; None where nothing of it was found, as are `onset_error_ms` (measured minus asked),
+    `gain` (measured by intended) and `residual_db` (what gain and delay do not explain, relative to the intended
+    waveform). `xruns`: of the stream while it sounded. `reason` says why it does not count as delivered.
+    """
+
+    requested_ns: int
+    onset_ns: int | None
+    onset_error_ms: float | None
+    gain: float | None
+    residual_db: float | None
+    xruns: int
+    delivered: bool
+    reason: str = ""
+
+
+class Onset(Record):
+    """How a stimulus was brought together with the contact.
+
+    `predicted_us`: contact as predicted last before the point of no return, device time, with its standard error and
+    the newest sample it rests on; None where the foot came too fast to be predicted. `prediction_error_ms`: predicted
+    minus actual contact. `contact_ns`: actual contact, session time. `scheduled_ns`: session time for which the onset
+    was asked; None where the actuator cannot schedule, or was not aimed in time, so that it sounded after contact.
+    `gate_to_scheduled_ms`: from the arrival of the frame that gave the gate until the onset was first scheduled; None
+    where it never was, and in simulated time.
+    `delivered`: what a loopback measured; None where there is none.
+    """
+
+    predicted_us: float | None
+    standard_error_ms: float | None
+    predicted_from_us: int | None
+    prediction_error_ms: float | None
+    contact_ns: int
+    scheduled_ns: int | None
+    gate_to_scheduled_ms: float | None
+    delivered: Delivered | None
