@@ -1,0 +1,168 @@
+"""Onset at contact through the real parts: run `python -m tests.benchmarks.landings [STEPS [SESSIONS]]`.
+
+Feet step in real time behind a serial line; stimuli sound on a JACK server of the rehearsal's, and the loopback hears
+them. Of each step: how far the predicted contact, and the onset that was heard, are from where the simulated foot
+truly met the panel, both on the session's clock. So clock mapping, prediction and sound all stand in the figure.
+SESSIONS run side by side, each with parts of its own; 2,000 steps in three take some 20 minutes. The machine should
+do nothing else. Not a test: it asserts nothing, because these figures belong to the machine that printed them.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import sys
+import tempfile
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from experiment import dataset, scene
+from experiment.apparatus import opening, priority
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.gate import GateDetector
+from experiment.apparatus.landing import LandingPredictor
+from experiment.clock import MonotonicClock
+from experiment.protocol import load
+from experiment.protocol.shipped import shipped
+from experiment.recordings.response import open_drive
+from experiment.rehearsal import movement, study
+from experiment.rehearsal.foot import Foot
+from experiment.rehearsal.serial_line import SerialLine
+from experiment.rehearsal.sound import SimulatedSound
+from experiment.session.feed import Feed
+from experiment.session.sounding import Sounder
+from experiment.session.step import Watch, WatchedStep, watch
+
+STEPS, SESSIONS = 2000, 3
+REST_MM = 30.0
+"""Where the foot waits between steps: low, so that steps follow soon."""
+
+NOISE_MM = 0.1
+SETTLED_S = 5.0
+"""The device's clock is learned meanwhile, s."""
+
+
+@dataclass
+class Landed:
+    """What one session saw; errors in ms, one entry a step.
+
+    Attributes:
+        speeds_mm_s: of each step that landed, through the gate.
+        predicted_ms: predicted less true contact.
+        heard_ms: onset heard by the loopback less true contact; NaN where it was not delivered.
+        requested_ms: onset heard less onset asked for; NaN likewise.
+        reasons: why stimuli were not delivered or steps broke, and how often.
+        priority: of the session.
+    """
+
+    speeds_mm_s: list[float] = field(default_factory=list)
+    predicted_ms: list[float] = field(default_factory=list)
+    heard_ms: list[float] = field(default_factory=list)
+    requested_ms: list[float] = field(default_factory=list)
+    reasons: Counter[str] = field(default_factory=Counter)
+    priority: str = ""
+
+
+def session(folder: Path, steps: int, seed: int) -> Landed:
+    """Step, in real time; `folder` holds a rehearsal."""
+    protocol = load.load(shipped("okamoto2012.toml"))
+    rig_file = shipped("rigs/headless.toml")
+    rig, clock, landed = rigs.load(rig_file), MonotonicClock(), Landed()
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+    rng = np.random.default_rng(seed)
+    with ExitStack() as opened:
+        landed.priority = opened.enter_context(priority.raised())
+        render = scene.open_stimuli(
+            scene=scene.plan(protocol=protocol, task_id="virtual"),
+            protocol=protocol,
+            recordings=folder / dataset.RECORDINGS,
+            output_rates_hz=(rig.actuator.rate_hz,),
+        )
+        line = opened.enter_context(SerialLine())
+        powered_ns = clock.now_ns()
+        foot = Foot(line, rig.tracker, real_time=True, rest_mm=REST_MM, noise_mm=NOISE_MM)
+        opened.callback(foot.close)
+        tracker = opening.open_tracker(rig, clock=clock, port=line.url)
+        opened.callback(tracker.close)
+        sound = opened.enter_context(SimulatedSound(rig, protocol, clock))
+        drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
+        actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
+        opened.callback(actuator.close)
+        parts = Watch(
+            feed=Feed(tracker),
+            detector=GateDetector(protocol.step),
+            predictor=LandingPredictor(protocol.step, noise_mm=NOISE_MM),
+            clock=clock,
+            sounder=Sounder(render, actuator),
+        )
+        begun_ns = clock.now_ns()
+        while clock.now_ns() - begun_ns < SETTLED_S * 1e9:
+            tracker.read()
+        for number in range(steps):
+            parts.feed.drain()
+            speed_mm_s = float(rng.uniform(50, 400))
+            step = movement.trajectory(rng, speed_mm_s, rest_mm=REST_MM, hesitation="none")
+            foot.step(step, foot.free_us)
+            found = watch(parts, protocol.materials[number % 4].id)
+            if not isinstance(found, WatchedStep):
+                landed.reasons[found.reason] += 1
+                continue
+            onset = found.onset
+            delivered = onset.delivered if onset is not None else None
+            if onset is None or onset.scheduled_ns is None or delivered is None:
+                landed.reasons["not scheduled"] += 1
+                continue
+            if not delivered.delivered:
+                landed.reasons[delivered.reason] += 1
+            true_ns = powered_ns + foot.true_contact_us * 1e3
+            heard_ns = delivered.onset_ns if delivered.onset_ns is not None else np.nan
+            landed.speeds_mm_s.append(speed_mm_s)
+            landed.predicted_ms.append((onset.scheduled_ns - true_ns) / 1e6)
+            landed.heard_ms.append((heard_ns - true_ns) / 1e6)
+            landed.requested_ms.append((heard_ns - delivered.requested_ns) / 1e6)
+    return landed
+
+
+def shown(name: str, errors_ms: list[float], speeds_mm_s: list[float]) -> None:
+    errors, speeds = np.array(errors_ms), np.array(speeds_mm_s)
+    cells = []
+    for low, high in ((50, 400), (50, 100), (300, 400)):
+        some = errors[(speeds >= low) & (speeds <= high) & np.isfinite(errors)]
+        cells.append(f"{low}-{high} mm/s: {some.mean():+7.3f} {some.std(ddof=1):6.3f} ({some.size})")
+    print(f"  {name:34s} " + "   ".join(cells) + f"   worst {np.nanmax(np.abs(errors)):.2f}")
+
+
+def main() -> None:
+    steps = int(sys.argv[1]) if len(sys.argv) > 1 else STEPS
+    sessions = int(sys.argv[2]) if len(sys.argv) > 2 else SESSIONS
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "rehearsal"
+        study.rehearse(
+            protocol_file=shipped("okamoto2012.toml"),
+            rig_file=shipped("rigs/rehearsal.toml"),
+            out=folder,
+            participants=1,
+            seed=3,
+        )
+        with ProcessPoolExecutor(sessions, mp_context=multiprocessing.get_context("spawn")) as pool:
+            shares = [steps // sessions + (number < steps % sessions) for number in range(sessions)]
+            found = list(pool.map(session, [folder] * sessions, shares, range(sessions)))
+    speeds = [speed for landed in found for speed in landed.speeds_mm_s]
+    print(
+        f"{len(speeds)} of {steps} steps landed with a stimulus scheduled, in {sessions} sessions side by side; "
+        f"priority: {found[0].priority}; load average {os.getloadavg()[0]:.1f}. Mean and standard deviation, ms (steps)"
+    )
+    shown("onset asked for, less true contact", [one for landed in found for one in landed.predicted_ms], speeds)
+    shown("onset heard, less true contact", [one for landed in found for one in landed.heard_ms], speeds)
+    shown("onset heard, less asked for", [one for landed in found for one in landed.requested_ms], speeds)
+    for reason, count in sum((landed.reasons for landed in found), Counter()).most_common():
+        print(f"  {count} x {reason}")
+
+
+if __name__ == "__main__":
+    main()
