@@ -18,7 +18,7 @@ from experiment.errors import DatasetError
 from experiment.event_columns import NO_ANSWER
 from experiment.protocol import load
 from experiment.protocol.models import Protocol, Task
-from experiment.records import Answer, BrokenOff, FootStep, MaskerSet, Redo, TrackerOpened
+from experiment.records import Answer, BrokenOff, FootStep, MaskerSet, Redo, TrackerOpened, Zeroed
 from experiment.roster import Roster
 from experiment.session import journal
 from experiment.session.places import foot_path, rig_path
@@ -223,6 +223,7 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: files
         raw = path.read_bytes()
     except OSError as error:
         raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
+    zeros_mm = _zeros_mm(session)
     rate_hz = rig.tracker.rate_hz
     places: list[NDArray[np.float64]] = []
     heights: list[NDArray[np.float64]] = []
@@ -236,7 +237,7 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: files
         _, decoded = frames.Decoder(near_us=int(placed.at_us)).feed(part)
         seconds = placed.seconds(decoded.device_us)
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
-        heights.append(rig.tracker.height_mm(decoded.counts))
+        heights.append(rig.tracker.height_mm(decoded.counts) - zeros_mm[step.trial, step.attempt])
     cuts = np.flatnonzero(np.diff(np.concatenate(places)) > LONGEST_GAP_S * rate_hz) + 1
     parts = (np.split(np.concatenate(whole), cuts) for whole in (places, heights))
     for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
@@ -253,6 +254,18 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: files
             description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
             origin=origin,
         )
+
+
+def _zeros_mm(session: _Session) -> dict[tuple[int, int], float]:
+    """By trial and attempt: how far from contact the foot rested when heights began to count from there, mm."""
+    zero_mm = 0.0
+    zeros_mm: dict[tuple[int, int], float] = {}
+    for entry in session.contents.entries:
+        if isinstance(entry, Zeroed):
+            zero_mm = entry.offset_mm
+        elif isinstance(entry, FootStep | BrokenOff):
+            zeros_mm[entry.trial, entry.attempt] = zero_mm
+    return zeros_mm
 
 
 def _text(protocol: Protocol, origin: files.Origin) -> files.DatasetText:

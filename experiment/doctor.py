@@ -121,6 +121,8 @@ def _devices(rig: Rig, clock: Clock) -> Iterator[Check]:
         address = ends.address or rig.actuator.address
         if address is not None:
             yield actuator.answers(address, rig.actuator)
+        if rig.tracker.zeroing_mm is not None:
+            yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
         if rig.accelerometer is not None:
             yield unchecked("accelerometer", "only palpate record listens to it")
 

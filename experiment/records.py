@@ -61,6 +61,19 @@ class TrackerOpened(Entry):
     t_ns: int
 
 
+class Zeroed(Entry):
+    """Heights count from where the foot rested on the panel, from now on.
+
+    `offset_mm`: how far above the protocol's contact the calibration had it, median of `samples`; `spread_mm`: their
+    standard deviation.
+    """
+
+    kind: Literal["zeroed"] = "zeroed"
+    offset_mm: float
+    spread_mm: float
+    samples: int
+
+
 class MaskerSet(Entry):
     """The masker's level from now on, dB(A), None for silence; the day's dose so far, and L_EX,8h of that dose.
 
@@ -200,7 +213,7 @@ class Footer(Entry):
 
 
 AnyEntry = Annotated[
-    Header | TrackerOpened | MaskerSet | Phase | FootStep | BrokenOff | Answer | Redo | Resumed | Footer,
+    Header | TrackerOpened | Zeroed | MaskerSet | Phase | FootStep | BrokenOff | Answer | Redo | Resumed | Footer,
     Field(discriminator="kind"),
 ]
 ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)

@@ -144,7 +144,7 @@ def run(
             stream = sound.stream if sound is not None else None
             actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=stream)
             opened.callback(actuator.close)
-        tracker = opening.open_tracker(rig, clock=clock)
+        tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.step.contact_mm)
         opened.callback(tracker.close)
         calibration.check_reading(tracker, rig.tracker)
         asked = header(

@@ -44,14 +44,22 @@ def keep(rig_file: Path, kept: Path) -> None:
     files.write(kept, rig_file.read_bytes())
 
 
-def open_tracker(rig: Rig, *, clock: Clock, port: str | None = None, clock_map: ClockMap | None = None) -> Tracker:
-    """Open the rig's tracker.
+def open_tracker(
+    rig: Rig,
+    *,
+    clock: Clock,
+    port: str | None = None,
+    clock_map: ClockMap | None = None,
+    contact_mm: float | None = None,
+) -> Tracker:
+    """Open the rig's tracker; where the rig has it zeroed, one that can be.
 
     Args:
         rig: the rig.
         clock: the session's; stamps arrivals.
         port: used instead of the one that the rig names.
         clock_map: of a simulated device whose clock is known; estimated from arrivals if None.
+        contact_mm: the protocol's height of contact, mm; None where no foot steps, so that nothing is zeroed.
 
     Raises:
         TrackerError: the port cannot be opened.
@@ -59,7 +67,18 @@ def open_tracker(rig: Rig, *, clock: Clock, port: str | None = None, clock_map: 
     """
     if port is None and rig.tracker.port == REHEARSAL:
         raise TrackerError(_simulated_only(rig, "tracker.port"))
-    where, settings = port or rig.tracker.port, rig.tracker
+    tracker = _driven(rig, port or rig.tracker.port, clock, clock_map)
+    farthest_mm = rig.tracker.zeroing_mm
+    if contact_mm is None or farthest_mm is None:
+        return tracker
+    from experiment.apparatus.zeroing import REST_S, ZeroedTracker
+
+    samples = round(REST_S * rig.tracker.rate_hz)
+    return ZeroedTracker(tracker, contact_mm=contact_mm, farthest_mm=farthest_mm, samples=samples)
+
+
+def _driven(rig: Rig, where: str, clock: Clock, clock_map: ClockMap | None) -> Tracker:
+    settings = rig.tracker
     if settings.driver == FRAMES:
         from experiment.apparatus.serial_tracker import SerialTracker
 

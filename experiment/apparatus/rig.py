@@ -3,7 +3,7 @@
 A sensor's reading becomes a height by straight lines between the calibrated points. It is never extrapolated: a
 reading beyond the outermost points stands for the height of the nearest one. `check` therefore asks for points
 so far beyond gate and panel that a reading held at either end can decide neither a crossing nor a contact, and that
-the noise of a foot at rest on the panel stays inside.
+the noise of a foot at rest on the panel stays inside, and for as much further as zeroing may move heights.
 """
 
 from __future__ import annotations
@@ -107,7 +107,8 @@ class TrackerRig(Confined):
     `port` is a device path, or a URL that pyserial opens such as `socket://127.0.0.1:4711`. After `stall_ms` without a
     frame the tracker counts as stopped. `calibration` has two points or more, both columns strictly monotone; a real
     rig says when it was made and for how many days it holds. `driver` is palpate's own for the frames of frames.py, or
-    `package.module:Class` for a class that is called as `SerialTracker` is.
+    `package.module:Class` for a class that is called as `SerialTracker` is. With `zeroing_mm` heights count from where
+    the participant's foot rests on the panel, which may lie so far from the protocol's contact at most.
     """
 
     RULES: ClassVar[Rules] = _tracker_rules
@@ -127,6 +128,7 @@ class TrackerRig(Confined):
     calibrated_on: date | None = None
     calibration_days: Annotated[int, Field(ge=1, le=3650)] | None = None
     noise_mm: Annotated[float, Field(ge=0)] | None = None
+    zeroing_mm: Annotated[float, Field(gt=0, le=10)] | None = None
 
     def height_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
         """Height above the panel of each reading, mm; beyond the outermost points that of the nearest one.
@@ -189,6 +191,17 @@ def sha256(rig: Rig) -> str:
     return hashlib.sha256(rfc8785.dumps(rig.model_dump(mode="json", exclude_none=True, exclude=where))).hexdigest()
 
 
+def reach_mm(rig: Rig, step: Step) -> tuple[float, float]:
+    """The lowest and the highest height that a protocol needs calibrated, mm.
+
+    Args:
+        rig: the rig; zeroing moves heights either way.
+        step: gate and contact of the protocol.
+    """
+    moved_mm = rig.tracker.zeroing_mm or 0.0
+    return step.contact_mm - BELOW_CONTACT_MM - moved_mm, step.gate_top_mm + ABOVE_GATE_MM + moved_mm
+
+
 def check(rig: Rig, step: Step) -> None:
     """Refuse a calibration that does not reach past the gate and the panel of a protocol.
 
@@ -200,7 +213,7 @@ def check(rig: Rig, step: Step) -> None:
         RigError: the calibrated heights do not reach far enough.
     """
     heights = [point.mm for point in rig.tracker.calibration]
-    lowest, highest = step.contact_mm - BELOW_CONTACT_MM, step.gate_top_mm + ABOVE_GATE_MM
+    lowest, highest = reach_mm(rig, step)
     if min(heights) > lowest or max(heights) < highest:
         raise RigError(
             f"rig '{rig.rig.name}': tracker.calibration reaches from {min(heights):g} to {max(heights):g} mm; this "

@@ -44,7 +44,7 @@ def reach(rig: Rig, step: Step) -> Check:
     except PalpateError as error:
         return refused(name, error)
     heights_mm = [point.mm for point in rig.tracker.calibration]
-    lowest, highest = step.contact_mm - rigs.BELOW_CONTACT_MM, step.gate_top_mm + rigs.ABOVE_GATE_MM
+    lowest, highest = rigs.reach_mm(rig, step)
     return judged(
         name,
         True,

@@ -20,6 +20,10 @@ class Console(Protocol):
         """Have the masker's level judged by `criterion`: one of `keys` to change it, or nothing to keep it."""
         ...
 
+    def rest(self, *, why: str) -> None:
+        """Have the foot rest on the bare panel; returns when it does. `why`: what was wrong the time before."""
+        ...
+
     def place(self, *, trial: int, material: str) -> None:
         """Have the real object laid out; returns when it lies."""
         ...

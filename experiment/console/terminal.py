@@ -47,6 +47,11 @@ class TerminalConsole:
             self.show(f"'{key}' does not change the level; use one of: {' '.join(keys)}, or Enter")
         return key
 
+    def rest(self, *, why: str) -> None:
+        if why:
+            self.show(why)
+        self._ask(f"{self._heading}  Zeroing: the foot rests on the bare panel, still. Press Enter when it does: ")
+
     def place(self, *, trial: int, material: str) -> None:
         self._ask(f"{self._heading}  Trial {trial}. Lay out: {material}. Press Enter when it lies: ")
 

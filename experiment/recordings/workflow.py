@@ -20,6 +20,7 @@ from experiment.apparatus import calibration, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import Contact, Gate, GateDetector
 from experiment.apparatus.ports import Accelerometer, Tracker, Window
+from experiment.apparatus.zeroing import ZeroedTracker
 from experiment.clock import Clock, MonotonicClock, day
 from experiment.errors import RecordingError
 from experiment.protocol import load
@@ -118,12 +119,20 @@ class TakesConsole(Port):
         ...
 
 
+class RigConsole(TakesConsole, Port):
+    """What besides at a real rig."""
+
+    def rest(self, *, why: str) -> None:
+        """Have the foot rest on the bare panel; returns when it does. `why`: what was wrong the time before."""
+        ...
+
+
 def record_on_rig(
     *,
     protocol_file: Path,
     rig_file: Path,
     out: Path,
-    console: TakesConsole,
+    console: RigConsole,
     speeds_mm_s: tuple[float, ...] = (),
     takes: int | None = None,
 ) -> Path:
@@ -160,9 +169,11 @@ def record_on_rig(
     partial.check(out, planned)
     accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.synthesis.rate_hz, clock=clock)
     try:
-        tracker = opening.open_tracker(rig, clock=clock)
+        tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.step.contact_mm)
         try:
             calibration.check_reading(tracker, rig.tracker)
+            if isinstance(tracker, ZeroedTracker):
+                tracker.settle(lambda why: console.rest(why=why))
             detector = GateDetector(protocol.step)
             return record(
                 planned,

@@ -77,6 +77,7 @@ class Foot:
         clock_start_us: int = 0,
         rest_mm: float = 70.0,
         noise_mm: float = 0.1,
+        sole_mm: float = 0.0,
     ) -> None:
         """Power the device.
 
@@ -88,6 +89,7 @@ class Foot:
             clock_start_us: what the device's clock shows now, microseconds.
             rest_mm: height at which the foot waits, mm.
             noise_mm: standard deviation of the sensor's noise, mm.
+            sole_mm: how far above the sole the sensor sees the foot, mm.
         """
         self._line = line
         self._tracker = tracker
@@ -95,7 +97,9 @@ class Foot:
         self._origin_ns = self._clock.now_ns()
         self._clock_start_us = clock_start_us
         self._rest_mm = rest_mm
+        self._between_mm = rest_mm
         self._noise_mm = noise_mm
+        self._sole_mm = sole_mm
         self._rest_noise = np.random.default_rng(0)
         self._changed = threading.Condition()
         self._steps: deque[_Step] = deque()
@@ -127,13 +131,18 @@ class Foot:
         wanted = -((self._clock_start_us - start_us) * rate_hz // 1_000_000)
         times_us = np.arange(int(trajectory.duration_us * rate_hz / 1e6) + 1) * (1e6 / rate_hz)
         noise_mm = np.random.default_rng(trajectory.noise_seed).normal(0.0, self._noise_mm, times_us.size)
-        sensed_mm = trajectory.at(times_us) + noise_mm
+        sensed_mm = trajectory.at(times_us) + self._sole_mm + noise_mm
         with self._changed:
+            self._between_mm = self._rest_mm
             first = max(wanted, self._free_sample, self._next_sample)
             self._last = _Step(trajectory, faults or Faults(), first, sensed_mm)
             self._free_sample = self._last.end
             self._steps.append(self._last)
             self._changed.notify_all()
+
+    def put_down(self) -> None:
+        """Rest on the panel until the next step, in real time."""
+        self._between_mm = 0.0
 
     def finish(self) -> bool:
         """Wait until the line has taken every step, or is full.
@@ -220,7 +229,7 @@ class Foot:
                 self._next_sample = end
             if resting or step is None:
                 noise_mm = self._rest_noise.normal(0.0, self._noise_mm, end - first)
-                self._send(first, self._rest_mm + noise_mm, None, wait=False)
+                self._send(first, self._between_mm + self._sole_mm + noise_mm, None, wait=False)
             else:
                 self._send(first, step.sensed_mm[first - step.first : end - step.first], step, wait=False)
                 if end == step.end:

@@ -121,6 +121,10 @@ class SimulatedParticipant:
         self.show(f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
         return LOUDER_KEY if level_db_a < min(MASKED_DB_A, limit_db_a) else ""
 
+    def rest(self, *, why: str) -> None:
+        self.show(f"{why or 'Zeroing'}: the foot rests on the panel")
+        self._foot.put_down()
+
     def place(self, *, trial: int, material: str) -> None:
         self.show(f"Trial {trial}: {material} is laid out")
         self._under_foot = material

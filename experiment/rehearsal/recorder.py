@@ -114,6 +114,11 @@ def record_simulated(
     protocol, rig = load.load(protocol_file), rigs.load(rig_file)
     if not rig.rig.simulated:
         raise RecordingError(f"{rig_file}: a real rig; allowed: one that says simulated = true; leave out --simulated")
+    if rig.tracker.zeroing_mm is not None:
+        raise RecordingError(
+            f"{rig_file}: tracker.zeroing_mm: got {rig.tracker.zeroing_mm:g}; allowed: none, for in simulated time no "
+            "foot rests on the panel; leave it out of this rig file"
+        )
     rigs.check(rig, protocol.step)
     planned = plan(
         protocol,

@@ -109,7 +109,8 @@ def _rehearse_task(
         opened.callback(foot.close)
         # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
         known = None if job.real_time else ClockMap(anchor_us=0, anchor_ns=powered_ns)
-        tracker = opening.open_tracker(rig, clock=clock, port=line.url, clock_map=known)
+        contact_mm = protocol.step.contact_mm
+        tracker = opening.open_tracker(rig, clock=clock, port=line.url, clock_map=known, contact_mm=contact_mm)
         opened.callback(tracker.close)
         sound: SimulatedSound | None = None
         if rig.audio is not None:

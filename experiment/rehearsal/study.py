@@ -113,6 +113,11 @@ def rehearse(
             f"{rig_file}: its audio device runs in real time, and simulated time is faster; add --real-time, or give a "
             "rig without [audio]"
         )
+    if rig.tracker.zeroing_mm is not None and not real_time:
+        raise DatasetError(
+            f"{rig_file}: its tracker is zeroed by a foot that rests, which it does not in simulated time; add "
+            "--real-time, or give a rig without tracker.zeroing_mm"
+        )
     # Whatever is wrong with the rig's files is said before a folder is made.
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     if out is None:

@@ -13,11 +13,12 @@ from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.landing import NOISE_MM, LandingPredictor
 from experiment.apparatus.ports import Actuator, Masker, Tracker
+from experiment.apparatus.zeroing import ZeroedTracker
 from experiment.clock import Clock, lasted_ms
 from experiment.console.port import Console
 from experiment.errors import TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records import Answer, AnyEntry, Header, PlannedTrial, Redo, Trace, TrackerOpened
+from experiment.records import Answer, AnyEntry, Header, PlannedTrial, Redo, Trace, TrackerOpened, Zeroed
 from experiment.session import answers
 from experiment.session.entries import Armed, entry
 from experiment.session.feed import Feed
@@ -41,7 +42,7 @@ class Devices:
     """The opened parts of a session; what its scene leaves out is None.
 
     Attributes:
-        tracker: where the foot is.
+        tracker: where the foot is; a `ZeroedTracker` is zeroed before the first attempt, and when it has come back.
         tracker_port: what the journal calls its port.
         noise_mm: of the tracker's sensor, mm rms; None where the rig file does not state it.
         actuator: what shakes the panel.
@@ -177,6 +178,8 @@ class Attempts:
         """
         devices, broken, answered_ns = self._devices, self._broken, self._answered_ns
         self._broken = self._answered_ns = None
+        if isinstance(devices.tracker, ZeroedTracker) and devices.tracker.due:
+            self._zero(devices.tracker)
         if broken is not None and not broken.felt:
             devices.console.rearm(trial=planned.trial, attempt=attempt, reason=broken.reason)
             return None
@@ -188,6 +191,11 @@ class Attempts:
         self._feed.drain()
         devices.console.arm(trial=planned.trial, attempt=attempt, trials=self._trials)
         return None if answered_ns is None else lasted_ms(devices.clock, answered_ns + laid_ns)
+
+    def _zero(self, tracker: ZeroedTracker) -> None:
+        zero = tracker.settle(lambda why: self._devices.console.rest(why=why))
+        self._write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
+        self._devices.console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
 
     def _ask(self, planned: PlannedTrial, attempt: int, seen: WatchedStep) -> Event:
         devices, spoken = self._devices, self._protocol.answers

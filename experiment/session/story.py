@@ -15,6 +15,7 @@ from experiment.records import (
     Redo,
     Resumed,
     TrackerOpened,
+    Zeroed,
 )
 from experiment.session.journal import Contents
 from experiment.session.resume import progress
@@ -53,6 +54,8 @@ def _said(entry: AnyEntry) -> str:
             return "header"
         case TrackerOpened():
             return f"tracker opened at {entry.port}, device time {entry.device_us} us"
+        case Zeroed():
+            return f"zeroed: the foot rests at {entry.offset_mm:+.2f} mm from contact, spread {entry.spread_mm:.2f} mm"
         case MaskerSet():
             level = "silent" if entry.level_db_a is None else f"at {entry.level_db_a:.0f} dB(A)"
             return f"masker {level}; {entry.dose:.1%} of the day's dose"

@@ -122,7 +122,9 @@ def test_everything_that_is_wrong_is_told_at_once(
 
 def test_a_silent_port_is_red(line: SerialLine, palpate: Palpate, tmp_path: Path) -> None:
     rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address='"127.0.0.1:9"')
+    rig.write_text(rig.read_text("utf-8").replace("[tracker]", "[tracker]\nzeroing_mm = 3.0"), "utf-8")
     code, out, _ = palpate("doctor", "--rig", rig, "--json")
+    assert verdicts(out)["tracker zero"]["measured"].startswith("each session takes it from the participant's foot")
     found = verdicts(out)["tracker frames"]
     assert (code, found["verdict"]) == (2, "red")
     assert found["measured"].endswith("no frame for 200 ms")

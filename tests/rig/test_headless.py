@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from experiment.clock import Clock
 from experiment.errors import DatasetError
 from experiment.protocol.models import Protocol
 from experiment.protocol.shipped import shipped
-from experiment.records import FootStep, MaskerSet, Redo
+from experiment.records import FootStep, MaskerSet, Redo, Zeroed
 from experiment.rehearsal import session, study
 from experiment.rehearsal.sound import SimulatedSound
 from experiment.session import journal
@@ -129,3 +130,24 @@ def test_simulated_time_is_too_fast_for_an_audio_device(tmp_path: Path) -> None:
             seed=1,
         )
     assert not (tmp_path / "made").exists()
+
+
+def zeroed(tmp_path: Path) -> Path:
+    """The rehearsal's rig without sound, its tracker zeroed."""
+    rig = tmp_path / "rig.toml"
+    shutil.copy(shipped("rigs/rehearsal-response.csv"), tmp_path)
+    text = shipped("rigs/rehearsal.toml").read_text("utf-8")
+    rig.write_text(text.replace("[tracker]", "[tracker]\nzeroing_mm = 3.0"), "utf-8")
+    return rig
+
+
+def test_a_zeroed_tracker_is_rehearsed_in_real_time(tmp_path: Path) -> None:
+    where = {"protocol_file": short(tmp_path), "rig_file": zeroed(tmp_path), "out": tmp_path / "made"}
+    with pytest.raises(DatasetError, match=r"a foot that rests, which it does not in simulated time; add --real-time"):
+        study.rehearse(**where, participants=1, seed=1)  # type: ignore[arg-type]
+    assert not (tmp_path / "made").exists()
+    root = study.rehearse(**where, participants=1, seed=1, real_time=True)  # type: ignore[arg-type]
+    assert [len(answers(root, task)) for task in ("virtual", "real")] == [4, 4]
+    for path in root.glob("sourcedata/sub-01/*_journal.jsonl"):
+        [zero] = [entry for entry in journal.read(path).entries if isinstance(entry, Zeroed)]
+        assert zero.offset_mm == pytest.approx(0.0, abs=0.06)

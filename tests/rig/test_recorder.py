@@ -93,6 +93,14 @@ def test_a_real_rig_is_refused(tmp_path: Path, repository_root: Path) -> None:
         record(tmp_path / "set", repository_root, rig_file=rig)
 
 
+def test_a_rig_that_is_zeroed_needs_a_foot_that_rests(tmp_path: Path, repository_root: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    text = (repository_root / "protocols" / "rigs" / "rehearsal.toml").read_text("utf-8")
+    rig.write_text(text.replace("[tracker]", "[tracker]\nzeroing_mm = 3.0"), "utf-8")
+    with pytest.raises(RecordingError, match=r"tracker.zeroing_mm: got 3; allowed: none, .*; leave it out"):
+        record(tmp_path / "set", repository_root, rig_file=rig)
+
+
 def test_fresh_simulated_takes_are_new_and_named_by_their_seed(recorded: Path) -> None:
     loaded = manifest.load_all(recorded)
     one, again, other = (recorder.fresh_takes(loaded, seed=seed) for seed in (5, 5, 6))

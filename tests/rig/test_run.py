@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import gzip
 import json
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from datetime import date, timedelta
@@ -22,6 +25,7 @@ from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.serial_line import SerialLine
 from experiment.session import journal
 from tests.conftest import Palpate
+from tests.rig.laboratory import NOISE_MM
 
 SPEED_MM_S = 200.0
 
@@ -34,13 +38,21 @@ class Laboratory:
         self.line = line
         self.settings = rigs.load(shipped("rigs/rehearsal.toml")).tracker
         self.steps = 0
+        self.resting = False
+        """The foot does not step when the tracker is drained next: it rests on the panel."""
         self.faults: dict[int, Faults] = {}
         """What goes wrong, by the step's number from 1."""
         self.power()
 
-    def power(self) -> None:
+    def power(self, sole_mm: float = 0.0) -> None:
         """The device begins to send, its clock at zero."""
-        self.foot = Foot(self.line, self.settings, real_time=True)
+        self.foot = Foot(self.line, self.settings, real_time=True, sole_mm=sole_mm)
+
+    def drained(self) -> None:
+        """The tracker listens anew."""
+        if not self.resting:
+            self.step()
+        self.resting = False
 
     def step(self) -> None:
         self.steps += 1
@@ -73,7 +85,7 @@ def laboratory(
 
         def step_when_armed(self: SerialTracker) -> None:
             drain(self)
-            there.step()
+            there.drained()
 
         monkeypatch.setattr(SerialTracker, "drain", step_when_armed)
         monkeypatch.chdir(tmp_path)
@@ -210,3 +222,63 @@ def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
     attempts = [(e.trial, e.attempt) for e in entries if e.kind in ("step", "broken-off")]
     assert attempts == [(1, 1), (2, 1), (3, 1), (4, 1)]
     assert sum(e.kind == "tracker" for e in entries) == 2
+
+
+@pytest.mark.parametrize("task", ["real"])
+def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in_again(
+    laboratory: Laboratory, task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Palpate
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(rig.read_text("utf-8").replace("[tracker]", "[tracker]\nzeroing_mm = 3.0"), "utf-8")
+    # The sensor sees the foot 1.5 mm above its sole, and after it was plugged in again 0.8 mm below.
+    laboratory.foot.close()
+    laboratory.power(1.5)
+    laboratory.faults[4] = Faults(unplug_at=250)
+    reconnect = SerialTracker.reconnect
+
+    def plugged_in_again(self: SerialTracker, timeout_s: float) -> None:
+        laboratory.line.replug()
+        laboratory.power(-0.8)
+        reconnect(self, timeout_s)
+
+    monkeypatch.setattr(SerialTracker, "reconnect", plugged_in_again)
+    typed = iter(["c", "", "a", "", "n", "", "t", ""])
+    asked = 0
+
+    def ask(prompt: str) -> str:
+        nonlocal asked
+        if "Zeroing" in prompt:
+            asked += 1
+            # The first time the foot steps instead.
+            laboratory.resting = asked > 1
+            if laboratory.resting:
+                laboratory.foot.finish()
+                laboratory.foot.put_down()
+        return next(typed) if "Key" in prompt or "confirms" in prompt else ""
+
+    monkeypatch.setattr("builtins.input", ask)
+    where = ["--rig", "rig.toml", "--dataset", "dataset"]
+    code, out, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
+    assert (code, err) == (0, "")
+    assert re.search(r"zeroing: got heights that spread by .* mm; allowed: at most 0.5 mm; rest the foot", out)
+    assert "The session is complete: 4 answers." in out
+    path = Path("dataset") / "sourcedata" / "sub-01" / f"sub-01_task-{task}_journal.jsonl"
+    entries = journal.read(path).entries
+    zeros = [e for e in entries if e.kind == "zeroed"]
+    # Medians of 500 readings of 0.1 mm noise, in counts of 0.026 mm.
+    assert [zero.offset_mm for zero in zeros] == pytest.approx([1.5, -0.8], abs=0.06)
+    assert [zero.spread_mm for zero in zeros] == pytest.approx([NOISE_MM] * 2, rel=0.25)
+    assert len(zeros) == 2
+    steps = [e for e in entries if e.kind == "step"]
+    assert [s.speed_mm_s for s in steps] == pytest.approx([SPEED_MM_S] * 4, rel=0.03)
+    # Where a foot has landed, heights are those of its sole again.
+    [trace] = Path("dataset").glob("sub-01/beh/*_physio.tsv.gz")
+    [sidecar] = Path("dataset").glob("sub-01/beh/*_physio.json")
+    begins_s = json.loads(sidecar.read_text("utf-8"))["StartTime"]
+    heights_mm = np.genfromtxt(gzip.decompress(trace.read_bytes()).decode().splitlines())
+    with (Path("dataset") / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").open() as events:
+        landings_s = [float(row["onset"]) for row in csv.DictReader(events, delimiter="\t") if row["counted"] == "1"]
+    landed = [heights_mm[round((s - begins_s) * 1000) + 30 :][:60] for s in landings_s]
+    assert [float(np.median(after)) for after in landed] == pytest.approx([0.0] * 4, abs=0.1)
+    code, told, _ = palpate("journal", path)
+    assert len(re.findall(r"zeroed: the foot rests at [+-]\d\.\d\d mm from contact, spread 0\.\d\d mm", told)) == 2

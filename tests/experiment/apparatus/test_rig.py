@@ -211,6 +211,17 @@ def test_a_calibration_must_reach_past_gate_and_panel(write: Write, line: str, i
         rigs.check(rigs.load(write(GOOD.replace(line, instead))), STEP)
 
 
+def test_zeroing_asks_for_a_calibration_that_reaches_further(write: Write) -> None:
+    def zeroed(calibrated: str) -> Rig:
+        return rigs.load(write(calibrated.replace("[tracker]", "[tracker]\nzeroing_mm = 3.0")))
+
+    wide = GOOD.replace("mm = -2.0", "mm = -4.0").replace("mm = 60.0", "mm = 28.0")
+    rigs.check(zeroed(wide), STEP)
+    for narrow in (wide.replace("-4.0", "-3.9"), wide.replace("28.0", "27.9")):
+        with pytest.raises(RigError, match=r"this protocol needs -4 to 28 mm"):
+            rigs.check(zeroed(narrow), STEP)
+
+
 def test_a_reading_between_points_lies_on_a_straight_line_and_none_beyond_them_is_extrapolated(write: Write) -> None:
     tracker = rigs.load(write(GOOD)).tracker
     counts = np.array([0, 99, 100, 250, 400, 650, 900, 901, 65535])

@@ -49,6 +49,16 @@ def test_the_real_object_is_laid_out_before_the_participant_may_step() -> None:
     assert screen.getvalue() == "Participant 01.  Trial 2 of 40, attempt 3. Armed: the participant may step.\n"
 
 
+def test_a_foot_that_did_not_rest_is_told_so_and_asked_again() -> None:
+    one, screen, prompts = console("", "")
+    one.rest(why="")
+    one.rest(why="zeroing: got 9 mm; rest the foot")
+    assert (
+        prompts == ["Participant 01.  Zeroing: the foot rests on the bare panel, still. Press Enter when it does: "] * 2
+    )
+    assert screen.getvalue() == "zeroing: got 9 mm; rest the foot\n"
+
+
 def test_a_step_that_broke_off_is_named() -> None:
     one, screen, _ = console()
     one.rearm(trial=2, attempt=2, reason="the foot turned back above the panel")

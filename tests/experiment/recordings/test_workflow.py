@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import tomllib
 from collections.abc import Callable, Iterator
@@ -11,15 +12,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiment.apparatus import opening, serial_tracker
 from experiment.apparatus.gate import GateDetector
-from experiment.apparatus.ports import Heard, Window
+from experiment.apparatus.ports import Heard, Tracker, Window
 from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.clock import ManualClock
+from experiment.console.takes import TerminalTakes
 from experiment.errors import PalpateError, RecordingError, RigError, TrackerStopped
 from experiment.protocol.load import load as load_protocol
 from experiment.protocol.models import Protocol, Step
 from experiment.recordings import manifest, partial, workflow
 from experiment.recordings.plan import Condition, Plan, plan
+from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 HELD_UP_NS = 7_000_000
@@ -400,9 +404,44 @@ def test_a_rig_that_cannot_record_is_refused_and_nothing_is_written(
             protocol_file=repository_root / "protocols" / "okamoto2012.toml",
             rig_file=tmp_path / "rig.toml",
             out=tmp_path / "set",
-            console=World(good()),
+            console=TerminalTakes(write=io.StringIO(), ask=input),
         )
     assert names(tmp_path) == ["rig.toml"]
+
+
+def test_where_the_rig_asks_for_it_the_tracker_is_zeroed_before_the_first_take(
+    tmp_path: Path, repository_root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "rig.toml").write_text(RIG.replace("[tracker]", "[tracker]\nzeroing_mm = 1.0") + ACCELEROMETER, "utf-8")
+    # One look at the sensor; half a second at 5 kHz in the air, and half a second at rest; then a height of 20 mm.
+    heights_mm = [0.5, *[9.0] * 13, *[0.5] * 13, 20.5]
+    tracker = ScriptedTracker([rest_samples(0, mm) for mm in heights_mm], clock=ManualClock(0))
+    monkeypatch.setattr(serial_tracker, "SerialTracker", lambda *_, **__: tracker)
+    world = World(good())
+    monkeypatch.setattr(opening, "open_accelerometer", lambda *_, **__: world)
+    reads: list[Samples] = []
+
+    def record(_: Plan, out: Path, *, tracker: Tracker, **__: object) -> Path:
+        reads.append(tracker.read())
+        return out
+
+    monkeypatch.setattr(workflow, "record", record)
+    screen = io.StringIO()
+    prompts: list[str] = []
+
+    def ask(prompt: str) -> str:
+        prompts.append(prompt)
+        return ""
+
+    workflow.record_on_rig(
+        protocol_file=repository_root / "protocols" / "okamoto2012.toml",
+        rig_file=tmp_path / "rig.toml",
+        out=tmp_path / "set",
+        console=TerminalTakes(write=screen, ask=ask),
+    )
+    assert prompts == ["Zeroing: the foot rests on the bare panel, still. Press Enter when it does: "] * 2
+    assert screen.getvalue().startswith("zeroing: got an offset of 9.00 mm; allowed: at most 1 mm either way")
+    assert reads[0].height_mm[0] == 20.0
 
 
 @pytest.mark.parametrize(("text", "message"), [("{", "got no JSON"), ("[]", "got no plan")])

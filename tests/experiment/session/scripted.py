@@ -26,6 +26,12 @@ def step_samples(start_us: int, speed_mm_s: float) -> Samples:
     return Samples(device_us, height, bytes(len(seconds)), np.arange(len(seconds)) + 1, START_NS)
 
 
+def rest_samples(start_us: int, height_mm: float) -> Samples:
+    """A foot that rests for 0.2 s, at 1 kHz."""
+    device_us = start_us + 1000 * np.arange(200)
+    return Samples(device_us, np.full(200, height_mm), bytes(200), np.arange(200) + 1, START_NS)
+
+
 class ScriptedTracker:
     """Implements `Tracker`: one scripted step after each `drain`. Its clock is the session's from the first read on."""
 
@@ -130,6 +136,8 @@ class ScriptedConsole:
         """Keys of the masker's level; `.` keeps it."""
         self.confirmations: list[tuple[int, str | None]] = []
         self.familiarised = 0
+        self.rested: list[str] = []
+        """Why the foot was asked to rest, each time."""
 
     def show(self, text: str) -> None:
         self.shown.append(text)
@@ -142,6 +150,9 @@ class ScriptedConsole:
         key = self.levels.popleft()
         assert key == "." or key in keys
         return key.rstrip(".")
+
+    def rest(self, *, why: str) -> None:
+        self.rested.append(why)
 
     def place(self, *, trial: int, material: str) -> None:
         self.placed.append((trial, material))

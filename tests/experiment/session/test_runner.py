@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +11,7 @@ import pytest
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Masker
 from experiment.apparatus.samples import Samples
+from experiment.apparatus.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import ActuatorError, AudioError, JournalError, PalpateError, TrackerError, TrackerStopped
 from experiment.protocol import load
@@ -27,6 +28,7 @@ from experiment.records import (
     Redo,
     Resumed,
     TrackerOpened,
+    Zeroed,
 )
 from experiment.scene import Rendered
 from experiment.session import attempt, journal, places, runner, story
@@ -38,6 +40,7 @@ from tests.experiment.session.scripted import (
     ScriptedActuator,
     ScriptedConsole,
     ScriptedTracker,
+    rest_samples,
     step_samples,
 )
 from tests.experiment.session.test_journal import HEADER
@@ -70,6 +73,7 @@ class Bench:
     rendered: list[tuple[str, float]]
     masker: Masker | None = None
     priority: str = ""
+    zeroed: ZeroedTracker | None = None
 
     def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
         def render(material: str, speed_mm_s: float, rate_hz: int) -> Rendered:
@@ -85,7 +89,7 @@ class Bench:
 
         virtual = asked.task == "virtual"
         devices = attempt.Devices(
-            tracker=self.tracker,
+            tracker=self.zeroed or self.tracker,
             tracker_port="scripted",
             noise_mm=0.1,
             actuator=self.actuator if virtual else None,
@@ -349,6 +353,40 @@ def test_a_tracker_that_goes_between_two_steps_is_waited_for_and_the_same_attemp
     kinds = [type(e) for e in done]
     assert BrokenOff not in kinds
     assert kinds.count(TrackerOpened) == 2
+
+
+def test_heights_count_from_where_the_foot_rested_and_again_once_the_tracker_has_come_back(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    def worn(start_us: int, sole_mm: float) -> Samples:
+        step = step_samples(start_us, 150.0)
+        return replace(step, height_mm=step.height_mm + sole_mm)
+
+    one = bench("cpt")
+    stopped = TrackerStopped("tracker at scripted: the port has gone; plug the device in again")
+    one.tracker = ScriptedTracker(
+        [
+            rest_samples(0, 9.0),
+            rest_samples(500_000, 2.5),
+            worn(1_000_000, 2.5),
+            stopped,
+            rest_samples(0, -1.5),
+            worn(500_000, -1.5),
+            worn(2_500_000, -1.5),
+        ],
+        clock=one.clock,
+        comes_back=True,
+    )
+    one.zeroed = ZeroedTracker(one.tracker, contact_mm=0.0, farthest_mm=3.0, samples=200)
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert [why[:35] for why in one.console.rested] == ["", "zeroing: got an offset of 9.00 mm; ", ""]
+    assert "Zeroed: the foot rests at -1.50 mm from contact." in one.console.shown
+    done = entries(tmp_path, "real")
+    zeros = [e for e in done if isinstance(e, Zeroed)]
+    assert zeros == [Zeroed(offset_mm=mm, spread_mm=0.0, samples=200) for mm in (2.5, -1.5)]
+    # 30 mm at 150 mm/s: 0.2 s after each step began.
+    steps = [e for e in done if isinstance(e, FootStep)]
+    assert [step.contact_us for step in steps] == pytest.approx([1_200_000, 700_000, 2_700_000], abs=1)
 
 
 def test_a_tracker_that_goes_between_two_steps_and_stays_away_pauses(protocol: Protocol, tmp_path: Path) -> None:
