@@ -115,8 +115,8 @@ def run(
 ) -> None:
     """Run one session with a participant, or what remains of it.
 
-    The protocol must be sealed and the participant enrolled. Ctrl-C pauses; the same command goes on. Where the rig file
-    has the tracker zeroed, the participant's foot first rests on the panel.
+    The protocol must be sealed and the participant enrolled. Ctrl-C pauses; the same command goes on. Where the rig
+    file has the tracker zeroed, the participant's foot first rests on the panel.
     """
     from experiment import study
     from experiment.console.terminal import TerminalConsole

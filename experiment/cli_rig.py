@@ -150,11 +150,12 @@ def calibrate_audio(
     """Measure latency and level of the audio device by loopback.
 
     Plays sweeps on the actuator's channel and listens on the loopback: disconnect the actuator's amplifier, or keep
-    the peak low. Prints the table [audio.latency] of the rig file.
+    the peak low. Where sweeps come back otherwise than [audio.delivered] allows, or in xruns, all are played again,
+    three times at most; then the measurement is refused. Prints the table [audio.latency] of the rig file.
     """
     from datetime import UTC, datetime
 
-    from experiment.apparatus import opening
+    from experiment.apparatus import opening, priority
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.audio import calibration
     from experiment.clock import MonotonicClock
@@ -169,6 +170,7 @@ def calibrate_audio(
         raise RigError(f"{out}: is there already; name a new file")
     device = None
     with ExitStack() as opened:
+        opened.enter_context(priority.raised())
         card = None
         if loaded.rig.simulated:
             from experiment.rehearsal.sound_card import DEVICE, SoundCard
@@ -187,7 +189,11 @@ def calibrate_audio(
         if card is not None:
             card.disconnect(entry)
             card.connect(audio.channels.actuator, entry)
-        found = calibration.measure(stream, output=audio.channels.actuator, entry=entry, peak=peak, probes=probes)
+        found = calibration.steadily(
+            lambda: calibration.measure(stream, output=audio.channels.actuator, entry=entry, peak=peak, probes=probes),
+            audio,
+            exact=loaded.rig.simulated,
+        )
     today = datetime.now(tz=UTC).astimezone().date()
     days = audio.latency.calibration_days
     divided = "as the driver reports them" if found.as_reported else "in halves, for the driver does not report both"

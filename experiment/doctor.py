@@ -1,25 +1,25 @@
 """`palpate doctor`: every part of a rig through the drivers of a session, before anybody is on the panel.
 
-Audio stream and tracker run at the same time, as they do in a session, so that what one does to the other shows. The
-far ends of a simulated rig are started as the rehearsal starts them.
+Audio stream and tracker run at the same time and at the priority that they have in a session, so that what one does to
+the other shows. The far ends of a simulated rig are started as the rehearsal starts them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from experiment import enrolment
-from experiment.apparatus import opening
+from experiment.apparatus import opening, priority
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.rig_audio import AudioRig
 from experiment.checks import actuator, audio, disk, machine, rig_file, tracker
 from experiment.checks.verdict import Check, refused, unchecked
 from experiment.clock import Clock, day
-from experiment.errors import PalpateError, RigError
+from experiment.errors import AudioError, PalpateError, RigError, TrackerError
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.rehearsal.foot import Foot
@@ -68,22 +68,23 @@ def examine(*, rig_path: Path, protocol_path: Path | None, root: Path | None, cl
     """
     begun = machine.mark(clock)
     protocol = load.load(protocol_path) if protocol_path is not None else None
-    rate_hz = HIGHEST_RATE_HZ
+    rig: Rig | None = None
     try:
         rig = rigs.load(rig_path)
     except RigError as error:
         yield refused("rig file", error)
         yield unchecked("devices", "they stand in the rig file")
     else:
-        rate_hz = rig.tracker.rate_hz
         yield from _rig(rig, rig_path, protocol, clock)
-        for check in _devices(rig, clock):
-            yield replace(check, measured=f"SIMULATED: {check.measured}") if rig.rig.simulated else check
     folder = root or (enrolment.default_root(protocol) if protocol is not None else FOLDER)
-    yield disk.space(folder, trials=_trials(protocol), rate_hz=rate_hz)
-    yield disk.writing(folder, clock)
-    yield machine.resolution(clock)
-    yield machine.waking(clock)
+    yield disk.space(folder, trials=_trials(protocol), rate_hz=rig.tracker.rate_hz if rig else HIGHEST_RATE_HZ)
+    with priority.raised() as got:
+        yield Check("priority", "green", f"{got}; as sessions have it")
+        for check in _devices(rig, clock) if rig is not None else ():
+            yield replace(check, measured=f"SIMULATED: {check.measured}") if rig and rig.rig.simulated else check
+        yield disk.writing(folder, clock)
+        yield machine.resolution(clock)
+        yield machine.waking(clock)
     yield machine.wall(begun, machine.mark(clock))
 
 
@@ -135,10 +136,11 @@ def _tracker(rig: Rig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
         yield refused(name, error)
         return
     try:
-        yield Check(name, "green", f"{ends.port or rig.tracker.port} is open")
-        yield from tracker.checks(device, rig.tracker, clock=clock)
-    finally:
-        device.close()
+        with closing(device):
+            yield Check(name, "green", f"{ends.port or rig.tracker.port} is open")
+            yield from tracker.checks(device, rig.tracker, clock=clock)
+    except TrackerError as error:
+        yield refused("tracker closing", error)
 
 
 def _audio(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
@@ -149,14 +151,15 @@ def _audio(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock) -> Iterato
         yield from _tracker(rig, ends, clock)
         return
     try:
-        yield audio.opened(stream, settings)
-        ends.wire()
-        since = stream.health
-        yield from _tracker(rig, ends, clock)
-        yield from audio.steady(stream, settings, since=since, exact=rig.rig.simulated)
-        yield from audio.loopback(stream, settings)
-    finally:
-        stream.close()
+        with closing(stream):
+            yield audio.opened(stream, settings)
+            ends.wire()
+            since = stream.health
+            yield from _tracker(rig, ends, clock)
+            yield from audio.steady(stream, settings, since=since, exact=rig.rig.simulated)
+            yield from audio.loopback(stream, settings)
+    except AudioError as error:
+        yield refused("audio closing", error)
 
 
 def _simulated(rig: Rig, opened: ExitStack) -> FarEnds:

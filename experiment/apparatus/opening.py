@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -83,30 +81,9 @@ def _driven(rig: Rig, where: str, clock: Clock, clock_map: ClockMap | None) -> T
         from experiment.apparatus.serial_tracker import SerialTracker
 
         return SerialTracker(where, settings, clock=clock, clock_map=clock_map)
-    driver = _foreign_driver(rig)
-    try:
-        return driver(where, settings, clock=clock, clock_map=clock_map)
-    except (TypeError, ValueError, AttributeError) as error:
-        raise RigError(_not_a_driver(rig, error)) from error
+    from experiment.apparatus.foreign import open_foreign
 
-
-def _foreign_driver(rig: Rig) -> Callable[..., Tracker]:
-    module, _, name = rig.tracker.driver.partition(":")
-    try:
-        driver: Callable[..., Tracker] = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, SyntaxError, TypeError, ValueError) as error:
-        raise RigError(_not_a_driver(rig, error)) from error
-    missing = [name for name in ("read", "drain", "reconnect", "close") if not hasattr(driver, name)]
-    if missing:
-        raise RigError(_not_a_driver(rig, AttributeError(f"it has no {', '.join(missing)}")))
-    return driver
-
-
-def _not_a_driver(rig: Rig, error: Exception) -> str:
-    return (
-        f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({error}); allowed: {FRAMES}, or a class "
-        "that can be imported and implements Tracker; install the package that holds it, or correct the rig file"
-    )
+    return open_foreign(rig, where, clock=clock, clock_map=clock_map)
 
 
 def audio_of(rig: Rig) -> AudioRig:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 from datetime import date
 from pathlib import Path
@@ -45,6 +46,26 @@ def test_calibration_finds_the_way_round_and_writes_the_rig(palpate: Palpate, tm
     assert found.latency == shipped_rig.latency.model_copy(update={"calibrated_on": today})
     code, _, err = palpate("calibrate", "audio", "--rig", rig_file, "--out", tmp_path / "new.toml")
     assert (code, "is there already; name a new file" in err) == (2, True)
+
+
+def test_a_measurement_that_something_else_disturbs_is_refused_and_nothing_written(
+    palpate: Palpate, tmp_path: Path, parts: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    schedule = AudioStream.schedule
+    rng = np.random.default_rng(1)
+
+    def disturbed(self: AudioStream, waveform: np.ndarray, **where: int) -> object:
+        return schedule(self, waveform + rng.normal(0, 0.02, waveform.size), **where)
+
+    # What comes back is not the sweep alone.
+    monkeypatch.setattr(AudioStream, "schedule", disturbed)
+    where = ["--rig", shipped("rigs/headless.toml"), "--out", tmp_path / "new.toml", "--probes", 2]
+    code, out, err = palpate("calibrate", "audio", *where)
+    assert (code, out) == (2, "")
+    assert re.search(
+        r"got a residual of -\d+ dB in 2 probes \(allowed: -20 dB .*\), 3 times; close other programs", err
+    )
+    assert not (tmp_path / "new.toml").exists()
 
 
 def test_the_latency_is_rewritten_and_all_else_stays() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,13 +14,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiment.apparatus import opening
+from experiment import doctor
+from experiment.apparatus import opening, priority
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.rig import TrackerRig
 from experiment.apparatus.rig_audio import AudioRig
 from experiment.apparatus.serial_tracker import SerialTracker
 from experiment.checks import audio as audio_checks
+from experiment.checks import disk, machine
 from experiment.checks import tracker as tracker_checks
 from experiment.checks.tracker import Heard
 from experiment.clock import MonotonicClock
@@ -130,6 +133,96 @@ def test_a_silent_port_is_red(line: SerialLine, palpate: Palpate, tmp_path: Path
     assert found["measured"].endswith("no frame for 200 ms")
     assert found["remedy"].startswith("see that the device is powered")
     assert json.loads(out)["ready"] is False
+
+
+def test_what_is_timed_is_timed_at_the_priority_of_a_session(
+    line: SerialLine, palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def standing() -> tuple[int, int]:
+        return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
+
+    before = standing()
+    with priority.raised() as got:
+        session = standing()
+    seen: list[tuple[int, int]] = []
+
+    def looked(check: Callable[..., Any]) -> Callable[..., Any]:
+        def look(*given: Any, **named: Any) -> Any:
+            seen.append(standing())
+            return check(*given, **named)
+
+        return look
+
+    for module, name in ((tracker_checks, "checks"), (disk, "writing"), (machine, "waking")):
+        monkeypatch.setattr(module, name, looked(getattr(module, name)))
+    rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address='"127.0.0.1:9"')
+    _, out, _ = palpate("doctor", "--rig", rig, "--json")
+    assert seen == [session] * 3
+    assert standing() == before
+    assert verdicts(out)["priority"]["measured"] == f"{got}; as sessions have it"
+
+
+BROKEN = """
+from experiment.apparatus.ports import LinkCounts, Samples
+
+class Tracker:
+    counts, clock_map = LinkCounts(), None
+    def __init__(self, port, settings, *, clock, clock_map=None): {open}
+    def drain(self): {drain}
+    def read(self): {read}
+    def reconnect(self, timeout_s): pass
+    def close(self): {close}
+"""
+
+
+@pytest.mark.parametrize(
+    ("part", "fault", "name", "said"),
+    [
+        ("open", "raise RuntimeError('no licence')", "tracker port", "failed at `open` (RuntimeError: no licence)"),
+        ("open", "raise OSError(16, 'Busy')", "tracker port", "failed at `open` (OSError: [Errno 16] Busy)"),
+        ("open", "self.x.y()", "tracker port", "tracker.driver: got 'broken_open_2:Tracker' ('Tracker' object has no"),
+        ("drain", "1 / 0", "tracker frames", "failed at `drain` (ZeroDivisionError: division by zero)"),
+        ("read", "raise KeyError", "tracker frames", "failed at `read` (KeyError)"),
+        ("read", "pass", "tracker frames", "failed at `read` (AttributeError: 'NoneType' object has no"),
+        ("close", "raise RuntimeError('stuck')", "tracker closing", "failed at `close` (RuntimeError: stuck)"),
+    ],
+)
+def test_whatever_a_drivers_fault_it_is_red_and_the_rest_is_still_checked(
+    part: str,
+    fault: str,
+    name: str,
+    said: str,
+    request: pytest.FixtureRequest,
+    palpate: Palpate,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    module = f"broken_{part}_{request.node.callspec.indices['part']}"
+    (tmp_path / f"{module}.py").write_text(
+        BROKEN.format(**(dict.fromkeys(("open", "drain", "read", "close"), "pass") | {part: fault})), "utf-8"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    rig = write_rig(tmp_path, "rehearsal", port='"nowhere"', address='"127.0.0.1:9"')
+    rig.write_text(rig.read_text("utf-8").replace("[tracker]", f'[tracker]\ndriver = "{module}:Tracker"'), "utf-8")
+    code, out, err = palpate("doctor", "--rig", rig, "--json")
+    found = verdicts(out)
+    assert (code, found[name]["verdict"]) == (2, "red"), err
+    assert said in found[name]["measured"]
+    assert module in found[name]["measured"]
+    assert found[name]["remedy"].startswith(("see to the device", "have the driver mended", "install the package"))
+    assert {"actuator", "disk writing", "machine load", "wall clock"} < set(found)
+
+
+def test_a_fault_of_our_own_is_no_red_line(
+    line: SerialLine, settings: TrackerRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def defect(*_: object, **__: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(tracker_checks, "listen", defect)
+    rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address='"127.0.0.1:9"')
+    with pytest.raises(ZeroDivisionError):
+        list(doctor.examine(rig_path=rig, protocol_path=None, root=tmp_path, clock=MonotonicClock()))
 
 
 def test_a_rig_file_that_cannot_be_used_is_red_and_the_machine_is_still_checked(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
 
@@ -11,11 +12,15 @@ from numpy.typing import NDArray
 
 from experiment.apparatus.audio import delivered
 from experiment.apparatus.audio.stream import AudioStream
+from experiment.apparatus.rig_audio import AudioRig
 from experiment.errors import AudioError, RigError
 
 SWEEP_S = 0.05
 LOW_HZ, HIGH_HZ = 50.0, 2000.0
 """The probe: a sweep over what actuators are driven with, one frequency a moment, so that it is found to the sample."""
+
+MOST_TIMES = 3
+"""A measurement that was disturbed is made again, so often in all."""
 
 LONGEST_S = 0.5
 """Longest way from output to input, s."""
@@ -130,6 +135,56 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
         input_ms=round_trip_ms - output_ms,
         as_reported=as_reported,
     )
+
+
+def steadily(measured: Callable[[], Loopback], audio: AudioRig, *, exact: bool) -> Loopback:
+    """Measure until nothing disturbed it, `MOST_TIMES` at most.
+
+    Args:
+        measured: measures once.
+        audio: of the rig; its `delivered` says how far probes may differ from what was played, and from each other.
+        exact: of a server that waits for its clients and loses nothing, so that under-runs it tells of are none.
+
+    Raises:
+        AudioError: it was disturbed each time; or as `measure`.
+    """
+    trouble = ""
+    for _ in range(MOST_TIMES):
+        found = measured()
+        trouble = disturbed(found, audio, exact=exact)
+        if not trouble:
+            return found
+    raise AudioError(
+        f"audio calibration: got {trouble}, {MOST_TIMES} times; close other programs, see to cable and levels, or make "
+        "audio.block larger, then start again"
+    )
+
+
+def disturbed(found: Loopback, audio: AudioRig, *, exact: bool) -> str:
+    """What speaks against a measurement, and what is allowed; nothing for a good one. Arguments as in `steadily`."""
+    tolerance = audio.delivered
+    spread_ms = 1e3 * found.spread_frames / audio.rate_hz
+    for good, got, allowed in (
+        (exact or found.xruns == 0, f"{found.xruns} xruns", "none"),
+        (
+            spread_ms <= tolerance.onset_ms,
+            f"latencies that spread by {spread_ms:.2f} ms",
+            f"{tolerance.onset_ms:g} ms (delivered.onset_ms)",
+        ),
+        (
+            found.spread_db <= tolerance.gain_db,
+            f"levels that spread by {found.spread_db:.2f} dB",
+            f"{tolerance.gain_db:g} dB (delivered.gain_db)",
+        ),
+        (
+            found.residual_db <= tolerance.residual_db,
+            f"a residual of {found.residual_db:.0f} dB",
+            f"{tolerance.residual_db:g} dB (delivered.residual_db)",
+        ),
+    ):
+        if not good:
+            return f"{got} in {found.probes} probes (allowed: {allowed})"
+    return ""
 
 
 def rewritten(rig_text: str, values: dict[str, str]) -> str:

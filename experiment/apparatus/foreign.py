@@ -1,0 +1,111 @@
+"""A tracker's driver that a rig file names, from somebody else's file: what fails in it is told as its fault."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from experiment.apparatus.clock_map import ClockMap
+from experiment.apparatus.ports import LinkCounts, Samples, Tracker
+from experiment.apparatus.rig import FRAMES, Rig
+from experiment.clock import Clock
+from experiment.errors import RigError, TrackerError
+
+
+def open_foreign(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | None) -> Tracker:
+    """Open the rig's tracker through the driver that it names.
+
+    Args:
+        rig: the rig; its `tracker.driver` is `package.module:Class`.
+        where: the port.
+        clock: the session's; stamps arrivals.
+        clock_map: of a simulated device whose clock is known; estimated from arrivals if None.
+
+    Raises:
+        TrackerError: the driver could not open the port.
+        RigError: there is no such driver, or it is none.
+    """
+    named = rig.tracker.driver
+    driver = _driver(rig)
+    with _blamed(named, "open"):
+        try:
+            tracker = driver(where, rig.tracker, clock=clock, clock_map=clock_map)
+        except (TypeError, ValueError, AttributeError) as error:
+            raise RigError(_not_a_driver(rig, error)) from error
+    return ForeignTracker(tracker, named)
+
+
+class ForeignTracker:
+    """Implements `Tracker` on top of a driver that may raise anything."""
+
+    def __init__(self, tracker: Tracker, named: str) -> None:
+        """Take over an opened driver.
+
+        Args:
+            tracker: the driver.
+            named: as the rig file names it.
+        """
+        self._tracker = tracker
+        self._named = named
+
+    @property
+    def counts(self) -> LinkCounts:
+        with _blamed(self._named, "counts"):
+            return self._tracker.counts
+
+    @property
+    def clock_map(self) -> ClockMap | None:
+        with _blamed(self._named, "clock_map"):
+            return self._tracker.clock_map
+
+    def drain(self) -> None:
+        with _blamed(self._named, "drain"):
+            self._tracker.drain()
+
+    def read(self) -> Samples:
+        with _blamed(self._named, "read"):
+            samples = self._tracker.read()
+            if not samples.device_us.shape == samples.height_mm.shape == samples.ends.shape != (0,):
+                raise ValueError("device_us, height_mm and ends are not of one length, at least 1")
+            return samples
+
+    def reconnect(self, timeout_s: float) -> None:
+        with _blamed(self._named, "reconnect"):
+            self._tracker.reconnect(timeout_s)
+
+    def close(self) -> None:
+        with _blamed(self._named, "close"):
+            self._tracker.close()
+
+
+@contextmanager
+def _blamed(named: str, part: str) -> Iterator[None]:
+    try:
+        yield
+    except (TrackerError, RigError):
+        raise
+    except Exception as error:
+        said = f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
+        raise TrackerError(
+            f"tracker: its driver '{named}' failed at `{part}` ({said}); see to the device, or have the driver mended"
+        ) from error
+
+
+def _driver(rig: Rig) -> Callable[..., Tracker]:
+    module, _, name = rig.tracker.driver.partition(":")
+    try:
+        driver: Callable[..., Tracker] = getattr(importlib.import_module(module), name)
+    except Exception as error:  # a module may raise anything while it is imported
+        raise RigError(_not_a_driver(rig, error)) from error
+    missing = [name for name in ("read", "drain", "reconnect", "close") if not hasattr(driver, name)]
+    if missing:
+        raise RigError(_not_a_driver(rig, AttributeError(f"it has no {', '.join(missing)}")))
+    return driver
+
+
+def _not_a_driver(rig: Rig, error: Exception) -> str:
+    return (
+        f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({error}); allowed: {FRAMES}, or a class "
+        "that can be imported and implements Tracker; install the package that holds it, or correct the rig file"
+    )
