@@ -142,14 +142,6 @@ def test_pulseaudio_carries_a_stream_too(
     assert found.onset > 0
 
 
-def test_a_busy_device_is_said(parts: None) -> None:
-    # PortAudio's own words for its error paDeviceUnavailable; no device here can be held by another program.
-    sounddevice = devices.library()
-    said = r"Device unavailable.*: another program holds it, or it was pulled out; close that program"
-    with pytest.raises(AudioError, match=said), devices.explained("hw:0"):
-        raise sounddevice.PortAudioError("Error opening Stream: Device unavailable", -9985)
-
-
 def test_without_jack_a_simulated_sound_card_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
     with pytest.raises(AudioError, match="got no jackd; allowed: JACK 2; install the system's package jackd2"):

@@ -372,9 +372,9 @@ def test_a_running_stream_is_watched_and_one_whose_server_hangs_is_red() -> None
 @pytest.mark.parametrize(
     ("changed", "said", "remedy"),
     [
-        ({"device": '"hw:9"'}, "got no device of this name", "plug it in or start its server"),
-        ({"actuator": "9"}, "got 4 outputs and 2 inputs", "correct it, or choose another device"),
-        ({"loopback": "3"}, "got 4 outputs and 2 inputs", "correct it, or choose another device"),
+        ({"device": '"hw:9"'}, "got no device of this name", "plug it in, start its server"),
+        ({"actuator": "9"}, "got 4 outputs and 2 inputs", "or correct audio.channels, or choose another device"),
+        ({"loopback": "3"}, "got 4 outputs and 2 inputs", "or correct audio.channels, or choose another device"),
         ({"rate_hz": "44100"}, "Invalid sample rate", "set the device to it, or correct audio.rate_hz in the rig file"),
     ],
     ids=["device", "output", "input", "rate"],

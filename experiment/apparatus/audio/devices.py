@@ -91,8 +91,8 @@ def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
     if not named:
         there = "; ".join(sorted({f"{each.host_api}: {each.name}" for each in present})) or "none"
         raise AudioError(
-            f"audio device '{name}' of {host_api}: got no device of this name; allowed: {there}; plug it in or start "
-            "its server, or correct [audio] in the rig file"
+            f"audio device '{name}' of {host_api}: got no device of this name; allowed: {there}; plug it in, start its "
+            "server, or close the program that holds it, or correct [audio] in the rig file"
         )
     for i, each in named:
         if each.inputs >= inputs and each.outputs >= outputs:
@@ -100,7 +100,8 @@ def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
     widest = max(named, key=lambda pair: (pair[1].outputs, pair[1].inputs))[1]
     raise AudioError(
         f"audio device '{name}' of {host_api}: got {widest.outputs} outputs and {widest.inputs} inputs; allowed: at "
-        f"least {outputs} and {inputs}, as audio.channels in the rig file has it; correct it, or choose another device"
+        f"least {outputs} and {inputs}, as audio.channels in the rig file has it; close the program that holds it, for "
+        "a device that is held shows fewer, or correct audio.channels, or choose another device"
     )
 
 
