@@ -1,15 +1,16 @@
-"""The one command, `palpate`; with cli_lab.py the only place that knows every part. Each part is imported on use."""
+"""The one command, `palpate`; with cli_lab.py the only place that knows every part. Each part is imported on use.
 
-from __future__ import annotations
+Typer reads the annotations of every command each time, `--help` included: in modules of commands they are objects, as
+they would have to be compiled otherwise, and such modules have no `from __future__ import annotations`.
+"""
 
-import json
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
-from experiment import __version__
+from experiment import __version__, cli_json
 from experiment.cli_analysis import analyst
 from experiment.cli_engine import engine
 from experiment.cli_lab import Participant, ProtocolFile, lab
@@ -57,12 +58,16 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
         if as_json:
             from dataclasses import asdict
 
-            _json({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
+            cli_json.put({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
             raise typer.Exit(error.exit_code) from None
         raise
     if as_json:
+        import json
+
         document = json.loads(canonical.canonical(protocol))
-        _json({"file": str(protocol_file), "valid": True, "sha256": canonical.sha256(protocol), "protocol": document})
+        cli_json.put(
+            {"file": str(protocol_file), "valid": True, "sha256": canonical.sha256(protocol), "protocol": document}
+        )
     else:
         typer.echo(page.page(protocol))
 
@@ -82,7 +87,7 @@ def schedule(protocol_file: ProtocolFile, participant: Participant, seed: Seed =
     }
     if as_json:
         tasks = [{"task": task, "order": [t.model_dump() for t in order]} for task, order in orders.items()]
-        _json({"participant": allocation.participant, "seed": seed, "tasks": tasks})
+        cli_json.put({"participant": allocation.participant, "seed": seed, "tasks": tasks})
         return
     for position, (task, order) in enumerate(orders.items(), start=1):
         typer.echo(f"Participant {allocation.participant}, task {position}: {task} (seed {seed})")
@@ -180,7 +185,7 @@ def spectrum(
     result = spectra.of_file(file, channel=channel)
     drawn = spectra.plot(result, plot or free(Path(f"{file.stem}_spectrum.png")))
     if as_json:
-        _json({**result.as_dict(), "plot": str(drawn)})
+        cli_json.put({**result.as_dict(), "plot": str(drawn)})
     else:
         typer.echo(f"{result.text()}\nPlot: {drawn}")
 
@@ -219,7 +224,7 @@ def journal(
     contents = journals.read(file)
     if as_json:
         entries = [{"t_ns": line.t_ns, **line.entry.model_dump(mode="json")} for line in contents.lines]
-        _json({"file": str(file), "torn_bytes": len(contents.torn), "entries": entries})
+        cli_json.put({"file": str(file), "torn_bytes": len(contents.torn), "entries": entries})
     else:
         typer.echo(story.text(contents))
 
@@ -237,13 +242,9 @@ def _analyse(
 
     result = analyses.analyse(datasets, out, figures=figures, dissimilarities=dissimilarities)
     if as_json:
-        _json(result.as_dict())
+        cli_json.put(result.as_dict())
     else:
         typer.echo(result.text())
-
-
-def _json(document: object) -> None:
-    typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
 
 
 app.add_typer(analyst)

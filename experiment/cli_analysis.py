@@ -1,8 +1,5 @@
 """The commands of the analyst's desk: export, audit, power."""
 
-from __future__ import annotations
-
-import json
 import re
 from functools import partial
 from pathlib import Path
@@ -10,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from experiment import cli_json
 from experiment.cli_lab import ProtocolFile
 from experiment.errors import Interrupted, PowerError
 
@@ -57,7 +55,7 @@ def audit(
 
     result = audits.audit(target, against)
     if as_json:
-        typer.echo(json.dumps(result.as_dict(), indent=2, ensure_ascii=False, allow_nan=False))
+        cli_json.put(result.as_dict())
     else:
         typer.echo(result.text())
 
@@ -132,7 +130,7 @@ def power(
     if out is not None:
         power_report.write(result, out)
     if as_json:
-        typer.echo(json.dumps(power_report.as_dict(result), indent=2, ensure_ascii=False, allow_nan=False))
+        cli_json.put(power_report.as_dict(result))
     else:
         typer.echo(power_report.text(result))
 

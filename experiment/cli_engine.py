@@ -1,14 +1,12 @@
 """The commands of the synthesis engine: record, validate, plan, numerics."""
 
-from __future__ import annotations
-
-import json
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from experiment import cli_json
 from experiment.cli_lab import ProtocolFile
 from experiment.errors import Interrupted, RecordingError
 
@@ -110,7 +108,10 @@ def validate(
         others = recorder.fresh_takes(recorded, seed=seed)
     folder_out = out or folder / "validation"
     result = validation.validate(recorded, others, folder_out, average=average, figures=figures)
-    typer.echo(json.dumps(result.as_dict(), indent=2, ensure_ascii=False) if as_json else result.text())
+    if as_json:
+        cli_json.put(result.as_dict())
+    else:
+        typer.echo(result.text())
 
 
 def _speeds(text: str | None) -> tuple[float, ...]:
@@ -169,7 +170,7 @@ def plan(
         ]
     if as_json:
         tables = [one.as_dict() for one in plans]
-        typer.echo(json.dumps({"recordings": source, "tasks": tables}, indent=2, ensure_ascii=False, allow_nan=False))
+        cli_json.put({"recordings": source, "tasks": tables})
     else:
         typer.echo("\n\n\n".join([f"Measured with: {source}", *(one.text() for one in plans)]))
 
@@ -195,7 +196,7 @@ def numerics(
     if out is not None:
         measured.write(result, out)
     if as_json:
-        typer.echo(json.dumps(result.as_dict(), indent=2, ensure_ascii=False, allow_nan=False))
+        cli_json.put(result.as_dict())
     else:
         typer.echo(result.text())
     if result.failed:

@@ -1,7 +1,5 @@
 """The commands of a study with participants in the room: seal, enrol, consent, withdraw, run, build."""
 
-from __future__ import annotations
-
 import sys
 from datetime import datetime
 from pathlib import Path

@@ -1,8 +1,5 @@
 """The commands of a rig: which devices this machine has, whether they are in order, and what calibrates them."""
 
-from __future__ import annotations
-
-import json
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import asdict
@@ -10,6 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from experiment import cli_json
 
 if TYPE_CHECKING:
     from experiment.checks.verdict import Check
@@ -36,7 +35,7 @@ def devices(
     serial, audio = serial_devices.devices(), audio_devices.devices()
     if as_json:
         document = {"serial": [asdict(port) for port in serial], "audio": [asdict(card) for card in audio]}
-        typer.echo(json.dumps(document, indent=2, ensure_ascii=False))
+        cli_json.put(document)
         return
     typer.echo("Serial ports, as tracker.port names them:")
     for device in serial:
@@ -83,14 +82,14 @@ def doctor(
     red = sum(check.verdict == "red" for check in found)
     if as_json:
         document = {"rig": str(rig), "ready": not red, "checks": [asdict(check) for check in found]}
-        typer.echo(json.dumps(document, indent=2, ensure_ascii=False))
+        cli_json.put(document)
     else:
         typer.echo(f"{red} of {len(found)} checks are red." if red else "Nothing is red.")
     if red:
         raise typer.Exit(2)
 
 
-def _lines(check: Check) -> Iterator[str]:
+def _lines(check: "Check") -> Iterator[str]:
     """A check for the terminal, in colour where it has some: one line, and the remedy under it."""
     word = typer.style(f"{check.verdict:11}", fg=COLOURS[check.verdict])
     allowed = f" (allowed: {check.allowed})" if check.allowed else ""
