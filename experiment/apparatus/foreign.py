@@ -7,8 +7,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import LinkCounts, Samples, Tracker
+from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import FRAMES, Rig
+from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.clock import Clock
 from experiment.errors import RigError, TrackerError
 

@@ -163,7 +163,7 @@ def test_what_is_timed_is_timed_at_the_priority_of_a_session(
 
 
 BROKEN = """
-from experiment.apparatus.ports import LinkCounts, Samples
+from experiment.apparatus.samples import LinkCounts
 
 class Tracker:
     counts, clock_map = LinkCounts(), None
