@@ -19,6 +19,7 @@ from analysis.effect_sizes import EffectSize, cohens_d
 from analysis.exact import NotDefined
 from analysis.icc import Icc, icc
 from analysis.identification import Identification, identify
+from analysis.plans import chance
 from analysis.significance import TTest, holm, t_against_chance
 from analysis.trial_level import TrialLevel, trial_level
 from analysis.variance_components import VarianceComponents, icc_of_mean, variance_components
@@ -154,16 +155,16 @@ def _task(study: Study, task: Task) -> TaskResult:
     matrix = confusion(
         trials["participant"].tolist(), trials["presented"].tolist(), trials["answered"].tolist(), study.materials
     )
-    chance = _chance(study, task.id)
+    guessed = chance(study, task.id)
     tests = [
-        t_against_chance(list(matrix.ratios(index, index).values()), chance) for index in range(len(study.materials))
+        t_against_chance(list(matrix.ratios(index, index).values()), guessed) for index in range(len(study.materials))
     ]
     # A test without variance stays in Holm's family: it was planned, and leaving it out would favour the others.
     family = holm([1.0 if test.p is None else test.p for test in tests])
     adjusted = {index: p for index, p in enumerate(family) if tests[index].p is not None}
     return TaskResult(
         task,
-        float(chance),
+        float(guessed),
         matrix,
         tuple(
             MaterialTest(material, test, adjusted.get(index), *_strength(test))
@@ -174,14 +175,6 @@ def _task(study: Study, task: Task) -> TaskResult:
 
 def _strength(test: TTest) -> tuple[EffectSize | None, float | None]:
     return (None, None) if test.t is None else (cohens_d(test.t, test.df), log_bayes_factor(test.t, test.n))
-
-
-def _chance(study: Study, task: str) -> Fraction:
-    planned = study.protocol.analysis if study.protocol else ()
-    for plan in planned:
-        if plan.test == "t against chance" and task in plan.tasks and plan.chance is not None:
-            return Fraction(repr(plan.chance))
-    return Fraction(1, len(study.materials))
 
 
 def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
+from analysis import plans
 from analysis.anova import Anova, Effect
 from analysis.compared import comparison_section
 from analysis.comparison import Comparison
@@ -58,16 +59,10 @@ def overview(study: Study, results: Results) -> Section:
         for r in records
     )  # fmt: skip
     header = ("task", "title", "participants", "trials", "no answer", "chance")
-    planned = study.protocol.analysis if study.protocol else ()
-    plans = tuple(
-        f"Planned: {plan.test}{f' ({plan.form})' if plan.form else ''}, {' and '.join(plan.tasks)}. {plan.question}"
-        for plan in planned
-    )
     name = study.name.removeprefix(f"{study.label}: ")
     paragraphs = (
         f"{name}. Study {study.id}; {len(study.participants)} participants in the dataset.",
-        *plans,
-        *_incomplete(study),
+        *plans.sentences(study),
     )
     return Section("overview", "Study", paragraphs, (Table("", header, rows, left=frozenset({0, 1})),), tuple(records))
 
@@ -182,21 +177,6 @@ def exclusions_section(study: Study) -> Section:
     counted = tuple((rule, str(times)) for rule, times in by_rule.items())
     brief = Table("", ("rule", "times"), counted, notes=("Each is listed in the report and in exclusions.csv.",))
     return Section("exclusions", "Left out", (about,), (table,), records, (brief,) if len(records) > MANY else ())
-
-
-def _incomplete(study: Study) -> tuple[str, ...]:
-    """A sentence on sessions with fewer counted trials than the protocol plans."""
-    if study.protocol is None:
-        return ()
-    rows = study.attempts[study.attempts["counted"]]
-    counted = Counter(zip(rows["task"].tolist(), rows["participant"].tolist(), strict=True))
-    planned = {task.id: task.repetitions * len(study.materials) for task in study.protocol.tasks}
-    short = [
-        f"{participant} in {task} ({count} of {planned[task]})"
-        for (task, participant), count in counted.items()
-        if task in planned and count < planned[task]
-    ]
-    return (f"Fewer trials than planned, ratios taken over those there are: {', '.join(short)}.",) if short else ()
 
 
 def _confusion_table(task: TaskResult) -> Table:

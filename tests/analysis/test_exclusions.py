@@ -133,6 +133,7 @@ def test_the_rules_come_from_the_protocol_in_the_dataset(tmp_path: Path, reposit
     copy.parent.mkdir()
     copy.write_bytes((repository_root / "protocols" / "okamoto2012.toml").read_bytes())
     study = read(root)
-    assert study.protocol is not None
-    limits = [rule.limit for rule in study.protocol.exclusion if rule.when == "answers-below"]
+    (part,) = study.parts
+    assert part.protocol is not None
+    limits = [rule.limit for rule in part.protocol.exclusion if rule.when == "answers-below"]
     assert [e.participant for e in study.exclusions] == (["2"] if limits and (limits[0] or 0) > 8 else [])
