@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from analysis.exclusions import Exclusion, exclude
+from analysis.exclusions import Exclusion, Unasked, exclude
 from experiment.errors import DatasetError
 from experiment.event_columns import EVENT_COLUMNS, NO_ANSWER
 
@@ -69,6 +69,7 @@ class Study:
             included; and of `event_columns.FURTHER_COLUMNS` masker_db_a, prediction_error_s, delivery_error_s,
             gate_to_scheduled_s, dead_time_s.
         exclusions: the reason for every row that is not included, and for participants without rows.
+        unasked: sessions with trials of which a rule of exclusion could not be asked.
         parts: the datasets that it is of.
     """
 
@@ -82,6 +83,7 @@ class Study:
     first_tasks: Mapping[str, str]
     attempts: pd.DataFrame
     exclusions: tuple[Exclusion, ...]
+    unasked: tuple[Unasked, ...]
     parts: tuple[Part, ...]
 
     def trials(self, task: str) -> pd.DataFrame:
@@ -120,7 +122,7 @@ def read(root: Path) -> Study:
         raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
     protocol = _protocol(root / "sourcedata" / "protocol.toml")
     attempts = pd.DataFrame(rows)
-    exclusions = exclude(attempts, withdrawn, protocol.exclusion if protocol else ())
+    exclusions, unasked = exclude(attempts, withdrawn, protocol.exclusion if protocol else ())
     done = tuple(tasks[task] for task in facts["Tasks"] if task in tasks)
     return Study(
         id=str(facts["Study"]),
@@ -133,6 +135,7 @@ def read(root: Path) -> Study:
         first_tasks=first_tasks,
         attempts=attempts,
         exclusions=exclusions,
+        unasked=unasked,
         parts=(Part(root.resolve().name, tuple(withdrawn), tuple(task.id for task in done), protocol),),
     )
 

@@ -71,6 +71,7 @@ def pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         first_tasks={label: task for study in renamed for label, task in study.first_tasks.items()},
         attempts=pd.concat([study.attempts for study in renamed], ignore_index=True),
         exclusions=tuple(exclusion for study in renamed for exclusion in study.exclusions),
+        unasked=tuple(one for study in renamed for one in study.unasked),
         parts=parts,
     )
 
@@ -88,6 +89,7 @@ def _renamed(study: Study, name: str) -> Study:
         first_tasks={f"{name}-{label}": task for label, task in study.first_tasks.items()},
         attempts=study.attempts.assign(participant=[f"{name}-{who}" for who in study.attempts["participant"]]),
         exclusions=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.exclusions),
+        unasked=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.unasked),
         parts=tuple(
             replace(part, name=name, participants=tuple(f"{name}-{label}" for label in part.participants))
             for part in study.parts

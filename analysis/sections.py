@@ -168,7 +168,8 @@ def exclusions_section(study: Study) -> Section:
         for e in study.exclusions
     )  # fmt: skip
     if not records:
-        return Section("exclusions", "Left out", ("Nothing: every attempt in the dataset is analysed.",), records=({},))
+        about = "Nothing: every attempt in the dataset is analysed."
+        return Section("exclusions", "Left out", (about, *_unasked(study)), records=({},))
     rows = tuple(tuple("-" if cell is None else str(cell) for cell in record.values()) for record in records)
     table = Table("", ("participant", "task", "trial", "attempt", "rule", "reason"), rows, left=frozenset({0, 1, 4, 5}))
     count = len(study.attempts) - int(study.attempts["included"].sum())
@@ -176,7 +177,22 @@ def exclusions_section(study: Study) -> Section:
     by_rule = Counter(e.rule for e in study.exclusions)
     counted = tuple((rule, str(times)) for rule, times in by_rule.items())
     brief = Table("", ("rule", "times"), counted, notes=("Each is listed in the report and in exclusions.csv.",))
-    return Section("exclusions", "Left out", (about,), (table,), records, (brief,) if len(records) > MANY else ())
+    return Section(
+        "exclusions", "Left out", (about, *_unasked(study)), (table,), records, (brief,) if len(records) > MANY else ()
+    )
+
+
+def _unasked(study: Study) -> list[str]:
+    """A sentence a rule and task on trials that stay in because what the rule judges is not known of them."""
+    counts: Counter[tuple[str, str, str]] = Counter()
+    totals = study.attempts.loc[study.attempts["counted"], "task"].value_counts()
+    for one in study.unasked:
+        counts[one.rule, one.missing, one.task] += one.trials
+    return [
+        f"Rule {rule} could not be asked of {trials} of {totals[task]} trials of {task}, {missing} not being known of "
+        "them; they stay in."
+        for (rule, missing, task), trials in counts.items()
+    ]
 
 
 def _confusion_table(task: TaskResult) -> Table:
