@@ -8,6 +8,9 @@ from analysis.icc import NAMES
 from analysis.results import ComponentReliability, Reliability, Results
 from analysis.tables import Section, Table, number, probability
 
+FEW = 10
+"""Participants left out of a matrix, beyond whom a terminal counts the rest."""
+
 
 def icc_section(results: Results) -> Section:
     """Every ICC form for every matrix, and the variance-component form."""
@@ -50,8 +53,16 @@ def _icc_rows(reliability: Reliability) -> tuple[tuple[str, ...], ...]:
     )  # fmt: skip
 
 
-def _icc_notes(reliability: Reliability) -> tuple[str, ...]:
-    return (f"Not defined: {reliability.statement}.",) if reliability.statement else ()
+def _icc_notes(reliability: Reliability, most: int | None = None) -> tuple[str, ...]:
+    notes = [f"Not defined: {reliability.statement}."] * bool(reliability.statement)
+    if who := reliability.dropped:
+        of, lack = "every task together", "a task or a material"
+        if reliability.task is not None:
+            of, lack = reliability.task, "a material"
+        more = len(who[most:]) if most else 0
+        named = ", ".join(who[:most]) + f" and {more} more, named in the report" * bool(more)
+        notes.append(f"Left out of {of}, having had no trial of {lack}: {named}.")
+    return tuple(notes)
 
 
 def _icc_brief(results: Results) -> Table:
@@ -59,7 +70,7 @@ def _icc_brief(results: Results) -> Table:
     rows = tuple(
         (r.matrix, *(number(r.icc.form(name).value) if r.icc else "-" for name in names)) for r in results.reliabilities
     )
-    notes = tuple(note for r in results.reliabilities for note in _icc_notes(r))
+    notes = dict.fromkeys(note for r in results.reliabilities for note in _icc_notes(r, FEW))
     return Table("", ("matrix", *names), rows, notes=(*notes, "F, P and intervals stand in the report and in icc.csv."))
 
 

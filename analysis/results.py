@@ -66,12 +66,16 @@ class PairTest:
 
 @dataclass(frozen=True)
 class Reliability:
-    """Every ICC form for one matrix; `icc` is None where `statement` says why."""
+    """Every ICC form for one matrix; `icc` is None where `statement` says why.
+
+    `dropped` are participants of the task, or of any task, without whom the matrix is complete.
+    """
 
     matrix: str
     task: str | None
     icc: Icc | None
     statement: str
+    dropped: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -230,16 +234,19 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
         people = _complete(task)
         cell_ratios = [_row(task, people, i, j) for i in range(count) for j in range(count)]
         name = f"{count * count} cells (presented x answered) x {len(people)} participants"
-        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, cell_ratios))
+        dropped = tuple(label for label in task.confusion.participants if label not in set(people))
+        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, cell_ratios, dropped))
         name = f"{count} correct ratios x {len(people)} participants"
-        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, _correct(task, people, count)))
+        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, _correct(task, people, count), dropped))
     if len(tasks) > 1:
         others = [set(_complete(task)) for task in tasks[1:]]
         both = [label for label in _complete(tasks[0]) if all(label in other for other in others)]
         rows = [row for task in tasks for row in _correct(task, both, count)]
+        anyone = dict.fromkeys(label for task in tasks for label in task.confusion.participants)
+        dropped = tuple(label for label in anyone if label not in set(both))
         name = f"{len(rows)} correct ratios (material by task) x {len(both)} participants who did every task"
         linked = "; which row of one task goes with which of another is arbitrary in a reconstruction"
-        found.append(_reliability(name + linked * (study.origin == "RECONSTRUCTION"), None, rows))
+        found.append(_reliability(name + linked * (study.origin == "RECONSTRUCTION"), None, rows, dropped))
     return found
 
 
@@ -257,8 +264,10 @@ def _correct(task: TaskResult, people: Sequence[str], count: int) -> list[list[F
     return [_row(task, people, index, index) for index in range(count)]
 
 
-def _reliability(matrix: str, task: str | None, rows: Sequence[Sequence[Fraction]]) -> Reliability:
+def _reliability(
+    matrix: str, task: str | None, rows: Sequence[Sequence[Fraction]], dropped: tuple[str, ...]
+) -> Reliability:
     try:
-        return Reliability(matrix, task, icc(rows), "")
+        return Reliability(matrix, task, icc(rows), "", dropped)
     except NotDefined as reason:
-        return Reliability(matrix, task, None, str(reason))
+        return Reliability(matrix, task, None, str(reason), dropped)
