@@ -23,7 +23,7 @@ def icc_section(results: Results) -> Section:
     records: list[Mapping[str, object]] = [
         {"matrix": table.matrix, "form": form.shrout_fleiss, "also": form.mcgraw_wong, "model": form.model,
          "icc": form.value, "f": form.f, "df1": form.df1, "df2": form.df2, "p": form.p, "low": form.low,
-         "high": form.high}
+         "high": form.high, "statement": form.statement}
         for table in results.reliabilities if table.icc for form in table.icc.forms
     ]  # fmt: skip
     if results.components:
@@ -54,11 +54,15 @@ def _icc_rows(reliability: Reliability) -> tuple[tuple[str, ...], ...]:
 
 
 def _icc_notes(reliability: Reliability, most: int | None = None) -> tuple[str, ...]:
+    of = reliability.task or "every task together"
     notes = [f"Not defined: {reliability.statement}."] * bool(reliability.statement)
+    forms: dict[str, list[str]] = {}
+    for form in reliability.icc.forms if reliability.icc else ():
+        if form.statement and (most is None or form.value is None):
+            forms.setdefault(form.statement, []).append(form.shrout_fleiss)
+    notes += [f"{', '.join(names)}{f' of {of}' * (most is not None)}: {why}." for why, names in forms.items()]
     if who := reliability.dropped:
-        of, lack = "every task together", "a task or a material"
-        if reliability.task is not None:
-            of, lack = reliability.task, "a material"
+        lack = "a task or a material" if reliability.task is None else "a material"
         more = len(who[most:]) if most else 0
         named = ", ".join(who[:most]) + f" and {more} more, named in the report" * bool(more)
         notes.append(f"Left out of {of}, having had no trial of {lack}: {named}.")

@@ -72,7 +72,13 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
         *(_choice(one.task, one.choice, materials) for one in found if one.choice),
     ]
     tables += [_scaling(found), _mantel(found, results.dissimilarities.source)]
-    names = {"information": "information", "choice": "similarity-choice model", "scaling": "map", "mantel": "Mantel"}
+    names = {
+        "information": "information",
+        "information interval": "interval of the information",
+        "choice": "similarity-choice model",
+        "scaling": "map",
+        "mantel": "Mantel",
+    }
     reasons = tuple(
         f"Not defined: {one.task}, {names[key]}: {reason}." for one in found for key, reason in one.statements.items()
     )

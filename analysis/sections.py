@@ -15,7 +15,7 @@ from analysis.effect_sizes import EffectSize
 from analysis.icc_sections import icc_section
 from analysis.identification_sections import identification_sections
 from analysis.results import Results, TaskResult
-from analysis.tables import Section, Table, bayes_factor, interval, number, probability
+from analysis.tables import Section, Table, bayes_factor, interval, lacks_a_limit, number, probability
 from analysis.trial_sections import trials_section
 from experiment.event_columns import NO_ANSWER
 
@@ -109,10 +109,15 @@ def tests_section(results: Results) -> Section:
                  "d_low": test.d.low if test.d else None, "d_high": test.d.high if test.d else None,
                  "log_bf10": test.log_bf10, "stars": r.stars, "statement": r.statement}
             )  # fmt: skip
-        notes = tuple(f"{test.material}: {test.result.statement}." for test in task.tests if test.result.statement)
+        notes = [f"{test.material}: {test.result.statement}." for test in task.tests if test.result.statement]
+        notes += [
+            f"{test.material}: no interval of d, the noncentral t cannot be computed so far out."
+            for test in task.tests
+            if lacks_a_limit(test.d)
+        ]
         header = ("presented", "n", "mean", "SD", "t", "df", "P", "P (Holm)", "d", "95 % CI of d", "BF10", "")
         title = f"{task.task.title}: correct answers against chance, {task.chance:.4g}"
-        tables.append(Table(title, header, tuple(rows), left=frozenset({0, 11}), notes=notes))
+        tables.append(Table(title, header, tuple(rows), left=frozenset({0, 11}), notes=tuple(notes)))
     about = (
         "One-sample t-tests, two-tailed. Holm's correction is taken over the materials of a task; stars follow P; d is "
         "Cohen's. BF10 is the JZS Bayes factor, above 1 for a mean that differs from chance."
@@ -155,6 +160,13 @@ def anova_section(results: Results) -> Section:
         "one, and a participant may stand in both tasks, so F and P are approximate."
     ]
     paragraphs += [f"Not defined: {name}: {reason}." for name, reason in reasons.items()]
+    sized = [(f"{task}, {pair}", line) for task, pair, line in one_way]
+    sized += [(f"two-way, type {kind}", line) for kind, line in two_way]
+    paragraphs += [
+        f"Not defined: {of}, {effect.name}: interval of partial η²; the noncentral F cannot be computed so far out."
+        for of, (effect, size) in sized
+        if lacks_a_limit(size)
+    ]
     if results.two_way_statement:
         paragraphs.append(f"No two-way ANOVA: {results.two_way_statement}.")
     return Section("anova", "Analysis of variance", tuple(paragraphs), tuple(tables), tuple(records))
