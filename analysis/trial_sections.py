@@ -42,6 +42,7 @@ def _gee(found: TrialLevel) -> Table | None:
     notes = (
         _wald(model),
         f"Correlation within a participant: {model.spread:.3f}. Standard errors of Mancl and DeRouen.",
+        *(f"statsmodels said on the way: {said}." for said in model.warned),
     )
     title = f"GEE logit: {model.trials} trials of {model.participants} participants"
     return Table(title, HEADER, _rows(model), notes=notes)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +14,13 @@ import statsmodels.api as sm
 import statsmodels.formula.api as smf
 from scipy.optimize import approx_fprime, minimize
 from scipy.special import logsumexp
+from statsmodels.genmod.generalized_estimating_equations import GEE
 
 from analysis.dataset import Study, read
 from analysis.exact import NotDefined
 from analysis.mixed_logit import log_likelihood
 from analysis.results import compute
-from analysis.trial_level import trial_level
+from analysis.trial_level import TrialLevel, trial_level
 from analysis.trial_models import gee, mixed
 from analysis.trial_sections import trials_section
 from analysis.trials import LATER, RESPONSE, SPEED, TRIAL, Design, design
@@ -248,6 +251,45 @@ def test_a_material_that_is_always_recognised(tmp_path: Path) -> None:
     study.attempts.loc[always, "answered"] = "snow"
     with pytest.raises(NotDefined, match="every answer to material snow is right"):
         design(study)
+
+
+def test_participants_who_answer_alike_have_no_standard_errors_of_the_gee(tmp_path: Path) -> None:
+    """All do the same: their scores, which add up to zero, are zero each, and so is the covariance between them."""
+    rows = _session(np.random.default_rng(5), 0.4)
+    study = read(write_dataset(tmp_path, {str(who): {"virtual": rows} for who in range(9)}))
+    with pytest.raises(NotDefined, match="standard errors by participant are not defined for the GEE logit"):
+        gee(design(study))
+
+
+def test_terms_that_cannot_be_told_apart_have_no_standard_errors_of_the_gee() -> None:
+    data = _cbpp()
+    matrix = np.column_stack([data.matrix, data.matrix[:, 1:].sum(axis=1) + data.matrix[:, 0]])
+    twice = replace(data, matrix=matrix, names=(*data.names, "again"), terms={"again": (4,)})
+    with pytest.raises(NotDefined, match="or terms cannot be told apart"):
+        gee(twice)
+
+
+def test_odds_without_limit_are_named() -> None:
+    """In the fourth period no animal fell ill: its odds are those of never."""
+    data = _cbpp()
+    never = replace(data, correct=np.where(data.matrix[:, 3] > 0, 0.0, data.correct))
+    with pytest.raises(NotDefined, match="the odds of 4 have no limit"):
+        mixed(never)
+
+
+def test_what_statsmodels_says_of_a_fit_that_converges_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit = GEE.fit
+
+    def warn(self: GEE, **options: object) -> object:
+        warnings.warn("the scale is odd", RuntimeWarning, stacklevel=2)
+        return fit(self, **options)
+
+    monkeypatch.setattr(GEE, "fit", warn)
+    found = gee(_cbpp())
+    assert found.warned == ("the scale is odd",)
+    results = SimpleNamespace(trials=TrialLevel(found, None, {}, {}, (), {}))
+    (table,) = trials_section(results).tables  # type: ignore[arg-type]
+    assert table.notes[-1] == "statsmodels said on the way: the scale is odd."
 
 
 def test_too_few_participants(tmp_path: Path) -> None:
