@@ -220,6 +220,7 @@ def _numbers(study: Study, results: Results, comparison: Comparison | None) -> d
         "variance_components": _plain(results.components),
         "comparison": _plain(comparison),
         "exclusions": [asdict(exclusion) for exclusion in study.exclusions],
+        "unasked": [asdict(one) for one in study.unasked],
     }
 
 

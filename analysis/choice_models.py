@@ -102,7 +102,7 @@ def from_print(printed: published.Published, protocol: Protocol) -> ChoiceModel:
     """Means and standard deviations of a paper's tables as they stand there.
 
     A row whose printed means miss 1 by no more than their rounding can explain is scaled to 1; a larger gap is the
-    share of trials in which no material was named.
+    share of trials in which no material was named, and a larger surplus, which no answers give, is scaled and noted.
 
     Raises:
         PowerError: the tables lack a task or a material of the protocol.
@@ -127,7 +127,13 @@ def from_print(printed: published.Published, protocol: Protocol) -> ChoiceModel:
                 ) from None
             means = np.array([cell.mean.value for cell in row])
             gap = 1 - float(means.sum())
-            if gap > sum(cell.mean.unit for cell in row) / 2:
+            rounding = sum(cell.mean.unit for cell in row) / 2
+            if gap < -rounding:
+                notes.append(
+                    f"{task.id}, {shown}: printed ratios add up to {1 - gap:.3f}, more than rounding explains; one of "
+                    "them is wrong in print, and all are scaled to add up to 1"
+                )
+            if gap > rounding:
                 notes.append(f"{task.id}, {shown}: printed ratios leave {gap:.3g}, taken as no material named")
                 shares = np.array([*means, gap])
             else:

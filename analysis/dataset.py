@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from analysis.exclusions import Exclusion, exclude
+from analysis.exclusions import Exclusion, Unasked, exclude
 from experiment.errors import DatasetError
 from experiment.event_columns import EVENT_COLUMNS, NO_ANSWER
 
@@ -42,8 +42,18 @@ class Task:
 
 
 @dataclass(frozen=True)
+class Part:
+    """One dataset of a study: its folder's name, participants and tasks, and the protocol's copy that it may hold."""
+
+    name: str
+    participants: tuple[str, ...]
+    tasks: tuple[str, ...]
+    protocol: Protocol | None
+
+
+@dataclass(frozen=True)
 class Study:
-    """A dataset as read.
+    """A dataset as read, or several as one.
 
     Args:
         id: the study's id.
@@ -59,7 +69,8 @@ class Study:
             included; and of `event_columns.FURTHER_COLUMNS` masker_db_a, prediction_error_s, delivery_error_s,
             gate_to_scheduled_s, dead_time_s.
         exclusions: the reason for every row that is not included, and for participants without rows.
-        protocol: the protocol's copy, where the dataset holds one.
+        unasked: sessions with trials of which a rule of exclusion could not be asked.
+        parts: the datasets that it is of.
     """
 
     id: str
@@ -72,7 +83,8 @@ class Study:
     first_tasks: Mapping[str, str]
     attempts: pd.DataFrame
     exclusions: tuple[Exclusion, ...]
-    protocol: Protocol | None
+    unasked: tuple[Unasked, ...]
+    parts: tuple[Part, ...]
 
     def trials(self, task: str) -> pd.DataFrame:
         """The trials of one task that the analysis counts."""
@@ -110,19 +122,21 @@ def read(root: Path) -> Study:
         raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
     protocol = _protocol(root / "sourcedata" / "protocol.toml")
     attempts = pd.DataFrame(rows)
-    exclusions = exclude(attempts, withdrawn, protocol.exclusion if protocol else ())
+    exclusions, unasked = exclude(attempts, withdrawn, protocol.exclusion if protocol else ())
+    done = tuple(tasks[task] for task in facts["Tasks"] if task in tasks)
     return Study(
         id=str(facts["Study"]),
         name=str(description.get("Name", facts["Study"])),
         origin=str(facts["Origin"]),
         label=str(facts["Label"]),
         materials=materials,
-        tasks=tuple(tasks[task] for task in facts["Tasks"] if task in tasks),
+        tasks=done,
         participants=tuple(withdrawn),
         first_tasks=first_tasks,
         attempts=attempts,
         exclusions=exclusions,
-        protocol=protocol,
+        unasked=unasked,
+        parts=(Part(root.resolve().name, tuple(withdrawn), tuple(task.id for task in done), protocol),),
     )
 
 

@@ -2,7 +2,7 @@
 
 Left out always: attempts that were done again, and participants who withdrew. Left out by the protocol's rules:
 trials (`exclude-trial`) and participants (`exclude-participant`). Rules with `repeat-trial` were acted on in the
-session. Nothing is left out in silence.
+session. Nothing is left out in silence, and nothing kept in silence where a rule could not be asked.
 """
 
 from __future__ import annotations
@@ -33,10 +33,24 @@ class Exclusion:
     reason: str
 
 
+@dataclass(frozen=True)
+class Unasked:
+    """A rule that could not be asked of `trials` of the `of` trials that a session had left, which stay in."""
+
+    participant: str
+    task: str
+    rule: str
+    missing: str
+    trials: int
+    of: int
+
+
 def exclude(
     attempts: pd.DataFrame, withdrawn: Mapping[str, bool], rules: Iterable[ExclusionRule]
-) -> tuple[Exclusion, ...]:
+) -> tuple[tuple[Exclusion, ...], tuple[Unasked, ...]]:
     """Set the column `included` of `attempts` to False wherever a rule says so, and list why.
+
+    Second come the sessions of which a rule could not be asked, for want of the value that it judges.
 
     The order is: attempts done again, withdrawals, rules on trials, rules on participants; the last count only
     what the others left. A participant left out by a rule is left out of every task.
@@ -57,13 +71,15 @@ def exclude(
     for label in (label for label, left in withdrawn.items() if left and label in present):
         attempts.loc[attempts["participant"] == label, "included"] = False
         found.append(_participant(label, *((gone.id, gone.reason) if gone else ("withdrawn", "withdrew"))))
+    unasked: list[Unasked] = []
     for rule in rules:
         if rule.action == "exclude-trial":
+            unasked += _unasked(attempts, rule)
             found += _trials(attempts, rule)
     for rule in rules:
         if rule.when == "answers-below":
             found += _few_answers(attempts, rule)
-    return tuple(found)
+    return tuple(found), tuple(unasked)
 
 
 def _attempt(row: pd.Series[Any], rule: str, reason: str) -> Exclusion:
@@ -74,13 +90,32 @@ def _participant(label: str, rule: str, reason: str) -> Exclusion:
     return Exclusion(label, ALL_TASKS, None, None, rule, reason)
 
 
-def _trials(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]:
+def _judged(rule: ExclusionRule) -> tuple[str, str]:
+    """The column that a rule on trials judges, and words for it."""
     if rule.when == "undelivered":
-        hit = attempts["included"] & (attempts["delivered"] == 0)
+        return "delivered", "whether the stimulus was delivered"
+    return ("frames_lost", "frames lost") if rule.when == "frames-lost" else ("foot_speed_mm_s", "the foot's speed")
+
+
+def _unasked(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Unasked]:
+    column, words = _judged(rule)
+    left = attempts[attempts["included"]]
+    missing = left[column].isna().groupby([left["participant"], left["task"]], sort=False)
+    return [
+        Unasked(str(participant), str(task), rule.id, words, int(unknown.sum()), len(unknown))
+        for (participant, task), unknown in missing
+        if unknown.any()
+    ]
+
+
+def _trials(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]:
+    column, _ = _judged(rule)
+    if rule.when == "undelivered":
+        hit = attempts["included"] & (attempts[column] == 0)
         found = [_attempt(row, rule.id, rule.reason) for _, row in attempts[hit].iterrows()]
         attempts.loc[hit, "included"] = False
         return found
-    column, unit = ("frames_lost", "frames lost") if rule.when == "frames-lost" else ("foot_speed_mm_s", "mm/s")
+    unit = "frames lost" if rule.when == "frames-lost" else "mm/s"
     beyond = attempts[column] < rule.limit if rule.when == "speed-below" else attempts[column] > rule.limit
     hit = attempts["included"] & beyond
     found = [

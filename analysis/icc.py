@@ -16,7 +16,7 @@ from analysis.exact import NotDefined, Number, integers, squares
 
 @dataclass(frozen=True)
 class IccForm:
-    """One form; what the mean squares do not define is None.
+    """One form; what the mean squares do not define is None, and `statement` says why.
 
     Args:
         shrout_fleiss: name in Shrout and Fleiss.
@@ -37,6 +37,7 @@ class IccForm:
     p: float | None
     low: float | None
     high: float | None
+    statement: str
 
 
 @dataclass(frozen=True)
@@ -112,11 +113,33 @@ def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
         stepped = tuple(None if limit is None else _spearman_brown(limit, k) for limit in limits)
         for size, value, ends in (("1", single[kind], limits), ("k", average[kind], stepped)):
             name = f"ICC({kind},{size})"
-            forms[name] = IccForm(name, *NAMES[name], value, f, n - 1, df2, p, ends[0], ends[1])
+            statement = _why(kind, value, f, limits, ends)
+            forms[name] = IccForm(name, *NAMES[name], value, f, n - 1, df2, p, ends[0], ends[1], statement)
     return Icc(n, k, *mean_squares, confidence, tuple(forms[name] for name in NAMES))
 
 
 Limits = tuple[float | None, ...]
+
+
+def _why(kind: str, value: float | None, f: float | None, single: Limits, ends: Limits) -> str:
+    """Why a form lacks its value, its test or its interval; empty where it has all."""
+    said = []
+    if value is None:
+        said.append("the variance that it is a share of is estimated as zero or less, so it is not defined")
+    if f is None:
+        what = "within targets" if kind == "1" else "beside that of targets and raters"
+        said.append(f"no variance {what}, so F and P are not defined")
+    if None not in ends:
+        return "; ".join(said)
+    if said:
+        said.append("nor is the interval")
+    elif None in single:
+        said.append("the degrees of freedom of its interval come near zero, so the interval is not defined")
+    else:
+        said.append(
+            "a limit for one rater is too low to be stepped up to the mean of k, so the interval is not defined"
+        )
+    return "; ".join(said)
 
 
 def _ratio(numerator: int, denominator: int) -> float | None:

@@ -8,6 +8,9 @@ from analysis.icc import NAMES
 from analysis.results import ComponentReliability, Reliability, Results
 from analysis.tables import Section, Table, number, probability
 
+FEW = 10
+"""Participants left out of a matrix, beyond whom a terminal counts the rest."""
+
 
 def icc_section(results: Results) -> Section:
     """Every ICC form for every matrix, and the variance-component form."""
@@ -20,7 +23,7 @@ def icc_section(results: Results) -> Section:
     records: list[Mapping[str, object]] = [
         {"matrix": table.matrix, "form": form.shrout_fleiss, "also": form.mcgraw_wong, "model": form.model,
          "icc": form.value, "f": form.f, "df1": form.df1, "df2": form.df2, "p": form.p, "low": form.low,
-         "high": form.high}
+         "high": form.high, "statement": form.statement}
         for table in results.reliabilities if table.icc for form in table.icc.forms
     ]  # fmt: skip
     if results.components:
@@ -50,8 +53,20 @@ def _icc_rows(reliability: Reliability) -> tuple[tuple[str, ...], ...]:
     )  # fmt: skip
 
 
-def _icc_notes(reliability: Reliability) -> tuple[str, ...]:
-    return (f"Not defined: {reliability.statement}.",) if reliability.statement else ()
+def _icc_notes(reliability: Reliability, most: int | None = None) -> tuple[str, ...]:
+    of = reliability.task or "every task together"
+    notes = [f"Not defined: {reliability.statement}."] * bool(reliability.statement)
+    forms: dict[str, list[str]] = {}
+    for form in reliability.icc.forms if reliability.icc else ():
+        if form.statement and (most is None or form.value is None):
+            forms.setdefault(form.statement, []).append(form.shrout_fleiss)
+    notes += [f"{', '.join(names)}{f' of {of}' * (most is not None)}: {why}." for why, names in forms.items()]
+    if who := reliability.dropped:
+        lack = "a task or a material" if reliability.task is None else "a material"
+        more = len(who[most:]) if most else 0
+        named = ", ".join(who[:most]) + f" and {more} more, named in the report" * bool(more)
+        notes.append(f"Left out of {of}, having had no trial of {lack}: {named}.")
+    return tuple(notes)
 
 
 def _icc_brief(results: Results) -> Table:
@@ -59,7 +74,7 @@ def _icc_brief(results: Results) -> Table:
     rows = tuple(
         (r.matrix, *(number(r.icc.form(name).value) if r.icc else "-" for name in names)) for r in results.reliabilities
     )
-    notes = tuple(note for r in results.reliabilities for note in _icc_notes(r))
+    notes = dict.fromkeys(note for r in results.reliabilities for note in _icc_notes(r, FEW))
     return Table("", ("matrix", *names), rows, notes=(*notes, "F, P and intervals stand in the report and in icc.csv."))
 
 

@@ -107,9 +107,13 @@ def identify(
     bits = bits_interval = found_choice = found_scaling = found_mantel = None
     try:
         bits = information(counts.sum(axis=0))
-        bits_interval = _information_interval(counts, bits, rng)
     except NotDefined as reason:
         said["information"] = str(reason)
+    if bits:
+        try:
+            bits_interval = _information_interval(counts, bits, rng)
+        except NotDefined as reason:
+            said["information interval"] = str(reason)
     try:
         found_choice = _choice(matrix, rng)
     except NotDefined as reason:
@@ -160,14 +164,11 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
     return cells
 
 
-def _information_interval(counts: NDArray[np.int64], found: Information, rng: np.random.Generator) -> Interval | None:
-    """BCa interval of the information as counted, without correction; None where the bootstrap has none."""
+def _information_interval(counts: NDArray[np.int64], found: Information, rng: np.random.Generator) -> Interval:
+    """BCa interval of the information as counted, without correction."""
     people = len(counts)
-    try:
-        drawn = transmitted(np.tensordot(resamples(people, INFORMATION_RESAMPLES, rng), counts, axes=1))
-        return bca(found.transmitted, drawn, transmitted(np.tensordot(leave_one_out(people), counts, axes=1)))
-    except NotDefined:
-        return None
+    drawn = transmitted(np.tensordot(resamples(people, INFORMATION_RESAMPLES, rng), counts, axes=1))
+    return bca(found.transmitted, drawn, transmitted(np.tensordot(leave_one_out(people), counts, axes=1)))
 
 
 def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:

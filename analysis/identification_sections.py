@@ -72,7 +72,13 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
         *(_choice(one.task, one.choice, materials) for one in found if one.choice),
     ]
     tables += [_scaling(found), _mantel(found, results.dissimilarities.source)]
-    names = {"information": "information", "choice": "similarity-choice model", "scaling": "map", "mantel": "Mantel"}
+    names = {
+        "information": "information",
+        "information interval": "interval of the information",
+        "choice": "similarity-choice model",
+        "scaling": "map",
+        "mantel": "Mantel",
+    }
     reasons = tuple(
         f"Not defined: {one.task}, {names[key]}: {reason}." for one in found for key, reason in one.statements.items()
     )
@@ -86,18 +92,27 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
 
 
 def _information(found: tuple[Identification, ...]) -> Table:
+    notes = [
+        "Transmitted: of the counts as they are, too large with few trials; the last two columns correct that. Trials "
+        f"without an answer count as one more answer. BCa interval of the uncorrected value, {INFORMATION_RESAMPLES} "
+        "resamples of participants."
+    ]
+    for one in found:
+        corrected = (one.information.miller_madow, one.information.panzeri_treves) if one.information else ()
+        if one.information and max(corrected) > one.information.presented:
+            notes.append(
+                f"{one.task}: a corrected value is above the bits presented, and no more can be transmitted; where "
+                "each material gets few different answers, the correction turns upwards."
+            )
+        if corrected and min(corrected) < 0:
+            notes.append(f"{one.task}: a corrected value is below 0, and no less can be transmitted.")
     rows = tuple(
         (one.task, str(bits.trials), number(bits.presented), number(bits.transmitted),
          interval(one.information_interval), number(bits.miller_madow), number(bits.panzeri_treves))
         for one in found if (bits := one.information)
     )  # fmt: skip
     header = ("task", "trials", "presented", "transmitted", "95 % CI", "Miller-Madow", "Panzeri-Treves")
-    notes = (
-        "Transmitted: of the counts as they are, too large with few trials; the last two columns correct that. Trials "
-        f"without an answer count as one more answer. BCa interval of the uncorrected value, {INFORMATION_RESAMPLES} "
-        "resamples of participants.",
-    )
-    return Table("Information, bits a trial", header, rows, notes=notes)
+    return Table("Information, bits a trial", header, rows, notes=tuple(notes))
 
 
 def _detection(found: tuple[Identification, ...]) -> Table:

@@ -112,7 +112,8 @@ METHODS: tuple[tuple[str, str], ...] = (
         "Single trials",
         "logit P(right) = intercept + task + material + covariates. GEE, exchangeable within a participant, covariance "
         "of Mancl and DeRouen (2001); mixed logit with a normal intercept a participant, maximum likelihood by "
-        "adaptive Gauss-Hermite quadrature (Pinheiro and Bates 1995). Wald tests.",
+        "adaptive Gauss-Hermite quadrature (Pinheiro and Bates 1995). Wald tests. Covariates are used that half of the "
+        "trials of every task and material have, all of them together.",
     ),
     (
         "Learning curve",

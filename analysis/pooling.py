@@ -9,6 +9,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.dataset import Study, Task, read
+from analysis.plans import check_chances
 from experiment.errors import DatasetError
 
 
@@ -28,16 +29,16 @@ def read_pooled(roots: Sequence[Path]) -> Study:
 def pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
     """One study of several.
 
-    The exclusions of each stand as its own protocol has them. The protocol is kept where all are of the same one, and
-    the study's id where it is the same.
+    The exclusions, plans and trials of each are those of its own protocol; `analysis.plans` says where protocols
+    differ. The study's id is kept where it is the same.
 
     Args:
         studies: two or more.
         names: what to call each, all different; participant 03 of dataset `lab` becomes `lab-03`.
 
     Raises:
-        DatasetError: for studies of different origins or materials, with tasks of one id and unlike titles, or with
-            the same answers throughout.
+        DatasetError: for studies of different origins or materials, with tasks of one id and unlike titles or chances,
+            or with the same answers throughout.
     """
     first = studies[0]
     origins = {study.origin for study in studies}
@@ -57,6 +58,8 @@ def pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
                 raise DatasetError(f"{names[other]} and {names[index]} hold the same answers; give each dataset once")
     ids = list(dict.fromkeys(study.id for study in studies))
     renamed = [_renamed(study, name) for study, name in zip(studies, names, strict=True)]
+    parts = tuple(part for study in renamed for part in study.parts)
+    check_chances(parts, len(first.materials))
     return Study(
         id="+".join(ids),
         name=f"Pooled: {'; '.join(f'{s.name} ({name})' for s, name in zip(studies, names, strict=True))}",
@@ -68,7 +71,8 @@ def pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         first_tasks={label: task for study in renamed for label, task in study.first_tasks.items()},
         attempts=pd.concat([study.attempts for study in renamed], ignore_index=True),
         exclusions=tuple(exclusion for study in renamed for exclusion in study.exclusions),
-        protocol=first.protocol if all(study.protocol == first.protocol for study in studies) else None,
+        unasked=tuple(one for study in renamed for one in study.unasked),
+        parts=parts,
     )
 
 
@@ -85,6 +89,11 @@ def _renamed(study: Study, name: str) -> Study:
         first_tasks={f"{name}-{label}": task for label, task in study.first_tasks.items()},
         attempts=study.attempts.assign(participant=[f"{name}-{who}" for who in study.attempts["participant"]]),
         exclusions=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.exclusions),
+        unasked=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.unasked),
+        parts=tuple(
+            replace(part, name=name, participants=tuple(f"{name}-{label}" for label in part.participants))
+            for part in study.parts
+        ),
     )
 
 

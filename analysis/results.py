@@ -19,6 +19,7 @@ from analysis.effect_sizes import EffectSize, cohens_d
 from analysis.exact import NotDefined
 from analysis.icc import Icc, icc
 from analysis.identification import Identification, identify
+from analysis.plans import chance
 from analysis.significance import TTest, holm, t_against_chance
 from analysis.trial_level import TrialLevel, trial_level
 from analysis.variance_components import VarianceComponents, icc_of_mean, variance_components
@@ -65,12 +66,16 @@ class PairTest:
 
 @dataclass(frozen=True)
 class Reliability:
-    """Every ICC form for one matrix; `icc` is None where `statement` says why."""
+    """Every ICC form for one matrix; `icc` is None where `statement` says why.
+
+    `dropped` are participants of the task, or of any task, without whom the matrix is complete.
+    """
 
     matrix: str
     task: str | None
     icc: Icc | None
     statement: str
+    dropped: tuple[str, ...]
 
 
 @dataclass(frozen=True)
@@ -154,16 +159,16 @@ def _task(study: Study, task: Task) -> TaskResult:
     matrix = confusion(
         trials["participant"].tolist(), trials["presented"].tolist(), trials["answered"].tolist(), study.materials
     )
-    chance = _chance(study, task.id)
+    guessed = chance(study, task.id)
     tests = [
-        t_against_chance(list(matrix.ratios(index, index).values()), chance) for index in range(len(study.materials))
+        t_against_chance(list(matrix.ratios(index, index).values()), guessed) for index in range(len(study.materials))
     ]
     # A test without variance stays in Holm's family: it was planned, and leaving it out would favour the others.
     family = holm([1.0 if test.p is None else test.p for test in tests])
     adjusted = {index: p for index, p in enumerate(family) if tests[index].p is not None}
     return TaskResult(
         task,
-        float(chance),
+        float(guessed),
         matrix,
         tuple(
             MaterialTest(material, test, adjusted.get(index), *_strength(test))
@@ -174,14 +179,6 @@ def _task(study: Study, task: Task) -> TaskResult:
 
 def _strength(test: TTest) -> tuple[EffectSize | None, float | None]:
     return (None, None) if test.t is None else (cohens_d(test.t, test.df), log_bayes_factor(test.t, test.n))
-
-
-def _chance(study: Study, task: str) -> Fraction:
-    planned = study.protocol.analysis if study.protocol else ()
-    for plan in planned:
-        if plan.test == "t against chance" and task in plan.tasks and plan.chance is not None:
-            return Fraction(repr(plan.chance))
-    return Fraction(1, len(study.materials))
 
 
 def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest]:
@@ -237,16 +234,19 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
         people = _complete(task)
         cell_ratios = [_row(task, people, i, j) for i in range(count) for j in range(count)]
         name = f"{count * count} cells (presented x answered) x {len(people)} participants"
-        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, cell_ratios))
+        dropped = tuple(label for label in task.confusion.participants if label not in set(people))
+        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, cell_ratios, dropped))
         name = f"{count} correct ratios x {len(people)} participants"
-        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, _correct(task, people, count)))
+        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, _correct(task, people, count), dropped))
     if len(tasks) > 1:
         others = [set(_complete(task)) for task in tasks[1:]]
         both = [label for label in _complete(tasks[0]) if all(label in other for other in others)]
         rows = [row for task in tasks for row in _correct(task, both, count)]
+        anyone = dict.fromkeys(label for task in tasks for label in task.confusion.participants)
+        dropped = tuple(label for label in anyone if label not in set(both))
         name = f"{len(rows)} correct ratios (material by task) x {len(both)} participants who did every task"
         linked = "; which row of one task goes with which of another is arbitrary in a reconstruction"
-        found.append(_reliability(name + linked * (study.origin == "RECONSTRUCTION"), None, rows))
+        found.append(_reliability(name + linked * (study.origin == "RECONSTRUCTION"), None, rows, dropped))
     return found
 
 
@@ -264,8 +264,10 @@ def _correct(task: TaskResult, people: Sequence[str], count: int) -> list[list[F
     return [_row(task, people, index, index) for index in range(count)]
 
 
-def _reliability(matrix: str, task: str | None, rows: Sequence[Sequence[Fraction]]) -> Reliability:
+def _reliability(
+    matrix: str, task: str | None, rows: Sequence[Sequence[Fraction]], dropped: tuple[str, ...]
+) -> Reliability:
     try:
-        return Reliability(matrix, task, icc(rows), "")
+        return Reliability(matrix, task, icc(rows), "", dropped)
     except NotDefined as reason:
-        return Reliability(matrix, task, None, str(reason))
+        return Reliability(matrix, task, None, str(reason), dropped)

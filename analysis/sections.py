@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping
 
+from analysis import plans
 from analysis.anova import Anova, Effect
 from analysis.compared import comparison_section
 from analysis.comparison import Comparison
@@ -14,7 +15,7 @@ from analysis.effect_sizes import EffectSize
 from analysis.icc_sections import icc_section
 from analysis.identification_sections import identification_sections
 from analysis.results import Results, TaskResult
-from analysis.tables import Section, Table, bayes_factor, interval, number, probability
+from analysis.tables import Section, Table, bayes_factor, interval, lacks_a_limit, number, probability
 from analysis.trial_sections import trials_section
 from experiment.event_columns import NO_ANSWER
 
@@ -58,16 +59,10 @@ def overview(study: Study, results: Results) -> Section:
         for r in records
     )  # fmt: skip
     header = ("task", "title", "participants", "trials", "no answer", "chance")
-    planned = study.protocol.analysis if study.protocol else ()
-    plans = tuple(
-        f"Planned: {plan.test}{f' ({plan.form})' if plan.form else ''}, {' and '.join(plan.tasks)}. {plan.question}"
-        for plan in planned
-    )
     name = study.name.removeprefix(f"{study.label}: ")
     paragraphs = (
         f"{name}. Study {study.id}; {len(study.participants)} participants in the dataset.",
-        *plans,
-        *_incomplete(study),
+        *plans.sentences(study),
     )
     return Section("overview", "Study", paragraphs, (Table("", header, rows, left=frozenset({0, 1})),), tuple(records))
 
@@ -114,10 +109,15 @@ def tests_section(results: Results) -> Section:
                  "d_low": test.d.low if test.d else None, "d_high": test.d.high if test.d else None,
                  "log_bf10": test.log_bf10, "stars": r.stars, "statement": r.statement}
             )  # fmt: skip
-        notes = tuple(f"{test.material}: {test.result.statement}." for test in task.tests if test.result.statement)
+        notes = [f"{test.material}: {test.result.statement}." for test in task.tests if test.result.statement]
+        notes += [
+            f"{test.material}: no interval of d, the noncentral t cannot be computed so far out."
+            for test in task.tests
+            if lacks_a_limit(test.d)
+        ]
         header = ("presented", "n", "mean", "SD", "t", "df", "P", "P (Holm)", "d", "95 % CI of d", "BF10", "")
         title = f"{task.task.title}: correct answers against chance, {task.chance:.4g}"
-        tables.append(Table(title, header, tuple(rows), left=frozenset({0, 11}), notes=notes))
+        tables.append(Table(title, header, tuple(rows), left=frozenset({0, 11}), notes=tuple(notes)))
     about = (
         "One-sample t-tests, two-tailed. Holm's correction is taken over the materials of a task; stars follow P; d is "
         "Cohen's. BF10 is the JZS Bayes factor, above 1 for a mean that differs from chance."
@@ -160,6 +160,13 @@ def anova_section(results: Results) -> Section:
         "one, and a participant may stand in both tasks, so F and P are approximate."
     ]
     paragraphs += [f"Not defined: {name}: {reason}." for name, reason in reasons.items()]
+    sized = [(f"{task}, {pair}", line) for task, pair, line in one_way]
+    sized += [(f"two-way, type {kind}", line) for kind, line in two_way]
+    paragraphs += [
+        f"Not defined: {of}, {effect.name}: interval of partial η²; the noncentral F cannot be computed so far out."
+        for of, (effect, size) in sized
+        if lacks_a_limit(size)
+    ]
     if results.two_way_statement:
         paragraphs.append(f"No two-way ANOVA: {results.two_way_statement}.")
     return Section("anova", "Analysis of variance", tuple(paragraphs), tuple(tables), tuple(records))
@@ -173,7 +180,8 @@ def exclusions_section(study: Study) -> Section:
         for e in study.exclusions
     )  # fmt: skip
     if not records:
-        return Section("exclusions", "Left out", ("Nothing: every attempt in the dataset is analysed.",), records=({},))
+        about = "Nothing: every attempt in the dataset is analysed."
+        return Section("exclusions", "Left out", (about, *_unasked(study)), records=({},))
     rows = tuple(tuple("-" if cell is None else str(cell) for cell in record.values()) for record in records)
     table = Table("", ("participant", "task", "trial", "attempt", "rule", "reason"), rows, left=frozenset({0, 1, 4, 5}))
     count = len(study.attempts) - int(study.attempts["included"].sum())
@@ -181,22 +189,22 @@ def exclusions_section(study: Study) -> Section:
     by_rule = Counter(e.rule for e in study.exclusions)
     counted = tuple((rule, str(times)) for rule, times in by_rule.items())
     brief = Table("", ("rule", "times"), counted, notes=("Each is listed in the report and in exclusions.csv.",))
-    return Section("exclusions", "Left out", (about,), (table,), records, (brief,) if len(records) > MANY else ())
+    return Section(
+        "exclusions", "Left out", (about, *_unasked(study)), (table,), records, (brief,) if len(records) > MANY else ()
+    )
 
 
-def _incomplete(study: Study) -> tuple[str, ...]:
-    """A sentence on sessions with fewer counted trials than the protocol plans."""
-    if study.protocol is None:
-        return ()
-    rows = study.attempts[study.attempts["counted"]]
-    counted = Counter(zip(rows["task"].tolist(), rows["participant"].tolist(), strict=True))
-    planned = {task.id: task.repetitions * len(study.materials) for task in study.protocol.tasks}
-    short = [
-        f"{participant} in {task} ({count} of {planned[task]})"
-        for (task, participant), count in counted.items()
-        if task in planned and count < planned[task]
+def _unasked(study: Study) -> list[str]:
+    """A sentence a rule and task on trials that stay in because what the rule judges is not known of them."""
+    counts: Counter[tuple[str, str, str]] = Counter()
+    totals = study.attempts.loc[study.attempts["counted"], "task"].value_counts()
+    for one in study.unasked:
+        counts[one.rule, one.missing, one.task] += one.trials
+    return [
+        f"Rule {rule} could not be asked of {trials} of {totals[task]} trials of {task}, {missing} not being known of "
+        "them; they stay in."
+        for (rule, missing, task), trials in counts.items()
     ]
-    return (f"Fewer trials than planned, ratios taken over those there are: {', '.join(short)}.",) if short else ()
 
 
 def _confusion_table(task: TaskResult) -> Table:

@@ -93,6 +93,11 @@ def interval(limits: Limits | None, decimals: int = 3) -> str:
     return f"{limits.low:.{decimals}f} to {limits.high:.{decimals}f}"
 
 
+def lacks_a_limit(limits: Limits | None) -> bool:
+    """Whether an estimate is there and an end of its interval is not."""
+    return limits is not None and (limits.low is None or limits.high is None)
+
+
 def bayes_factor(log: float | None) -> str:
     """A Bayes factor from its natural logarithm, to three digits, in powers of ten where it is far from 1."""
     if log is None:

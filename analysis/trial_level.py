@@ -13,12 +13,13 @@ from analysis.trials import design
 
 @dataclass(frozen=True)
 class TrialLevel:
-    """Models of single trials; `statements` say why one is None, `absent` why a covariate is not in them."""
+    """Models of single trials; `statements` say why one is None, the rest is that of `analysis.trials.Design`."""
 
     gee: TrialModel | None
     mixed: TrialModel | None
     absent: Mapping[str, str]
-    left_out: int
+    left_out: Mapping[str, int]
+    gone: tuple[str, ...]
     statements: Mapping[str, str]
 
 
@@ -27,7 +28,7 @@ def trial_level(study: Study) -> TrialLevel:
     try:
         trials = design(study)
     except NotDefined as reason:
-        return TrialLevel(None, None, {}, 0, {"GEE logit and mixed logit": str(reason)})
+        return TrialLevel(None, None, {}, {}, (), {"GEE logit and mixed logit": str(reason)})
     found: dict[str, TrialModel] = {}
     said: dict[str, str] = {}
     for name, fit in (("GEE logit", gee), ("mixed logit", mixed)):
@@ -35,4 +36,5 @@ def trial_level(study: Study) -> TrialLevel:
             found[name] = fit(trials)
         except NotDefined as reason:
             said[name] = str(reason)
-    return TrialLevel(found.get("GEE logit"), found.get("mixed logit"), trials.absent, trials.left_out, said)
+    models = found.get("GEE logit"), found.get("mixed logit")
+    return TrialLevel(*models, trials.absent, trials.left_out, trials.gone, said)

@@ -23,7 +23,10 @@ LEAST = 6
 """Participants, below which standard errors by participant say nothing."""
 
 LARGEST = 12.0
-"""A log odds ratio beyond this is taken as one without limit."""
+"""A log odds ratio beyond this is taken as one without limit; a standard error beyond it says nothing."""
+
+SINGULAR = 1e-10
+"""A covariance, in units of its variances, with an eigenvalue below this is taken as one without an inverse."""
 
 
 @dataclass(frozen=True)
@@ -50,20 +53,25 @@ class Term:
 
 @dataclass(frozen=True)
 class TrialModel:
-    """A fitted model; `spread` is GEE's correlation within a participant, or the SD of the random intercepts."""
+    """A fitted model; `spread` is GEE's correlation within a participant, or the SD of the random intercepts.
+
+    `warned` is what the software said on the way to a fit that converged.
+    """
 
     trials: int
     participants: int
     coefficients: tuple[Coefficient, ...]
     terms: tuple[Term, ...]
     spread: float
+    warned: tuple[str, ...] = ()
 
 
 def gee(design: Design) -> TrialModel:
     """Population-averaged logit, exchangeable within participants.
 
     Raises:
-        NotDefined: with too few participants for the parameters, or where it does not converge.
+        NotDefined: with too few participants for the parameters, where it does not converge, and where participants do
+            not differ enough for standard errors.
     """
     people = _participants(design)
 
@@ -76,12 +84,19 @@ def gee(design: Design) -> TrialModel:
         warnings.simplefilter("always")
         model = GEE(design.correct, design.matrix, groups=design.participants, family=Binomial(), cov_struct=structure)
         fitted = model.fit(cov_type="bias_reduced", maxiter=200)
-    estimates, covariance = np.asarray(fitted.params), np.asarray(fitted.cov_params())
+        estimates, covariance = np.asarray(fitted.params), np.asarray(fitted.cov_params())
+    warned = tuple(dict.fromkeys(str(one.message) for one in heard))
     if not fitted.converged:
-        raise NotDefined(f"the GEE logit does not converge ({'; '.join(str(one.message) for one in heard)})")
+        raise NotDefined(f"the GEE logit does not converge ({'; '.join(warned)})")
+    _bounded(design, estimates)
+    if not _positive(covariance):
+        raise NotDefined(
+            "standard errors by participant are not defined for the GEE logit: participants answered too much alike, "
+            "or terms cannot be told apart"
+        )
     coefficients = _coefficients(design, estimates, np.sqrt(np.diag(covariance)))
     terms = tuple(_wald(name, estimates, covariance, columns) for name, columns in design.terms.items())
-    return TrialModel(len(design.correct), people, coefficients, terms, float(structure.dep_params))
+    return TrialModel(len(design.correct), people, coefficients, terms, float(structure.dep_params), warned)
 
 
 def mixed(design: Design) -> TrialModel:
@@ -113,7 +128,12 @@ def _coefficients(
 ) -> tuple[Coefficient, ...]:
     from scipy.special import ndtr, ndtri
 
-    _bounded(estimates, errors)
+    _bounded(design, estimates)
+    if not (np.isfinite(errors).all() and errors.max() < LARGEST):
+        vague = ", ".join(
+            name for name, error in zip(design.names, errors.tolist(), strict=True) if not error < LARGEST
+        )
+        raise NotDefined(f"standard errors beyond {LARGEST:g} say nothing: {vague}")
     reach = float(ndtri(0.975))
     return tuple(
         Coefficient(
@@ -123,9 +143,20 @@ def _coefficients(
     )
 
 
-def _bounded(*values: NDArray[np.float64]) -> None:
-    if not all(np.isfinite(part).all() and np.abs(part).max() < LARGEST for part in values):
-        raise NotDefined("the odds of some term have no limit: answers are all right or all wrong where it holds")
+def _bounded(design: Design, estimates: NDArray[np.float64]) -> None:
+    endless = [name for name, value in zip(design.names, estimates.tolist(), strict=True) if not abs(value) < LARGEST]
+    if endless:
+        raise NotDefined(
+            f"the odds of {', '.join(endless)} have no limit, as where answers are all right, or all wrong"
+        )
+
+
+def _positive(covariance: NDArray[np.float64]) -> bool:
+    """Whether it is positive definite beyond rounding."""
+    variances = np.diag(covariance)
+    if not (np.isfinite(covariance).all() and (variances > 0).all()):
+        return False
+    return bool(np.linalg.eigvalsh(covariance / np.sqrt(np.outer(variances, variances))).min() > SINGULAR)
 
 
 def _wald(name: str, estimates: NDArray[np.float64], covariance: NDArray[np.float64], columns: tuple[int, ...]) -> Term:

@@ -20,12 +20,20 @@ def trials_section(results: Results) -> Section:
         "Whether an answer was right, trial by trial. Odds ratios are per step that the term names; trials of one "
         "participant, in whatever task, count as alike.",
         *(f"Not in the models: {name}: {why}." for name, why in found.absent.items()),
-        *([f"{found.left_out} trials without one of these values are left out."] if found.left_out else []),
+        *_left_out(found),
         *(f"Not defined: {name}: {why}." for name, why in found.statements.items()),
     )
     tables = [table for table in (_gee(found), _mixed(found)) if table]
     records = [*_records("GEE logit", found.gee), *_records("mixed logit", found.mixed)]
     return Section("trials", "Single trials", paragraphs, tuple(tables), tuple(records))
+
+
+def _left_out(found: TrialLevel) -> list[str]:
+    if not found.left_out:
+        return []
+    by_task = ", ".join(f"{count} in {task}" for task, count in found.left_out.items())
+    who = f"; nothing is left of the participants {', '.join(found.gone)}" if found.gone else ""
+    return [f"{sum(found.left_out.values())} trials without one of the values used are left out ({by_task}){who}."]
 
 
 def _gee(found: TrialLevel) -> Table | None:
@@ -34,6 +42,7 @@ def _gee(found: TrialLevel) -> Table | None:
     notes = (
         _wald(model),
         f"Correlation within a participant: {model.spread:.3f}. Standard errors of Mancl and DeRouen.",
+        *(f"statsmodels said on the way: {said}." for said in model.warned),
     )
     title = f"GEE logit: {model.trials} trials of {model.participants} participants"
     return Table(title, HEADER, _rows(model), notes=notes)

@@ -162,6 +162,21 @@ def test_print_that_lacks_a_material_says_which(protocol: Protocol) -> None:
         choice_models.find("published", own)
 
 
+def test_print_that_adds_up_to_more_than_one_is_noted(tmp_path: Path, protocol: Protocol) -> None:
+    """Polypropylene of Table 1, whose four means add up to 0.973 in print, with 0.65 set to 0.85: 1.173."""
+    text = (Path(published.__file__).parent / "okamoto2012.toml").read_text(encoding="utf-8")
+    old = 'mean = "0.65", sd = "0.27"'
+    assert old in text
+    file = tmp_path / "misprint.toml"
+    file.write_text(text.replace(old, 'mean = "0.85", sd = "0.27"', 1), encoding="utf-8")
+    model = choice_models.from_print(published.read(file), protocol)
+    assert [note for note in model.notes if "add up to" in note] == [
+        "virtual, polypropylene: printed ratios add up to 1.173, more than rounding explains; one of them is wrong in "
+        "print, and all are scaled to add up to 1"
+    ]
+    assert model.tasks[0].shares[2, 2] == pytest.approx(0.85 / 1.173)
+
+
 def test_print_without_participants_and_trials_has_no_spread(protocol: Protocol) -> None:
     printed = published.load("okamoto2012")
     assert printed is not None

@@ -35,7 +35,7 @@ def test_what_was_written_is_read(dataset: Path) -> None:
     assert len(study.trials("virtual")) == 24
     assert len(study.trials("real")) == 12
     assert study.exclusions == ()
-    assert study.protocol is None
+    assert [part.protocol for part in study.parts] == [None]
 
 
 def test_numbers_and_missing_values_are_read(tmp_path: Path) -> None:

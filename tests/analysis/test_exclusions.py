@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import pandas as pd
 import pytest
 
 from analysis.dataset import read
-from analysis.exclusions import ALL_TASKS, Exclusion, exclude
+from analysis.exclusions import ALL_TASKS, Exclusion, Unasked, exclude
+from analysis.sections import exclusions_section
 from experiment.protocol.models import ExclusionRule
 from tests.analysis.datasets import balanced, trial, write_dataset
 
@@ -47,7 +49,7 @@ NOBODY = {"1": False, "2": False}
 
 def test_without_rules_nothing_is_left_out() -> None:
     attempts = _attempts()
-    assert exclude(attempts, NOBODY, ()) == ()
+    assert exclude(attempts, NOBODY, ()) == ((), ())
     assert attempts["included"].all()
 
 
@@ -57,7 +59,7 @@ def test_without_rules_nothing_is_left_out() -> None:
 )
 def test_a_rule_on_trials_leaves_out_what_lies_beyond_its_limit(when: str, limit: float, trials: set[int]) -> None:
     attempts = _attempts()
-    found = exclude(attempts, NOBODY, [_rule(when, limit)])
+    found, _ = exclude(attempts, NOBODY, [_rule(when, limit)])
     assert {exclusion.trial for exclusion in found} == trials
     assert set(attempts[~attempts["included"]]["trial"]) == trials
     assert len(found) == (~attempts["included"]).sum()
@@ -66,28 +68,50 @@ def test_a_rule_on_trials_leaves_out_what_lies_beyond_its_limit(when: str, limit
     )
 
 
-def test_a_missing_value_is_beyond_no_limit() -> None:
+def test_a_missing_value_is_beyond_no_limit_and_is_counted() -> None:
     attempts = _attempts()
-    exclude(attempts, NOBODY, [_rule("frames-lost", 0)])
+    _, unasked = exclude(attempts, NOBODY, [_rule("frames-lost", 0)])
     assert set(attempts[attempts["included"]]["task"]) == {"real"}
+    assert unasked == tuple(Unasked(who, "real", "frames-lost", "frames lost", 4, 4) for who in "12")
+
+
+def test_a_rule_is_asked_of_what_is_left() -> None:
+    """Of trials 3 and 4 of everyone it is not known whether they were delivered; one rule before takes the fourth."""
+    rules = [_rule("speed-above", 300), _rule("undelivered", None), _rule("undelivered", None, "repeat-trial")]
+    _, unasked = exclude(_attempts(), {"1": True, "2": False}, rules)
+    assert [(one.participant, one.task, one.trials, one.of) for one in unasked] == [
+        ("2", "virtual", 1, 3),
+        ("2", "real", 1, 3),
+    ]
+
+
+def test_the_report_counts_trials_of_which_a_rule_could_not_be_asked(tmp_path: Path) -> None:
+    rows = balanced(1)
+    rows[0]["foot_speed"], rows[1]["foot_speed"] = 900.0, 150.0
+    study = read(write_dataset(tmp_path, {"1": {"real": rows}}))
+    exclusions, unasked = exclude(study.attempts, {"1": False}, [_rule("speed-above", 300)])
+    said = exclusions_section(replace(study, exclusions=exclusions, unasked=unasked)).paragraphs
+    assert said[0] == "1 of 12 attempts are not analysed."
+    assert said[1].startswith("Rule speed-above could not be asked of 10 of 12 trials of real, the foot's speed not")
+    assert exclusions_section(replace(study, exclusions=(), unasked=unasked)).paragraphs[1] == said[1]
 
 
 def test_undelivered_trials_are_left_out_where_the_protocol_says_so() -> None:
     attempts = _attempts()
-    found = exclude(attempts, NOBODY, [_rule("undelivered", None)])
+    found, _ = exclude(attempts, NOBODY, [_rule("undelivered", None)])
     assert {(exclusion.trial, exclusion.reason) for exclusion in found} == {(2, "the reason of undelivered")}
     assert set(attempts[~attempts["included"]]["trial"]) == {2}
-    assert exclude(_attempts(), NOBODY, [_rule("undelivered", None, "repeat-trial")]) == ()
+    assert exclude(_attempts(), NOBODY, [_rule("undelivered", None, "repeat-trial")]) == ((), ())
 
 
 def test_repeated_trials_were_dealt_with_in_the_session() -> None:
     attempts = _attempts()
-    assert exclude(attempts, NOBODY, [_rule("speed-above", 1, "repeat-trial")]) == ()
+    assert exclude(attempts, NOBODY, [_rule("speed-above", 1, "repeat-trial")]) == ((), ())
 
 
 def test_few_answers_leave_out_the_participant_everywhere() -> None:
     attempts = _attempts()
-    found = exclude(attempts, NOBODY, [_rule("answers-below", 3, "exclude-participant")])
+    found, _ = exclude(attempts, NOBODY, [_rule("answers-below", 3, "exclude-participant")])
     reason = "the reason of answers-below (2 answered trials in real, limit 3)"
     assert found == (Exclusion("2", ALL_TASKS, None, None, "answers-below", reason),)
     assert set(attempts[attempts["included"]]["participant"]) == {"1"}
@@ -95,20 +119,19 @@ def test_few_answers_leave_out_the_participant_everywhere() -> None:
 
 def test_answers_are_counted_after_trials_were_left_out() -> None:
     rules = [_rule("answers-below", 3, "exclude-participant"), _rule("speed-above", 200)]
-    found = exclude(_attempts(), NOBODY, rules)
+    found, _ = exclude(_attempts(), NOBODY, rules)
     assert [(e.participant, e.trial) for e in found if e.rule == "answers-below"] == [("1", None), ("2", None)]
 
 
 def test_a_withdrawal_leaves_out_everything_even_without_a_rule() -> None:
     attempts = _attempts()
-    assert exclude(attempts, {"1": True, "2": False}, ()) == (
-        Exclusion("1", ALL_TASKS, None, None, "withdrawn", "withdrew"),
-    )
+    left_out = Exclusion("1", ALL_TASKS, None, None, "withdrawn", "withdrew")
+    assert exclude(attempts, {"1": True, "2": False}, ()) == ((left_out,), ())
     assert set(attempts[attempts["included"]]["participant"]) == {"2"}
 
 
 def test_a_withdrawal_carries_the_reason_of_the_protocol() -> None:
-    (found,) = exclude(_attempts(), {"1": True, "2": False}, [_rule("withdrawn", None, "exclude-participant")])
+    (found,), _ = exclude(_attempts(), {"1": True, "2": False}, [_rule("withdrawn", None, "exclude-participant")])
     assert found.reason == "the reason of withdrawn"
 
 
@@ -133,6 +156,7 @@ def test_the_rules_come_from_the_protocol_in_the_dataset(tmp_path: Path, reposit
     copy.parent.mkdir()
     copy.write_bytes((repository_root / "protocols" / "okamoto2012.toml").read_bytes())
     study = read(root)
-    assert study.protocol is not None
-    limits = [rule.limit for rule in study.protocol.exclusion if rule.when == "answers-below"]
+    (part,) = study.parts
+    assert part.protocol is not None
+    limits = [rule.limit for rule in part.protocol.exclusion if rule.when == "answers-below"]
     assert [e.participant for e in study.exclusions] == (["2"] if limits and (limits[0] or 0) > 8 else [])

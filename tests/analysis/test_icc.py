@@ -112,12 +112,34 @@ def test_limits_enclose_the_estimate(table: list[list[int]]) -> None:
             assert form.value <= form.high + 1e-9
 
 
+@settings(deadline=None)
+@given(ratings)
+def test_a_form_says_why_exactly_when_it_lacks_something(table: list[list[int]]) -> None:
+    for form in icc(table).forms:
+        assert bool(form.statement) == (None in (form.value, form.f, form.p, form.low, form.high))
+
+
+@pytest.mark.parametrize(
+    ("table", "name", "why"),
+    [
+        ([[0, 1, 0], [1, 0, 1], [0, 1, 0], [1, 0, 1]], "ICC(1,1)", ""),
+        ([[0, 1], [1, 0]], "ICC(1,k)", "the variance that it is a share of is estimated as zero or less"),
+        ([[1, 1], [2, 2], [3, 3]], "ICC(1,1)", "no variance within targets, so F and P are not defined; nor is the"),
+        ([[1, 2], [2, 3], [3, 4]], "ICC(3,1)", "no variance beside that of targets and raters, so F and P are not"),
+    ],
+)
+def test_the_reason_is_that_of_the_mean_squares(table: list[list[int]], name: str, why: str) -> None:
+    assert icc(table).form(name).statement.startswith(why)
+    assert bool(icc(table).form(name).statement) == bool(why)
+
+
 def test_limits_that_fall_together_beside_the_estimate_are_none() -> None:
     table = [[20, 0, 3, 3, 9], [10, 8, 8, 0, 9], [7, 6, 10, 7, 4], [10, 7, 10, 2, 6]]
     agreement = next(form for form in icc(table).forms if form.mcgraw_wong == "ICC(A,1)")
     # pingouin 0.7.0 gives the same estimate, and [-0.1744, -0.1744] for its interval.
     assert agreement.value == pytest.approx(-0.173859, abs=1e-6)
     assert (agreement.low, agreement.high) == (None, None)
+    assert agreement.statement.startswith("the degrees of freedom of its interval come near zero")
 
 
 def test_perfect_agreement_is_one_without_an_interval() -> None:

@@ -65,6 +65,7 @@ def test_one_participant() -> None:
     assert {cell.statement for cell in found.cells} == {"a bootstrap needs 3 participants, got 1"}
     assert found.information is not None
     assert found.information_interval is None
+    assert found.statements == {"information interval": "a bootstrap needs 3 participants, got 1"}
     assert found.choice is not None
     assert found.choice.statement == "a bootstrap needs 3 participants, got 1"
 
@@ -89,12 +90,13 @@ def test_perfect_answers() -> None:
     assert found.detection.moved == ("0", "1", "2", "3")
     assert found.choice is not None
     assert found.choice.model.biases is None
+    assert found.statements["information interval"].startswith("no variance among participants")
 
 
 def test_a_material_that_was_never_presented() -> None:
     found = _of([[[4, 0, 0, 0], [1, 3, 0, 0], [0, 0, 0, 0]]] * 4)
     assert found.cells[-1].statement == "nobody was presented this material"
-    assert set(found.statements) == {"choice", "scaling"}
+    assert set(found.statements) == {"information interval", "choice", "scaling"}
 
 
 def test_trials_without_an_answer_are_one_more_answer() -> None:

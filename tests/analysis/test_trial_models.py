@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,12 +14,15 @@ import statsmodels.api as sm
 import statsmodels.formula.api as smf
 from scipy.optimize import approx_fprime, minimize
 from scipy.special import logsumexp
+from statsmodels.genmod.generalized_estimating_equations import GEE
 
 from analysis.dataset import Study, read
 from analysis.exact import NotDefined
 from analysis.mixed_logit import log_likelihood
-from analysis.trial_level import trial_level
+from analysis.results import compute
+from analysis.trial_level import TrialLevel, trial_level
 from analysis.trial_models import gee, mixed
+from analysis.trial_sections import trials_section
 from analysis.trials import LATER, RESPONSE, SPEED, TRIAL, Design, design
 from tests.analysis.datasets import MATERIALS, trial, write_dataset
 from tests.analysis.reference import printed
@@ -83,7 +88,7 @@ def _cbpp() -> Design:
     right = np.concatenate([np.arange(animals) < cases for _, cases, animals, _ in counts]).astype(np.float64)
     herds, periods = np.repeat(counts[:, 0] - 1, counts[:, 2]), np.repeat(counts[:, 3], counts[:, 2])
     matrix = np.column_stack([np.ones(len(right)), *(periods == period for period in (2, 3, 4))]).astype(np.float64)
-    return Design(right, herds, ("intercept", "2", "3", "4"), matrix, {"period": (1, 2, 3)}, {}, 0)
+    return Design(right, herds, ("intercept", "2", "3", "4"), matrix, {"period": (1, 2, 3)}, {}, {}, ())
 
 
 def test_the_mixed_logit_is_at_maximum_likelihood() -> None:
@@ -169,7 +174,69 @@ def test_trials_without_a_value_are_left_out_and_counted(tmp_path: Path) -> None
     study = _study(tmp_path)
     study.attempts.loc[study.attempts.index[:7], "foot_speed_mm_s"] = float("nan")
     trials = design(study)
-    assert (trials.left_out, len(trials.correct)) == (7, 713)
+    assert (trials.left_out, trials.gone, len(trials.correct)) == ({"virtual": 7}, (), 713)
+
+
+def _known(study: Study, column: str, trials: np.ndarray) -> None:
+    study.attempts.loc[~trials, column] = float("nan")
+
+
+def test_a_covariate_of_one_task_alone_is_dropped_and_not_the_other_task(tmp_path: Path) -> None:
+    """Speeds in the virtual task alone and response times in the real one alone: half of all trials each, none both."""
+    study = _study(tmp_path)
+    virtual = (study.attempts["task"] == "virtual").to_numpy()
+    _known(study, "foot_speed_mm_s", virtual)
+    _known(study, "response_time_s", ~virtual)
+    trials = design(study)
+    assert trials.absent[SPEED] == "known of 0 of 360 trials of task real"
+    assert trials.absent[RESPONSE] == "known of 0 of 360 trials of task virtual"
+    assert "task" in trials.terms
+    assert (trials.left_out, len(trials.correct)) == ({}, 720)
+
+
+def test_a_covariate_that_one_material_lacks_is_dropped_and_not_the_material(tmp_path: Path) -> None:
+    study = _study(tmp_path)
+    _known(study, "foot_speed_mm_s", (study.attempts["presented"] != "snow").to_numpy())
+    trials = design(study)
+    assert trials.absent[SPEED].endswith("trials of material snow")
+    assert len(trials.correct) == 720
+
+
+def test_covariates_that_hardly_meet_are_not_used_together(tmp_path: Path) -> None:
+    """Each is known of 60 % of every task's trials, both of 20 %: the one known of fewer goes, and says so."""
+    study = _study(tmp_path)
+    place = study.attempts["trial"].to_numpy() % 10
+    _known(study, "foot_speed_mm_s", place < 6)
+    _known(study, "response_time_s", place >= 4)
+    trials = design(study)
+    assert trials.absent[RESPONSE] == f"known of 432 of 720 trials, and together with {SPEED} of 144"
+    assert SPEED in trials.terms
+    assert trials.left_out == {"virtual": 144, "real": 144}
+
+
+def test_participants_without_a_trial_left_are_named(tmp_path: Path) -> None:
+    study = _study(tmp_path)
+    _known(study, "foot_speed_mm_s", (study.attempts["participant"] != "3").to_numpy())
+    assert design(study).gone == ("3",)
+    said = trials_section(compute(study, {})).paragraphs
+    assert (
+        "60 trials without one of the values used are left out (30 in virtual, 30 in real); nothing is left of the "
+        "participants 3." in said
+    )
+
+
+def test_one_order_of_tasks_for_all_cannot_be_told_from_the_task(tmp_path: Path) -> None:
+    study = _study(tmp_path)
+    trials = design(replace(study, first_tasks=dict.fromkeys(study.participants, "virtual")))
+    assert trials.absent[LATER].startswith("in these trials it cannot be told from task, material")
+    assert np.linalg.matrix_rank(trials.matrix) == len(trials.names)
+
+
+def test_without_a_trial_there_is_no_model(tmp_path: Path) -> None:
+    study = _study(tmp_path, 2)
+    study.attempts["included"] = False
+    with pytest.raises(NotDefined, match="no trial is left"):
+        design(study)
 
 
 def test_a_reconstruction_has_no_single_trials(repository_root: Path) -> None:
@@ -184,6 +251,45 @@ def test_a_material_that_is_always_recognised(tmp_path: Path) -> None:
     study.attempts.loc[always, "answered"] = "snow"
     with pytest.raises(NotDefined, match="every answer to material snow is right"):
         design(study)
+
+
+def test_participants_who_answer_alike_have_no_standard_errors_of_the_gee(tmp_path: Path) -> None:
+    """All do the same: their scores, which add up to zero, are zero each, and so is the covariance between them."""
+    rows = _session(np.random.default_rng(5), 0.4)
+    study = read(write_dataset(tmp_path, {str(who): {"virtual": rows} for who in range(9)}))
+    with pytest.raises(NotDefined, match="standard errors by participant are not defined for the GEE logit"):
+        gee(design(study))
+
+
+def test_terms_that_cannot_be_told_apart_have_no_standard_errors_of_the_gee() -> None:
+    data = _cbpp()
+    matrix = np.column_stack([data.matrix, data.matrix[:, 1:].sum(axis=1) + data.matrix[:, 0]])
+    twice = replace(data, matrix=matrix, names=(*data.names, "again"), terms={"again": (4,)})
+    with pytest.raises(NotDefined, match="or terms cannot be told apart"):
+        gee(twice)
+
+
+def test_odds_without_limit_are_named() -> None:
+    """In the fourth period no animal fell ill: its odds are those of never."""
+    data = _cbpp()
+    never = replace(data, correct=np.where(data.matrix[:, 3] > 0, 0.0, data.correct))
+    with pytest.raises(NotDefined, match="the odds of 4 have no limit"):
+        mixed(never)
+
+
+def test_what_statsmodels_says_of_a_fit_that_converges_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit = GEE.fit
+
+    def warn(self: GEE, **options: object) -> object:
+        warnings.warn("the scale is odd", RuntimeWarning, stacklevel=2)
+        return fit(self, **options)
+
+    monkeypatch.setattr(GEE, "fit", warn)
+    found = gee(_cbpp())
+    assert found.warned == ("the scale is odd",)
+    results = SimpleNamespace(trials=TrialLevel(found, None, {}, {}, (), {}))
+    (table,) = trials_section(results).tables  # type: ignore[arg-type]
+    assert table.notes[-1] == "statsmodels said on the way: the scale is odd."
 
 
 def test_too_few_participants(tmp_path: Path) -> None:
