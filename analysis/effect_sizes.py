@@ -11,8 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from analysis.exact import NotDefined
+from analysis.intervals import CONFIDENCE
 
-CONFIDENCE = 0.95
 ETA_CONFIDENCE = 0.90
 """An F test at 5 % uses one tail: its interval that excludes 0 exactly when P < 0.05 is that of 90 % (Steiger 2004)."""
 

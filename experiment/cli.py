@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import typer
 
 from experiment import __version__, cli_json
-from experiment.cli_analysis import analyst
+from experiment.cli_analysis import analyst, tell_analysis
 from experiment.cli_engine import engine
 from experiment.cli_lab import Participant, ProtocolFile, lab
 from experiment.cli_rig import rig_commands
@@ -141,29 +141,7 @@ def rehearse(
             tick=tick,
             screen=screen,
         )
-    _analyse([dataset], None, as_json=as_json, figures=True)
-
-
-@app.command(epilog="Example: palpate analyse participants/okamoto2012 --out tables")
-def analyse(
-    datasets: Annotated[
-        list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several: pooled.")
-    ],
-    out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for tables, figures and report; inside DATASET by default.")
-    ] = None,
-    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
-    dissimilarities: Annotated[
-        Path | None, typer.Option("--dissimilarities", help="CSV of pairs of materials, as `palpate validate` writes.")
-    ] = None,
-    as_json: Json = False,
-) -> None:
-    """Make the tables and the report of a dataset.
-
-    Confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs, ICCs, models of single
-    trials, figures and one HTML report; a study that was published is compared with its paper, value by value.
-    """
-    _analyse(datasets, out, as_json=as_json, figures=figures, dissimilarities=dissimilarities)
+    tell_analysis([dataset], None, as_json=as_json, figures=True)
 
 
 @app.command(epilog="Example: palpate spectrum recording.lvm --plot spectrum.svg")
@@ -233,18 +211,6 @@ def free(path: Path) -> Path:
     """`path`, or the first of path-2, path-3, ... that is not there yet."""
     names = (path, *(path.with_stem(f"{path.stem}-{n}") for n in range(2, 10_000)))
     return next((name for name in names if not name.exists()), path)
-
-
-def _analyse(
-    datasets: list[Path], out: Path | None, *, as_json: bool, figures: bool, dissimilarities: Path | None = None
-) -> None:
-    from analysis import analyse as analyses
-
-    result = analyses.analyse(datasets, out, figures=figures, dissimilarities=dissimilarities)
-    if as_json:
-        cli_json.put(result.as_dict())
-    else:
-        typer.echo(result.text())
 
 
 app.add_typer(analyst)

@@ -1,4 +1,4 @@
-"""The commands of the analyst's desk: export, audit, power."""
+"""The commands of the analyst's desk: analyse, export, audit, power."""
 
 import re
 from functools import partial
@@ -13,7 +13,31 @@ from experiment.errors import Interrupted, PowerError
 
 analyst = typer.Typer()
 
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+
 PARTICIPANTS = "4,5,6,7,8,10,12,15,20,25,30,40"
+
+
+@analyst.command(epilog="Example: palpate analyse participants/okamoto2012 --out tables")
+def analyse(
+    datasets: Annotated[
+        list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several: pooled.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for tables, figures and report; inside DATASET by default.")
+    ] = None,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
+    dissimilarities: Annotated[
+        Path | None, typer.Option("--dissimilarities", help="CSV of pairs of materials, as `palpate validate` writes.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Make the tables and the report of a dataset.
+
+    Confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs, ICCs, models of single
+    trials, figures and one HTML report; a study that was published is compared with its paper, value by value.
+    """
+    tell_analysis(datasets, out, as_json=as_json, figures=figures, dissimilarities=dissimilarities)
 
 
 @analyst.command(epilog="Example: palpate export participants/okamoto2012 --out okamoto2012-tables")
@@ -43,7 +67,7 @@ def audit(
     against: Annotated[
         Path | None, typer.Option("--against", help="For a dataset: TOML of its paper; by default by its study's id.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Do printed numbers agree with one another, or with a dataset?
 
@@ -87,7 +111,7 @@ def power(
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown, LaTeX) and plot.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Say how many participants a study needs.
 
@@ -133,6 +157,19 @@ def power(
         cli_json.put(power_report.as_dict(result))
     else:
         typer.echo(power_report.text(result))
+
+
+def tell_analysis(
+    datasets: list[Path], out: Path | None, *, as_json: bool, figures: bool, dissimilarities: Path | None = None
+) -> None:
+    """Analyse datasets, and print what was found."""
+    from analysis import analyse as analyses
+
+    result = analyses.analyse(datasets, out, figures=figures, dissimilarities=dissimilarities)
+    if as_json:
+        cli_json.put(result.as_dict())
+    else:
+        typer.echo(result.text())
 
 
 def _sizes(text: str) -> list[int]:

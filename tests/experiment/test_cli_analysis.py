@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from experiment.cli_analysis import analyst
 from tests.conftest import Palpate
 
 
@@ -41,3 +42,10 @@ def test_what_is_unknown_is_one_line_and_code_2(palpate: Palpate) -> None:
     assert (code, out) == (2, "")
     assert err.startswith("palpate: okamoto1999: got no study, file or folder")
     assert err.count("\n") == 1
+
+
+def test_the_desk_stands_in_one_module() -> None:
+    """The four commands that issue 5 names: analyse, export, audit, power."""
+    callbacks = [command.callback for command in analyst.registered_commands]
+    assert [call.__name__ for call in callbacks if call] == ["analyse", "export", "audit", "power"]
+    assert {call.__module__ for call in callbacks if call} == {"experiment.cli_analysis"}
