@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis import published, report
+from analysis import documents, published, report
 from analysis.anova import Anova
 from analysis.comparison import Comparison, compare
 from analysis.course import Course
@@ -19,15 +19,17 @@ from analysis.dataset import Study
 from analysis.dissimilarities import NONE as NO_DISSIMILARITIES
 from analysis.dissimilarities import from_file
 from analysis.dissimilarities import printed as printed_dissimilarities
-from analysis.latex import latex
 from analysis.methods import METHODS
 from analysis.output import MANIFEST, publish
 from analysis.pooling import read_pooled
 from analysis.results import Results, TaskResult, compute
 from analysis.sections import sections
-from analysis.tables import WIDTH, Section, comma_separated, markdown, text
+from analysis.tables import WIDTH, Section, text
 from experiment.errors import DatasetError
 from experiment.event_columns import NO_ANSWER
+
+if TYPE_CHECKING:
+    from analysis.figures import Sheet
 
 DERIVATIVES = Path("derivatives") / "palpate"
 """Where results go within a dataset when no other place is named."""
@@ -134,31 +136,19 @@ def _content(
     files: dict[str, bytes] = {}
     software = f"palpate {metadata.version('palpate')}"
     title = study.name.removeprefix(f"{study.label}: ")
-    drawings: dict[str, bytes] = {}
-    captions = report.Captions({}, {}, METHODS)
+    drawn: tuple[Sheet, ...] = ()
     if figures:
-        from analysis import figures as drawing
         from analysis.sheets import sheets
 
-        drawn = {one.name: one for one in sheets(results, study.label)}
-        captions = report.Captions(
-            {name: one.section for name, one in drawn.items()},
-            {name: one.caption for name, one in drawn.items()},
-            METHODS,
-        )
-        for name, one in drawn.items():
-            drawings[name] = files[f"figures/{name}.svg"] = drawing.svg(one.figure)
-            files[f"figures/{name}.png"] = drawing.png(one.figure)
-    for section in (*parts, _counts(results)):
-        if section.records:
-            files[f"tables/{section.slug}.csv"] = comma_separated(section, study.label).encode()
-        if section.tables or section.paragraphs:
-            files[f"tables/{section.slug}.md"] = markdown(section, study.label).encode()
-        if section.tables:
-            files[f"tables/{section.slug}.tex"] = latex(section, study.label).encode()
+        drawn = sheets(results, study.label)
+        files |= documents.drawings(drawn, "figures/")
+    drawings = {one.name: files[f"figures/{one.name}.svg"] for one in drawn}
+    files |= documents.tables((*parts, _counts(results)), study.label, "tables/")
     numbers = _numbers(study, results, comparison)
     files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
-    files[REPORT] = report.html(title, study.label, software, parts, drawings, captions).encode()
+    files[REPORT] = report.html(
+        title, study.label, software, parts, drawings, documents.captions(drawn, METHODS)
+    ).encode()
     files.update(_bids(study, software))
     return files
 

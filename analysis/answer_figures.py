@@ -7,15 +7,14 @@ One function a figure; each draws into the axes it is given.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import ceil
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 
-from analysis.dissimilarities import Dissimilarities
-from analysis.figures import COLOURS, COLUMN_MM, HATCHES, LETTER_INCHES, MARKERS, SHADES, key, pale
+from analysis.figures import COLUMN_MM, HATCHES, LETTER_INCHES, SHADES, colour, key, marker, pale, short
 from analysis.identification import Identification
 from analysis.results import TaskResult
 from experiment.event_columns import NO_ANSWER
@@ -59,13 +58,13 @@ def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
     slanted = any(len(word) > letters for answer in answers for word in answer.split())
     turned: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
     shown = [answer if slanted else textwrap.fill(answer, letters) for answer in answers]
-    axes.set_xticks(np.arange(len(answers)) + 0.5, [_short(name, 26) for name in shown], **turned)
-    names = [textwrap.fill(_short(material, 26), 14) for material in matrix.materials]
+    axes.set_xticks(np.arange(len(answers)) + 0.5, [short(name, 26) for name in shown], **turned)
+    names = [textwrap.fill(short(material, 26), 14) for material in matrix.materials]
     axes.set_yticks(np.arange(len(names)) + 0.5, names)
     axes.tick_params(length=0)
     axes.set_xlabel("answered")
     axes.set_ylabel("presented")
-    axes.set_title(f"{_short(task.task.title, 40)} (n = {len(matrix.participants)})")
+    axes.set_title(f"{short(task.task.title, 40)} (n = {len(matrix.participants)})")
     axes.spines[:].set_visible(False)
 
 
@@ -85,7 +84,7 @@ def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
         edges = x + np.arange(answers + 1), y + np.arange(size + 1)
         axes.pcolormesh(*edges, ratios, cmap=SHADES, vmin=0, vmax=1, edgecolors="#c9ced6", linewidth=0.25)
         right = float(np.trace(counts[:, :size]) / trials.sum())
-        axes.text(x, y - 0.08 * size, f"{_short(matrix.participants[index], 6)}: {right:.2f}", ha="left", va="bottom")
+        axes.text(x, y - 0.08 * size, f"{short(matrix.participants[index], 6)}: {right:.2f}", ha="left", va="bottom")
     axes.set_xlim(-0.1, ACROSS * step[0] - 0.9)
     axes.set_ylim(ceil((last - first) / ACROSS) * step[1] - step[1] + size + 0.1, -0.55 * size)
     axes.set_axis_off()
@@ -95,36 +94,35 @@ def material_map(axes: Axes, one: Identification, materials: Sequence[str]) -> N
     """Materials as points, the closer the more they were taken for one another."""
     points = one.scaling.points if one.scaling else np.zeros((0, 2))
     for index, (material, point) in enumerate(zip(materials, points, strict=True)):
-        axes.plot(*point, _marker(index), color=_colour(index), label=_short(material, 24))
+        axes.plot(*point, marker(index), color=colour(index), label=short(material, 24))
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.15)
     axes.set_xlabel("first axis")
     axes.set_ylabel(f"{one.task}: second axis")
 
 
-def against_dissimilarity(
-    axes: Axes, tasks: Sequence[TaskResult], found: Sequence[Identification], dissimilarities: Dissimilarities
-) -> None:
-    """Every confusing ratio against the dissimilarity of the two materials, of the tasks that have a Mantel test."""
-    for index, (task, one) in enumerate(zip(tasks, found, strict=True)):
-        if one.mantel is None:
-            continue
-        means, names = task.confusion.means(), task.confusion.materials
-        pairs = [(i, j) for i in range(len(names)) for j in range(len(names)) if i != j]
-        x = [dissimilarities.pairs[frozenset((names[i], names[j]))] for i, j in pairs]
-        said = f"{one.task}: Mantel r = {one.mantel.r:.2f}, P = {one.mantel.p_two:.3f}"
-        y = [means[i, j] for i, j in pairs]
-        axes.plot(x, y, _marker(index), color=_colour(index), markersize=4, alpha=0.8, label=said)
-    source = f"dissimilarity of the spectra ({dissimilarities.source})"
-    axes.set_xlabel(textwrap.fill(source, int((_width(axes) - 0.6) / LETTER_INCHES)))
+def against_dissimilarity(axes: Axes, found: Mapping[str, Sequence[tuple[float, float]]], source: str) -> None:
+    """Confusing ratios against the dissimilarity of the two materials.
+
+    Args:
+        axes: to draw into.
+        found: name of a series -> dissimilarity and ratio of each of its points.
+        source: of the dissimilarities.
+    """
+    for index, (name, points) in enumerate(found.items()):
+        x, y = zip(*points, strict=True)
+        axes.plot(x, y, marker(index), color=colour(index), markersize=4, alpha=0.8, label=name, clip_on=False)
+    said = f"dissimilarity of the spectra ({source})"
+    axes.set_xlabel(textwrap.fill(said, int((_width(axes) - 0.6) / LETTER_INCHES)))
     axes.set_ylabel("confusing answer ratio")
-    axes.set_ylim(bottom=0)
+    axes.set_xlim(0)
+    axes.set_ylim(0)
     key(axes, columns=1)
 
 
 def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) -> None:
     matrix = task.confusion
-    colour = _colour(index)
+    hue = colour(index)
     named = False
     for place, test in enumerate(task.tests):
         result = test.result
@@ -135,8 +133,8 @@ def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) 
             x,
             result.mean,
             width * 0.92,
-            facecolor=pale(colour),
-            edgecolor=colour,
+            facecolor=pale(hue),
+            edgecolor=hue,
             hatch=HATCHES[index % len(HATCHES)],
             label=None if named else f"{task.task.id} (n = {len(matrix.participants)})",
         )
@@ -161,33 +159,20 @@ def _cell(axes: Axes, task: TaskResult, i: int, j: int, room: float) -> None:
     else:
         stars = task.tests[i].result.stars if i == j and whole else ""
         text = f"{mean:.2f}{stars}" + ("" if sd is None or not whole else f"\n± {sd:.2f}")
-    colour = "white" if mean is not None and mean > DARK else "black"
-    axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=colour)
+    ink = "white" if mean is not None and mean > DARK else "black"
+    axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=ink)
 
 
 def _names(axes: Axes, materials: Sequence[str]) -> None:
     """Names of the materials below their places: broken between words where that does, else slanted."""
     letters = int((_width(axes) - 0.5) / len(materials) / LETTER_INCHES) - 1
-    shown = [_short(material, 26) for material in materials]
+    shown = [short(material, 26) for material in materials]
     if any(len(word) > letters for name in shown for word in name.split()):
         axes.set_xticks(range(len(shown)), shown, rotation=40, ha="right", rotation_mode="anchor")
     else:
         axes.set_xticks(range(len(shown)), [textwrap.fill(name, letters) for name in shown])
 
 
-def _short(name: str, letters: int) -> str:
-    return name if len(name) <= letters else f"{name[: letters - 1].rstrip()}…"
-
-
 def _width(axes: Axes) -> float:
     figure = axes.get_figure(root=True)
     return float(figure.get_figwidth()) if figure else COLUMN_MM / 25.4
-
-
-def _colour(index: int) -> str:
-    return COLOURS[index % len(COLOURS)]
-
-
-def _marker(index: int) -> str:
-    """Shifted at every round of colours, so that no two series look the same."""
-    return MARKERS[(index + index // len(COLOURS)) % len(MARKERS)]

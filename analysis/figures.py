@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import matplotlib as mpl
@@ -57,6 +58,16 @@ LETTER_INCHES = 0.058
 """Of a letter of 7 points, on average and generously."""
 
 
+@dataclass(frozen=True)
+class Sheet:
+    """A figure: the name of its files, the slug of its section, and its caption."""
+
+    name: str
+    section: str
+    caption: str
+    figure: Figure
+
+
 def sheet(rows: Sequence[float], title: str, label: str, width_mm: float = COLUMN_MM) -> tuple[Figure, list[Axes]]:
     """A figure of panels one below the other, under its heading.
 
@@ -76,14 +87,36 @@ def sheet(rows: Sequence[float], title: str, label: str, width_mm: float = COLUM
     return figure, panels
 
 
-def key(axes: Axes, columns: int = 2) -> None:
-    """The legend, above the panel, where no value stands."""
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, borderaxespad=0.2)
+def key(axes: Axes, columns: int = 2, title: str | None = None) -> None:
+    """The legend, above the panel, where no value stands; the panel's title, where it has one, leads it."""
+    axes.legend(
+        loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, borderaxespad=0.2, title=title, title_fontsize=7
+    )
 
 
-def pale(colour: str) -> tuple[float, float, float]:
+def common_key(figure: Figure, axes: Axes, columns: int = 2) -> None:
+    """One legend for panels that mean the same, below them all."""
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+
+
+def colour(index: int) -> str:
+    """Of a series."""
+    return COLOURS[index % len(COLOURS)]
+
+
+def marker(index: int) -> str:
+    """Shifted at every round of colours, so that no two series look the same."""
+    return MARKERS[(index + index // len(COLOURS)) % len(MARKERS)]
+
+
+def short(name: str, letters: int) -> str:
+    """A name cut where it would be longer."""
+    return name if len(name) <= letters else f"{name[: letters - 1].rstrip()}…"
+
+
+def pale(of: str) -> tuple[float, float, float]:
     """The colour on white at 55 %: opaque, since an SVG viewer draws a transparent hatch in the colour below it."""
-    red, green, blue = (0.45 + 0.55 * part for part in to_rgb(colour))
+    red, green, blue = (0.45 + 0.55 * part for part in to_rgb(of))
     return red, green, blue
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from analysis.latex import latex
+from analysis import documents
 from analysis.output import publish
 from analysis.power import LABEL, Power
 from analysis.power_sections import sections
-from analysis.tables import WIDTH, comma_separated, markdown
+from analysis.tables import WIDTH
 from analysis.tables import text as in_terminal
 from analysis.workers import software
 
@@ -46,14 +46,7 @@ def write(result: Power, out: Path) -> tuple[Path, ...]:
     Raises:
         DatasetError: a file in the way, or the file system refuses.
     """
-    from analysis import figures, power_figures
+    from analysis import power_figures
 
-    files: dict[str, bytes] = {}
-    for part in sections(result):
-        files[f"{part.slug}.md"] = markdown(part, LABEL).encode()
-        if part.tables:
-            files[f"{part.slug}.csv"] = comma_separated(part, LABEL).encode()
-            files[f"{part.slug}.tex"] = latex(part, LABEL).encode()
-    figure = power_figures.figure(result)
-    files["power.svg"], files["power.png"] = figures.svg(figure), figures.png(figure)
+    files = documents.tables(sections(result), LABEL) | documents.drawings([power_figures.plot(result)])
     return publish(out, files, LABEL)

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import ceil
 
 import matplotlib as mpl
-from matplotlib.figure import Figure
 
 from analysis import answer_figures as answers
 from analysis import trial_figures as trials
 from analysis.course import WINDOW
-from analysis.figures import COLUMN_MM, COLUMN_STYLE, PAGE_MM, key, sheet
+from analysis.figures import COLUMN_MM, COLUMN_STYLE, PAGE_MM, Sheet, key, sheet
 from analysis.results import Results, TaskResult
 
 FEW = 5
@@ -25,16 +23,6 @@ PAGES = 4
 """Most pages of panels of one task."""
 
 ELSEWHERE = "The numbers stand in the tables here."
-
-
-@dataclass(frozen=True)
-class Sheet:
-    """A figure: the name of its files, the slug of its section, and its caption."""
-
-    name: str
-    section: str
-    caption: str
-    figure: Figure
 
 
 def sheets(results: Results, label: str) -> tuple[Sheet, ...]:
@@ -81,9 +69,9 @@ def _answers(results: Results, label: str) -> Iterator[Sheet]:
         said = "Materials as points: the closer two are, the more they were taken for one another."
         yield Sheet("map", "confusions", f"{said} Classical scaling of their confusions.", figure)
 
-    if any(one.mantel for one in results.identifications):
+    if confusing := _confusing(results):
         figure, (axes,) = sheet([2.5], "Confusing answers and dissimilarity of spectra", label)
-        answers.against_dissimilarity(axes, tasks, results.identifications, results.dissimilarities)
+        answers.against_dissimilarity(axes, confusing, results.dissimilarities.source)
         said = "Confusing answer ratios against the dissimilarity of spectra (as Fig. 13 of Okamoto et al.)."
         yield Sheet("dissimilarity", "confusions", said, figure)
 
@@ -102,6 +90,23 @@ def _participants(task: TaskResult, label: str) -> Iterator[Sheet]:
             said += f" The first {shown} of {people} participants are drawn; all stand in counts.csv."
         name = f"participants-{task.task.id}" + (f"-{page}" if page > 1 else "")
         yield Sheet(name, "confusion", said, figure)
+
+
+def _confusing(results: Results) -> dict[str, list[tuple[float, float]]]:
+    """Every confusing ratio with the dissimilarity of its materials, of the tasks that have a Mantel test."""
+    found = {}
+    for task, one in zip(results.tasks, results.identifications, strict=True):
+        if one.mantel is None:
+            continue
+        means, names = task.confusion.means(), task.confusion.materials
+        alike = results.dissimilarities.pairs
+        found[f"{one.task}: Mantel r = {one.mantel.r:.2f}, P = {one.mantel.p_two:.3f}"] = [
+            (alike[frozenset((a, b))], float(means[i, j]))
+            for i, a in enumerate(names)
+            for j, b in enumerate(names)
+            if i != j
+        ]
+    return found
 
 
 def _course(results: Results, label: str) -> Iterator[Sheet]:

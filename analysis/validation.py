@@ -7,13 +7,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis import published, report
+from analysis import documents, published, report
 from analysis.dissimilarity import (
     Classified,
     Overlay,
@@ -27,10 +27,13 @@ from analysis.dissimilarity import (
 )
 from analysis.output import publish
 from analysis.published import spectra as printed_spectra
-from analysis.tables import WIDTH, Section, comma_separated, markdown, text
+from analysis.tables import WIDTH, Section, text
 from experiment.errors import RecordingError
 from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed
 from experiment.synthesis.spectra import bin_frequencies_hz
+
+if TYPE_CHECKING:
+    from analysis.figures import Sheet
 
 REPORT = "report.html"
 
@@ -158,28 +161,25 @@ def validate(
         RecordingError: recordings at a single speed, or fresh takes that do not compare with them.
         DatasetError: a file in the way.
     """
-    from analysis.validation_sections import CAPTIONS, sections
+    from analysis.validation_sections import METHODS, sections
 
     validation = compute(recorded, fresh, average=average)
     parts = sections(validation)
     label = validation.label
     files: dict[str, bytes] = {}
-    drawings: dict[str, bytes] = {}
+    drawn: tuple[Sheet, ...] = ()
     if figures:
-        from analysis import figures as drawing
         from analysis import validation_figures
 
-        for name, figure in validation_figures.figures(validation).items():
-            drawings[name] = files[f"figures/{name}.svg"] = drawing.svg(figure)
-            files[f"figures/{name}.png"] = drawing.png(figure)
-    for part in parts:
-        if part.records:
-            files[f"tables/{part.slug}.csv"] = comma_separated(part, label).encode()
-        files[f"tables/{part.slug}.md"] = markdown(part, label).encode()
+        drawn = validation_figures.sheets(validation)
+        files |= documents.drawings(drawn, "figures/")
+    drawings = {one.name: files[f"figures/{one.name}.svg"] for one in drawn}
+    files |= documents.tables(parts, label, "tables/")
     document = json.dumps(numbers(validation), indent=1, allow_nan=False, ensure_ascii=False)
     files["results.json"] = f"{document}\n".encode()
     software = f"palpate {metadata.version('palpate')}"
-    files[REPORT] = report.html("Validation of the synthesis", label, software, parts, drawings, CAPTIONS).encode()
+    captions = documents.captions(drawn, METHODS)
+    files[REPORT] = report.html("Validation of the synthesis", label, software, parts, drawings, captions).encode()
     return Validated(validation, parts, out, publish(out, files, label))
 
 

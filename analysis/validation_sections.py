@@ -1,38 +1,20 @@
-"""Validation -> sections: its tables as they are read, with the records behind them, and its report's captions."""
+"""Validation -> sections: its tables as they are read, with the records behind them, and the formulas."""
 
 from __future__ import annotations
 
 from analysis.dissimilarity import Classified
 from analysis.published import spectra as printed_spectra
-from analysis.report import Captions
 from analysis.tables import Section, Table, number
 from analysis.validation import Validation
 from experiment.synthesis.spectra import BAND_HZ
 
-CAPTIONS = Captions(
-    places={
-        "classification": "classification",
-        "overlay": "overlay",
-        "spectra": "dissimilarity",
-        "confusions": "dissimilarity",
-    },
-    captions={
-        "classification": "Speeds on which fresh takes were put (as Fig. 7 of Okamoto et al.). The numbers stand in "
-        "the tables here.",
-        "overlay": "Synthesised spectra and averages of observed ones, the panel subtracted (as Fig. 6 of Okamoto "
-        "et al.).",
-        "spectra": "Amplitude spectra of the materials, the panel subtracted (as Fig. 12 of Okamoto et al.).",
-        "confusions": "How often a material was taken for another (Table 2 of Okamoto et al.) against the "
-        "dissimilarity of their spectra here (as Fig. 13).",
-    },
-    methods=(
-        ("Spectrum", "C_k = (2/N) sum of y_i cos(pi k (i + 1/2) / N), at F k / (2 N) hertz. Equation (1)."),
-        ("Panel", "C'_k = max(|C_k| - mean |C_k| of the bare panel at the same speed, 0). Equation (2)."),
-        ("Synthesis", "C'_k linear in speed between neighbouring recorded speeds, floored at zero. Equation (3)."),
-        ("Dissimilarity", "Sum over 0 to 500 Hz of the differences of two magnitudes. Equation (6)."),
-    ),
+METHODS = (
+    ("Spectrum", "C_k = (2/N) sum of y_i cos(pi k (i + 1/2) / N), at F k / (2 N) hertz. Equation (1)."),
+    ("Panel", "C'_k = max(|C_k| - mean |C_k| of the bare panel at the same speed, 0). Equation (2)."),
+    ("Synthesis", "C'_k linear in speed between neighbouring recorded speeds, floored at zero. Equation (3)."),
+    ("Dissimilarity", "Sum over 0 to 500 Hz of the differences of two magnitudes. Equation (6)."),
 )
-"""Where the figures stand, and the formulas."""
+"""Names and formulas."""
 
 
 def sections(validation: Validation) -> tuple[Section, ...]:

@@ -8,66 +8,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from matplotlib.backend_bases import RendererBase
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
-from matplotlib.text import Text
 
 from analysis.dataset import read
 from analysis.dissimilarities import NONE, Dissimilarities, printed
-from analysis.figures import COLOURS, COLUMN_MM, PAGE_MM
+from analysis.figures import COLOURS, Sheet
 from analysis.results import compute
-from analysis.sheets import Sheet, sheets
+from analysis.sheets import sheets
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
+from tests.analysis.legible import check
 
 OKAMOTO = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
-
-
-def _letters(figure: Figure) -> list[tuple[str, np.ndarray]]:
-    """Every text that is drawn, with its corners, pixels."""
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    drawn: list[Text] = []
-    draw = Text.draw
-
-    def spy(self: Text, renderer: RendererBase, *more: object, **named: object) -> None:
-        drawn.append(self)
-        draw(self, renderer)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Text, "draw", spy)
-        canvas.draw()
-    renderer = canvas.get_renderer()
-    shown = [text for text in dict.fromkeys(drawn) if text.get_visible() and text.get_text().strip()]
-    return [(text.get_text(), _corners(text, renderer)) for text in shown]
-
-
-def _corners(text: Text, renderer: RendererBase) -> np.ndarray:
-    turn = text.get_rotation()
-    box = text.get_window_extent(renderer)
-    if turn % 90 == 0:
-        return np.array([[box.x0, box.y0], [box.x1, box.y0], [box.x1, box.y1], [box.x0, box.y1]])
-    text.set_rotation(0)
-    flat = text.get_window_extent(renderer)
-    text.set_rotation(turn)
-    angle = np.deg2rad(turn)
-    along, up = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
-    middle = np.array([(box.x0 + box.x1) / 2, (box.y0 + box.y1) / 2])
-    half = [(-1, -1), (1, -1), (1, 1), (-1, 1)]
-    return np.array([middle + i * along * flat.width / 2 + j * up * flat.height / 2 for i, j in half])
-
-
-def _overlap(one: np.ndarray, other: np.ndarray) -> bool:
-    """Two convex boxes overlap unless a line along some side keeps them apart (separating axis theorem)."""
-    for box in (one, other):
-        for start, end in zip(box, np.roll(box, -1, axis=0), strict=True):
-            normal = np.array([start[1] - end[1], end[0] - start[0]])
-            normal = normal / np.linalg.norm(normal)
-            a, b = one @ normal, other @ normal
-            if a.max() <= b.min() + 1 or b.max() <= a.min() + 1:
-                return False
-    return True
 
 
 def _study(root: Path, people: int, tasks: Sequence[str], materials: Sequence[str], **odd: str) -> Path:
@@ -103,21 +54,6 @@ def _sheets(root: Path, dissimilarities: Dissimilarities = NONE) -> tuple[Sheet,
     return sheets(compute(study, {}, dissimilarities), study.label)
 
 
-def _check(found: Sequence[Sheet]) -> None:
-    for one in found:
-        width = one.figure.get_figwidth() * 25.4
-        assert round(width, 1) in (COLUMN_MM, PAGE_MM), one.name
-        letters = _letters(one.figure)
-        right, top = one.figure.bbox.width, one.figure.bbox.height
-        for text, corners in letters:
-            inside = corners.min() >= -1 and corners[:, 0].max() <= right + 1 and corners[:, 1].max() <= top + 1
-            assert inside, (one.name, text)
-        for (first, box), (second, other) in combinations(letters, 2):
-            assert not _overlap(box, other), (one.name, first, second)
-        sizes = [text.get_fontsize() for text in one.figure.findobj(Text) if text.get_text().strip()]
-        assert min(sizes) >= 7, one.name
-
-
 LONG = ("a sheet of very thin and crackling aluminum foil", "polypropylene", "snow", "typing paper of an office")
 MANY = tuple(f"material {letter}" for letter in "abcdefghij")
 
@@ -139,21 +75,21 @@ def test_letters_stand_clear_of_one_another(
     found = _sheets(_study(tmp_path, people, tasks, materials, **odd))
     names = {one.name for one in found}
     assert {"correct-ratios", "confusion", "learning", "speed", "onset-errors", "masker"} <= names
-    _check(found)
+    check(found)
 
 
 def test_the_published_studys_figures(repository_root: Path) -> None:
     found = _sheets(repository_root / "participants" / "okamoto2012", printed())
     names = ["correct-ratios", "confusion", "participants-virtual", "participants-real", "map", "dissimilarity"]
     assert [one.name for one in found] == names
-    _check(found)
+    check(found)
 
 
 def test_a_hundred_participants_are_four_pages_and_more_are_said(tmp_path: Path) -> None:
     found = [one for one in _sheets(_study(tmp_path, 103, ("real",), MATERIALS)) if one.name.startswith("participants")]
     assert [one.name for one in found] == [f"participants-real{page}" for page in ("", "-2", "-3", "-4")]
     assert all("The first 100 of 103 participants are drawn" in one.caption for one in found)
-    _check(found)
+    check(found)
 
 
 def _seen(colour: str, kind: str) -> np.ndarray:

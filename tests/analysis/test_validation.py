@@ -67,7 +67,8 @@ def test_simulated_recordings_are_said_to_be_fitted_wherever_they_stand_beside_t
     assert " ".join(made.text().split()).count(told) == 2
     assert " ".join(made.report.read_text("utf-8").split()).count(told) == 2
     assert told in json.loads((tmp_path / "results.json").read_text("utf-8"))["fitted"]
-    assert "fitted to Table 3" in str(validation_figures.confusions(made.validation).get_suptitle()).replace("\n", " ")
+    drawn = {one.name: one.figure for one in validation_figures.sheets(made.validation)}
+    assert "fitted to Table 3" in str(drawn["confusions"].get_suptitle()).replace("\n", " ")
 
 
 @pytest.mark.parametrize(("average", "other"), [("magnitude", "signed"), ("signed", "magnitude")])
@@ -140,9 +141,8 @@ def test_what_is_written_is_whole_and_says_what_it_is(tmp_path: Path) -> None:
     names = {str(path.relative_to(tmp_path / "out")) for path in made.files}
     figures = {f"figures/{name}.{kind}" for name in ("classification", "overlay", "spectra", "confusions")
                for kind in ("svg", "png")}  # fmt: skip
-    tables = {
-        f"tables/{name}.{kind}" for name in ("classification", "overlay", "dissimilarity") for kind in ("csv", "md")
-    }
+    parts = ("classification", "overlay", "dissimilarity")
+    tables = {f"tables/{name}.{kind}" for name in parts for kind in ("csv", "md", "tex")}
     assert names == figures | tables | {"results.json", "report.html"}
     page = made.report.read_text("utf-8")
     parser = Outside()
