@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.choice_models import Answers
 
 Counts = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+GUIDE = 1024
+"""Cells of the unit interval; a power of 2, so that a number is put into its cell without rounding."""
+
+MOST_GUIDED = 40
+"""Trials up to which a guide, which is kept, is of less than 350 kB; more are searched."""
 
 
 def draw(answers: Answers, *, trials: int, participants: int, studies: int, random: np.random.Generator) -> Counts:
@@ -37,12 +46,51 @@ def draw(answers: Answers, *, trials: int, participants: int, studies: int, rand
             if rest == 0:
                 row[answer] = left
                 break
-            table = distribution(trials, share, rest, spread)
-            # Row r of the table begins at r (trials + 1) and its values lie from r to r + 1.
-            places = np.searchsorted(table, left + random.random(left.shape), side="right")
-            np.minimum(places - left * (trials + 1), left, out=row[answer])
+            inverse = _guided if trials <= MOST_GUIDED else Inverse
+            row[answer] = inverse(trials, share, rest, spread).counts(left, random.random(left.shape))
             left -= row[answer]
     return counts
+
+
+class Inverse:
+    """Finds the counts that uniform numbers stand for, by search in the table of `distribution`."""
+
+    def __init__(self, trials: int, share: float, rest: float, spread: float) -> None:
+        self._row = trials + 1
+        self._table = distribution(trials, share, rest, spread)
+
+    def counts(self, left: Counts, uniform: Floats) -> Counts:
+        """Of this answer, in `left` remaining trials; same shape."""
+        # Row r of the table begins at r (trials + 1) and its values lie from r to r + 1.
+        places = np.searchsorted(self._table, left + uniform, side="right")
+        return np.asarray(np.minimum(places - left * self._row, left), dtype=np.int64)
+
+
+class Guided(Inverse):
+    """The same counts, most of them without a search (Chen and Asau 1974, On generating random variates from an
+    empirical distribution, AIIE Transactions 6, 163-166).
+
+    The unit interval is cut into cells for every number of remaining trials. Where both ends of a cell stand for one
+    count, so does every number between them; only the others are searched.
+    """
+
+    def __init__(self, trials: int, share: float, rest: float, spread: float) -> None:
+        super().__init__(trials, share, rest, spread)
+        left = np.arange(trials + 1)[:, None]
+        ends = super().counts(left, np.arange(GUIDE + 1) / GUIDE)
+        self._guide = np.where(ends[:, :-1] == ends[:, 1:], ends[:, :-1], -1).ravel()
+
+    def counts(self, left: Counts, uniform: Floats) -> Counts:
+        """Of this answer, in `left` remaining trials; same shape."""
+        cells = (uniform * GUIDE).astype(np.int64)
+        cells += left * GUIDE
+        found = self._guide.take(cells)
+        searched = np.flatnonzero(found < 0)
+        np.put(found, searched, super().counts(left.take(searched), uniform.take(searched)))
+        return found
+
+
+_guided = lru_cache(maxsize=256)(Guided)
 
 
 def distribution(trials: int, share: float, rest: float, spread: float) -> NDArray[np.float64]:

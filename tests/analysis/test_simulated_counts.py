@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.choice_models import Answers
-from analysis.simulated_counts import distribution, draw
+from analysis.simulated_counts import GUIDE, Guided, Inverse, distribution, draw
 
 
 @settings(max_examples=40, deadline=None)
@@ -30,6 +30,28 @@ def test_the_distribution_is_that_of_scipy(trials: int, share: float, rest: floa
             expected = scipy.stats.binom.cdf(count, left, share / (share + rest))
         assert table[left] - left == pytest.approx(expected, abs=1e-9)
     assert np.all(np.diff(table.ravel()) >= 0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(1, 40),
+    st.floats(1e-6, 1),
+    st.floats(1e-6, 1),
+    st.one_of(st.just(0.0), st.floats(0.001, 0.999)),
+    st.integers(0, 2**32 - 1),
+)
+def test_the_guide_finds_what_the_search_finds(
+    trials: int, share: float, rest: float, spread: float, seed: int
+) -> None:
+    """The search is the oracle: at the ends of every cell, beside every step of the distribution, and in between."""
+    table = distribution(trials, share, rest, spread).reshape(trials + 1, trials + 1) - np.arange(trials + 1)[:, None]
+    cells = np.arange(GUIDE) / GUIDE
+    uniform = np.concatenate([cells, table.ravel(), np.random.default_rng(seed).random(500)])
+    uniform = np.concatenate([np.nextafter(uniform, 0), uniform, np.nextafter(uniform, 1)])
+    uniform = np.clip(uniform, 0.0, np.nextafter(1.0, 0.0))[None, :]
+    left, uniform = (np.array(one) for one in np.broadcast_arrays(np.arange(trials + 1)[:, None], uniform))
+    asked = trials, share, rest, spread
+    assert np.array_equal(Guided(*asked).counts(left, uniform), Inverse(*asked).counts(left, uniform))
 
 
 @settings(max_examples=40, deadline=None)
