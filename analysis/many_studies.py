@@ -62,7 +62,8 @@ class Ratios:
 
 def ratios(counts: Integers, trials: int) -> Ratios:
     """Sums of counts, shape (..., studies, participants)."""
-    return Ratios(trials, counts.shape[-1], counts.sum(axis=-1), np.einsum("...i,...i->...", counts, counts))
+    sums, squares = np.einsum("...i->...", counts), np.einsum("...i,...i->...", counts, counts)
+    return Ratios(trials, counts.shape[-1], sums, squares)
 
 
 def t_against_chance(cells: Ratios, chance: float) -> Tested:

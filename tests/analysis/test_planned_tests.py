@@ -19,6 +19,7 @@ from experiment.protocol import load
 from experiment.protocol.models import PlannedTest, Protocol
 from experiment.protocol.shipped import shipped
 from tests.analysis.datasets import trials, write_dataset
+from tests.benchmarks import power as benchmark
 
 MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
 STUDIES = 2
@@ -100,6 +101,30 @@ def test_every_number_is_that_of_analyse(tmp_path: Path, protocol: Protocol, par
                 assert math.isnan(values[number]), question
             else:
                 assert values[number] == pytest.approx(wanted, rel=1e-10, abs=1e-10), question
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("loop", [benchmark.ByName, benchmark.Least])
+def test_every_p_is_that_of_the_loops_of_the_benchmark(protocol: Protocol, loop: type[benchmark.ByName]) -> None:
+    """scipy, statsmodels and pingouin, who warn where nothing varies; there, and only there, palpate finds no P."""
+    printed = published.load("okamoto2012")
+    assert printed is not None
+    design = planned_tests.design(protocol, printed.pairs())
+    model = choice_models.find("published", protocol)
+    random = np.random.default_rng(7)
+    compared = 0
+    for _ in range(12):
+        drawn = benchmark.one_study(design, model, random)
+        mine = benchmark.ours(design, drawn)
+        apart = benchmark.differences(benchmark.looped(design, drawn, loop(design), icc=True), mine)
+        # t 4 + Holm 4 in two tasks, two pairs, four distinct effects, one coefficient in two tasks.
+        assert apart.shape == (16 + 2 + 4 + 2,)
+        assert np.nanmax(apart) < 1e-12
+        correct = [counts[range(4), range(4)] for counts in drawn.values()]
+        constant = np.concatenate([np.repeat([np.ptp(cells, axis=1) == 0], 2, axis=0).ravel() for cells in correct])
+        assert np.array_equal(np.isnan(mine[:16]), constant)
+        compared += int(np.isfinite(apart).sum())
+    assert compared > 200
 
 
 def test_tasks_keep_the_protocols_proportion(protocol: Protocol) -> None:
