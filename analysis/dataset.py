@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -109,6 +110,7 @@ def read(root: Path) -> Study:
         for task in facts["Tasks"]:
             path = root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_events.tsv"
             if not path.exists():
+                _never_begun(path, f"sub-{participant}_task-{task}_")
                 continue
             sidecar = _sidecar(path.with_suffix(".json"))
             if materials and materials != tuple(sidecar["Materials"]):
@@ -225,6 +227,14 @@ def _no_strangers(root: Path, participants: set[str], tasks: tuple[str, ...]) ->
             raise DatasetError(f"{path}: participant {label} is not in participants.tsv; add the line or remove it")
         if path.name not in {f"sub-{label}_task-{task}_events.tsv" for task in tasks}:
             raise DatasetError(f"{path}: task not in dataset_description.json, which has {list(tasks)}; add it there")
+
+
+def _never_begun(events: Path, prefix: str) -> None:
+    """Refuse a session of which there are other files, but no events."""
+    if left := next(iter(sorted(events.parent.glob(f"{escape(prefix)}*"))), None):
+        raise DatasetError(
+            f"{events} is missing, though {left.name} stands there; restore it or make the dataset again"
+        )
 
 
 def _events(

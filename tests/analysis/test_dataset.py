@@ -113,6 +113,25 @@ def test_a_missing_file_is_named(dataset: Path, file: str | Path) -> None:
         read(dataset)
 
 
+@pytest.mark.parametrize("left", [SIDECAR.name, "sub-02_task-virtual_recording-foot_physio.tsv.gz"])
+def test_what_is_left_of_a_session_tells_that_its_events_are_missing(dataset: Path, left: str) -> None:
+    for path in (EVENTS, SIDECAR):
+        (dataset / path).unlink()
+    (dataset / EVENTS).with_name(left).touch()
+    message = rf"{EVENTS} is missing, though {left} stands there; restore it"
+    with pytest.raises(DatasetError, match=message):
+        read(dataset)
+    (dataset / EVENTS).with_name(left).unlink()
+    assert "02" in read(dataset).participants
+
+
+def test_an_onset_may_come_before_contact_and_times_may_be_zero(tmp_path: Path) -> None:
+    rows = [trial(1, "sand", "sand", onset_error=-0.002, response_time=0, foot_speed=0, frames_lost=0, delivered=False)]
+    attempts = read(write_dataset(tmp_path, {"1": {"real": rows}})).attempts
+    columns = ["onset_error_s", "response_time_s", "foot_speed_mm_s", "frames_lost", "delivered"]
+    assert attempts[columns].iloc[0].tolist() == [-0.002, 0, 0, 0, 0]
+
+
 def test_a_folder_without_trials_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="holds no trial; run a session first"):
         read(write_dataset(tmp_path, {"01": {}}))
