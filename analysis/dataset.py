@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from glob import escape
 from pathlib import Path
@@ -177,7 +177,9 @@ def _sidecar(path: Path) -> dict[str, Any]:
     sidecar = _json(path, "make the dataset again, every events file has its sidecar")
     materials, rows = sidecar.get("Materials"), sidecar.get("Rows")
     if not (isinstance(materials, list) and len(materials) > 1 and all(isinstance(m, str) for m in materials)):
-        raise DatasetError(f"{path}: Materials is {materials!r}; allowed: a list of names; make the dataset again")
+        raise DatasetError(
+            f"{path}: Materials is {materials!r}; allowed: a list of two names or more; make the dataset again"
+        )
     if not isinstance(rows, int):
         raise DatasetError(f"{path}: Rows is {rows!r}; allowed: the number of rows; make the dataset again")
     return sidecar
@@ -274,10 +276,10 @@ def _event(cells: Mapping[str, str], where: str, materials: tuple[str, ...], ori
         "counted": counted == "1",
         "presented": cells["presented"],
         "answered": cells["answered"],
-        "response_time_s": _number(cells["response_time"], f"{where}: response_time"),
-        "foot_speed_mm_s": _number(cells["foot_speed"], f"{where}: foot_speed"),
-        "frames_lost": _number(cells["frames_lost"], f"{where}: frames_lost"),
-        "delivered": _number(cells["delivered"], f"{where}: delivered"),
+        "response_time_s": _number(cells["response_time"], f"{where}: response_time", "a number from 0"),
+        "foot_speed_mm_s": _number(cells["foot_speed"], f"{where}: foot_speed", "a number from 0"),
+        "frames_lost": _number(cells["frames_lost"], f"{where}: frames_lost", "a whole number from 0"),
+        "delivered": _number(cells["delivered"], f"{where}: delivered", "0, 1"),
         "onset_error_s": _number(cells["onset_error"], f"{where}: onset_error"),
         **{name: _number(cells.get(column, MISSING), f"{where}: {column}") for name, column in FURTHER.items()},
         "redo_reason": cells["redo_reason"],
@@ -291,13 +293,22 @@ def _whole(cell: str, where: str) -> int:
     return int(cell)
 
 
-def _number(cell: str, where: str) -> float:
+ALLOWED: Mapping[str, Callable[[float], bool]] = {
+    "a number": math.isfinite,
+    "a number from 0": lambda value: 0 <= value < math.inf,
+    "a whole number from 0": lambda value: 0 <= value < math.inf and value.is_integer(),
+    "0, 1": lambda value: value in (0, 1),
+}
+"""In words -> whether a value is so."""
+
+
+def _number(cell: str, where: str, allowed: str = "a number") -> float:
     if cell == MISSING:
         return math.nan
     try:
         value = float(cell)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        raise DatasetError(f"{where}: got {cell!r}; allowed: a number, or {MISSING}; mend the row")
+    if not ALLOWED[allowed](value):
+        raise DatasetError(f"{where}: got {cell!r}; allowed: {allowed}, or {MISSING}; mend the row")
     return value
