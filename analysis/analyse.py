@@ -19,6 +19,7 @@ from analysis.dataset import Study
 from analysis.dissimilarities import NONE as NO_DISSIMILARITIES
 from analysis.dissimilarities import from_file
 from analysis.dissimilarities import printed as printed_dissimilarities
+from analysis.exclusions import nothing_left
 from analysis.latex import latex
 from analysis.methods import METHODS
 from analysis.output import DERIVATIVES, MANIFEST, check, publish
@@ -90,9 +91,7 @@ def analyse(
     check(place, ())
     study = read_pooled(datasets)
     if not study.attempts["included"].any():
-        reasons = "; ".join(dict.fromkeys(exclusion.reason for exclusion in study.exclusions))
-        named = ", ".join(map(str, datasets))
-        raise DatasetError(f"{named}: every trial is left out ({reasons}); check the exclusion rules of the protocol")
+        raise nothing_left(", ".join(map(str, datasets)), study.exclusions)
     printed = published.load(study.id)
     if dissimilarities is not None:
         alike = from_file(dissimilarities, study.materials)

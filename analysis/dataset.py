@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from analysis.exclusions import Exclusion, Unasked, exclude
+from analysis.words import number_of
 from experiment.errors import DatasetError
 from experiment.event_columns import EVENT_COLUMNS, NO_ANSWER
 
@@ -246,7 +247,7 @@ def _events(
     if missing := [column for column in EVENT_COLUMNS if column not in columns]:
         raise DatasetError(f"{path}: no column {', '.join(missing)}; make the dataset again")
     if len(lines) != count:
-        raise DatasetError(f"{path}: {len(lines)} rows, its sidecar says {count}; make the dataset again")
+        raise DatasetError(f"{path}: {number_of(len(lines), 'row')}, its sidecar says {count}; make the dataset again")
     rows: list[dict[str, object]] = []
     counted: set[object] = set()
     for number, line in enumerate(lines, start=2):
