@@ -19,8 +19,9 @@ from analysis.dataset import Study
 from analysis.dissimilarities import NONE as NO_DISSIMILARITIES
 from analysis.dissimilarities import from_file
 from analysis.dissimilarities import printed as printed_dissimilarities
+from analysis.exclusions import nothing_left
 from analysis.methods import METHODS
-from analysis.output import MANIFEST, publish
+from analysis.output import DERIVATIVES, MANIFEST, check, publish
 from analysis.pooling import read_pooled
 from analysis.results import Results, TaskResult, compute
 from analysis.sections import sections
@@ -30,9 +31,6 @@ from experiment.event_columns import NO_ANSWER
 
 if TYPE_CHECKING:
     from analysis.figures import Sheet
-
-DERIVATIVES = Path("derivatives") / "palpate"
-"""Where results go within a dataset when no other place is named."""
 
 REPORT = "report.html"
 
@@ -88,15 +86,14 @@ def analyse(
 
     Raises:
         DatasetError: for a dataset or file that cannot be read, datasets that do not go together or have no trial left,
-            and a file in the way.
+            a folder within a dataset, and a file in the way.
         ProtocolError: for a broken copy of the protocol in the dataset.
     """
     place = _place(datasets, out)
+    check(place, ())
     study = read_pooled(datasets)
     if not study.attempts["included"].any():
-        reasons = "; ".join(dict.fromkeys(exclusion.reason for exclusion in study.exclusions))
-        named = ", ".join(map(str, datasets))
-        raise DatasetError(f"{named}: every trial is left out ({reasons}); check the exclusion rules of the protocol")
+        raise nothing_left(", ".join(map(str, datasets)), study.exclusions)
     printed = published.load(study.id)
     if dissimilarities is not None:
         alike = from_file(dissimilarities, study.materials)
@@ -113,15 +110,7 @@ def _place(datasets: Sequence[Path], out: Path | None) -> Path:
     if out is None:
         if len(datasets) > 1:
             raise DatasetError("--out: got none; allowed: a folder for the results of several datasets; name it")
-        return datasets[0] / DERIVATIVES
-    inside = out.resolve()
-    for dataset in datasets:
-        root = dataset.resolve()
-        allowed = root / "derivatives"
-        if (inside == root or root in inside.parents) and allowed not in inside.parents:
-            raise DatasetError(
-                f"{out} lies within the dataset; results may stand there only below {dataset / 'derivatives'}"
-            )
+        return datasets[0] / DERIVATIVES / "palpate"
     return out
 
 

@@ -16,6 +16,7 @@ from analysis.audit_lines import print_lines
 from analysis.compared import HELD, PRINT, comparison_section, with_name
 from analysis.comparison import Comparison, compare
 from analysis.dataset import read
+from analysis.exclusions import nothing_left
 from analysis.published import Published
 from analysis.results import compute
 from analysis.tables import WIDTH, text
@@ -96,7 +97,7 @@ def _dataset(root: Path, against: Path | None) -> Audit:
     study = read(root)
     printed = _paper(study.id, against)
     if not study.attempts["included"].any():
-        raise DatasetError(f"{root}: every trial is left out; check the exclusion rules of the protocol")
+        raise nothing_left(str(root), study.exclusions)
     comparison = compare(printed, compute(study, printed.pairs()), diagnose=study.origin == "RECONSTRUCTION")
     return Audit(study.id, study.origin, study.label, comparison)
 

@@ -14,6 +14,7 @@ from analysis.rows import Row, Undecided, examine, row_sum
 from analysis.spans import Span, hull
 from analysis.verdicts import Line, Verdict
 from analysis.walk import Place, Walk
+from analysis.words import number_of
 
 LISTED = 5
 """Numbers that a reason lists at most."""
@@ -91,7 +92,7 @@ def _judged(place: Place, printed: str, cells: Sequence[PrintedCell], row: Row, 
     if gaps := row.missing or row.missing_truncated:
         fewer = row.missing_truncated if row.missing_truncated != gaps else None
         less = f" ({fewer}, if means are truncated)" if fewer else ""
-        reasons.append(f"{gaps} trials without an answer would explain it{less}")
+        reasons.append(f"{number_of(gaps, 'trial')} without an answer would explain it{less}")
     if row.misprinted:
         names = ", ".join(f"-> {cells[i].answered}" for i in row.misprinted)
         reasons.append(f"a misprint of one of: {names}")

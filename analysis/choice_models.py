@@ -21,6 +21,7 @@ from pydantic import Field
 
 from analysis import dataset, published
 from analysis.confusion import confusion
+from analysis.words import number_of
 from experiment.errors import PowerError
 from experiment.protocol import load, rules
 from experiment.protocol.models import Confined, Label, Name, Protocol, Text
@@ -171,8 +172,8 @@ def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
             people = answers.n(i)
             if people < 2:
                 raise PowerError(
-                    f"{folder}: task {task.id}, {shown}: got {people} participants; allowed: at least 2, whose spread "
-                    "can be fitted; state the model in a TOML file instead"
+                    f"{folder}: task {task.id}, {shown}: got {number_of(people, 'participant')}; allowed: at least "
+                    "2, whose spread can be fitted; state the model in a TOML file instead"
                 )
             ratios = answers.counts[:, i] / answers.trials[:, i, None].clip(min=1)
             ratios = ratios[answers.trials[:, i] > 0]

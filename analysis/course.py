@@ -19,6 +19,7 @@ from analysis.dataset import Study
 from analysis.exact import NotDefined
 from analysis.intervals import Interval, wilson
 from analysis.timing import Timing, timing
+from analysis.words import number_of
 
 WINDOW = 10
 """Trials of the running mean."""
@@ -105,7 +106,7 @@ def course(study: Study, seed: int) -> Course:
         for name, (column, what) in COLUMNS.items():
             found = trials[np.isfinite(trials[column].to_numpy(dtype=np.float64))]
             if found.empty:
-                said[task, name] = f"{what} is known of 0 of {len(trials)} trials"
+                said[task, name] = f"{what} is known of 0 of {number_of(len(trials), 'trial')}"
             else:
                 known[name][task] = found
     timed = timing(study)

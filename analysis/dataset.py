@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
 from analysis.exclusions import Exclusion, Unasked, exclude
+from analysis.words import number_of
 from experiment.errors import DatasetError
 from experiment.event_columns import EVENT_COLUMNS, NO_ANSWER
 
@@ -109,6 +111,7 @@ def read(root: Path) -> Study:
         for task in facts["Tasks"]:
             path = root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_events.tsv"
             if not path.exists():
+                _never_begun(path, f"sub-{participant}_task-{task}_")
                 continue
             sidecar = _sidecar(path.with_suffix(".json"))
             if materials and materials != tuple(sidecar["Materials"]):
@@ -175,7 +178,9 @@ def _sidecar(path: Path) -> dict[str, Any]:
     sidecar = _json(path, "make the dataset again, every events file has its sidecar")
     materials, rows = sidecar.get("Materials"), sidecar.get("Rows")
     if not (isinstance(materials, list) and len(materials) > 1 and all(isinstance(m, str) for m in materials)):
-        raise DatasetError(f"{path}: Materials is {materials!r}; allowed: a list of names; make the dataset again")
+        raise DatasetError(
+            f"{path}: Materials is {materials!r}; allowed: a list of two names or more; make the dataset again"
+        )
     if not isinstance(rows, int):
         raise DatasetError(f"{path}: Rows is {rows!r}; allowed: the number of rows; make the dataset again")
     return sidecar
@@ -227,6 +232,14 @@ def _no_strangers(root: Path, participants: set[str], tasks: tuple[str, ...]) ->
             raise DatasetError(f"{path}: task not in dataset_description.json, which has {list(tasks)}; add it there")
 
 
+def _never_begun(events: Path, prefix: str) -> None:
+    """Refuse a session of which there are other files, but no events."""
+    if left := next(iter(sorted(events.parent.glob(f"{escape(prefix)}*"))), None):
+        raise DatasetError(
+            f"{events} is missing, though {left.name} stands there; restore it or make the dataset again"
+        )
+
+
 def _events(
     path: Path, participant: str, task: str, materials: tuple[str, ...], origin: str, count: int
 ) -> list[dict[str, object]]:
@@ -234,7 +247,7 @@ def _events(
     if missing := [column for column in EVENT_COLUMNS if column not in columns]:
         raise DatasetError(f"{path}: no column {', '.join(missing)}; make the dataset again")
     if len(lines) != count:
-        raise DatasetError(f"{path}: {len(lines)} rows, its sidecar says {count}; make the dataset again")
+        raise DatasetError(f"{path}: {number_of(len(lines), 'row')}, its sidecar says {count}; make the dataset again")
     rows: list[dict[str, object]] = []
     counted: set[object] = set()
     for number, line in enumerate(lines, start=2):
@@ -264,10 +277,10 @@ def _event(cells: Mapping[str, str], where: str, materials: tuple[str, ...], ori
         "counted": counted == "1",
         "presented": cells["presented"],
         "answered": cells["answered"],
-        "response_time_s": _number(cells["response_time"], f"{where}: response_time"),
-        "foot_speed_mm_s": _number(cells["foot_speed"], f"{where}: foot_speed"),
-        "frames_lost": _number(cells["frames_lost"], f"{where}: frames_lost"),
-        "delivered": _number(cells["delivered"], f"{where}: delivered"),
+        "response_time_s": _number(cells["response_time"], f"{where}: response_time", "a number from 0"),
+        "foot_speed_mm_s": _number(cells["foot_speed"], f"{where}: foot_speed", "a number from 0"),
+        "frames_lost": _number(cells["frames_lost"], f"{where}: frames_lost", "a whole number from 0"),
+        "delivered": _number(cells["delivered"], f"{where}: delivered", "0, 1"),
         "onset_error_s": _number(cells["onset_error"], f"{where}: onset_error"),
         **{name: _number(cells.get(column, MISSING), f"{where}: {column}") for name, column in FURTHER.items()},
         "redo_reason": cells["redo_reason"],
@@ -281,13 +294,22 @@ def _whole(cell: str, where: str) -> int:
     return int(cell)
 
 
-def _number(cell: str, where: str) -> float:
+ALLOWED: Mapping[str, Callable[[float], bool]] = {
+    "a number": math.isfinite,
+    "a number from 0": lambda value: 0 <= value < math.inf,
+    "a whole number from 0": lambda value: 0 <= value < math.inf and value.is_integer(),
+    "0, 1": lambda value: value in (0, 1),
+}
+"""In words -> whether a value is so."""
+
+
+def _number(cell: str, where: str, allowed: str = "a number") -> float:
     if cell == MISSING:
         return math.nan
     try:
         value = float(cell)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        raise DatasetError(f"{where}: got {cell!r}; allowed: a number, or {MISSING}; mend the row")
+    if not ALLOWED[allowed](value):
+        raise DatasetError(f"{where}: got {cell!r}; allowed: {allowed}, or {MISSING}; mend the row")
     return value

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from analysis.words import number_of
+from experiment.errors import DatasetError
 from experiment.event_columns import NO_ANSWER
 
 if TYPE_CHECKING:
@@ -82,6 +84,18 @@ def exclude(
     return tuple(found), tuple(unasked)
 
 
+def nothing_left(dataset: str, exclusions: Iterable[Exclusion]) -> DatasetError:
+    """The error for a dataset of which every trial is left out: each rule, how often, and a reason that it gave."""
+    by_rule: dict[str, list[str]] = {}
+    for one in exclusions:
+        by_rule.setdefault(one.rule, []).append(one.reason)
+    told = "; ".join(
+        f"{rule}, {number_of(len(reasons), 'time')} ({'such as: ' * (len(set(reasons)) > 1)}{reasons[0]})"
+        for rule, reasons in by_rule.items()
+    )
+    return DatasetError(f"{dataset}: every trial is left out: {told}; check the exclusion rules of the protocol")
+
+
 def _attempt(row: pd.Series[Any], rule: str, reason: str) -> Exclusion:
     return Exclusion(str(row["participant"]), str(row["task"]), int(row["trial"]), int(row["attempt"]), rule, reason)
 
@@ -134,7 +148,7 @@ def _few_answers(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]
     for label, task in sessions:
         count = answered.get((label, task), 0)
         if label in set(left["participant"]) and label not in found and rule.limit is not None and count < rule.limit:
-            reason = f"{rule.reason} ({count} answered trials in {task}, limit {rule.limit:g})"
+            reason = f"{rule.reason} ({number_of(count, 'answered trial')} in {task}, limit {rule.limit:g})"
             found[label] = _participant(label, rule.id, reason)
             attempts.loc[attempts["participant"] == label, "included"] = False
     return list(found.values())

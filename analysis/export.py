@@ -15,9 +15,8 @@ import pandas as pd
 
 from analysis.confusion import confusion
 from analysis.dataset import MISSING, Study
-from analysis.output import publish
+from analysis.output import check, publish
 from analysis.pooling import read_pooled
-from experiment.errors import DatasetError
 from experiment.event_columns import NO_ANSWER
 
 LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated or reconstructed", "text")
@@ -90,9 +89,7 @@ def export(datasets: Sequence[Path], out: Path) -> tuple[Path, ...]:
     Raises:
         DatasetError: for a dataset that cannot be read or pooled, a folder within a dataset, or a file in the way.
     """
-    for dataset in datasets:
-        if dataset.resolve() in (out.resolve(), *out.resolve().parents):
-            raise DatasetError(f"--out {out}: lies within the dataset {dataset}; choose a folder outside of it")
+    check(out, ())
     study = read_pooled(datasets)
     return publish(out, files(study), study.label)
 

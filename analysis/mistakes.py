@@ -16,6 +16,7 @@ from analysis.published.printed import Printed, as_printed
 from analysis.recomputed import effect, p_of_f, p_of_t, t_of
 from analysis.spans import Span, hull, image
 from analysis.verdicts import AGREES, judge
+from analysis.words import number_of
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def of_mean(means: Sequence[Span], n: int, sizes: Iterable[int]) -> Iterator[Mis
     """Mistakes in a mean of `n`; `sizes` are the study's other numbers of participants."""
     for size in sizes:
         values = tuple(mean.times(Fraction(n, size)) for mean in means)
-        yield Mistake(f"the sum was divided by {size} participants, where n is {n}", values)
+        yield Mistake(f"the sum was divided by {number_of(size, 'participant')}, where n is {n}", values)
     yield Mistake("it was printed as a percentage", tuple(mean.times(Fraction(100)) for mean in means))
     yield Mistake("it is what is left to 1", tuple(mean.times(Fraction(-1)).plus(_ONE) for mean in means))
 
@@ -129,7 +130,7 @@ def of_df(n: int, sizes: Iterable[int]) -> Iterator[tuple[int, str]]:
     """What else could have been printed as the df of a t."""
     yield n, "it is the number of participants"
     for size in sizes:
-        yield size - 1, f"it is that of {size} participants, where n is {n}"
+        yield size - 1, f"it is that of {number_of(size, 'participant')}, where n is {n}"
 
 
 def _p_of_z(z: float) -> float:

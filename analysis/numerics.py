@@ -138,7 +138,7 @@ def check_out(out: Path) -> None:
     """Refuse, before anything is measured, a folder that `write` could not write into.
 
     Raises:
-        DatasetError: a file in the way, or the file system refuses.
+        DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
     """
     check(out, FILES)
     try:
@@ -158,7 +158,7 @@ def write(result: Numerics, out: Path) -> tuple[Path, ...]:
         The files.
 
     Raises:
-        DatasetError: a file in the way, or the file system refuses.
+        DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
     """
     from analysis import figures, numerics_figures
 

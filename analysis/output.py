@@ -1,4 +1,4 @@
-"""Writing what an analysis makes: whole files, and never over a file that is not its own.
+"""Writing what an analysis makes: whole files, never over a file that is not its own, and never among data.
 
 A manifest in the folder lists the files written and their SHA-256. A file that stands there already is replaced only
 if the manifest names it and its bytes are as they were written. Everything is on disk under another name before the
@@ -18,6 +18,9 @@ from experiment.errors import DatasetError
 
 MANIFEST = "manifest.json"
 
+DESCRIPTION, DERIVATIVES = "dataset_description.json", "derivatives"
+"""What makes a folder a BIDS dataset, and the one place in it for results."""
+
 
 def publish(out: Path, files: Mapping[str, bytes], label: str) -> tuple[Path, ...]:
     """Write `files`, path within `out` -> content, and remove what an earlier analysis wrote and this one does not.
@@ -25,8 +28,7 @@ def publish(out: Path, files: Mapping[str, bytes], label: str) -> tuple[Path, ..
     `label` is that of the dataset; it stands in the manifest.
 
     Raises:
-        DatasetError: before anything is written, for a file in the way that is not ours or was changed since; or
-            when the file system refuses.
+        DatasetError: before anything is written, see `check`; or when the file system refuses.
     """
     ours = check(out, files)
     new = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
@@ -71,11 +73,13 @@ def _clean(staged: list[tuple[Path, Path]], out: Path, *, made: bool) -> None:
 
 
 def check(out: Path, names: Iterable[str]) -> dict[str, list[str]]:
-    """What stands in a folder of ours, name -> SHA-256; called before what takes its time, it finds a file in the way.
+    """What stands in a folder of ours, name -> SHA-256; called before what takes its time, it finds what is in the way.
 
     Raises:
-        DatasetError: a file in the way of one of `names` that is not ours or was changed since.
+        DatasetError: a folder within a dataset, save below its `derivatives`; or a file in the way of one of `names`
+            that is not ours or was changed since.
     """
+    _beside_data(out)
     ours = _manifest(out)
     for name in names:
         path = out / name
@@ -84,6 +88,27 @@ def check(out: Path, names: Iterable[str]) -> dict[str, list[str]]:
                 f"{path} is no output of palpate, or was changed since; move it away or choose another --out"
             )
     return ours
+
+
+def _beside_data(out: Path) -> None:
+    inside = out.resolve()
+    for folder in (inside, *inside.parents):
+        if _holds_data(folder / DESCRIPTION) and folder / DERIVATIVES not in inside.parents:
+            raise DatasetError(
+                f"--out {out}: lies within the dataset {folder}; results may stand there only below "
+                f"{folder / DERIVATIVES}; choose another --out"
+            )
+
+
+def _holds_data(description: Path) -> bool:
+    """Whether this describes a dataset, and not results; one that cannot be read may well do."""
+    if not description.is_file():
+        return False
+    try:
+        content = json.loads(description.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return True
+    return not (isinstance(content, dict) and content.get("DatasetType") == "derivative")
 
 
 def _manifest(out: Path) -> dict[str, list[str]]:

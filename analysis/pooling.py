@@ -9,8 +9,12 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.dataset import Study, Task, read
+from analysis.held_twice import Sessions, held_twice, sessions
 from analysis.plans import check_chances
 from experiment.errors import DatasetError
+
+NAMED = 5
+"""Participants who are named where several stand in two datasets."""
 
 
 def read_pooled(roots: Sequence[Path]) -> Study:
@@ -38,7 +42,7 @@ def pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
 
     Raises:
         DatasetError: for studies of different origins or materials, with tasks of one id and unlike titles or chances,
-            or with the same answers throughout.
+            or with the same trials of the same people.
     """
     first = studies[0]
     origins = {study.origin for study in studies}
@@ -52,10 +56,13 @@ def pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
                 f"{name}: got the materials {', '.join(study.materials)}; allowed: {', '.join(first.materials)}, as in "
                 f"{names[0]}; analyse it apart"
             )
+    held = [sessions(study) for study in studies]
     for index, study in enumerate(studies):
         for other in range(index):
-            if study.attempts.equals(studies[other].attempts):
-                raise DatasetError(f"{names[other]} and {names[index]} hold the same answers; give each dataset once")
+            if twice := _twice(studies[other], study, held[other], held[index]):
+                raise DatasetError(
+                    f"{names[other]} and {names[index]} hold the same trials of {twice}; give each participant once"
+                )
     ids = list(dict.fromkeys(study.id for study in studies))
     renamed = [_renamed(study, name) for study, name in zip(studies, names, strict=True)]
     parts = tuple(part for study in renamed for part in study.parts)
@@ -74,6 +81,16 @@ def pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         unasked=tuple(one for study in renamed for one in study.unasked),
         parts=parts,
     )
+
+
+def _twice(first: Study, second: Study, of_first: Sessions, of_second: Sessions) -> str:
+    """Whoever stands in both, in words; empty for nobody."""
+    if first.attempts.equals(second.attempts):
+        return "everybody"
+    found = held_twice(of_first, of_second)
+    people = [who if who == name else f"{who} (there {name})" for who, name in found.items()]
+    more = f" and {len(people) - NAMED} more" if len(people) > NAMED else ""
+    return ", ".join(people[:NAMED]) + more
 
 
 def _names(roots: Sequence[Path]) -> list[str]:

@@ -44,7 +44,7 @@ def write(result: Power, out: Path) -> tuple[Path, ...]:
         The files.
 
     Raises:
-        DatasetError: a file in the way, or the file system refuses.
+        DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
     """
     from analysis import power_figures
 

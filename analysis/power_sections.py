@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from math import ceil
 
 from analysis.planned_tests import ADJUSTED, Question
 from analysis.power import Kind, Power, Row
 from analysis.tables import Section, Table, number
 
 ABOUT_POWER = (
-    "Power: the share of SIMULATED studies in which P lies below alpha, two-tailed; in brackets Wilson's 95 % "
-    "interval, the Monte Carlo error, which says nothing of what the choice model leaves open. A study whose values "
-    "define no P counts as one that finds nothing."
+    "Power: the share of SIMULATED studies in which P lies below alpha, two-tailed. A study whose values define no P "
+    "counts as one that finds nothing."
+)
+IN_BRACKETS = (
+    "In brackets after a share: Wilson's 95 % interval, the Monte Carlo error, which says nothing of what the choice "
+    "model leaves open."
 )
 ABOUT_GUESSING = (
     "The same when nobody can tell anything: each answer equally likely, no participant unlike another. Every null "
@@ -70,13 +74,14 @@ def _studies(result: Power) -> Section:
 
 def _needed(result: Power) -> Section:
     plan = _as_planned(result)
-    rows, brief, records = [], [], []
+    rows, brief, records, counted = [], [], [], []
     for question in result.questions:
         at, control = result.row(question, plan), result.row(question, plan, "guessing")
         if question.alpha is None or at is None or control is None:
             continue
         needed = result.needed(question)
         size = f"{_size(needed.likely)} ({_size(needed.earliest)} to {_size(needed.surely)})"
+        counted += [at, control]
         names = title(question), subject(question)
         rows.append((*names, f"{question.alpha:g}", _shown(at), _shown(control), size))
         brief.append((*names, number(at.power), number(control.power), size))
@@ -93,8 +98,10 @@ def _needed(result: Power) -> Section:
     )
     wanted = f"n for {result.target:g}"
     left = frozenset({0, 1})
-    table = Table("", ("test", "of", "alpha", "power", "type I error", wanted), tuple(rows), left=left, notes=notes)
-    short = Table("", ("test", "of", "power", "type I", wanted), tuple(brief), left=left, notes=notes)
+    of_all = (*notes, IN_BRACKETS)
+    table = Table("", ("test", "of", "alpha", "power", "type I error", wanted), tuple(rows), left=left, notes=of_all)
+    of_brief = (*notes, *_error(counted))
+    short = Table("", ("test", "of", "power", "type I", wanted), tuple(brief), left=left, notes=of_brief)
     return Section("needed", "Participants needed", (), (table,), tuple(records), (short,))
 
 
@@ -104,14 +111,22 @@ def _by_size(result: Power, kind: Kind, slug: str, name: str, about: str) -> Sec
     tables, brief = [], []
     for group in dict.fromkeys((question.plan, question.tasks) for question in questions):
         asked = [question for question in questions if (question.plan, question.tasks) == group]
-        tables.append(_sizes_table(result, kind, asked, shown=_shown))
+        tables.append(_sizes_table(result, kind, asked, shown=_shown, notes=(IN_BRACKETS,)))
         plain = [question for question in asked if not question.adjusted]
-        brief.append(_sizes_table(result, kind, plain, shown=lambda row: number(row.power if row else None)))
+        error = _error([row for row in rows if row.question in plain])
+        brief.append(
+            _sizes_table(result, kind, plain, shown=lambda row: number(row.power if row else None), notes=error)
+        )
     return Section(slug, name, (about,), tuple(tables), tuple(map(_record, rows)), tuple(brief))
 
 
 def _sizes_table(
-    result: Power, kind: Kind, questions: Sequence[Question], *, shown: Callable[[Row | None], str]
+    result: Power,
+    kind: Kind,
+    questions: Sequence[Question],
+    *,
+    shown: Callable[[Row | None], str],
+    notes: tuple[str, ...],
 ) -> Table:
     rows = tuple(
         (_sizes(result, size), *(shown(result.row(question, size, kind)) for question in questions))
@@ -119,8 +134,24 @@ def _sizes_table(
     )
     of_tasks = ", ".join(task.id for task in result.design.tasks)
     apart = any(len(set(result.design.sizes(size))) > 1 for size in result.participants)
-    notes = (f"n: of the study ({of_tasks}).",) if apart else ()
-    return Table(title(questions[0]), ("n", *map(subject, questions)), rows, notes=notes)
+    sizes = (f"n: of the study ({of_tasks}).",) if apart else ()
+    return Table(title(questions[0]), ("n", *map(subject, questions)), rows, notes=(*sizes, *notes))
+
+
+def _error(rows: Sequence[Row]) -> tuple[str, ...]:
+    """The Monte Carlo error of shares that stand without their intervals; nothing where there is none."""
+    reaches = [
+        reach
+        for row in rows
+        if row.power is not None and row.interval is not None
+        for reach in (row.power - row.interval[0], row.interval[1] - row.power)
+    ]
+    if not reaches:
+        return ()
+    return (
+        f"Monte Carlo error: Wilson's 95 % intervals reach at most {ceil(max(reaches) * 1000) / 1000:.3f} to either "
+        "side, and say nothing of what the choice model leaves open; --out and --json give each.",
+    )
 
 
 def _estimates(result: Power) -> tuple[Section, ...]:

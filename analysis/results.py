@@ -23,6 +23,7 @@ from analysis.plans import chance
 from analysis.significance import TTest, holm, t_against_chance
 from analysis.trial_level import TrialLevel, trial_level
 from analysis.variance_components import VarianceComponents, icc_of_mean, variance_components
+from analysis.words import number_of
 
 TASK, MATERIAL = "task", "material"
 
@@ -233,10 +234,10 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
     for task in tasks:
         people = _complete(task)
         cell_ratios = [_row(task, people, i, j) for i in range(count) for j in range(count)]
-        name = f"{count * count} cells (presented x answered) x {len(people)} participants"
+        name = f"{count * count} cells (presented x answered) x {number_of(len(people), 'participant')}"
         dropped = tuple(label for label in task.confusion.participants if label not in set(people))
         found.append(_reliability(f"{task.task.id}: {name}", task.task.id, cell_ratios, dropped))
-        name = f"{count} correct ratios x {len(people)} participants"
+        name = f"{count} correct ratios x {number_of(len(people), 'participant')}"
         found.append(_reliability(f"{task.task.id}: {name}", task.task.id, _correct(task, people, count), dropped))
     if len(tasks) > 1:
         others = [set(_complete(task)) for task in tasks[1:]]
@@ -244,7 +245,9 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
         rows = [row for task in tasks for row in _correct(task, both, count)]
         anyone = dict.fromkeys(label for task in tasks for label in task.confusion.participants)
         dropped = tuple(label for label in anyone if label not in set(both))
-        name = f"{len(rows)} correct ratios (material by task) x {len(both)} participants who did every task"
+        name = (
+            f"{len(rows)} correct ratios (material by task) x {number_of(len(both), 'participant')} who did every task"
+        )
         linked = "; which row of one task goes with which of another is arbitrary in a reconstruction"
         found.append(_reliability(name + linked * (study.origin == "RECONSTRUCTION"), None, rows, dropped))
     return found

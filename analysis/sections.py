@@ -17,6 +17,7 @@ from analysis.identification_sections import identification_sections
 from analysis.results import Results, TaskResult
 from analysis.tables import Section, Table, bayes_factor, interval, lacks_a_limit, number, probability
 from analysis.trial_sections import trials_section
+from analysis.words import number_of
 from experiment.event_columns import NO_ANSWER
 
 MANY = 20
@@ -61,7 +62,7 @@ def overview(study: Study, results: Results) -> Section:
     header = ("task", "title", "participants", "trials", "no answer", "chance")
     name = study.name.removeprefix(f"{study.label}: ")
     paragraphs = (
-        f"{name}. Study {study.id}; {len(study.participants)} participants in the dataset.",
+        f"{name}. Study {study.id}; {number_of(len(study.participants), 'participant')} in the dataset.",
         *plans.sentences(study),
     )
     return Section("overview", "Study", paragraphs, (Table("", header, rows, left=frozenset({0, 1})),), tuple(records))
@@ -225,12 +226,12 @@ def _confusion_table(task: TaskResult) -> Table:
         "unadjusted."
     ]
     notes += [
-        f"{material}: presented to {matrix.n(i)} of {people} participants."
+        f"{material}: presented to {matrix.n(i)} of {number_of(people, 'participant')}."
         for i, material in enumerate(matrix.materials)
         if matrix.n(i) != people
     ]
     spread = "mean ± SD among" if people > 1 else "of"
-    title = f"{task.task.title}: answer ratios, {spread} {people} participant{'s' * (people > 1)}"
+    title = f"{task.task.title}: answer ratios, {spread} {number_of(people, 'participant')}"
     marked = frozenset((i, i + 1) for i in range(len(matrix.materials)))
     return Table(title, header, tuple(rows), marked=marked, notes=tuple(notes))
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from analysis.course import MaskerLevels, OnsetErrors, SpeedBin, Window
 from analysis.figures import COLOURS, HATCHES, LINES, MARKERS, key, pale
+from analysis.words import number_of
 
 NAMED = 20
 """More participants than this stand in order of their level, without their labels."""
@@ -72,7 +73,7 @@ def onset_errors(axes: Axes, found: Mapping[str, OnsetErrors]) -> None:
             edgecolor=colour,
             hatch=HATCHES[index % len(HATCHES)],
             linestyle=LINES[index % len(LINES)],
-            label=f"{task}: {one.mean_ms:.2f}{spread} ms, {len(one.errors_ms)} trials",
+            label=f"{task}: {one.mean_ms:.2f}{spread} ms, {number_of(len(one.errors_ms), 'trial')}",
         )
     axes.axvline(0, color="black", linestyle="--", linewidth=0.8)
     axes.set_xlabel("measured onset minus contact (ms)")

@@ -9,6 +9,7 @@ from analysis.results import Results
 from analysis.tables import Section, Table, number, probability
 from analysis.trial_level import TrialLevel
 from analysis.trial_models import TrialModel
+from analysis.words import number_of
 
 HEADER = ("term", "odds ratio", "95 % CI", "P")
 
@@ -33,7 +34,8 @@ def _left_out(found: TrialLevel) -> list[str]:
         return []
     by_task = ", ".join(f"{count} in {task}" for task, count in found.left_out.items())
     who = f"; nothing is left of the participants {', '.join(found.gone)}" if found.gone else ""
-    return [f"{sum(found.left_out.values())} trials without one of the values used are left out ({by_task}){who}."]
+    trials = number_of(sum(found.left_out.values()), "trial")
+    return [f"Left out, without one of the values used: {trials} ({by_task}){who}."]
 
 
 def _gee(found: TrialLevel) -> Table | None:

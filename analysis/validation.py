@@ -25,7 +25,7 @@ from analysis.dissimilarity import (
     overlay,
     own_spectra,
 )
-from analysis.output import publish
+from analysis.output import check, publish
 from analysis.published import spectra as printed_spectra
 from analysis.tables import WIDTH, Section, text
 from experiment.errors import RecordingError
@@ -159,10 +159,11 @@ def validate(
 
     Raises:
         RecordingError: recordings at a single speed, or fresh takes that do not compare with them.
-        DatasetError: a file in the way.
+        DatasetError: a folder within a dataset, or a file in the way.
     """
     from analysis.validation_sections import METHODS, sections
 
+    check(out, ())
     validation = compute(recorded, fresh, average=average)
     parts = sections(validation)
     label = validation.label

@@ -45,7 +45,7 @@ def export(
     datasets: Annotated[
         list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several: pooled.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder of the tables, outside of the datasets.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the tables; in a dataset, below its derivatives.")],
 ) -> None:
     """Write tables for R, JASP and PsychoPy users.
 
@@ -119,7 +119,7 @@ def power(
     with its Monte Carlo error, and the type I error when everybody guesses. The same seed gives the same result on any
     number of cores or machines.
     """
-    from analysis import choice_models, planned_tests, power_report, published, workers
+    from analysis import choice_models, output, planned_tests, power_report, published, workers
     from analysis import power as simulated
     from experiment.cli_progress import progress
     from experiment.protocol import load
@@ -128,6 +128,8 @@ def power(
         if share is not None and not 0 < share < 1:
             raise PowerError(f"{name} {share}: allowed: a number between 0 and 1; give one")
     sizes = _sizes(participants)
+    if out is not None:
+        output.check(out, ())
     protocol = load.load(protocol_file)
     chosen = choice_models.find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)

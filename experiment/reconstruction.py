@@ -154,11 +154,14 @@ def study_text(study: str, counts: Mapping[str, Path], source: str | None = None
 def read_counts(path: Path, materials: Sequence[str]) -> Counts:
     """Read a counts file: CSV with the header of `COLUMNS`, answers from `materials` or `event_columns.NO_ANSWER`.
 
+    Participants are whole numbers, with or without zeros before them, but each in one way throughout the file.
+
     Raises:
         DatasetError: naming file and line, for anything that is not such a file.
     """
     lines = csv.reader(_text(path).splitlines(), strict=True)
     counts: dict[int, dict[tuple[str, str], int]] = {}
+    spelt: dict[int, str] = {}
     try:
         header = next(lines, [])
         if tuple(header) != COLUMNS:
@@ -166,6 +169,8 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
         for row in lines:
             where = f"{path}: line {lines.line_num}"
             participant, cell, count = _row(row, where, materials)
+            if (spelling := spelt.setdefault(participant, row[0])) != row[0]:
+                raise DatasetError(f"{where}: participant: got {row[0]!r}, {spelling!r} above; write one of them")
             if cell in counts.setdefault(participant, {}):
                 raise DatasetError(f"{where}: participant {participant}, {cell} stands twice; keep one of the lines")
             counts[participant][cell] = count
@@ -188,13 +193,19 @@ def import_counts(
         software_version: what `GeneratedBy` states.
 
     Raises:
-        DatasetError: for a bad counts file, an unknown task, or a folder that would be overwritten.
+        DatasetError: for a bad counts file, fewer than two materials, an unknown task, or a folder that would be
+            overwritten.
     """
     if len({path.name for path in counts.values()}) != len(counts):
         raise DatasetError(f"counts files need different names, got {sorted(path.name for path in counts.values())}")
     if unknown := set(counts) - set(study.tasks):
         raise DatasetError(f"no such tasks in {study.id}: {sorted(unknown)}; allowed: {list(study.tasks)}")
     tables = {task: read_counts(path, tuple(study.materials)) for task, path in counts.items()}
+    if len(study.materials) < 2:
+        raise DatasetError(
+            f"{study.id}: got one material, {', '.join(study.materials)}; allowed: two or more; give the "
+            "counts of the others too"
+        )
     numbers = sorted({number for table in tables.values() for number in table})
     labels = {number: f"{number:0{max(2, len(str(numbers[-1])))}d}" for number in numbers}
     with new_dataset(out) as root:
@@ -220,7 +231,7 @@ def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tup
     if len(row) != len(COLUMNS):
         raise DatasetError(f"{where}: got {len(row)} fields; allowed: {len(COLUMNS)}, {','.join(COLUMNS)}")
     participant, presented, answered, count = row
-    if not re.fullmatch(r"[1-9][0-9]{0,5}", participant):
+    if not re.fullmatch(r"0{0,5}[1-9][0-9]{0,5}", participant):
         raise DatasetError(f"{where}: participant: got {participant!r}; allowed: a whole number from 1 to 999999")
     if presented not in materials:
         raise DatasetError(f"{where}: presented: got {presented!r}; allowed: {', '.join(materials)}")

@@ -269,8 +269,15 @@ def test_a_rehearsal_is_labelled_and_compared_in_its_own_words(tmp_path: Path) -
 
 def test_nothing_left_is_an_error_with_the_reason(tmp_path: Path) -> None:
     root = write_dataset(tmp_path, {"1": {"real": balanced(1)}}, withdrawn=["1"])
-    with pytest.raises(DatasetError, match=r"every trial is left out \(withdrew\)"):
+    with pytest.raises(DatasetError, match=r"every trial is left out: withdrawn, 1 time \(withdrew\); check"):
         analyse([root])
+
+
+def test_of_one_everything_is_said_in_the_singular(tmp_path: Path) -> None:
+    found = analyse([write_dataset(tmp_path, {"1": {"real": [trial(1, "sand", "snow")]}})], figures=False)
+    said = " ".join((found.text() + found.report.read_text()).split())
+    assert re.findall(r"\b1 (?:\w+ )?(?:participants|trials|answers|times|rows)\b", said) == []
+    assert "1 participant in the dataset" in said
 
 
 def test_markup_in_a_dataset_stays_text(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def test_a_fit_finds_the_model_that_made_the_data(tmp_path: Path, protocol: Prot
 def test_a_dataset_of_one_participant_has_no_spread(tmp_path: Path, protocol: Protocol) -> None:
     rows = trials((shown, shown) for shown in MATERIALS)
     root = write_dataset(tmp_path / "data", {"01": {"virtual": rows, "real": rows}}, materials=MATERIALS)
-    with pytest.raises(PowerError, match=r"copy paper: got 1 participants; allowed: at least 2"):
+    with pytest.raises(PowerError, match=r"copy paper: got 1 participant; allowed: at least 2"):
         choice_models.find(str(root), protocol)
 
 

@@ -87,7 +87,14 @@ def _first_row(column: int, cell: str) -> Callable[[str], str]:
         (EVENTS, _first_row(5, "ice"), "line 2: presented: got 'ice'; allowed: glass, sand, snow"),
         (EVENTS, _first_row(6, "ice"), "line 2: answered: got 'ice'; allowed: glass, sand, snow, (none)"),
         (EVENTS, _first_row(6, "n/a"), "line 2: answered: got 'n/a'"),
-        (EVENTS, _first_row(8, "fast"), "line 2: foot_speed: got 'fast'; allowed: a number, or n/a"),
+        (EVENTS, _first_row(7, "-3"), "line 2: response_time: got '-3'; allowed: a number from 0, or n/a"),
+        (EVENTS, _first_row(7, "1e999"), "line 2: response_time: got '1e999'; allowed: a number from 0"),
+        (EVENTS, _first_row(8, "fast"), "line 2: foot_speed: got 'fast'; allowed: a number from 0, or n/a"),
+        (EVENTS, _first_row(8, "-0.5"), "line 2: foot_speed: got '-0.5'; allowed: a number from 0"),
+        (EVENTS, _first_row(9, "1.5"), "line 2: frames_lost: got '1.5'; allowed: a whole number from 0, or n/a"),
+        (EVENTS, _first_row(9, "-1"), "line 2: frames_lost: got '-1'; allowed: a whole number from 0"),
+        (EVENTS, _first_row(11, "0.5"), "line 2: delivered: got '0.5'; allowed: 0, 1, or n/a"),
+        (EVENTS, _first_row(12, "nan"), "line 2: onset_error: got 'nan'; allowed: a number, or n/a"),
         (EVENTS, _first_row(8, "inf"), "line 2: foot_speed: got 'inf'"),
         (EVENTS, _first_row(14, "REHEARSAL"), "line 2: origin: got 'REHEARSAL'; allowed: PARTICIPANT"),
         (EVENTS, lambda text: text.replace("\t1\t1\t1\t", "\t1\t", 1), "line 2: 13 cells under 15 columns"),
@@ -111,6 +118,25 @@ def test_a_missing_file_is_named(dataset: Path, file: str | Path) -> None:
     (dataset / file).unlink()
     with pytest.raises(DatasetError, match="is missing"):
         read(dataset)
+
+
+@pytest.mark.parametrize("left", [SIDECAR.name, "sub-02_task-virtual_recording-foot_physio.tsv.gz"])
+def test_what_is_left_of_a_session_tells_that_its_events_are_missing(dataset: Path, left: str) -> None:
+    for path in (EVENTS, SIDECAR):
+        (dataset / path).unlink()
+    (dataset / EVENTS).with_name(left).touch()
+    message = rf"{EVENTS} is missing, though {left} stands there; restore it"
+    with pytest.raises(DatasetError, match=message):
+        read(dataset)
+    (dataset / EVENTS).with_name(left).unlink()
+    assert "02" in read(dataset).participants
+
+
+def test_an_onset_may_come_before_contact_and_times_may_be_zero(tmp_path: Path) -> None:
+    rows = [trial(1, "sand", "sand", onset_error=-0.002, response_time=0, foot_speed=0, frames_lost=0, delivered=False)]
+    attempts = read(write_dataset(tmp_path, {"1": {"real": rows}})).attempts
+    columns = ["onset_error_s", "response_time_s", "foot_speed_mm_s", "frames_lost", "delivered"]
+    assert attempts[columns].iloc[0].tolist() == [-0.002, 0, 0, 0, 0]
 
 
 def test_a_folder_without_trials_is_refused(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from analysis.dataset import read
-from analysis.exclusions import ALL_TASKS, Exclusion, Unasked, exclude
+from analysis.exclusions import ALL_TASKS, Exclusion, Unasked, exclude, nothing_left
 from analysis.sections import exclusions_section
 from experiment.protocol.models import ExclusionRule
 from tests.analysis.datasets import balanced, trial, write_dataset
@@ -145,6 +145,18 @@ def test_attempts_done_again_and_absent_participants_are_listed(tmp_path: Path) 
         Exclusion("4", ALL_TASKS, None, None, "withdrawn", "withdrew"),
     )
     assert len(study.trials("real")) == 13
+
+
+def test_when_nothing_is_left_each_rule_stands_once() -> None:
+    attempts = _attempts()
+    attempts["answered"] = "(none)"
+    attempts.loc[attempts["trial"] == 1, "answered"] = attempts["participant"].map({"1": "sand", "2": "(none)"})
+    found, _ = exclude(attempts, NOBODY, [_rule("answers-below", 3, "exclude-participant")])
+    assert not attempts["included"].any()
+    assert str(nothing_left("lab", (*found, Exclusion("3", ALL_TASKS, None, None, "withdrawn", "withdrew")))) == (
+        "lab: every trial is left out: answers-below, 2 times (such as: the reason of answers-below (1 answered trial "
+        "in virtual, limit 3)); withdrawn, 1 time (withdrew); check the exclusion rules of the protocol"
+    )
 
 
 def test_the_rules_come_from_the_protocol_in_the_dataset(tmp_path: Path, repository_root: Path) -> None:

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from analysis.output import MANIFEST, publish
+from analysis.output import MANIFEST, check, publish
 from experiment.errors import DatasetError
+from tests.analysis.datasets import balanced, write_dataset
+from tests.conftest import Palpate
 
 
 def _files(folder: Path) -> dict[str, bytes]:
@@ -103,3 +105,49 @@ def test_a_foreign_manifest_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / MANIFEST).write_text(content)
     with pytest.raises(DatasetError, match="is no manifest of palpate"):
         publish(tmp_path, {"a.csv": b"a"}, "a label")
+
+
+@pytest.mark.parametrize("place", [".", "sub-01", "sub-01/beh/x", "sourcedata", "stimuli/x", "derivatives", "new"])
+@pytest.mark.parametrize("description", ['{"DatasetType": "raw"}', "{}", "[]", "{ torn"])
+def test_nothing_is_written_among_data(tmp_path: Path, place: str, description: str) -> None:
+    """BIDS 1.10, dataset_description.json: the type is raw where none is stated."""
+    root = tmp_path / "data"
+    root.mkdir()
+    (root / "dataset_description.json").write_text(description)
+    with pytest.raises(DatasetError, match=r"lies within the dataset .*data; .* only below .*data/derivatives;"):
+        publish(root / place, {"a.csv": b"a"}, "a label")
+    assert _files(root) == {"dataset_description.json": description.encode()}
+
+
+def test_a_link_into_a_dataset_is_followed(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path / "data", {"01": {"real": balanced(1)}})
+    (tmp_path / "link").symlink_to(root / "sub-01")
+    with pytest.raises(DatasetError, match="lies within the dataset"):
+        check(tmp_path / "link" / "out", ())
+
+
+@pytest.mark.parametrize("place", ["beside", "data/derivatives/palpate", "data/derivatives/palpate/deeper"])
+def test_results_stand_beside_data_or_below_its_derivatives(tmp_path: Path, place: str) -> None:
+    write_dataset(tmp_path / "data", {"01": {"real": balanced(1)}})
+    description = {"dataset_description.json": b'{"DatasetType": "derivative"}'}
+    for _ in range(2):
+        publish(tmp_path / place, description, "a label")
+    assert _files(tmp_path / place) == {"dataset_description.json": b'{"DatasetType": "derivative"}'}
+
+
+@pytest.mark.parametrize("command", ["analyse", "export", "power", "numerics"])
+def test_every_command_keeps_out_of_every_dataset(
+    tmp_path: Path, palpate: Palpate, repository_root: Path, command: str
+) -> None:
+    """Of those that are not analysed too, and before anything is computed."""
+    asked = write_dataset(tmp_path / "asked", {"01": {"real": balanced(1)}})
+    other = write_dataset(tmp_path / "other", {"01": {"real": balanced(1)}})
+    subject: dict[str, tuple[object, ...]] = {
+        "power": (repository_root / "protocols" / "okamoto2012.toml", "--studies", 10**6),
+        "numerics": (),
+    }
+    before = sorted(other.rglob("*"))
+    code, _, error = palpate(command, *subject.get(command, (asked,)), "--out", other / "sub-01" / "x")
+    assert (code, error.count("\n")) == (2, 1)
+    assert f"lies within the dataset {other}" in error
+    assert sorted(other.rglob("*")) == before

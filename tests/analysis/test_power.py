@@ -6,6 +6,7 @@ import itertools
 import json
 import math
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -17,6 +18,7 @@ import numpy as np
 import pytest
 import scipy.stats
 from statsmodels.stats.power import TTestPower
+from statsmodels.stats.proportion import proportion_confint
 
 from analysis import planned_tests, power, power_report, workers
 from analysis.choice_models import Answers, ChoiceModel
@@ -277,6 +279,26 @@ def test_files_say_simulated_and_may_be_written_again(tmp_path: Path) -> None:
     (tmp_path / "out" / "power.md").write_text("mine", "utf-8")
     with pytest.raises(DatasetError, match=r"power\.md is no output of palpate"):
         power_report.write(result, tmp_path / "out")
+
+
+def test_the_monte_carlo_error_stands_where_the_shares_do(tmp_path: Path) -> None:
+    """Wilson's interval from statsmodels; a terminal has no room for one a share, and names the widest."""
+    study = protocol(t_test(0.25))
+    result = run(study, guess(study), participants=(4, 15))
+    shown = " ".join(power_report.text(result).split())
+    assert "In brackets" not in shown
+    reaches: list[tuple[power.Row, float]] = []
+    for row in result.rows:
+        low, high = proportion_confint(row.tally.significant, 300, method="wilson")
+        share = row.tally.significant / 300
+        reaches.append((row, max(high - share, share - low)))
+    by_size = max(reach for row, reach in reaches if row.kind == "model" and not row.question.adjusted)
+    planned = max(reach for row, reach in reaches if row.participants == 15)
+    said = re.findall(r"Wilson's 95 % intervals reach at most (\S+) to either side", shown)
+    assert [float(one) for one in said] == [math.ceil(by_size * 1000) / 1000, math.ceil(planned * 1000) / 1000]
+    power_report.write(result, tmp_path / "out")
+    for name in ("power.md", "needed.md"):
+        assert "In brackets after a share: Wilson's 95 % interval" in (tmp_path / "out" / name).read_text("utf-8")
 
 
 def test_what_a_terminal_shows() -> None:

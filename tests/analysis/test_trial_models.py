@@ -220,7 +220,7 @@ def test_participants_without_a_trial_left_are_named(tmp_path: Path) -> None:
     assert design(study).gone == ("3",)
     said = trials_section(compute(study, {})).paragraphs
     assert (
-        "60 trials without one of the values used are left out (30 in virtual, 30 in real); nothing is left of the "
+        "Left out, without one of the values used: 60 trials (30 in virtual, 30 in real); nothing is left of the "
         "participants 3." in said
     )
 

@@ -11,7 +11,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from experiment.cli_engine import engine
-from experiment.errors import PalpateError
+from experiment.errors import DatasetError, PalpateError
 
 
 def call(*arguments: object) -> Result:
@@ -47,6 +47,13 @@ def test_at_least_half_of_the_takes_are_on_their_own_or_a_neighbouring_speed(
         assert 2 * sum(one["same_or_neighbouring"]) >= 30, one["material"]
     assert found["holds"]
     assert "Table 3" in found["fitted"]
+
+
+def test_a_validation_keeps_out_of_a_dataset(recorded: Path, tmp_path: Path) -> None:
+    (tmp_path / "dataset_description.json").write_text('{"DatasetType": "raw"}')
+    with pytest.raises(DatasetError, match="lies within the dataset"):
+        call("validate", recorded, "--out", tmp_path / "stimuli" / "v")
+    assert not (tmp_path / "stimuli").exists()
 
 
 def test_fresh_takes_from_a_folder(recorded: Path, tmp_path: Path, protocol: Path) -> None:

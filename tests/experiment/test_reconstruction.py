@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from analysis.dataset import read
+from analysis.export import files
 from experiment.dataset_files import LABELS
 from experiment.errors import DatasetError
 from experiment.event_columns import NO_ANSWER
-from experiment.reconstruction import OKAMOTO2012, StudyText, import_counts, parse_task, read_counts, study_text
+from experiment.reconstruction import (
+    COLUMNS,
+    OKAMOTO2012,
+    StudyText,
+    import_counts,
+    parse_task,
+    read_counts,
+    study_text,
+)
 
+BOTH = "1,sand,sand,3\n1,sand,snow,1\n1,snow,snow,4\n2,sand,(none),1\n2,snow,sand,2\n"
 HEADER = "participant,presented,answered,count\n"
 STUDY = StudyText(
     id="lab",
@@ -100,6 +112,30 @@ def test_every_count_becomes_as_many_trials(
         assert rows["trial"].tolist() == list(range(1, len(rows) + 1))
 
 
+@pytest.mark.parametrize("written", ["7", "07", "007"])
+def test_a_participant_may_be_written_as_a_dataset_labels_them(tmp_path: Path, written: str) -> None:
+    counts = _counts(tmp_path, f"{written},sand,snow,1\n12,sand,sand,1\n")
+    assert read(import_counts({"one": counts}, tmp_path / "out", study=STUDY)).participants == ("07", "12")
+
+
+def test_counts_that_were_exported_are_imported_again(tmp_path: Path) -> None:
+    """The long layout holds the columns of a counts file among others."""
+    first = import_counts({"one": _counts(tmp_path, BOTH)}, tmp_path / "out", study=STUDY)
+    frame = pd.read_csv(io.BytesIO(files(read(first))["long.csv"]), dtype=str)
+    again = tmp_path / "again.csv"
+    frame[list(COLUMNS)].to_csv(again, index=False)
+    second = import_counts({"one": again}, tmp_path / "second", study=STUDY)
+    pd.testing.assert_frame_equal(read(second).attempts, read(first).attempts)
+
+
+def test_of_one_material_no_dataset_is_made(tmp_path: Path) -> None:
+    """A reader refuses it: nothing is identified."""
+    counts = {"one": _counts(tmp_path, "1,sand,sand,5\n2,sand,(none),1\n")}
+    with pytest.raises(DatasetError, match="other: got one material, sand; allowed: two or more; give the counts of"):
+        import_counts(counts, tmp_path / "out", study=study_text("other", counts, "a table"))
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -109,6 +145,8 @@ def test_every_count_becomes_as_many_trials(
         (HEADER + "1,sand,snow\n", "line 2: got 3 fields; allowed: 4"),
         (HEADER + "1,sand,snow,2\n0,sand,sand,1\n", "line 3: participant: got '0'; allowed: a whole number from 1"),
         (HEADER + "x,sand,snow,2\n", "line 2: participant: got 'x'"),
+        (HEADER + "00,sand,snow,2\n", "line 2: participant: got '00'"),
+        (HEADER + "01,sand,snow,2\n1,snow,snow,3\n", "line 3: participant: got '1', '01' above; write one of them"),
         (HEADER + "1,ice,snow,2\n", "line 2: presented: got 'ice'; allowed: sand, snow"),
         (HEADER + "1,(none),snow,2\n", "line 2: presented: got '(none)'"),
         (HEADER + "1,sand,ice,2\n", "line 2: answered: got 'ice'; allowed: sand, snow, (none)"),
