@@ -1,0 +1,71 @@
+"""Mistakes planted in a made-up study: the audit must name each, and accuse nothing beside it."""
+
+from __future__ import annotations
+
+from decimal import ROUND_HALF_EVEN
+from typing import Any
+
+import pytest
+from scipy import stats
+
+from analysis.audit_lines import print_lines
+from analysis.verdicts import Line
+from tests.analysis import printed_study
+
+SIZES = {"one": 12, "two": 9}
+
+COUNTS = printed_study.draw(3, SIZES, 10)
+
+
+@pytest.fixture(scope="module")
+def made() -> dict[str, Any]:
+    """Twelve and nine participants, ten trials, three decimals."""
+    return printed_study.printed(COUNTS, 10, 3, ROUND_HALF_EVEN)
+
+
+def _true(index: int) -> tuple[float, int]:
+    """Cohen's d of a test, from the counts, and its participants."""
+    task, material = ("one", "two")[index // 3], index % 3
+    ratios = COUNTS[task][:, material, material] / 10
+    return float((ratios.mean() - 1 / 3) / ratios.std(ddof=1)), len(ratios)
+
+
+def _accused(document: dict[str, Any], quantity: str) -> list[Line]:
+    lines = print_lines(printed_study.published(document))
+    return [line for line in lines if line.quantity == quantity and not line.agrees]
+
+
+@pytest.mark.parametrize("index", range(6))
+def test_a_d_in_the_place_of_t_is_named(made: dict[str, Any], index: int) -> None:
+    d, n = _true(index)
+    document = printed_study.changed(made, lambda test: test.update(t=f"{d:.2f}"), index)
+    (line,) = _accused(document, f"t({n - 1})")
+    assert line.reason.startswith("what is printed as t is Cohen's d")
+    assert _accused(document, "P") == _accused(document, "stars") == []
+
+
+@pytest.mark.parametrize("index", range(6))
+@pytest.mark.parametrize(
+    ("mistake", "expected"),
+    [("tail", "it is one-tailed"), ("size", "it is the P of d * sqrt({other}) at"), ("df", "it was taken at {off} df")],
+)
+def test_a_wrong_p_is_named(made: dict[str, Any], index: int, mistake: str, expected: str) -> None:
+    """P by scipy, wrong in one way each; the mistake that was made is among those named."""
+    d, n = _true(index)
+    other = sum(SIZES.values()) - n
+    t = d * n**0.5
+    wrong = {
+        "tail": stats.t.sf(abs(t), n - 1),
+        "size": 2 * stats.t.sf(abs(d) * other**0.5, other - 1),
+        "df": 2 * stats.t.sf(abs(t), other - 1),
+    }
+    p = printed_study.scientific(float(wrong[mistake]), ROUND_HALF_EVEN)
+    document = printed_study.changed(made, lambda test: test.update(p=p), index)
+    (line,) = _accused(document, "P")
+    assert expected.format(other=other, off=other - 1) in line.reason
+
+
+def test_a_wrong_df_is_named(made: dict[str, Any]) -> None:
+    document = printed_study.changed(made, lambda test: test.update(df=12))
+    (line,) = _accused(document, "df")
+    assert (line.recomputed, line.reason) == ("11", "it is the number of participants")
