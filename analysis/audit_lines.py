@@ -178,19 +178,22 @@ def _common(place: Place, choices: PrintedChoices, percentages: Sequence[Printed
         if numbers and name != "either"
     )
     reason = f"{least}; {choices.participants} x {choices.trials} = {total} trials allow {most}"
-    if allowed["either"]:
-        reason += f"; some rounded and some truncated: {_listed(allowed['either'])}"
-    return place.text(quantity, printed, f"none from 1 to {most}", "impossible", reason)
+    none = f"none from 1 to {most}"
+    if not allowed["either"]:
+        return place.text(quantity, printed, none, "impossible", reason)
+    reason += f"; some rounded and some truncated: {_listed(allowed['either'])}"
+    return place.text(quantity, printed, f"{none}, all rounded or all truncated", "fits no one rounding", reason)
 
 
 def _unequal(place: Place, choices: PrintedChoices, percentages: Sequence[Printed]) -> Line:
     """The fewest trials that the percentages take when pairs may differ in them."""
-    least = sum(smallest(printed, rounded) for printed in percentages)
     all_of = choices.trials * choices.participants
-    for total, who in ((choices.trials, "all together"), (all_of, "every participant")):
-        if least <= total:
-            reason = f"if pairs were shown unequally often and {choices.trials} are those of {who}"
-            return place.text("trials in all", str(choices.trials), f"at least {least}", "agrees", reason)
+    for verdict, reading in zip(FITS, READINGS.values(), strict=True):
+        least = sum(smallest(printed, reading) for printed in percentages)
+        for total, who in ((choices.trials, "all together"), (all_of, "every participant")):
+            if least <= total:
+                reason = f"if pairs were shown unequally often and {choices.trials} are those of {who}"
+                return place.text("trials in all", str(choices.trials), f"at least {least}", verdict, reason)
     reason = f"more than {choices.participants} x {choices.trials}"
     return place.text("trials in all", str(choices.trials), f"at least {least}", "impossible", reason)
 
@@ -208,3 +211,5 @@ def _listed(numbers: Sequence[int]) -> str:
 
 
 READINGS = {"rounded": rounded, "truncated": truncated, "either": either}
+FITS: tuple[Verdict, ...] = ("agrees", "agrees if truncated", "fits no one rounding")
+"""The verdict on percentages that fit only from this reading on."""

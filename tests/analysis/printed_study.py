@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from decimal import ROUND_DOWN, ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
 from fractions import Fraction
 from typing import Any
@@ -80,6 +80,14 @@ def printed(counts: Counts, trials: int, digits: int, way: str, *, steps: bool =
     if tests:
         document["t"] = ({"where": "Text", "tests": tuple(tests)},)
     return {**document, **_anovas(counts, trials, way), "table": tuple(tables)}
+
+
+def choices(counts: Sequence[int], trials: int, way: str) -> dict[str, Any]:
+    """A study of percentages, each of so many trials, by seven who did ten for each pair."""
+    percentages = [f"{text(Fraction(100 * count, trials), 0, way)}%" for count in counts]
+    cells = tuple({"pair": (str(k), "other"), "correct": percent} for k, percent in enumerate(percentages))
+    block = {"where": "Text", "task": "taps", "participants": 7, "trials": 10 * len(counts), "cells": cells}
+    return {"study": "made", "source": "Nobody", "choices": (block,)}
 
 
 def published(document: Mapping[str, Any]) -> Published:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import tomllib
 from collections.abc import Sequence
+from decimal import ROUND_DOWN, ROUND_HALF_UP, Decimal
 from pathlib import Path
 
 import pytest
 
 from analysis.audit import Audit, audit
+from analysis.audit_lines import print_lines
 from analysis.verdicts import Line
 from experiment.errors import DatasetError
+from tests.analysis import printed_study
 from tests.analysis.datasets import MATERIALS, balanced, write_dataset
 
 
@@ -132,8 +136,6 @@ def test_nothing_else_is_accused(okamoto: Audit, repository_root: Path) -> None:
 
 
 def test_every_printed_number_of_the_reference_has_a_row(okamoto: Audit, shared: Path) -> None:
-    import csv
-
     held = {(line.task, line.subject, line.printed) for line in okamoto.comparison.lines}
     for number, task in ((1, "virtual"), (2, "real")):
         with (shared / "reference" / f"okamoto2012_table{number}.csv").open(newline="") as file:
@@ -143,12 +145,37 @@ def test_every_printed_number_of_the_reference_has_a_row(okamoto: Audit, shared:
                     assert (task, subject, printed) in held
 
 
-@pytest.mark.parametrize(("table", "least"), [("Table 2", "80"), ("Table 3", "80")])
-def test_the_tapping_percentages_fit_no_common_number_of_trials(wellman: Audit, table: str, least: str) -> None:
-    """Oracle: 7 x 120 / 15 = 56 is the most; trying every N by hand gives 80 as the first that rounds to all."""
+@pytest.mark.parametrize(("table", "mixed"), [("Table 2", "51, 53, 56"), ("Table 3", "52")])
+def test_the_tapping_percentages_fit_no_common_number_of_trials(
+    wellman: Audit, shared: Path, table: str, mixed: str
+) -> None:
+    """Oracle: every count of every number of trials up to 7 x 120 / 15 = 56, rounded and truncated by the decimal
+    library. None gives a whole table in one way; with some rounded and some truncated, those named do.
+    """
+    (file,) = (shared / "reference").glob(f"wellman1995_table{table[-1]}_*.csv")
+    with file.open(newline="") as rows:
+        percentages = {row["percent_correct"] for row in csv.DictReader(rows)}
+    fitting: dict[str, list[int]] = {"rounded": [], "truncated": [], "mixed": []}
+    for trials in range(1, 57):
+        shares = [Decimal(100 * count) / trials for count in range(trials + 1)]
+        rounded = {f"{share.quantize(Decimal(1), rounding=ROUND_HALF_UP)}" for share in shares}
+        truncated = {f"{share.quantize(Decimal(1), rounding=ROUND_DOWN)}" for share in shares}
+        for name, printed in (("rounded", rounded), ("truncated", truncated), ("mixed", rounded | truncated)):
+            fitting[name] += [trials] * (percentages <= printed)
+    assert fitting == {"rounded": [], "truncated": [], "mixed": [int(trials) for trials in mixed.split(", ")]}
     (line,) = _lines(wellman, where=table, quantity="common number of trials")
-    assert (line.recomputed, line.verdict) == ("none from 1 to 56", "impossible")
-    assert f"rounded, {least} at least ({int(least) * 15} trials)" in line.reason
+    assert line.recomputed == "none from 1 to 56, all rounded or all truncated"
+    assert line.verdict == "fits no one rounding"
+    assert line.reason.endswith(f"some rounded and some truncated: {mixed}")
+    assert not line.agrees
+
+
+def test_percentages_that_no_mix_of_ways_gives_are_impossible() -> None:
+    """By hand: 1, 2 or 3 trials give no 43 %, not even cut off."""
+    cells = ({"pair": ("1", "2"), "correct": "43%"}, {"pair": ("2", "3"), "correct": "50%"})
+    block = {"where": "Here", "task": "x", "participants": 3, "trials": 2, "cells": cells}
+    lines = print_lines(printed_study.published({"study": "any", "source": "Nobody", "choices": (block,)}))
+    assert [line.verdict for line in lines if line.quantity == "common number of trials"] == ["impossible"]
 
 
 def test_a_percentage_whose_denominator_is_not_printed_is_never_accused(wellman: Audit) -> None:

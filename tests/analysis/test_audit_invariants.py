@@ -72,6 +72,23 @@ def test_no_false_accusation_of_scores(counts: list[int], items: int, digits: in
     assert [line for line in lines if not line.agrees] == []
 
 
+@settings(deadline=None)
+@given(
+    st.integers(1, 70),
+    st.lists(st.integers(0, 10**6), min_size=1, max_size=20),
+    st.sampled_from((*printed_study.WAYS, printed_study.MIXED)),
+)
+def test_no_false_accusation_of_percentages(trials: int, drawn: list[int], way: str) -> None:
+    """The same for percentages of one number of trials; those printed in one way fit that number."""
+    document = printed_study.choices([number % (trials + 1) for number in drawn], trials, way)
+    lines = print_lines(printed_study.published(document))
+    found = {line.quantity: line.verdict for line in lines if line.quantity != "correct"}
+    assert {line.verdict for line in lines if line.quantity == "correct"} <= {"agrees", "cannot be decided"}
+    assert "impossible" not in found.values()
+    if way != printed_study.MIXED:
+        assert set(found.values()) <= {"agrees", "agrees if truncated"}
+
+
 NUMBERS = st.from_regex(r"(0|[0-9]{1,2})(\.[0-9]{1,3})?(e-[0-9])?%?", fullmatch=True)
 
 SIGNED = st.one_of(NUMBERS, NUMBERS.map(lambda text: f"-{text}"))
