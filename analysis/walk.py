@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 from analysis import mistakes
 from analysis.evidence import NO_STEPS, Evidence, Sample
 from analysis.mistakes import Mistake, explain
-from analysis.published import Printed, PrintedCell, PrintedClaim, PrintedF, PrintedT, Published
+from analysis.published import Printed, PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
 from analysis.recomputed import effect, p_of_f, p_of_t, t_of
 from analysis.significance import stars
 from analysis.spans import Span, image
 from analysis.verdicts import AGREES, Line, Verdict, judge, shown
 
+NO_NULL = "what it was tested against is not printed"
 CONSTANT = "every value is the same: no variance, t and P are not defined"
 
 
@@ -135,11 +136,14 @@ class Walk:
             place = Place(place.where, place.task, place.subject, place.missing, unknown)
             yield place.number("SD", cell.sd, variances, sd_mistakes, squares=True, otherwise=contradiction)
         test = next((one for one in self._published.tests if _is_of(one, cell)), None)
-        null = test.null if test else self._published.chance
-        if self._published.levels and cell.stars is not None and cell.presented == cell.answered and null is not None:
+        chance = None if cell.is_score else self._published.chance
+        null = test.null if test else chance
+        if self._published.levels and cell.stars is not None and cell.presented == cell.answered:
             yield self._stars(place, cell, null, test)
 
-    def _stars(self, place: Place, cell: PrintedCell, null: Fraction, test: PrintedT | None) -> Line:
+    def _stars(self, place: Place, cell: PrintedCell, null: Fraction | None, test: PrintedT | None) -> Line:
+        if null is None:
+            return place.text("stars", cell.stars or "none", "-", "cannot be decided", NO_NULL)
         sample = self._evidence.sample(cell)
         every = _marks(sample, _effects(sample, null), self._published.levels)
         pinned = _marks(sample, self.effects(test), self._published.levels) if test else every
@@ -226,12 +230,13 @@ class Walk:
     def _claim(self, claim: PrintedClaim) -> Line:
         place = self._place(claim.where, claim.task, "materials above chance")
         cells = [cell for cell in self._published.tables() if cell.task == claim.task]
+        above = [replace(level, above=True) for level in self._published.levels]
         least = most = known = 0
         for cell in cells:
             test = next((one for one in self._published.tests if _is_of(one, cell)), None)
             if cell.presented != cell.answered or test is None:
                 continue
-            found = _marks(self._evidence.tested(test), self.effects(test), self._published.levels)
+            found = _marks(self._evidence.tested(test), self.effects(test), above)
             known += bool(found)
             least += bool(found) and "none" not in found
             most += any(mark != "none" for mark in found)
@@ -259,20 +264,28 @@ def _effects(sample: Sample, null: Fraction) -> tuple[Span, ...]:
     return tuple(dict.fromkeys(size for one in sample.moments if (size := effect(one, null)) is not None))
 
 
-def _marks_of(p: Printed, levels: Sequence[tuple[float, str]]) -> str:
+def _marks_of(p: Printed, levels: Sequence[PrintedLevel]) -> str:
     """The stars that a printed P earns; an upper bound earns those of anything below it."""
-    return stars(math.nextafter(p.value, 0.0) if p.is_bound else p.value, levels) or "none"
+    return _earned(math.nextafter(p.value, 0.0) if p.is_bound else p.value, levels) or "none"
 
 
-def _marks(sample: Sample, effects: Sequence[Span], levels: Sequence[tuple[float, str]]) -> tuple[str, ...]:
-    """The stars that a mean above chance can have, most first; "none" for none, as where there may be no variance."""
-    marks = ["", *(mark for _, mark in reversed(levels))]
+def _marks(sample: Sample, effects: Sequence[Span], levels: Sequence[PrintedLevel]) -> tuple[str, ...]:
+    """The stars that a mean can have, most first; "none" for none, as where there may be no variance."""
     found = {""} if effects and any(one.variance.low == 0 for one in sample.moments) else set()
-    for one in effects:
-        p = p_of_t(t_of(one, sample.n), sample.n - 1)
-        reached = [marks.index(stars(float(end), levels)) for end in (p.low, p.high)]
-        if one.high > 0:
-            found |= set(marks[min(reached) : max(reached) + 1])
-        if one.low <= 0:
-            found.add("")
+    sides = (Span(_NULL, math.inf), levels), (Span(-math.inf, _NULL), [one for one in levels if not one.above])
+    for side, given in sides:
+        marks = ["", *(level.stars for level in reversed(given))]
+        for one in effects:
+            if side.meets(one):
+                p = p_of_t(t_of(one.common(side), sample.n), sample.n - 1)
+                reached = [marks.index(_earned(float(end), given)) for end in (p.low, p.high)]
+                found |= set(marks[min(reached) : max(reached) + 1])
     return tuple(mark or "none" for mark in sorted(found, key=len, reverse=True))
+
+
+def _earned(p: float, levels: Sequence[PrintedLevel]) -> str:
+    return stars(p, [(level.p, level.stars) for level in levels])
+
+
+_NULL = Fraction(0)
+"""The effect of no difference."""

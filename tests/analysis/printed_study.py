@@ -52,8 +52,13 @@ def scientific(value: float, way: str) -> str:
     return f"{mantissa}e{power}" if float(mantissa) < 10 else f"1.00e{power + 1}"
 
 
-def printed(counts: Counts, trials: int, digits: int, way: str, *, steps: bool = True) -> dict[str, Any]:
-    """The study as the content of its file, arrays as tuples; `steps`: whether it says how many trials there were."""
+def printed(
+    counts: Counts, trials: int, digits: int, way: str, *, steps: bool = True, above: bool = True
+) -> dict[str, Any]:
+    """The study as the content of its file, arrays as tuples.
+
+    `steps`: whether it says how many trials there were; `above`: whether it gives stars above chance alone.
+    """
     chance = Fraction(1, 3)
     tables, tests = [], []
     for task, answers in counts.items():
@@ -68,7 +73,9 @@ def printed(counts: Counts, trials: int, digits: int, way: str, *, steps: bool =
                 if i == j and variance:
                     t = float(mean - chance) / math.sqrt(variance / n)
                     p = float(2 * stats.t.sf(abs(t), n - 1))
-                    cell["stars"] = next((mark for level, mark in LEVELS if p < level), "") if mean > chance else ""
+                    cell["stars"] = next((mark for level, mark in LEVELS if p < level), "")
+                    if above and mean <= chance:
+                        cell["stars"] = ""
                     test = {"task": task, "of": shown, "df": n - 1, "t": text(t, 2, way), "p": scientific(p, way)}
                     tests.append(test)
                 cells.append(cell)
@@ -76,7 +83,7 @@ def printed(counts: Counts, trials: int, digits: int, way: str, *, steps: bool =
     known = {"trials": trials} if steps else {}
     tasks = tuple({"id": task, "participants": len(answers), **known} for task, answers in counts.items())
     document: dict[str, Any] = {"study": "made", "source": "Nobody", "chance": "1/3", "task": tasks, "table": tables}
-    document["levels"] = tuple({"stars": mark, "p": str(level)} for level, mark in LEVELS)
+    document["levels"] = tuple({"stars": mark, "p": str(level), "above": above} for level, mark in LEVELS)
     if tests:
         document["t"] = ({"where": "Text", "tests": tuple(tests)},)
     return {**document, **_anovas(counts, trials, way), "table": tuple(tables)}

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import statistics
 from pathlib import Path
 
 import pytest
 from scipy import stats
 
 from analysis.audit import audit
+from analysis.audit_lines import UNDECIDED
+from analysis.verdicts import Line
 from experiment.errors import PublishedError
 
 SCORES = """
@@ -117,6 +120,56 @@ def test_stars_need_their_levels(scores: Path) -> None:
     text = scores.read_text(encoding="utf-8").replace('sd = "1.60" }', 'sd = "1.60", stars = "*" }', 1)
     scores.write_text(text, encoding="utf-8")
     with pytest.raises(PublishedError, match="levels: got nothing; allowed: the P below which"):
+        audit(str(scores))
+
+
+LOW = (*[1] * 9, *[2] * 11, *[3] * 6, *[4] * 2)
+"""28 answers on a scale from 1 to 7: mean 2.04, t(27) = -11.3 against 4, P = 1e-11."""
+
+
+def _stars_of(tmp_path: Path, level: str, marks: str, *, tested: bool = True) -> Line:
+    t = stats.ttest_1samp(LOW, 4).statistic
+    test = f'{{ task = "all", of = "ease", df = 27, t = "{t:.2f}", p = "<0.001", null = "4" }}'
+    file = tmp_path / "low.toml"
+    file.write_text(
+        'study = "low"\nsource = "We"\nchance = "0.25"\n[[task]]\nid = "all"\nparticipants = 28\n'
+        f'[[levels]]\nstars = "*"\np = "0.05"\n{level}\n[[score]]\nwhere = "Table"\ntask = "all"\nitems = 1\n'
+        f'cells = [{{ name = "ease", mean = "{statistics.mean(LOW):.2f}", sd = "{statistics.stdev(LOW):.2f}", '
+        f'stars = "{marks}" }}, {{ name = "joy", mean = "5.21", sd = "1.60", stars = "*" }}]\n'
+        + (f'[[t]]\nwhere = "Text"\ntests = [{test}]\n' if tested else "")
+    )
+    lines = audit(str(file)).comparison.lines
+    assert [line.verdict for line in lines if line.subject == "joy" and line.quantity == "stars"] == [UNDECIDED]
+    (line,) = [line for line in lines if line.subject == "ease" and line.quantity == "stars"]
+    return line
+
+
+@pytest.mark.parametrize(
+    ("level", "marks", "found", "verdict"),
+    [
+        ("", "*", "*", "agrees"),
+        ("above = false", "*", "*", "agrees"),
+        ("", "", "*", "differs"),
+        ("above = true", "*", "none", "differs"),
+        ("above = true", "", "none", "agrees"),
+    ],
+)
+def test_stars_below_the_null(tmp_path: Path, level: str, marks: str, found: str, verdict: str) -> None:
+    """Oracle: scipy's t of the answers. Whether a mean below the null earns stars is the study's own convention."""
+    assert stats.ttest_1samp(LOW, 4).pvalue < 1e-10
+    line = _stars_of(tmp_path, level, marks)
+    assert (line.recomputed, line.verdict) == (found, verdict)
+
+
+def test_a_score_without_a_test_is_not_held_against_the_chance_of_ratios(tmp_path: Path) -> None:
+    line = _stars_of(tmp_path, "", "*", tested=False)
+    assert (line.verdict, line.reason) == (UNDECIDED, "what it was tested against is not printed")
+
+
+def test_a_test_of_a_score_needs_its_null(scores: Path) -> None:
+    text = scores.read_text(encoding="utf-8").replace('source = "Somebody"', 'source = "Somebody"\nchance = "0.25"')
+    scores.write_text(text.replace(', null = "4"', ""), encoding="utf-8")
+    with pytest.raises(PublishedError, match="null: got nothing; allowed: a number, where the test is of a score"):
         audit(str(scores))
 
 

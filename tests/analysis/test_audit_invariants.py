@@ -27,13 +27,14 @@ from tests.analysis import printed_study
     st.integers(2, 3),
     st.sampled_from((*printed_study.WAYS, printed_study.MIXED)),
     st.booleans(),
+    st.booleans(),
 )
 def test_no_false_accusation(
-    seed: int, first: int, second: int, trials: int, digits: int, way: str, steps: bool
+    seed: int, first: int, second: int, trials: int, digits: int, way: str, steps: bool, above: bool
 ) -> None:
     """The invariant: whatever the counts, however they were rounded or cut off, no line differs or is impossible."""
     counts = printed_study.draw(seed, {"one": first, "two": second}, trials)
-    document = printed_study.printed(counts, trials, digits, way, steps=steps)
+    document = printed_study.printed(counts, trials, digits, way, steps=steps, above=above)
     lines = print_lines(printed_study.published(document))
     assert [line for line in lines if line.verdict in ("differs", "impossible")] == []
     if steps:
@@ -57,18 +58,22 @@ def test_no_false_accusation_of_scores(counts: list[int], items: int, digits: in
     t = (float(statistics.mean(values)) - 4) / (sd / n**0.5)
     text = {"name": "ease", "mean": printed_study.text(statistics.mean(values), digits, way)}
     text["sd"] = printed_study.text(Fraction(sd), digits, way)
+    p = float(2 * stats.t.sf(abs(t), n - 1))
+    text["stars"] = "*" if p < 0.05 else ""
     scale = {"low": 1, "high": 7} if ends else {}
     test = {"task": "all", "of": "ease", "df": n - 1, "t": printed_study.text(Fraction(t), 2, way), "null": "4"}
-    test["p"] = printed_study.scientific(float(2 * stats.t.sf(abs(t), n - 1)), way)
+    test["p"] = printed_study.scientific(p, way)
     document = {
         "study": "made",
         "source": "Nobody",
+        "chance": "0.25",
+        "levels": ({"stars": "*", "p": "0.05"},),
         "task": ({"id": "all", "participants": n},),
         "score": ({"where": "Here", "task": "all", "items": items, **scale, "cells": (text,)},),
         "t": ({"where": "Here", "tests": (test,)},),
     }
     lines = print_lines(printed_study.published(document))
-    assert len(lines) == 5
+    assert len(lines) == 5 + bool(text["stars"])
     assert [line for line in lines if not line.agrees] == []
 
 
@@ -116,7 +121,7 @@ CELL = st.fixed_dictionaries(
 
 SCORE = st.fixed_dictionaries({"name": NAMES, "mean": SIGNED}, optional={"sd": NUMBERS})
 
-TEST = {"task": st.just("one"), "of": NAMES, "df": DFS, "t": SIGNED}
+TEST = {"task": st.just("one"), "of": NAMES, "df": DFS, "t": SIGNED, "null": st.sampled_from(["1/3", "4"])}
 
 SOURCE = {"name": NAMES, "df": DFS}
 
