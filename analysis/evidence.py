@@ -7,15 +7,16 @@ one value; from print it is all that rounding or truncation, and counting in who
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Protocol
 
+from analysis.anova import TYPES
 from analysis.exact import mean, sum_of_squares
 from analysis.granularity import Moments, Scale, moments, neighbours, on_scale, totals
 from analysis.published import PrintedCell, PrintedF, PrintedT, Published
-from analysis.recomputed import Margin, between, f_of, together, within
+from analysis.recomputed import Margin, between, f_of, margin, together, unweighted, within
 from analysis.results import Results
 from analysis.spans import Span, point
 from analysis.verdicts import Verdict
@@ -54,11 +55,15 @@ class Sample:
 
 @dataclass(frozen=True)
 class Variances:
-    """F of one effect, its degrees of freedom, and the number of values behind it."""
+    """F of one effect, its degrees of freedom, and the number of values behind it.
 
-    f: Span | None
-    df: tuple[int, int] | None
-    values: int
+    `f` are those of each way to share out what unequal numbers leave to more than one effect, by its name: one alone
+    where all give the same.
+    """
+
+    f: Mapping[str, Span] = field(default_factory=dict)
+    df: tuple[int, int] | None = None
+    values: int = 0
     statement: str = ""
 
 
@@ -120,11 +125,26 @@ class FromResults:
             fitting = [t for t in self._results.pairs if (t.task, set(t.pair)) == (printed.task, set(printed.subject))]
             anova, statement = (fitting[0].anova, fitting[0].statement) if fitting else (None, "")
         if anova is None:
-            return Variances(None, None, 0, statement)
+            return Variances(statement=statement)
         line = anova.effects[0] if printed.task else anova.effect(printed.subject[0])
         everything = sum(one.df for one in anova.effects) + anova.residual.df + 1
         df = line.df, anova.residual.df
-        return Variances(point(Fraction(line.f)) if line.f is not None else None, df, everything, anova.statement)
+        if line.f is None:
+            return Variances({}, df, everything, anova.statement)
+        if printed.task:
+            return Variances({"": point(Fraction(line.f))}, df, everything)
+        _, second, third = (table.effect(printed.subject[0]).f or 0.0 for table in self._results.two_way)
+        first = float(self._between(printed.subject[0]).low) / df[0] / anova.residual.ms
+        return Variances(_by_type(*(point(Fraction(one)) for one in (first, second, third))), df, everything)
+
+    def _between(self, effect: str) -> Span:
+        """Sum of squares of the effect alone, the first to enter."""
+        values: dict[str, list[Fraction]] = {}
+        for task in self._results.tasks:
+            for material in task.confusion.materials:
+                level = task.task.id if effect == "task" else material
+                values.setdefault(level, []).extend(self._ratios(task.task.id, material, material))
+        return between([Margin(len(level), point(mean(level))) for level in values.values()])
 
     def _ratios(self, task: str, presented: str, answered: str) -> list[Fraction]:
         result = self._results.task(task)
@@ -176,14 +196,17 @@ class FromPrint:
         samples = [[self.sample(cell) if cell else None for cell in group] for group in groups]
         held = [[together(one.moments) for one in group if one and one.moments] for group in samples]
         if not groups or any(len(group) != len(cells) for group, cells in zip(held, groups, strict=True)):
-            return Variances(None, None, 0, "the means and SDs that it is of are not all printed")
+            return Variances(statement="the means and SDs that it is of are not all printed")
         cells = [one for group in held for one in group]
-        margins = [_margin(group) for group in held]
         values = sum(one.n for one in cells)
         df = len(groups) - 1, values - len(cells)
         if min(df) < 1:
-            return Variances(None, None, 0, "an ANOVA needs two levels, and more values than cells")
-        return Variances(f_of(between(margins), within(cells), df), df, values)
+            return Variances(statement="an ANOVA needs two levels, and more values than cells")
+        first, third = (
+            f_of(between([level(group) for group in held]), within(cells), df) for level in (margin, unweighted)
+        )
+        # The cells of a task have as many values each: an effect is the same whether it enters first or last but one.
+        return Variances(_by_type(first, first, third), df, values)
 
     def _groups(self, printed: PrintedF) -> list[list[PrintedCell | None]]:
         if printed.task is not None:
@@ -244,9 +267,10 @@ def _sums(cell: PrintedCell, n: int, scale: Scale) -> range:
     return on_scale(totals(cell.mean.either, n, scale.items), n, scale)
 
 
-def _margin(cells: Sequence[Moments]) -> Margin:
-    total = sum(cell.n for cell in cells)
-    mean_of_all = point(Fraction(0))
-    for cell in cells:
-        mean_of_all = mean_of_all.plus(cell.mean.times(Fraction(cell.n, total)))
-    return Margin(total, mean_of_all)
+def _by_type(*found: Span) -> dict[str, Span]:
+    """F of types I, II and III, those that are the same together."""
+    kinds: dict[Span, list[str]] = {}
+    for kind, f in zip(TYPES, found, strict=True):
+        same = next((one for one in kinds if math.isclose(one.low, f.low) and math.isclose(one.high, f.high)), f)
+        kinds.setdefault(same, []).append(kind)
+    return {f"type{'s' * (len(same) > 1)} {' and '.join(same)}": f for f, same in kinds.items()}

@@ -208,7 +208,10 @@ class Walk:
         place = Place(place.where, place.task, place.subject, place.missing, found.statement)
         own = found.df
         remark = f" at {own[0]}, {own[1]} df" if own and own != printed.df else ""
-        values = [found.f] if found.f else []
+        values = list(found.f.values())
+        verdict, fitting = judge(printed.f, values)
+        if len(found.f) > 1 and (verdict not in AGREES or len(fitting) < len(found.f)):
+            remark += f" by {' or '.join(kind for kind, f in found.f.items() if f in fitting)}"
 
         def f_mistakes() -> Iterable[Mistake]:
             return mistakes.of_f(values, own, found.values) if self._diagnose and own else ()
@@ -222,7 +225,7 @@ class Walk:
             from_print = [p_of_f(printed.f.either, printed.df)] if place.missing == "cannot be decided" else []
             yield place.number("P", printed.p, from_print)
         else:
-            narrow = [one.common(printed.f.either) if line.agrees else one for one in values]
+            narrow = [one.common(printed.f.either) if line.agrees else one for one in fitting]
             yield place.number("P", printed.p, [p_of_f(one, own) for one in narrow], p_mistakes)
         for k, name in enumerate(("df of the effect", "df of the residual")):
             yield _df(place, printed.df[k], own[k] if own else None, (), name)

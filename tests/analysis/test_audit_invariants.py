@@ -28,13 +28,14 @@ from tests.analysis import printed_study
     st.sampled_from((*printed_study.WAYS, printed_study.MIXED)),
     st.booleans(),
     st.booleans(),
+    st.sampled_from([1, 2, 3]),
 )
 def test_no_false_accusation(
-    seed: int, first: int, second: int, trials: int, digits: int, way: str, steps: bool, above: bool
+    seed: int, first: int, second: int, trials: int, digits: int, way: str, steps: bool, above: bool, kind: int
 ) -> None:
     """The invariant: whatever the counts, however they were rounded or cut off, no line differs or is impossible."""
     counts = printed_study.draw(seed, {"one": first, "two": second}, trials)
-    document = printed_study.printed(counts, trials, digits, way, steps=steps, above=above)
+    document = printed_study.printed(counts, trials, digits, way, steps=steps, above=above, kind=kind)
     lines = print_lines(printed_study.published(document))
     assert [line for line in lines if line.verdict in ("differs", "impossible")] == []
     if steps:

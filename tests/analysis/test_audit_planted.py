@@ -69,3 +69,21 @@ def test_a_wrong_df_is_named(made: dict[str, Any]) -> None:
     document = printed_study.changed(made, lambda test: test.update(df=12))
     (line,) = _accused(document, "df")
     assert (line.recomputed, line.reason) == ("11", "it is the number of participants")
+
+
+@pytest.mark.parametrize("kind", [1, 2, 3])
+def test_an_f_of_any_type_agrees_and_its_type_is_named(kind: int) -> None:
+    """F by statsmodels. 15 and 5 participants: types I and II are the same, type III is another."""
+    counts = printed_study.draw(1, {"one": 15, "two": 5}, 10)
+    lines = print_lines(printed_study.published(printed_study.printed(counts, 10, 3, ROUND_HALF_EVEN, kind=kind)))
+    by_effect = {effect: [one for one in lines if one.subject.endswith(effect)] for effect in ("task", "material")}
+    assert all(line.agrees for found in by_effect.values() for line in found)
+    assert [len(found) for found in by_effect.values()] == [4, 4]
+    assert "type" not in by_effect["task"][0].recomputed
+    assert by_effect["material"][0].recomputed.endswith(" by type III" if kind == 3 else " by types I and II")
+
+
+def test_an_f_of_no_type_differs(made: dict[str, Any]) -> None:
+    changed = tuple({**one, "f": "999.99"} for one in made["two_way"])
+    differing = _accused({**made, "two_way": changed}, "F(2,57)")
+    assert [line.recomputed.partition(" by ")[2] for line in differing] == ["types I and II or type III"]
