@@ -8,12 +8,13 @@ from itertools import pairwise
 
 from analysis.denominators import common, counts, either, rounded, smallest, truncated
 from analysis.evidence import FromPrint
+from analysis.places import Place
 from analysis.published import Printed, PrintedCell, PrintedChoices, PrintedSources, PrintedTable, Published
 from analysis.recomputed import effect, p_of_f, quotient
 from analysis.rows import Row, Undecided, examine, row_sum
 from analysis.spans import Span, hull
 from analysis.verdicts import Line, Verdict
-from analysis.walk import Place, Walk
+from analysis.walk import Walk
 
 LISTED = 5
 """Numbers that a reason lists at most."""

@@ -7,71 +7,22 @@ does. It never differs because of what print leaves open: for data that were pri
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 from analysis import mistakes
-from analysis.evidence import NO_STEPS, Evidence, Sample
-from analysis.mistakes import Mistake, explain
-from analysis.published import Printed, PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
+from analysis.evidence import NO_STEPS, Evidence, Sample, Variances
+from analysis.marks import marks_of, marks_reached
+from analysis.mistakes import Layout, Mistake
+from analysis.places import Place
+from analysis.published import Printed, PrintedCell, PrintedClaim, PrintedF, PrintedT, Published
 from analysis.recomputed import effect, p_of_f, p_of_t, t_of
-from analysis.significance import stars
 from analysis.spans import Span, image
-from analysis.verdicts import AGREES, Line, Verdict, judge, shown
+from analysis.verdicts import AGREES, Line, Verdict, judge
 
 NO_NULL = "what it was tested against is not printed"
 CONSTANT = "every value is the same: no variance, t and P are not defined"
-
-
-@dataclass(frozen=True)
-class Place:
-    """Where a printed number stands and what it is about; makes its lines.
-
-    `missing` is the verdict on a number that nothing is known about, `statement` the reason.
-    """
-
-    where: str
-    task: str
-    subject: str
-    missing: Verdict
-    statement: str = ""
-
-    def number(
-        self,
-        quantity: str,
-        printed: Printed,
-        values: Sequence[Span],
-        why: Callable[[], Iterable[Mistake]] = tuple,
-        *,
-        squares: bool = False,
-        remark: str = "",
-        otherwise: tuple[Verdict, str] = ("differs", ""),
-    ) -> Line:
-        """A number against the values that it can have.
-
-        Args:
-            quantity: what it is.
-            printed: the number in print.
-            values: see `judge`.
-            why: gives the mistakes to try, if any may be tried.
-            squares: see `judge`.
-            remark: stands after the recomputed number.
-            otherwise: the verdict where none fits, and the reason where no mistake gives it.
-        """
-        if not values:
-            return self.text(quantity, printed.text, "-", self.missing, self.statement)
-        verdict, fitting = judge(printed, values, squares=squares)
-        text, low, high = shown(printed, fitting, squares=squares)
-        reason = ""
-        if verdict == "differs":
-            verdict, reason = otherwise[0], explain(printed, why()) or otherwise[1]
-        found = text + remark
-        return Line(self.where, self.task, self.subject, quantity, printed.text, found, low, high, verdict, reason)
-
-    def text(self, quantity: str, printed: str, found: str, verdict: Verdict, reason: str = "") -> Line:
-        """What is compared as text."""
-        return Line(self.where, self.task, self.subject, quantity, printed, found, None, None, verdict, reason)
 
 
 class Walk:
@@ -110,8 +61,11 @@ class Walk:
     def _place(self, where: str, task: str, subject: str, statement: str = "") -> Place:
         return Place(where, task, subject, self._evidence.missing, statement)
 
-    def _others(self, n: int) -> list[int]:
-        return [size for size in self._sizes if size != n]
+    def _others(self, n: int, df: int | None = None) -> list[int]:
+        """What may have been taken for n, the likeliest first; `df` is printed beside it."""
+        everybody = sum(task.participants for task in self._published.tasks)
+        sizes = [*self._sizes, *([df + 1] if df else []), everybody, n - 1, n + 1]
+        return [size for size in dict.fromkeys(sizes) if size > 1 and size != n]
 
     def _cell(self, cell: PrintedCell) -> Iterator[Line]:
         known, sample = self._evidence.mean(cell), self._evidence.sample(cell)
@@ -145,8 +99,8 @@ class Walk:
         if null is None:
             return place.text("stars", cell.stars or "none", "-", "cannot be decided", NO_NULL)
         sample = self._evidence.sample(cell)
-        every = _marks(sample, _effects(sample, null), self._published.levels)
-        pinned = _marks(sample, self.effects(test), self._published.levels) if test else every
+        every = marks_reached(sample, _effects(sample, null), self._published.levels)
+        pinned = marks_reached(sample, self.effects(test), self._published.levels) if test else every
         printed = cell.stars or "none"
         if not every:
             verdict = place.missing if sample.statement or sample.n < 2 else "cannot be decided"
@@ -156,7 +110,7 @@ class Walk:
         if printed in found:
             return place.text("stars", printed, shown_as, "agrees")
         reason = ""
-        if self._diagnose and test and test.p and _marks_of(test.p, self._published.levels) == printed:
+        if self._diagnose and test and test.p and marks_of(test.p, self._published.levels) == printed:
             ps = [p_of_t(t_of(one, sample.n), sample.n - 1) for one in self.effects(test)]
             value = " to ".join(dict.fromkeys(f"{float(p):.2g}" for p in (ps[0].low, ps[-1].high)))
             reason = f"they follow the printed P = {test.p.text}; recomputed P = {value}"
@@ -167,7 +121,7 @@ class Walk:
         effects = _effects(sample, test.null)
         statement = sample.statement or (CONSTANT if sample.moments and not effects else "")
         place = self._place(test.where, test.task, test.material, statement)
-        n, others = sample.n, self._others(sample.n)
+        n, others = sample.n, self._others(sample.n, test.df)
         remark = f" at {n - 1} df" if effects and n - 1 != test.df else ""
         ts = [t_of(one, n) for one in effects]
         t = place.number(
@@ -180,7 +134,9 @@ class Walk:
         yield t
         if test.p is not None:
             yield self._p(place, test, test.p, sample, effects, t_agrees=t.agrees)
-        yield _df(place, test.df, n - 1 if n > 1 else None, mistakes.of_df(n, others) if self._diagnose else ())
+        yield _df(
+            place, test.df, n - 1 if n > 1 else None, mistakes.of_df(n, self._others(n)) if self._diagnose else ()
+        )
 
     def _p(
         self, place: Place, test: PrintedT, p: Printed, sample: Sample, effects: Sequence[Span], *, t_agrees: bool
@@ -198,7 +154,7 @@ class Walk:
             if not self._diagnose:
                 return ()
             family = sum(one.task == test.task for one in self._published.tests)
-            sizes = self._others(n)
+            sizes = self._others(n, test.df)
             return mistakes.of_p(pinned, test.t, test.df, n, sizes, tests=family, t_agrees=t_agrees)
 
         return place.number("P", p, every if lenient else narrow, why)
@@ -213,11 +169,13 @@ class Walk:
         if len(found.f) > 1 and (verdict not in AGREES or len(fitting) < len(found.f)):
             remark += f" by {' or '.join(kind for kind, f in found.f.items() if f in fitting)}"
 
+        layout = self._layout(printed, found) if self._diagnose else None
+
         def f_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_f(values, own, found.values) if self._diagnose and own else ()
+            return mistakes.of_f(values, layout, printed.df) if layout else ()
 
         def p_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_p_of_f(values, printed.f, own, found.values) if self._diagnose and own else ()
+            return mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ()
 
         line = place.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, f_mistakes, remark=remark)
         yield line
@@ -227,8 +185,18 @@ class Walk:
         else:
             narrow = [one.common(printed.f.either) if line.agrees else one for one in fitting]
             yield place.number("P", printed.p, [p_of_f(one, own) for one in narrow], p_mistakes)
-        for k, name in enumerate(("df of the effect", "df of the residual")):
-            yield _df(place, printed.df[k], own[k] if own else None, (), name)
+        effect, residual = own or (None, None)
+        of_effect = mistakes.of_df_of_effect(layout) if layout else ()
+        of_residual = mistakes.of_df_of_residual(layout) if layout else ()
+        yield _df(place, printed.df[0], effect, of_effect, "df of the effect")
+        yield _df(place, printed.df[1], residual, of_residual, "df of the residual")
+
+    def _layout(self, printed: PrintedF, found: Variances) -> Layout | None:
+        if found.df is None:
+            return None
+        n, rest = divmod(found.values, found.values - found.df[1])
+        alike = printed.task is not None and not rest
+        return Layout(found.df, found.values, n, tuple(self._others(n))) if alike else Layout(found.df, found.values)
 
     def _claim(self, claim: PrintedClaim) -> Line:
         place = self._place(claim.where, claim.task, "materials above chance")
@@ -239,7 +207,7 @@ class Walk:
             test = next((one for one in self._published.tests if _is_of(one, cell)), None)
             if cell.presented != cell.answered or test is None:
                 continue
-            found = _marks(self._evidence.tested(test), self.effects(test), above)
+            found = marks_reached(self._evidence.tested(test), self.effects(test), above)
             known += bool(found)
             least += bool(found) and "none" not in found
             most += any(mark != "none" for mark in found)
@@ -253,7 +221,7 @@ class Walk:
 def _df(place: Place, printed: int, found: int | None, other: Iterable[tuple[int, str]], name: str = "df") -> Line:
     if found is None:
         return place.text(name, str(printed), "-", place.missing, place.statement)
-    reason = next((text for value, text in other if value == printed), "") if printed != found else ""
+    reason = "; or ".join(text for value, text in other if value == printed) if printed != found else ""
     verdict: Verdict = "agrees" if printed == found else "differs"
     line = place.text(name, str(printed), str(found), verdict, reason)
     return Line(**{**vars(line), "low": float(found), "high": float(found)})
@@ -265,30 +233,3 @@ def _is_of(test: PrintedT, cell: PrintedCell) -> bool:
 
 def _effects(sample: Sample, null: Fraction) -> tuple[Span, ...]:
     return tuple(dict.fromkeys(size for one in sample.moments if (size := effect(one, null)) is not None))
-
-
-def _marks_of(p: Printed, levels: Sequence[PrintedLevel]) -> str:
-    """The stars that a printed P earns; an upper bound earns those of anything below it."""
-    return _earned(math.nextafter(p.value, 0.0) if p.is_bound else p.value, levels) or "none"
-
-
-def _marks(sample: Sample, effects: Sequence[Span], levels: Sequence[PrintedLevel]) -> tuple[str, ...]:
-    """The stars that a mean can have, most first; "none" for none, as where there may be no variance."""
-    found = {""} if effects and any(one.variance.low == 0 for one in sample.moments) else set()
-    sides = (Span(_NULL, math.inf), levels), (Span(-math.inf, _NULL), [one for one in levels if not one.above])
-    for side, given in sides:
-        marks = ["", *(level.stars for level in reversed(given))]
-        for one in effects:
-            if side.meets(one):
-                p = p_of_t(t_of(one.common(side), sample.n), sample.n - 1)
-                reached = [marks.index(_earned(float(end), given)) for end in (p.low, p.high)]
-                found |= set(marks[min(reached) : max(reached) + 1])
-    return tuple(mark or "none" for mark in sorted(found, key=len, reverse=True))
-
-
-def _earned(p: float, levels: Sequence[PrintedLevel]) -> str:
-    return stars(p, [(level.p, level.stars) for level in levels])
-
-
-_NULL = Fraction(0)
-"""The effect of no difference."""

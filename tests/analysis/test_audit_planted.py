@@ -71,6 +71,53 @@ def test_a_wrong_df_is_named(made: dict[str, Any]) -> None:
     assert (line.recomputed, line.reason) == ("11", "it is the number of participants")
 
 
+@pytest.fixture(scope="module")
+def alone() -> dict[str, Any]:
+    """The same with one task."""
+    return printed_study.printed({"one": COUNTS["one"]}, 10, 3, ROUND_HALF_EVEN)
+
+
+@pytest.mark.parametrize("index", range(3))
+@pytest.mark.parametrize("size", [11, 13])
+def test_a_wrong_n_is_named_in_a_study_of_one_task(alone: dict[str, Any], index: int, size: int) -> None:
+    """t and P of d, by scipy, as if there were one participant more or fewer than twelve."""
+    d, n = _true(index)
+    t, p = d * size**0.5, printed_study.scientific(float(2 * stats.t.sf(abs(d) * size**0.5, size - 1)), ROUND_HALF_EVEN)
+    document = printed_study.changed(alone, lambda test: test.update(t=f"{t:.2f}"), index)
+    (line,) = _accused(document, f"t({n - 1})")
+    assert (f"d * sqrt({size})" if size > n else "it was formed with sqrt(n - 1)") in line.reason
+    (line,) = _accused(printed_study.changed(alone, lambda test: test.update(p=p), index), "P")
+    assert f"it is the P of d * sqrt({size}) at {size - 1} df" in line.reason
+
+
+def test_the_n_of_a_printed_df_and_of_all_tasks_is_named(made: dict[str, Any]) -> None:
+    """12 and 9 participants are 21; nobody else says 17."""
+    for size, df in ((21, 11), (17, 16)):
+        text = f"{_true(0)[0] * size**0.5:.2f}"
+        document = printed_study.changed(made, lambda test, df=df, text=text: test.update(t=text, df=df))
+        (line,) = _accused(document, f"t({df})")
+        assert f"it is d * sqrt({size}), where n is 12" in line.reason
+
+
+@pytest.mark.parametrize(
+    ("df", "reason"),
+    [
+        ((3, 47), "it is that of all values, the effects' not taken off"),
+        ((3, 48), "it is the number of values"),
+        ((3, 45), "it is the number of values less the effect's df"),
+        ((3, 32), "it is that of 9 participants, where n is 12"),
+        ((3, 33), "it is that of repeated measures"),
+        ((4, 44), "it is the number of levels"),
+        ((3, 17), ""),
+    ],
+)
+def test_wrong_df_of_an_f_are_named(made: dict[str, Any], df: tuple[int, int], reason: str) -> None:
+    """By hand: four groups of twelve, 48 values, 3 and 44 df."""
+    document = {**made, "one_way": tuple({**one, "df": df} for one in made["one_way"])}
+    accused = [*_accused(document, "df of the effect"), *_accused(document, "df of the residual")]
+    assert [line.reason for line in accused] == [reason]
+
+
 @pytest.mark.parametrize("kind", [1, 2, 3])
 def test_an_f_of_any_type_agrees_and_its_type_is_named(kind: int) -> None:
     """F by statsmodels. 15 and 5 participants: types I and II are the same, type III is another."""
