@@ -7,7 +7,7 @@ from fractions import Fraction
 from itertools import pairwise
 
 from analysis.denominators import common, counts, either, rounded, smallest, truncated
-from analysis.evidence import FromPrint
+from analysis.from_print import FromPrint
 from analysis.places import Place
 from analysis.published import Printed, PrintedCell, PrintedChoices, PrintedSources, PrintedTable, Published
 from analysis.recomputed import effect, p_of_f, quotient

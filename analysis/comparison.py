@@ -5,7 +5,7 @@ from __future__ import annotations
 import statistics
 from dataclasses import dataclass
 
-from analysis.evidence import FromResults
+from analysis.from_results import FromResults
 from analysis.places import Place
 from analysis.published import PrintedIcc, Published
 from analysis.results import Results, TaskResult
