@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
 from analysis.denominators import common, counts, either, rounded, smallest, truncated
 from analysis.from_print import FromPrint
+from analysis.misreadings import read_print
 from analysis.places import Place
 from analysis.published import Printed, PrintedCell, PrintedChoices, PrintedSources, PrintedTable, Published
 from analysis.recomputed import effect, p_of_f, quotient
@@ -24,7 +26,7 @@ UNDECIDED: Verdict = "cannot be decided"
 
 def print_lines(published: Published) -> tuple[Line, ...]:
     """Every line of a study whose printed numbers are held against one another."""
-    evidence = FromPrint(published)
+    evidence = read_print(published)
     walk = Walk(published, evidence, diagnose=True)
     lines = list(walk.lines())
     for table in published.confusions:
@@ -57,6 +59,8 @@ def _row(
     if task is None or task.trials is None:
         verdict: Verdict = "agrees" if sums.holds(Fraction(1)) else "impossible"
         return place.text("row", printed, f"{float(sums.low):.4g} to {float(sums.high):.4g}", verdict)
+    # An SD that is none says nothing about the row.
+    cells = [replace(cell, sd=None) if evidence.misreading(cell) else cell for cell in cells]
     pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, walk, evidence, cell))}
     try:
         row = examine(cells, task.participants, task.trials, pinned)

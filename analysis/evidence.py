@@ -9,13 +9,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 from analysis.anova import TYPES
 from analysis.granularity import Moments
 from analysis.published import PrintedCell, PrintedF, PrintedT
 from analysis.spans import Span
 from analysis.verdicts import Verdict
+
+Misreading = Literal["the population SD", "the standard error"]
+"""What may be printed in the place of an SD."""
 
 NO_STEPS = "the steps of the values are not known: any mean and SD can be"
 
@@ -62,6 +65,18 @@ class Evidence(Protocol):
     """Verdict on a number that this says nothing about."""
     refuted: Verdict
     """Verdict on a mean or SD that it does not allow."""
+
+    sd_in_doubt: bool
+    """Whether a printed SD that a test does not follow from may be what is wrong, not the test."""
+
+    def misreading(self, cell: PrintedCell) -> Misreading | None:
+        """What the cell's printed SD is read as, if not as an SD."""
+
+    def sd_stands(self, cell: PrintedCell) -> bool:
+        """Whether the cell can have its printed SD, all else aside."""
+
+    def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:
+        """What else the cell can be, if its printed SD is none."""
 
     def mean(self, cell: PrintedCell) -> Known:
         """What the cell's mean can be."""

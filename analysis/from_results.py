@@ -20,9 +20,22 @@ class FromResults:
 
     missing: Verdict = "not in this dataset"
     refuted: Verdict = "differs"
+    sd_in_doubt = False
 
     def __init__(self, results: Results) -> None:
         self._results = results
+
+    def misreading(self, cell: PrintedCell) -> None:
+        """None: the dataset tells what it is."""
+
+    def sd_stands(self, cell: PrintedCell) -> bool:
+        """Whether the dataset gives it."""
+        sd = cell.sd
+        return sd is None or any(sd.either.squared().meets(one.variance) for one in self.sample(cell).moments)
+
+    def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:  # noqa: ARG002
+        """Nothing beside the dataset."""
+        return ()
 
     def mean(self, cell: PrintedCell) -> Known:
         """The cell's mean ratio."""

@@ -74,16 +74,28 @@ def of_sd(moments: Sequence[Moments]) -> Iterator[Mistake]:
 
 
 def of_t(
-    effects: Sequence[Span], moments: Sequence[Moments], printed: Printed, n: int, sizes: Iterable[int]
+    effects: Sequence[Span],
+    moments: Sequence[Moments],
+    printed: Printed,
+    n: int,
+    sizes: Iterable[int],
+    *,
+    sd_in_doubt: bool = False,
 ) -> Iterator[Mistake]:
-    """Mistakes in a one-sample t with effect sizes `effects`, printed as `printed`."""
+    """Mistakes in a one-sample t with effect sizes `effects`, printed as `printed`.
+
+    `sd_in_doubt`: whether the SD beside it may be wrong in its place; a standard error makes of a right t what looks
+    like d, a population SD what looks like a t formed with sqrt(n - 1).
+    """
+    error, population = (f", or the SD is {one}" * sd_in_doubt for one in ("the standard error", "the population SD"))
     correct = tuple(t_of(one, n) for one in effects)
     yield Mistake("its sign is lost", tuple(one.times(Fraction(-1)) for one in correct))
     alike = [one.common(printed.either) for one in effects if one.meets(printed.either)]
-    yield Mistake(f"what is printed as t is Cohen's d{_span(alike)}", tuple(effects))
+    yield Mistake(f"what is printed as t is Cohen's d{_span(alike)}{error}", tuple(effects))
     factor = math.sqrt(n / (n - 1))
     yield Mistake("it was formed with the population SD", tuple(image(lambda t: t * factor, one) for one in correct))
-    yield Mistake("it was formed with sqrt(n - 1)", tuple(image(lambda t: t / factor, one) for one in correct))
+    smaller = f"it was formed with sqrt(n - 1), as if from {n - 1} participants{population}"
+    yield Mistake(smaller, tuple(image(lambda t: t / factor, one) for one in correct))
     for size in sizes:
         if size != n - 1:
             text = f"it is d * sqrt({size}), where n is {n}"

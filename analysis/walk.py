@@ -7,12 +7,12 @@ does. It never differs because of what print leaves open: for data that were pri
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 
 from analysis import mistakes
-from analysis.evidence import NO_STEPS, Evidence, Sample, Variances
+from analysis.evidence import NO_STEPS, Evidence, Misreading, Sample, Variances
 from analysis.marks import marks_of, marks_reached
 from analysis.mistakes import Layout, Mistake
 from analysis.places import Place
@@ -23,6 +23,13 @@ from analysis.verdicts import AGREES, Line, Verdict, judge
 
 NO_NULL = "what it was tested against is not printed"
 CONSTANT = "every value is the same: no variance, t and P are not defined"
+
+
+INSTEAD: Mapping[Misreading, str] = {
+    "the population SD": "t was formed with sqrt(n - 1), and P follows it",
+    "the standard error": "what is printed as t is Cohen's d, and P follows it",
+}
+"""What makes the same t and P as an SD that is something else."""
 
 
 class Walk:
@@ -40,13 +47,25 @@ class Walk:
             yield from self._cell(cell)
         for test in self._published.tests:
             yield from self._test(test)
-        for printed in self._published.one_way:
-            subject = f"one-way ANOVA, {' and '.join(printed.subject)}"
-            yield from self._f(self._place(printed.where, printed.task or "", subject), printed)
-        for printed in self._published.two_way:
-            yield from self._f(self._place(printed.where, "both", f"two-way ANOVA, {printed.subject[0]}"), printed)
+        for printed in (*self._published.one_way, *self._published.two_way):
+            yield from self._f(printed)
         for claim in self._published.claims:
             yield self._claim(claim)
+
+    def about(self, cell: PrintedCell) -> Iterator[Line]:
+        """The lines of a cell, wherever it stands, and of its test."""
+        for other in self._published.cells:
+            if other.key == cell.key:
+                yield from self._cell(other)
+        for test in self._published.tests:
+            if _is_of(test, cell):
+                yield from self._test(test)
+
+    def ratios_of(self, cells: Sequence[PrintedCell]) -> Iterator[Line]:
+        """The lines of every F that one of these cells is in."""
+        for printed in (*self._published.one_way, *self._published.two_way):
+            if any(_is_in(printed, cell) for cell in cells):
+                yield from self._f(printed)
 
     def effects(self, test: PrintedT) -> tuple[Span, ...]:
         """Effect sizes of a t-test, as far as the printed t pins them: as t, or as Cohen's d where it is that."""
@@ -74,8 +93,12 @@ class Walk:
         def mean_mistakes() -> Iterable[Mistake]:
             return mistakes.of_mean(known.values, sample.n, self._others(sample.n)) if self._diagnose else ()
 
+        misreading = self._evidence.misreading(cell)
+
         def sd_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_sd(sample.every) if self._diagnose else ()
+            if not self._diagnose:
+                return ()
+            return mistakes.of_sd((*sample.every, *(() if self._tested(cell) else self._evidence.beyond(cell))))
 
         no_counts = f"no whole counts of {sample.n} participants give it"
         otherwise = self._evidence.refuted, no_counts if self._evidence.refuted == "impossible" else ""
@@ -88,12 +111,24 @@ class Walk:
             variances = [one.variance for one in sample.every]
             unknown = known.statement or ("no whole counts give the mean" if cell.scale else NO_STEPS)
             place = Place(place.where, place.task, place.subject, place.missing, unknown)
-            yield place.number("SD", cell.sd, variances, sd_mistakes, squares=True, otherwise=contradiction)
+            if misreading:
+                follow = f"its t and P follow from the SD{self._or(cell, misreading)}"
+                why_so = follow if self._tested(cell) else "as in the rest of the table"
+                contradiction = "differs", f"it is {misreading}: {why_so}"
+            why = tuple if misreading else sd_mistakes
+            yield place.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
         test = next((one for one in self._published.tests if _is_of(one, cell)), None)
         chance = None if cell.is_score else self._published.chance
         null = test.null if test else chance
         if self._published.levels and cell.stars is not None and cell.presented == cell.answered:
             yield self._stars(place, cell, null, test)
+
+    def _or(self, cell: PrintedCell, misreading: Misreading) -> str:
+        """What else explains t and P, where whole counts give the printed SD."""
+        return f"; or {INSTEAD[misreading]}" if self._evidence.sd_stands(cell) else ""
+
+    def _tested(self, cell: PrintedCell) -> bool:
+        return any(_is_of(test, cell) for test in self._published.tests)
 
     def _stars(self, place: Place, cell: PrintedCell, null: Fraction | None, test: PrintedT | None) -> Line:
         if null is None:
@@ -124,11 +159,19 @@ class Walk:
         n, others = sample.n, self._others(sample.n, test.df)
         remark = f" at {n - 1} df" if effects and n - 1 != test.df else ""
         ts = [t_of(one, n) for one in effects]
+
+        def why() -> Iterable[Mistake]:
+            if not self._diagnose:
+                return ()
+            stands = test.p is None or judge(test.p, [p_of_t(test.t.either, max(n - 1, 1))])[0] in AGREES
+            sd_in_doubt = self._evidence.sd_in_doubt and stands
+            return mistakes.of_t(effects, sample.moments, test.t, n, others, sd_in_doubt=sd_in_doubt)
+
         t = place.number(
             f"t({test.df})",
             test.t,
             ts,
-            lambda: mistakes.of_t(effects, sample.moments, test.t, n, others) if self._diagnose else (),
+            why,
             remark=remark,
         )
         yield t
@@ -159,9 +202,11 @@ class Walk:
 
         return place.number("P", p, every if lenient else narrow, why)
 
-    def _f(self, place: Place, printed: PrintedF) -> Iterator[Line]:
+    def _f(self, printed: PrintedF) -> Iterator[Line]:
         found = self._evidence.variances(printed)
-        place = Place(place.where, place.task, place.subject, place.missing, found.statement)
+        ways = "one-way" if printed.task else "two-way"
+        subject = f"{ways} ANOVA, {' and '.join(printed.subject)}"
+        place = self._place(printed.where, printed.task or "both", subject, found.statement)
         own = found.df
         remark = f" at {own[0]}, {own[1]} df" if own and own != printed.df else ""
         values = list(found.f.values())
@@ -229,6 +274,12 @@ def _df(place: Place, printed: int, found: int | None, other: Iterable[tuple[int
 
 def _is_of(test: PrintedT, cell: PrintedCell) -> bool:
     return (test.task, test.material, test.material) == cell.key
+
+
+def _is_in(printed: PrintedF, cell: PrintedCell) -> bool:
+    if printed.task is None:
+        return cell.presented == cell.answered and not cell.is_score
+    return printed.task == cell.task and {cell.presented, cell.answered} <= set(printed.subject)
 
 
 def _effects(sample: Sample, null: Fraction) -> tuple[Span, ...]:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import statistics
+from collections.abc import Mapping
 from decimal import ROUND_HALF_EVEN
+from fractions import Fraction
 from typing import Any
 
 import pytest
@@ -69,6 +73,89 @@ def test_a_wrong_df_is_named(made: dict[str, Any]) -> None:
     document = printed_study.changed(made, lambda test: test.update(df=12))
     (line,) = _accused(document, "df")
     assert (line.recomputed, line.reason) == ("11", "it is the number of participants")
+
+
+def _with_sd(document: dict[str, Any], sds: Mapping[int, str]) -> dict[str, Any]:
+    """The study with other SDs in its first table, by the number of the cell."""
+    first, *rest = document["table"]
+    cells = tuple({**cell, "sd": sds.get(k, cell["sd"])} for k, cell in enumerate(first["cells"]))
+    return {**document, "table": ({**first, "cells": cells}, *rest)}
+
+
+def _wrong_sd(counts: printed_study.Counts, cell: int, digits: int, kind: str) -> str:
+    """An SD of the first task that is none, by the statistics library."""
+    values = [Fraction(int(count), 10) for count in counts["one"][:, cell // 3, cell % 3]]
+    variance = statistics.pvariance(values) if "population" in kind else statistics.variance(values) / len(values)
+    return printed_study.text(math.sqrt(variance), digits, ROUND_HALF_EVEN)
+
+
+@pytest.mark.parametrize("n", [5, 8, 12, 25])
+@pytest.mark.parametrize(
+    ("kind", "digits"), [("the standard error", 2), ("the standard error", 3), ("population SD", 3)]
+)
+@pytest.mark.parametrize("cell", [0, 4, 8])
+def test_an_sd_that_is_none_is_accused_once_and_no_test_with_it(n: int, kind: str, digits: int, cell: int) -> None:
+    counts = printed_study.draw(n, {"one": n, "two": n - 1}, 10)
+    right = printed_study.printed(counts, 10, digits, ROUND_HALF_EVEN)
+    wrong = _wrong_sd(counts, cell, digits, kind)
+    lines = print_lines(printed_study.published(_with_sd(right, {cell: wrong})))
+    (line,) = [line for line in lines if line.verdict in ("differs", "impossible")]
+    assert (line.quantity, line.printed) == ("SD", wrong)
+    assert line.subject == f"{printed_study.MATERIALS[cell // 3]} -> {printed_study.MATERIALS[cell // 3]}"
+    assert kind in line.reason
+
+
+def test_standard_errors_throughout_a_table_are_named_and_nothing_else_is_accused(made: dict[str, Any]) -> None:
+    wrong = {cell: _wrong_sd(COUNTS, cell, 3, "the standard error") for cell in range(9)}
+    right = made["table"][0]["cells"]
+    lines = print_lines(printed_study.published(_with_sd(made, wrong)))
+    accused = [line for line in lines if not line.agrees]
+    assert {line.quantity for line in accused} == {"SD"}
+    assert len(accused) == sum(float(cell["sd"]) > 0 for cell in right)
+    assert all(line.reason.startswith("it is the standard error: ") for line in accused)
+
+
+def test_the_standard_error_of_a_cell_without_a_test_is_named(made: dict[str, Any]) -> None:
+    """An SD printed as 0.043, with the true 0.148 far beyond the neighbouring digits."""
+    (line,) = _accused(_with_sd(made, {5: _wrong_sd(COUNTS, 5, 3, "the standard error")}), "SD")
+    assert line.verdict == "impossible"
+    assert "it is the standard error" in line.reason
+
+
+@pytest.mark.parametrize(
+    ("factor", "reason"),
+    [
+        (1.0, ", or the SD is the standard error"),
+        (math.sqrt(11), "it was formed with sqrt(n - 1), as if from 11 participants, or the SD is the population SD"),
+    ],
+)
+def test_what_explains_a_t_alone_as_well_as_its_sd_says_both(made: dict[str, Any], factor: float, reason: str) -> None:
+    """Without P, nothing tells d printed as t from a standard error printed as SD."""
+
+    def change(test: dict[str, Any]) -> None:
+        test.update(t=f"{_true(0)[0] * factor:.2f}")
+        del test["p"]
+
+    (line,) = [
+        line for line in print_lines(printed_study.published(printed_study.changed(made, change))) if not line.agrees
+    ]
+    assert line.quantity == "t(11)"
+    assert reason in line.reason
+
+
+def test_a_d_printed_as_t_with_its_p_may_be_a_standard_error_printed_as_sd(made: dict[str, Any]) -> None:
+    """Score without steps and without F: t and P of d fit the one as well as the other."""
+    p = printed_study.scientific(float(2 * stats.t.sf(1.5, 15)), ROUND_HALF_EVEN)
+    test = {"task": "all", "of": "ease", "df": 15, "t": "1.50", "p": p, "null": "4"}
+    score = {"where": "T", "task": "all", "cells": ({"name": "ease", "mean": "5.500", "sd": "1.000"},)}
+    document = {"study": "made", "source": "Nobody", "task": ({"id": "all", "participants": 16},)}
+    document |= {"score": (score,), "t": ({"where": "T", "tests": (test,)},)}
+    (line,) = [line for line in print_lines(printed_study.published(document)) if line.verdict == "differs"]
+    assert line.quantity == "SD"
+    assert line.reason == (
+        "it is the standard error: its t and P follow from the SD; "
+        "or what is printed as t is Cohen's d, and P follows it"
+    )
 
 
 @pytest.fixture(scope="module")

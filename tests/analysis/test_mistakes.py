@@ -69,7 +69,7 @@ def test_of_a_standard_deviation(value: float, expected: str) -> None:
         (-T, "its sign is lost"),
         (D, f"what is printed as t is Cohen's d = {D:.2f}"),
         (MEAN / (statistics.pstdev(STUDENT) / math.sqrt(N)), "it was formed with the population SD"),
-        (D * math.sqrt(N - 1), "it was formed with sqrt(n - 1)"),
+        (D * math.sqrt(N - 1), "it was formed with sqrt(n - 1), as if from 9 participants"),
         (D * math.sqrt(15), "it is d * sqrt(15), where n is 10"),
         (T + 0.01, ""),
     ],
