@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
 
 from analysis.denominators import common, counts, either, rounded, smallest, truncated
-from analysis.evidence import FromPrint
+from analysis.from_print import FromPrint
+from analysis.misreadings import read_print
+from analysis.places import Place
 from analysis.published import Printed, PrintedCell, PrintedChoices, PrintedSources, PrintedTable, Published
 from analysis.recomputed import effect, p_of_f, quotient
 from analysis.rows import Row, Undecided, examine, row_sum
 from analysis.spans import Span, hull
 from analysis.verdicts import Line, Verdict
-from analysis.walk import Place, Walk
+from analysis.walk import Walk
 from analysis.words import number_of
 
 LISTED = 5
@@ -24,7 +27,7 @@ UNDECIDED: Verdict = "cannot be decided"
 
 def print_lines(published: Published) -> tuple[Line, ...]:
     """Every line of a study whose printed numbers are held against one another."""
-    evidence = FromPrint(published)
+    evidence = read_print(published)
     walk = Walk(published, evidence, diagnose=True)
     lines = list(walk.lines())
     for table in published.confusions:
@@ -57,6 +60,8 @@ def _row(
     if task is None or task.trials is None:
         verdict: Verdict = "agrees" if sums.holds(Fraction(1)) else "impossible"
         return place.text("row", printed, f"{float(sums.low):.4g} to {float(sums.high):.4g}", verdict)
+    # An SD that is none says nothing about the row.
+    cells = [replace(cell, sd=None) if evidence.misreading(cell) else cell for cell in cells]
     pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, walk, evidence, cell))}
     try:
         row = examine(cells, task.participants, task.trials, pinned)
@@ -179,19 +184,22 @@ def _common(place: Place, choices: PrintedChoices, percentages: Sequence[Printed
         if numbers and name != "either"
     )
     reason = f"{least}; {choices.participants} x {choices.trials} = {total} trials allow {most}"
-    if allowed["either"]:
-        reason += f"; some rounded and some truncated: {_listed(allowed['either'])}"
-    return place.text(quantity, printed, f"none from 1 to {most}", "impossible", reason)
+    none = f"none from 1 to {most}"
+    if not allowed["either"]:
+        return place.text(quantity, printed, none, "impossible", reason)
+    reason += f"; some rounded and some truncated: {_listed(allowed['either'])}"
+    return place.text(quantity, printed, f"{none}, all rounded or all truncated", "fits no one rounding", reason)
 
 
 def _unequal(place: Place, choices: PrintedChoices, percentages: Sequence[Printed]) -> Line:
     """The fewest trials that the percentages take when pairs may differ in them."""
-    least = sum(smallest(printed, rounded) for printed in percentages)
     all_of = choices.trials * choices.participants
-    for total, who in ((choices.trials, "all together"), (all_of, "every participant")):
-        if least <= total:
-            reason = f"if pairs were shown unequally often and {choices.trials} are those of {who}"
-            return place.text("trials in all", str(choices.trials), f"at least {least}", "agrees", reason)
+    for verdict, reading in zip(FITS, READINGS.values(), strict=True):
+        least = sum(smallest(printed, reading) for printed in percentages)
+        for total, who in ((choices.trials, "all together"), (all_of, "every participant")):
+            if least <= total:
+                reason = f"if pairs were shown unequally often and {choices.trials} are those of {who}"
+                return place.text("trials in all", str(choices.trials), f"at least {least}", verdict, reason)
     reason = f"more than {choices.participants} x {choices.trials}"
     return place.text("trials in all", str(choices.trials), f"at least {least}", "impossible", reason)
 
@@ -209,3 +217,5 @@ def _listed(numbers: Sequence[int]) -> str:
 
 
 READINGS = {"rounded": rounded, "truncated": truncated, "either": either}
+FITS: tuple[Verdict, ...] = ("agrees", "agrees if truncated", "fits no one rounding")
+"""The verdict on percentages that fit only from this reading on."""

@@ -34,6 +34,7 @@ HELD = ("RECONSTRUCTION", PRINT)
 
 OTHERWISE = {
     "differs": "differ",
+    "fits no one rounding": "fit no one rounding",
     "impossible": "impossible",
     "cannot be decided": "cannot be decided",
     "not in this dataset": "are not in this dataset",

@@ -5,11 +5,12 @@ from __future__ import annotations
 import statistics
 from dataclasses import dataclass
 
-from analysis.evidence import FromResults
+from analysis.from_results import FromResults
+from analysis.places import Place
 from analysis.published import PrintedIcc, Published
 from analysis.results import Results, TaskResult
 from analysis.verdicts import Line
-from analysis.walk import Place, Walk
+from analysis.walk import Walk
 
 
 @dataclass(frozen=True)

@@ -28,6 +28,23 @@ class Mistake:
     squares: bool = False
 
 
+@dataclass(frozen=True)
+class Layout:
+    """What an ANOVA is of: `n` values in each of its cells, or 0 where not all have the same; `sizes` may be mistaken
+    for n.
+    """
+
+    df: tuple[int, int]
+    values: int
+    n: int = 0
+    sizes: tuple[int, ...] = ()
+
+    @property
+    def cells(self) -> int:
+        """How many there are."""
+        return self.values - self.df[1]
+
+
 def explain(printed: Printed, mistakes: Iterable[Mistake]) -> str:
     """The first mistake that gives the printed number, and the others that do; empty where none does."""
     fitting = [
@@ -58,19 +75,32 @@ def of_sd(moments: Sequence[Moments]) -> Iterator[Mistake]:
 
 
 def of_t(
-    effects: Sequence[Span], moments: Sequence[Moments], printed: Printed, n: int, sizes: Iterable[int]
+    effects: Sequence[Span],
+    moments: Sequence[Moments],
+    printed: Printed,
+    n: int,
+    sizes: Iterable[int],
+    *,
+    sd_in_doubt: bool = False,
 ) -> Iterator[Mistake]:
-    """Mistakes in a one-sample t with effect sizes `effects`, printed as `printed`."""
+    """Mistakes in a one-sample t with effect sizes `effects`, printed as `printed`.
+
+    `sd_in_doubt`: whether the SD beside it may be wrong in its place; a standard error makes of a right t what looks
+    like d, a population SD what looks like a t formed with sqrt(n - 1).
+    """
+    error, population = (f", or the SD is {one}" * sd_in_doubt for one in ("the standard error", "the population SD"))
     correct = tuple(t_of(one, n) for one in effects)
     yield Mistake("its sign is lost", tuple(one.times(Fraction(-1)) for one in correct))
     alike = [one.common(printed.either) for one in effects if one.meets(printed.either)]
-    yield Mistake(f"what is printed as t is Cohen's d{_span(alike)}", tuple(effects))
+    yield Mistake(f"what is printed as t is Cohen's d{_span(alike)}{error}", tuple(effects))
     factor = math.sqrt(n / (n - 1))
     yield Mistake("it was formed with the population SD", tuple(image(lambda t: t * factor, one) for one in correct))
-    yield Mistake("it was formed with sqrt(n - 1)", tuple(image(lambda t: t / factor, one) for one in correct))
+    smaller = f"it was formed with sqrt(n - 1), as if from {n - 1} participants{population}"
+    yield Mistake(smaller, tuple(image(lambda t: t / factor, one) for one in correct))
     for size in sizes:
-        text = f"it is d * sqrt({size}), where n is {n}"
-        yield Mistake(text, tuple(t_of(one, size) for one in effects))
+        if size != n - 1:
+            text = f"it is d * sqrt({size}), where n is {n}"
+            yield Mistake(text, tuple(t_of(one, size) for one in effects))
     from_zero = [of_zero for one in moments if (of_zero := effect(one, Fraction(0))) is not None]
     yield Mistake("it is the t against 0", tuple(t_of(one, n) for one in from_zero))
 
@@ -86,8 +116,9 @@ def of_p(
         yield Mistake("it follows the printed t, one-tailed", (p_of_t(t.either, df).times(_HALF),))
     yield Mistake(f"it was taken at {n} df, where n is {n}", tuple(p_of_t(one, n) for one in correct))
     for size in sizes:
-        text = f"it was taken at {size - 1} df, where n is {n}"
-        yield Mistake(text, tuple(p_of_t(one, size - 1) for one in correct))
+        if size - 1 != n:
+            text = f"it was taken at {size - 1} df, where n is {n}"
+            yield Mistake(text, tuple(p_of_t(one, size - 1) for one in correct))
     for size in sizes:
         text = f"it is the P of d * sqrt({size}) at {size - 1} df, where n is {n}"
         yield Mistake(text, tuple(p_of_t(t_of(one, size), size - 1) for one in effects))
@@ -106,31 +137,67 @@ def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
     yield Mistake("it was taken from the normal distribution", (image(_p_of_z, t.either.absolute()),))
 
 
-def of_f(f: Sequence[Span], df: tuple[int, int], values: int) -> Iterator[Mistake]:
-    """Mistakes in an F; `values` is how many numbers the ANOVA is of."""
+def of_f(f: Sequence[Span], layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
+    """Mistakes in an F; `printed` are the df beside it."""
+    df = layout.df
     yield Mistake("it is one over F", tuple(image(lambda one: 1 / one if one > 0 else math.inf, f_) for f_ in f))
     yield Mistake("it is the root of F, a t", tuple(image(lambda one: math.sqrt(max(one, 0.0)), f_) for f_ in f))
-    population = Fraction(values, df[1])
+    population = Fraction(layout.values, df[1])
     yield Mistake("its residual was divided by the number of values", tuple(one.times(population) for one in f))
     eta = tuple(image(lambda one: one * df[0] / (one * df[0] + df[1]), f_) for f_ in f)
     yield Mistake("what is printed as F is eta squared", eta)
+    if printed != df:
+        factor = Fraction(df[0] * printed[1], printed[0] * df[1])
+        yield Mistake("it was formed with its printed df", tuple(one.times(factor) for one in f))
+    for size in layout.sizes:
+        text = f"it is that of {size} participants, where n is {layout.n}"
+        yield Mistake(text, tuple(one.times(Fraction(size, layout.n)) for one in f))
 
 
-def of_p_of_f(f: Sequence[Span], printed: Printed, df: tuple[int, int], values: int) -> Iterator[Mistake]:
-    """Mistakes in the P of an F; `printed` and `df` stand beside it."""
-    yield Mistake("it follows the printed F", (p_of_f(printed.either, df),))
+def of_p_of_f(f: Sequence[Span], beside: Printed, layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
+    """Mistakes in the P of an F; `beside` is the F beside it, `printed` its df."""
+    df = layout.df
+    yield Mistake("it follows the printed F", (p_of_f(beside.either, df),))
+    if printed != df:
+        yield Mistake("it was taken at its printed df", tuple(p_of_f(one, printed) for one in f))
+        yield Mistake("it follows the printed F at its printed df", (p_of_f(beside.either, printed),))
     yield Mistake("it is one-tailed", tuple(p_of_f(one, df).times(_HALF) for one in f))
-    for other in (values, values - 1, df[1] - df[0]):
+    for other in (layout.values, layout.values - 1, df[1] - df[0]):
         if other > 0:
             text = f"it was taken at {df[0]}, {other} df"
             yield Mistake(text, tuple(p_of_f(one, (df[0], other)) for one in f))
+    for size in layout.sizes:
+        larger = [one.times(Fraction(size, layout.n)) for one in f]
+        text = f"it is that of {size} participants, where n is {layout.n}"
+        yield Mistake(text, tuple(p_of_f(one, (df[0], layout.cells * (size - 1))) for one in larger))
+
+
+def of_df_of_effect(layout: Layout) -> Iterator[tuple[int, str]]:
+    """What else could have been printed as the df of an effect."""
+    yield layout.df[0] + 1, "it is the number of levels"
+
+
+def of_df_of_residual(layout: Layout) -> Iterator[tuple[int, str]]:
+    """What else could have been printed as the df of the residual."""
+    levels = layout.df[0] + 1
+    yield layout.values - 1, "it is that of all values, the effects' not taken off"
+    yield layout.values, "it is the number of values"
+    if layout.cells > levels:
+        yield layout.values - levels - layout.cells // levels + 1, "it is that with the interaction in the residual"
+    yield layout.values - layout.df[0], "it is the number of values less the effect's df"
+    for size in layout.sizes:
+        if size != layout.n + 1:
+            yield layout.cells * (size - 1), f"it is that of {size} participants, where n is {layout.n}"
+    if layout.n:
+        yield layout.df[0] * (layout.n - 1), "it is that of repeated measures"
 
 
 def of_df(n: int, sizes: Iterable[int]) -> Iterator[tuple[int, str]]:
     """What else could have been printed as the df of a t."""
     yield n, "it is the number of participants"
     for size in sizes:
-        yield size - 1, f"it is that of {number_of(size, 'participant')}, where n is {n}"
+        if size - 1 != n:
+            yield size - 1, f"it is that of {number_of(size, 'participant')}, where n is {n}"
 
 
 def _p_of_z(z: float) -> float:

@@ -7,7 +7,7 @@ those means and variances.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
@@ -19,9 +19,9 @@ from analysis.spans import Span, hull, image, outward, point
 
 @dataclass(frozen=True)
 class Margin:
-    """The mean of one level of an effect, over `n` values."""
+    """The mean of one level of an effect, which weighs as much as one over `n` values."""
 
-    n: int
+    n: int | Fraction
     mean: Span
 
 
@@ -52,6 +52,22 @@ def p_of_f(f: Span, df: tuple[int, int]) -> Span:
 
     # Intervals widened outward may reach just below 0, where there is no F.
     return image(lambda value: float(fdtrc(*df, max(value, 0.0))), f)
+
+
+def margin(cells: Sequence[Moments]) -> Margin:
+    """One level's mean over all values of its cells: what an effect that enters first is of."""
+    total = sum(cell.n for cell in cells)
+    return Margin(total, _sum(cell.mean.times(Fraction(cell.n, total)) for cell in cells))
+
+
+def unweighted(cells: Sequence[Moments]) -> Margin:
+    """One level's mean of the means of its cells, however many values each has: what type III compares.
+
+    Its variance is the sum of sigma² / n over the cells, divided by the square of their number (Yates 1934, weighted
+    squares of means).
+    """
+    variance = sum((Fraction(1, cell.n) for cell in cells), Fraction(0)) / len(cells) ** 2
+    return Margin(1 / variance, _sum(cell.mean.times(Fraction(1, len(cells))) for cell in cells))
 
 
 def between(margins: Sequence[Margin]) -> Span:
@@ -89,6 +105,13 @@ def quotient(above: Span, below: Span) -> Span:
 def together(moments: Sequence[Moments]) -> Moments:
     """One box around all that a cell can be."""
     return Moments(moments[0].n, hull(one.mean for one in moments), hull(one.variance for one in moments))
+
+
+def _sum(spans: Iterable[Span]) -> Span:
+    total = point(Fraction(0))
+    for span in spans:
+        total = total.plus(span)
+    return total
 
 
 def _least(margins: Sequence[Margin]) -> Fraction:

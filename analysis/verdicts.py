@@ -10,7 +10,15 @@ from typing import Literal
 from analysis.published.printed import Printed, as_printed
 from analysis.spans import Span, hull
 
-Verdict = Literal["agrees", "agrees if truncated", "differs", "impossible", "cannot be decided", "not in this dataset"]
+Verdict = Literal[
+    "agrees",
+    "agrees if truncated",
+    "differs",
+    "fits no one rounding",
+    "impossible",
+    "cannot be decided",
+    "not in this dataset",
+]
 AGREES: tuple[Verdict, ...] = ("agrees", "agrees if truncated")
 
 

@@ -7,70 +7,29 @@ does. It never differs because of what print leaves open: for data that were pri
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 from analysis import mistakes
-from analysis.evidence import NO_STEPS, Evidence, Sample
-from analysis.mistakes import Mistake, explain
+from analysis.evidence import NO_STEPS, Evidence, Misreading, Sample, Variances
+from analysis.marks import marks_of, marks_reached
+from analysis.mistakes import Layout, Mistake
+from analysis.places import Place
 from analysis.published import Printed, PrintedCell, PrintedClaim, PrintedF, PrintedT, Published
 from analysis.recomputed import effect, p_of_f, p_of_t, t_of
-from analysis.significance import stars
 from analysis.spans import Span, image
-from analysis.verdicts import AGREES, Line, Verdict, judge, shown
+from analysis.verdicts import AGREES, Line, Verdict, judge
 
+NO_NULL = "what it was tested against is not printed"
 CONSTANT = "every value is the same: no variance, t and P are not defined"
 
 
-@dataclass(frozen=True)
-class Place:
-    """Where a printed number stands and what it is about; makes its lines.
-
-    `missing` is the verdict on a number that nothing is known about, `statement` the reason.
-    """
-
-    where: str
-    task: str
-    subject: str
-    missing: Verdict
-    statement: str = ""
-
-    def number(
-        self,
-        quantity: str,
-        printed: Printed,
-        values: Sequence[Span],
-        why: Callable[[], Iterable[Mistake]] = tuple,
-        *,
-        squares: bool = False,
-        remark: str = "",
-        otherwise: tuple[Verdict, str] = ("differs", ""),
-    ) -> Line:
-        """A number against the values that it can have.
-
-        Args:
-            quantity: what it is.
-            printed: the number in print.
-            values: see `judge`.
-            why: gives the mistakes to try, if any may be tried.
-            squares: see `judge`.
-            remark: stands after the recomputed number.
-            otherwise: the verdict where none fits, and the reason where no mistake gives it.
-        """
-        if not values:
-            return self.text(quantity, printed.text, "-", self.missing, self.statement)
-        verdict, fitting = judge(printed, values, squares=squares)
-        text, low, high = shown(printed, fitting, squares=squares)
-        reason = ""
-        if verdict == "differs":
-            verdict, reason = otherwise[0], explain(printed, why()) or otherwise[1]
-        found = text + remark
-        return Line(self.where, self.task, self.subject, quantity, printed.text, found, low, high, verdict, reason)
-
-    def text(self, quantity: str, printed: str, found: str, verdict: Verdict, reason: str = "") -> Line:
-        """What is compared as text."""
-        return Line(self.where, self.task, self.subject, quantity, printed, found, None, None, verdict, reason)
+INSTEAD: Mapping[Misreading, str] = {
+    "the population SD": "t was formed with sqrt(n - 1), and P follows it",
+    "the standard error": "what is printed as t is Cohen's d, and P follows it",
+}
+"""What makes the same t and P as an SD that is something else."""
 
 
 class Walk:
@@ -88,13 +47,25 @@ class Walk:
             yield from self._cell(cell)
         for test in self._published.tests:
             yield from self._test(test)
-        for printed in self._published.one_way:
-            subject = f"one-way ANOVA, {' and '.join(printed.subject)}"
-            yield from self._f(self._place(printed.where, printed.task or "", subject), printed)
-        for printed in self._published.two_way:
-            yield from self._f(self._place(printed.where, "both", f"two-way ANOVA, {printed.subject[0]}"), printed)
+        for printed in (*self._published.one_way, *self._published.two_way):
+            yield from self._f(printed)
         for claim in self._published.claims:
             yield self._claim(claim)
+
+    def about(self, cell: PrintedCell) -> Iterator[Line]:
+        """The lines of a cell, wherever it stands, and of its test."""
+        for other in self._published.cells:
+            if other.key == cell.key:
+                yield from self._cell(other)
+        for test in self._published.tests:
+            if _is_of(test, cell):
+                yield from self._test(test)
+
+    def ratios_of(self, cells: Sequence[PrintedCell]) -> Iterator[Line]:
+        """The lines of every F that one of these cells is in."""
+        for printed in (*self._published.one_way, *self._published.two_way):
+            if any(_is_in(printed, cell) for cell in cells):
+                yield from self._f(printed)
 
     def effects(self, test: PrintedT) -> tuple[Span, ...]:
         """Effect sizes of a t-test, as far as the printed t pins them: as t, or as Cohen's d where it is that."""
@@ -109,8 +80,11 @@ class Walk:
     def _place(self, where: str, task: str, subject: str, statement: str = "") -> Place:
         return Place(where, task, subject, self._evidence.missing, statement)
 
-    def _others(self, n: int) -> list[int]:
-        return [size for size in self._sizes if size != n]
+    def _others(self, n: int, df: int | None = None) -> list[int]:
+        """What may have been taken for n, the likeliest first; `df` is printed beside it."""
+        everybody = sum(task.participants for task in self._published.tasks)
+        sizes = [*self._sizes, *([df + 1] if df else []), everybody, n - 1, n + 1]
+        return [size for size in dict.fromkeys(sizes) if size > 1 and size != n]
 
     def _cell(self, cell: PrintedCell) -> Iterator[Line]:
         known, sample = self._evidence.mean(cell), self._evidence.sample(cell)
@@ -119,8 +93,12 @@ class Walk:
         def mean_mistakes() -> Iterable[Mistake]:
             return mistakes.of_mean(known.values, sample.n, self._others(sample.n)) if self._diagnose else ()
 
+        misreading = self._evidence.misreading(cell)
+
         def sd_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_sd(sample.every) if self._diagnose else ()
+            if not self._diagnose:
+                return ()
+            return mistakes.of_sd((*sample.every, *(() if self._tested(cell) else self._evidence.beyond(cell))))
 
         no_counts = f"no whole counts of {sample.n} participants give it"
         otherwise = self._evidence.refuted, no_counts if self._evidence.refuted == "impossible" else ""
@@ -133,16 +111,31 @@ class Walk:
             variances = [one.variance for one in sample.every]
             unknown = known.statement or ("no whole counts give the mean" if cell.scale else NO_STEPS)
             place = Place(place.where, place.task, place.subject, place.missing, unknown)
-            yield place.number("SD", cell.sd, variances, sd_mistakes, squares=True, otherwise=contradiction)
+            if misreading:
+                follow = f"its t and P follow from the SD{self._or(cell, misreading)}"
+                why_so = follow if self._tested(cell) else "as in the rest of the table"
+                contradiction = "differs", f"it is {misreading}: {why_so}"
+            why = tuple if misreading else sd_mistakes
+            yield place.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
         test = next((one for one in self._published.tests if _is_of(one, cell)), None)
-        null = test.null if test else self._published.chance
-        if self._published.levels and cell.stars is not None and cell.presented == cell.answered and null is not None:
+        chance = None if cell.is_score else self._published.chance
+        null = test.null if test else chance
+        if self._published.levels and cell.stars is not None and cell.presented == cell.answered:
             yield self._stars(place, cell, null, test)
 
-    def _stars(self, place: Place, cell: PrintedCell, null: Fraction, test: PrintedT | None) -> Line:
+    def _or(self, cell: PrintedCell, misreading: Misreading) -> str:
+        """What else explains t and P, where whole counts give the printed SD."""
+        return f"; or {INSTEAD[misreading]}" if self._evidence.sd_stands(cell) else ""
+
+    def _tested(self, cell: PrintedCell) -> bool:
+        return any(_is_of(test, cell) for test in self._published.tests)
+
+    def _stars(self, place: Place, cell: PrintedCell, null: Fraction | None, test: PrintedT | None) -> Line:
+        if null is None:
+            return place.text("stars", cell.stars or "none", "-", "cannot be decided", NO_NULL)
         sample = self._evidence.sample(cell)
-        every = _marks(sample, _effects(sample, null), self._published.levels)
-        pinned = _marks(sample, self.effects(test), self._published.levels) if test else every
+        every = marks_reached(sample, _effects(sample, null), self._published.levels)
+        pinned = marks_reached(sample, self.effects(test), self._published.levels) if test else every
         printed = cell.stars or "none"
         if not every:
             verdict = place.missing if sample.statement or sample.n < 2 else "cannot be decided"
@@ -152,7 +145,7 @@ class Walk:
         if printed in found:
             return place.text("stars", printed, shown_as, "agrees")
         reason = ""
-        if self._diagnose and test and test.p and _marks_of(test.p, self._published.levels) == printed:
+        if self._diagnose and test and test.p and marks_of(test.p, self._published.levels) == printed:
             ps = [p_of_t(t_of(one, sample.n), sample.n - 1) for one in self.effects(test)]
             value = " to ".join(dict.fromkeys(f"{float(p):.2g}" for p in (ps[0].low, ps[-1].high)))
             reason = f"they follow the printed P = {test.p.text}; recomputed P = {value}"
@@ -163,20 +156,30 @@ class Walk:
         effects = _effects(sample, test.null)
         statement = sample.statement or (CONSTANT if sample.moments and not effects else "")
         place = self._place(test.where, test.task, test.material, statement)
-        n, others = sample.n, self._others(sample.n)
+        n, others = sample.n, self._others(sample.n, test.df)
         remark = f" at {n - 1} df" if effects and n - 1 != test.df else ""
         ts = [t_of(one, n) for one in effects]
+
+        def why() -> Iterable[Mistake]:
+            if not self._diagnose:
+                return ()
+            stands = test.p is None or judge(test.p, [p_of_t(test.t.either, max(n - 1, 1))])[0] in AGREES
+            sd_in_doubt = self._evidence.sd_in_doubt and stands
+            return mistakes.of_t(effects, sample.moments, test.t, n, others, sd_in_doubt=sd_in_doubt)
+
         t = place.number(
             f"t({test.df})",
             test.t,
             ts,
-            lambda: mistakes.of_t(effects, sample.moments, test.t, n, others) if self._diagnose else (),
+            why,
             remark=remark,
         )
         yield t
         if test.p is not None:
             yield self._p(place, test, test.p, sample, effects, t_agrees=t.agrees)
-        yield _df(place, test.df, n - 1 if n > 1 else None, mistakes.of_df(n, others) if self._diagnose else ())
+        yield _df(
+            place, test.df, n - 1 if n > 1 else None, mistakes.of_df(n, self._others(n)) if self._diagnose else ()
+        )
 
     def _p(
         self, place: Place, test: PrintedT, p: Printed, sample: Sample, effects: Sequence[Span], *, t_agrees: bool
@@ -194,23 +197,30 @@ class Walk:
             if not self._diagnose:
                 return ()
             family = sum(one.task == test.task for one in self._published.tests)
-            sizes = self._others(n)
+            sizes = self._others(n, test.df)
             return mistakes.of_p(pinned, test.t, test.df, n, sizes, tests=family, t_agrees=t_agrees)
 
         return place.number("P", p, every if lenient else narrow, why)
 
-    def _f(self, place: Place, printed: PrintedF) -> Iterator[Line]:
+    def _f(self, printed: PrintedF) -> Iterator[Line]:
         found = self._evidence.variances(printed)
-        place = Place(place.where, place.task, place.subject, place.missing, found.statement)
+        ways = "one-way" if printed.task else "two-way"
+        subject = f"{ways} ANOVA, {' and '.join(printed.subject)}"
+        place = self._place(printed.where, printed.task or "both", subject, found.statement)
         own = found.df
         remark = f" at {own[0]}, {own[1]} df" if own and own != printed.df else ""
-        values = [found.f] if found.f else []
+        values = list(found.f.values())
+        verdict, fitting = judge(printed.f, values)
+        if len(found.f) > 1 and (verdict not in AGREES or len(fitting) < len(found.f)):
+            remark += f" by {' or '.join(kind for kind, f in found.f.items() if f in fitting)}"
+
+        layout = self._layout(printed, found) if self._diagnose else None
 
         def f_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_f(values, own, found.values) if self._diagnose and own else ()
+            return mistakes.of_f(values, layout, printed.df) if layout else ()
 
         def p_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_p_of_f(values, printed.f, own, found.values) if self._diagnose and own else ()
+            return mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ()
 
         line = place.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, f_mistakes, remark=remark)
         yield line
@@ -218,20 +228,31 @@ class Walk:
             from_print = [p_of_f(printed.f.either, printed.df)] if place.missing == "cannot be decided" else []
             yield place.number("P", printed.p, from_print)
         else:
-            narrow = [one.common(printed.f.either) if line.agrees else one for one in values]
+            narrow = [one.common(printed.f.either) if line.agrees else one for one in fitting]
             yield place.number("P", printed.p, [p_of_f(one, own) for one in narrow], p_mistakes)
-        for k, name in enumerate(("df of the effect", "df of the residual")):
-            yield _df(place, printed.df[k], own[k] if own else None, (), name)
+        effect, residual = own or (None, None)
+        of_effect = mistakes.of_df_of_effect(layout) if layout else ()
+        of_residual = mistakes.of_df_of_residual(layout) if layout else ()
+        yield _df(place, printed.df[0], effect, of_effect, "df of the effect")
+        yield _df(place, printed.df[1], residual, of_residual, "df of the residual")
+
+    def _layout(self, printed: PrintedF, found: Variances) -> Layout | None:
+        if found.df is None:
+            return None
+        n, rest = divmod(found.values, found.values - found.df[1])
+        alike = printed.task is not None and not rest
+        return Layout(found.df, found.values, n, tuple(self._others(n))) if alike else Layout(found.df, found.values)
 
     def _claim(self, claim: PrintedClaim) -> Line:
         place = self._place(claim.where, claim.task, "materials above chance")
         cells = [cell for cell in self._published.tables() if cell.task == claim.task]
+        above = [replace(level, above=True) for level in self._published.levels]
         least = most = known = 0
         for cell in cells:
             test = next((one for one in self._published.tests if _is_of(one, cell)), None)
             if cell.presented != cell.answered or test is None:
                 continue
-            found = _marks(self._evidence.tested(test), self.effects(test), self._published.levels)
+            found = marks_reached(self._evidence.tested(test), self.effects(test), above)
             known += bool(found)
             least += bool(found) and "none" not in found
             most += any(mark != "none" for mark in found)
@@ -245,7 +266,7 @@ class Walk:
 def _df(place: Place, printed: int, found: int | None, other: Iterable[tuple[int, str]], name: str = "df") -> Line:
     if found is None:
         return place.text(name, str(printed), "-", place.missing, place.statement)
-    reason = next((text for value, text in other if value == printed), "") if printed != found else ""
+    reason = "; or ".join(text for value, text in other if value == printed) if printed != found else ""
     verdict: Verdict = "agrees" if printed == found else "differs"
     line = place.text(name, str(printed), str(found), verdict, reason)
     return Line(**{**vars(line), "low": float(found), "high": float(found)})
@@ -255,24 +276,11 @@ def _is_of(test: PrintedT, cell: PrintedCell) -> bool:
     return (test.task, test.material, test.material) == cell.key
 
 
+def _is_in(printed: PrintedF, cell: PrintedCell) -> bool:
+    if printed.task is None:
+        return cell.presented == cell.answered and not cell.is_score
+    return printed.task == cell.task and {cell.presented, cell.answered} <= set(printed.subject)
+
+
 def _effects(sample: Sample, null: Fraction) -> tuple[Span, ...]:
     return tuple(dict.fromkeys(size for one in sample.moments if (size := effect(one, null)) is not None))
-
-
-def _marks_of(p: Printed, levels: Sequence[tuple[float, str]]) -> str:
-    """The stars that a printed P earns; an upper bound earns those of anything below it."""
-    return stars(math.nextafter(p.value, 0.0) if p.is_bound else p.value, levels) or "none"
-
-
-def _marks(sample: Sample, effects: Sequence[Span], levels: Sequence[tuple[float, str]]) -> tuple[str, ...]:
-    """The stars that a mean above chance can have, most first; "none" for none, as where there may be no variance."""
-    marks = ["", *(mark for _, mark in reversed(levels))]
-    found = {""} if effects and any(one.variance.low == 0 for one in sample.moments) else set()
-    for one in effects:
-        p = p_of_t(t_of(one, sample.n), sample.n - 1)
-        reached = [marks.index(stars(float(end), levels)) for end in (p.low, p.high)]
-        if one.high > 0:
-            found |= set(marks[min(reached) : max(reached) + 1])
-        if one.low <= 0:
-            found.add("")
-    return tuple(mark or "none" for mark in sorted(found, key=len, reverse=True))

@@ -15,6 +15,7 @@ from analysis.published.numbers import (
     PrintedClaim,
     PrintedF,
     PrintedIcc,
+    PrintedLevel,
     PrintedSource,
     PrintedSources,
     PrintedT,
@@ -35,6 +36,7 @@ __all__ = [
     "PrintedClaim",
     "PrintedF",
     "PrintedIcc",
+    "PrintedLevel",
     "PrintedSource",
     "PrintedSources",
     "PrintedT",
@@ -79,12 +81,12 @@ def read(path: Path) -> Published:
 
 def of_document(document: Document) -> Published:
     """The printed numbers of a file, as read."""
-    levels = [(Printed(level.p).value, level.stars) for level in document.levels]
+    levels = [PrintedLevel(Printed(level.p).value, level.stars, level.above) for level in document.levels]
     return Published(
         study=document.study,
         source=document.source,
         chance=Fraction(document.chance) if document.chance else None,
-        levels=tuple(sorted(levels)),
+        levels=tuple(sorted(levels, key=lambda level: level.p)),
         tasks=tuple(PrintedTask(task.id, task.participants, task.trials) for task in document.task),
         cells=tuple(_cells(document)),
         confusions=tuple(_tables(document)),

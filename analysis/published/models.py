@@ -44,6 +44,10 @@ Count = Annotated[int, Field(ge=1, le=100_000)]
 Df = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
+def _dicts(value: object) -> list[dict[str, Any]]:
+    return [one for one in _list(value) if isinstance(one, dict)]
+
+
 def _list(value: object) -> tuple[Any, ...]:
     return tuple(value) if isinstance(value, tuple | list) else ()
 
@@ -112,7 +116,7 @@ class Scores(Confined):
 
 
 class Test(Confined):
-    """A one-sample t-test of a material's correct answers, or of a score, against `null` (chance, if left out)."""
+    """A one-sample t-test of a material's correct answers against `null` (chance, if left out), or of a score."""
 
     task: Name
     of: Name
@@ -210,10 +214,14 @@ class Choices(Confined):
 
 
 class Level(Confined):
-    """Stars, and the P below which they are given; a table that shows no stars is not asked for any."""
+    """Stars, and the P below which they are given: to any mean, or to those `above` the null alone.
+
+    A table that shows no stars is not asked for any.
+    """
 
     stars: Annotated[str, Field(pattern=r"^\*+$", description='stars, such as "**"')]
     p: Size
+    above: bool = False
 
 
 def _document_rules(table: Any) -> Iterator[Broken]:
@@ -222,11 +230,21 @@ def _document_rules(table: Any) -> Iterator[Broken]:
     if not printed:
         yield Broken(("table",), f"at least one of: {', '.join(PRINTED)}")
     yield from _levels_stated(table)
-    if table.get("t") and table.get("chance") is None:
-        for i, group in enumerate(_list(table.get("t"))):
-            for k, test in enumerate(_list(group.get("tests")) if isinstance(group, dict) else ()):
-                if isinstance(test, dict) and test.get("null") is None:
-                    yield Broken(("t", i, "tests", k, "null"), "a number, where the file states no chance")
+    yield from _nulls_stated(table)
+
+
+def _nulls_stated(table: Any) -> Iterator[Broken]:
+    """Chance is that of ratios: a score has none."""
+    blocks = [block for block in _list(table.get("score")) if isinstance(block, dict)]
+    scores = {(block.get("task"), one.get("name")) for block in blocks for one in _dicts(block.get("cells"))}
+    for i, group in enumerate(_list(table.get("t"))):
+        for k, test in enumerate(_list(group.get("tests")) if isinstance(group, dict) else ()):
+            if not isinstance(test, dict) or test.get("null") is not None:
+                continue
+            if (test.get("task"), test.get("of")) in scores:
+                yield Broken(("t", i, "tests", k, "null"), "a number, where the test is of a score")
+            elif table.get("chance") is None:
+                yield Broken(("t", i, "tests", k, "null"), "a number, where the file states no chance")
 
 
 def _levels_stated(table: Any) -> Iterator[Broken]:

@@ -11,6 +11,15 @@ from analysis.published.printed import Printed
 
 
 @dataclass(frozen=True)
+class PrintedLevel:
+    """Stars, and the P below which they are given; `above`: to means above the null alone."""
+
+    p: float
+    stars: str
+    above: bool = False
+
+
+@dataclass(frozen=True)
 class PrintedTask:
     """Who did a task: participants, and trials behind each ratio, where the study says so."""
 
@@ -142,13 +151,13 @@ class PrintedChoices:
 class Published:
     """Everything that one study prints about answers.
 
-    `levels` are the P below which stars are given, most stars first; empty for a study that gives none.
+    `levels` stand with the most stars first; there are none for a study that gives none.
     """
 
     study: str
     source: str
     chance: Fraction | None
-    levels: tuple[tuple[float, str], ...]
+    levels: tuple[PrintedLevel, ...]
     tasks: tuple[PrintedTask, ...]
     cells: tuple[PrintedCell, ...]
     confusions: tuple[PrintedTable, ...]

@@ -1,17 +1,20 @@
-"""A made-up study, printed from random counts by scipy and the decimal library: what an audit must not accuse."""
+"""A made-up study, printed from random counts by scipy, statsmodels and decimal: what an audit must not accuse."""
 
 from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from decimal import ROUND_DOWN, ROUND_HALF_EVEN, ROUND_HALF_UP, Decimal
 from fractions import Fraction
 from typing import Any
 
 import numpy as np
+import pandas as pd
+import statsmodels.formula.api as smf
 from numpy.typing import NDArray
 from scipy import stats
+from statsmodels.stats.anova import anova_lm
 
 from analysis.published import Published, of_document
 from analysis.published.models import Document
@@ -52,8 +55,14 @@ def scientific(value: float, way: str) -> str:
     return f"{mantissa}e{power}" if float(mantissa) < 10 else f"1.00e{power + 1}"
 
 
-def printed(counts: Counts, trials: int, digits: int, way: str, *, steps: bool = True) -> dict[str, Any]:
-    """The study as the content of its file, arrays as tuples; `steps`: whether it says how many trials there were."""
+def printed(
+    counts: Counts, trials: int, digits: int, way: str, *, steps: bool = True, above: bool = True, kind: int = 2
+) -> dict[str, Any]:
+    """The study as the content of its file, arrays as tuples.
+
+    `steps`: whether it says how many trials there were; `above`: whether it gives stars above chance alone; `kind`: the
+    type of its two-way ANOVA.
+    """
     chance = Fraction(1, 3)
     tables, tests = [], []
     for task, answers in counts.items():
@@ -68,7 +77,9 @@ def printed(counts: Counts, trials: int, digits: int, way: str, *, steps: bool =
                 if i == j and variance:
                     t = float(mean - chance) / math.sqrt(variance / n)
                     p = float(2 * stats.t.sf(abs(t), n - 1))
-                    cell["stars"] = next((mark for level, mark in LEVELS if p < level), "") if mean > chance else ""
+                    cell["stars"] = next((mark for level, mark in LEVELS if p < level), "")
+                    if above and mean <= chance:
+                        cell["stars"] = ""
                     test = {"task": task, "of": shown, "df": n - 1, "t": text(t, 2, way), "p": scientific(p, way)}
                     tests.append(test)
                 cells.append(cell)
@@ -76,10 +87,18 @@ def printed(counts: Counts, trials: int, digits: int, way: str, *, steps: bool =
     known = {"trials": trials} if steps else {}
     tasks = tuple({"id": task, "participants": len(answers), **known} for task, answers in counts.items())
     document: dict[str, Any] = {"study": "made", "source": "Nobody", "chance": "1/3", "task": tasks, "table": tables}
-    document["levels"] = tuple({"stars": mark, "p": str(level)} for level, mark in LEVELS)
+    document["levels"] = tuple({"stars": mark, "p": str(level), "above": above} for level, mark in LEVELS)
     if tests:
         document["t"] = ({"where": "Text", "tests": tuple(tests)},)
-    return {**document, **_anovas(counts, trials, way), "table": tuple(tables)}
+    return {**document, **_anovas(counts, trials, way, kind), "table": tuple(tables)}
+
+
+def choices(counts: Sequence[int], trials: int, way: str) -> dict[str, Any]:
+    """A study of percentages, each of so many trials, by seven who did ten for each pair."""
+    percentages = [f"{text(Fraction(100 * count, trials), 0, way)}%" for count in counts]
+    cells = tuple({"pair": (str(k), "other"), "correct": percent} for k, percent in enumerate(percentages))
+    block = {"where": "Text", "task": "taps", "participants": 7, "trials": 10 * len(counts), "cells": cells}
+    return {"study": "made", "source": "Nobody", "choices": (block,)}
 
 
 def published(document: Mapping[str, Any]) -> Published:
@@ -94,7 +113,7 @@ def changed(document: dict[str, Any], change: Callable[[dict[str, Any]], None], 
     return {**document, "t": ({"where": "Text", "tests": tuple(tests)},)}
 
 
-def _anovas(counts: Counts, trials: int, way: str) -> dict[str, Any]:
+def _anovas(counts: Counts, trials: int, way: str, kind: int) -> dict[str, Any]:
     found: dict[str, Any] = {}
     first = next(iter(counts))
     answers = counts[first] / trials
@@ -105,19 +124,24 @@ def _anovas(counts: Counts, trials: int, way: str) -> dict[str, Any]:
         one = {"where": "Text", "task": first, "pair": MATERIALS[:2], "df": df}
         if f.pvalue > 0 and f.statistic > 1e-9:
             found["one_way"] = ({**one, "f": text(float(f.statistic), 2, way), "p": scientific(float(f.pvalue), way)},)
-    correct = {task: np.stack([held[:, k, k] / trials for k in range(3)]) for task, held in counts.items()}
-    residual = sum(float(((cell - cell.mean()) ** 2).sum()) for held in correct.values() for cell in held)
-    values = [(held.size, float(held.mean())) for held in correct.values()]
-    total = sum(size for size, _ in values)
-    grand = sum(size * mean for size, mean in values) / total
-    between = sum(size * (mean - grand) ** 2 for size, mean in values)
-    df = (1, total - 6)
-    if len(correct) == 2 and residual > 1e-9 and between > 1e-9:
-        f_task = between / (residual / df[1])
-        p = float(stats.f.sf(f_task, *df))
-        two = {"where": "Text", "effect": "task", "df": df}
-        found["two_way"] = ({**two, "f": text(f_task, 2, way), "p": scientific(p, way)},)
+    found["two_way"] = tuple(_two_way(counts, trials, way, kind))
     return found
+
+
+def _two_way(counts: Counts, trials: int, way: str, kind: int) -> Iterator[dict[str, Any]]:
+    """Both effects by statsmodels, those that differ from nothing."""
+    cells = [(task, MATERIALS[k], held[:, k, k] / trials) for task, held in counts.items() for k in range(3)]
+    if len(counts) != 2 or sum(float(np.var(values)) for _, _, values in cells) < 1e-9:
+        return
+    rows = [(task, material, ratio) for task, material, values in cells for ratio in values]
+    frame = pd.DataFrame(rows, columns=["task", "material", "ratio"])
+    table = anova_lm(smf.ols("ratio ~ C(task, Sum) * C(material, Sum)", frame).fit(), typ=kind)
+    for effect in ("task", "material"):
+        line = table.loc[f"C({effect}, Sum)"]
+        f, p = float(line["F"]), float(line["PR(>F)"])
+        if f > 1e-9 and p > 0:
+            df = (int(line["df"]), int(table.loc["Residual", "df"]))
+            yield {"where": "Text", "effect": effect, "df": df, "f": text(f, 2, way), "p": scientific(p, way)}
 
 
 def _root(variance: Fraction) -> Fraction:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
+import pandas as pd
 import pytest
+import statsmodels.formula.api as smf
+from statsmodels.stats.anova import anova_lm
 
 from analysis.comparison import Comparison, compare
 from analysis.dataset import read
-from analysis.published import load
+from analysis.published import load, of_document
+from analysis.published.models import Document
 from analysis.results import compute
 from analysis.verdicts import Line
 from tests.analysis.datasets import balanced, trials, write_dataset
@@ -112,3 +117,29 @@ def test_constant_answers_have_no_correlation(tmp_path: Path) -> None:
     (correlation,) = _compared(root, diagnose=False).correlations
     assert correlation.r is None
     assert "do not vary" in correlation.statement
+
+
+@pytest.mark.parametrize(("kind", "effect"), list(product((1, 2, 3), ("task", "material"))))
+def test_an_f_of_any_type_agrees_with_a_dataset(tmp_path: Path, kind: int, effect: str) -> None:
+    """F by statsmodels, with the tested effect first; two participants of a task never met one material."""
+    first = {str(k): {"virtual": balanced(k, 6), "real": balanced(k + 5, 6)} for k in range(1, 5)}
+    partly = {str(k): {"virtual": trials([("glass", "glass"), ("sand", "snow"), ("sand", "sand")])} for k in (7, 8)}
+    study = read(write_dataset(tmp_path, {**first, **partly}))
+    results = compute(study, {})
+    rows = [
+        (task.task.id, material, float(ratio))
+        for task in results.tasks
+        for k, material in enumerate(task.confusion.materials)
+        for ratio in task.confusion.ratios(k, k).values()
+    ]
+    frame = pd.DataFrame(rows, columns=["task", "material", "ratio"])
+    terms = sorted(("C(task, Sum)", "C(material, Sum)"), key=lambda term: effect not in term)
+    table = anova_lm(smf.ols(f"ratio ~ {' * '.join(terms)}", frame).fit(), typ=kind)
+    f, df = float(table.loc[terms[0], "F"]), int(table.loc[terms[0], "df"])
+    p = float(table.loc[terms[0], "PR(>F)"])
+    two_way = {"where": "Text", "effect": effect, "df": (df, len(rows) - 6), "f": f"{f:.4f}", "p": f"{p:.6f}"}
+    document = {"study": "lab", "source": "We", "two_way": (two_way,)}
+    lines = compare(of_document(Document.model_validate(document)), results, diagnose=True).lines
+    assert len(lines) == 4
+    assert all(line.agrees for line in lines)
+    assert lines[0].recomputed.endswith(f" by type {'I' * kind}")

@@ -12,7 +12,7 @@ from scipy import stats
 
 from analysis import mistakes
 from analysis.granularity import Moments
-from analysis.mistakes import Mistake, explain
+from analysis.mistakes import Layout, Mistake, explain
 from analysis.published import Printed
 from analysis.spans import Span, outward, point
 
@@ -69,7 +69,7 @@ def test_of_a_standard_deviation(value: float, expected: str) -> None:
         (-T, "its sign is lost"),
         (D, f"what is printed as t is Cohen's d = {D:.2f}"),
         (MEAN / (statistics.pstdev(STUDENT) / math.sqrt(N)), "it was formed with the population SD"),
-        (D * math.sqrt(N - 1), "it was formed with sqrt(n - 1)"),
+        (D * math.sqrt(N - 1), "it was formed with sqrt(n - 1), as if from 9 participants"),
         (D * math.sqrt(15), "it is d * sqrt(15), where n is 10"),
         (T + 0.01, ""),
     ],
@@ -120,6 +120,7 @@ def test_of_a_lone_p(value: float, expected: str) -> None:
 
 
 F, DF = 5.0, (2, 12)
+LAYOUT = Layout(DF, 15, 5, (10,))
 
 
 @pytest.mark.parametrize(
@@ -129,10 +130,12 @@ F, DF = 5.0, (2, 12)
         (math.sqrt(F), "it is the root of F, a t"),
         (F * 15 / 12, "its residual was divided by the number of values"),
         (F * 2 / (F * 2 + 12), "what is printed as F is eta squared"),
+        (F * 14 / 12, "it was formed with its printed df"),
+        (F * 10 / 5, "it is that of 10 participants, where n is 5"),
     ],
 )
 def test_of_an_f(value: float, expected: str) -> None:
-    assert _first(value, mistakes.of_f([point(Fraction(5))], DF, 15)) == expected
+    assert _first(value, mistakes.of_f([point(Fraction(5))], LAYOUT, (2, 14))) == expected
 
 
 @pytest.mark.parametrize(
@@ -141,10 +144,13 @@ def test_of_an_f(value: float, expected: str) -> None:
         (float(stats.f.sf(6, *DF)), "it follows the printed F"),
         (float(stats.f.sf(F, *DF)) / 2, "it is one-tailed"),
         (float(stats.f.sf(F, 2, 15)), "it was taken at 2, 15 df"),
+        (float(stats.f.sf(F, 2, 13)), "it was taken at its printed df"),
+        (float(stats.f.sf(6, 2, 13)), "it follows the printed F at its printed df"),
+        (float(stats.f.sf(10, 2, 27)), "it is that of 10 participants, where n is 5"),
     ],
 )
 def test_of_the_p_of_an_f(value: float, expected: str) -> None:
-    found = mistakes.of_p_of_f([point(Fraction(5))], Printed("6.000000"), DF, 15)
+    found = mistakes.of_p_of_f([point(Fraction(5))], Printed("6.000000"), LAYOUT, (2, 13))
     assert _first(value, found, 6) == expected
 
 
@@ -154,6 +160,20 @@ def test_of_degrees_of_freedom() -> None:
         10: "it is the number of participants",
         14: "it is that of 15 participants, where n is 10",
     }
+
+
+def test_of_the_degrees_of_freedom_of_an_f() -> None:
+    """By hand: three groups of five, and 2 x 3 cells of five."""
+    assert dict(mistakes.of_df_of_effect(LAYOUT)) == {3: "it is the number of levels"}
+    assert dict(mistakes.of_df_of_residual(LAYOUT)) == {
+        14: "it is that of all values, the effects' not taken off",
+        15: "it is the number of values",
+        13: "it is the number of values less the effect's df",
+        27: "it is that of 10 participants, where n is 5",
+        8: "it is that of repeated measures",
+    }
+    crossed = dict(mistakes.of_df_of_residual(Layout((2, 24), 30)))
+    assert crossed[30 - 1 - 1 - 2] == "it is that with the interaction in the residual"
 
 
 def test_every_mistake_that_fits_is_named_the_simplest_first() -> None:
