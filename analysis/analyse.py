@@ -15,7 +15,6 @@ from analysis import documents, published, report
 from analysis.anova import Anova
 from analysis.comparison import Comparison, compare
 from analysis.course import Course
-from analysis.dataset import Study
 from analysis.dissimilarities import NONE as NO_DISSIMILARITIES
 from analysis.dissimilarities import from_file
 from analysis.dissimilarities import printed as printed_dissimilarities
@@ -25,6 +24,7 @@ from analysis.output import DERIVATIVES, MANIFEST, check, publish
 from analysis.pooling import read_pooled
 from analysis.results import Results, TaskResult, compute
 from analysis.sections import sections
+from analysis.study import Study
 from analysis.tables import WIDTH, Section, text
 from experiment.errors import DatasetError
 from experiment.event_columns import NO_ANSWER

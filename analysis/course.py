@@ -15,9 +15,9 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.bootstrap import RESAMPLES, bca, leave_one_out, resamples
-from analysis.dataset import Study
 from analysis.exact import NotDefined
 from analysis.intervals import Interval, wilson
+from analysis.study import Study
 from analysis.timing import Timing, timing
 from analysis.words import number_of
 

@@ -14,9 +14,10 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.confusion import confusion
-from analysis.dataset import MISSING, Study
+from analysis.dataset import MISSING
 from analysis.output import check, publish
 from analysis.pooling import read_pooled
+from analysis.study import Study
 from experiment.event_columns import NO_ANSWER
 
 LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated or reconstructed", "text")

@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from analysis.dataset import Study
+from analysis.study import Study
 
 Session = tuple[str, str]
 """Participant and task."""

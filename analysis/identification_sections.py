@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.bootstrap import RESAMPLES
-from analysis.dataset import Study
 from analysis.identification import CHOICE_RESAMPLES, INFORMATION_RESAMPLES, ChoiceIntervals, Identification
 from analysis.intervals import Interval
 from analysis.results import Results
+from analysis.study import Study
 from analysis.tables import Section, Table, interval, number, probability
 
 ARBITRARY = (

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from analysis import numerics_oracle as oracle
 from analysis.numerics_invariants import BAND_HZ, BINS, OUTPUT_RATES_HZ, material, some
 from analysis.numerics_oracle import RATE_HZ, SPEEDS_MM_S
-from experiment.synthesis import crinkle, driving, engine, methods, noise, pruning, shaping, spectra
+from experiment.synthesis import crinkle, driving, engine, methods, noise, pruning, rig_response, shaping, spectra
 from experiment.synthesis.first_block import FirstBlockFirst
 
 Call = Callable[[float], object]
@@ -42,8 +42,8 @@ def answers() -> NDArray[np.float64]:
     return oracle.answered_m_s2(FREQUENCIES_HZ[:, None], LEVELS_V)
 
 
-def response() -> shaping.Response:
-    return shaping.Response(FREQUENCIES_HZ, LEVELS_V, answers())
+def response() -> rig_response.Response:
+    return rig_response.Response(FREQUENCIES_HZ, LEVELS_V, answers())
 
 
 def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
@@ -172,29 +172,33 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     f = np.linspace(20.0, 500.0, c.size)
     shape = partial(shaping.shape, response=of, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     drive = partial(driving.drive, rate_hz=RATE_HZ, response=of)
-    move = partial(shaping.accelerations, response=of)
+    move = partial(rig_response.accelerations, response=of)
     within: Callable[..., object] = partial(drive, c, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     unbounded = partial(shaping.shape, c, frequencies_hz=f, response=of)
-    at = shaping.at_bins(of, f)
+    at = rig_response.at_bins(of, f)
     shape_at = partial(shaping.shape_at, at=at, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     return [
-        ("at_bins: frequencies_hz", lambda x: shaping.at_bins(of, changed(f, x)), EITHER),
+        ("at_bins: frequencies_hz", lambda x: rig_response.at_bins(of, changed(f, x)), EITHER),
         ("shape_at: coefficients", lambda x: shape_at(changed(c, x)), EITHER),
         ("shape_at: gain_limit_v_per_m_s2", lambda x: shaping.shape_at(c, at, gain_limit_v_per_m_s2=x), EITHER),
         ("shape_at: scale", lambda x: shape_at(c, scale=x), EITHER),
-        ("accelerations_at: voltages_v", lambda x: shaping.accelerations_at(changed(c, x), at), EITHER),
+        ("accelerations_at: voltages_v", lambda x: rig_response.accelerations_at(changed(c, x), at), EITHER),
         (
             "Response: frequencies_hz",
-            lambda x: shaping.Response(changed(FREQUENCIES_HZ, x), LEVELS_V, answers()),
+            lambda x: rig_response.Response(changed(FREQUENCIES_HZ, x), LEVELS_V, answers()),
             EITHER,
         ),
-        ("Response: levels_v", lambda x: shaping.Response(FREQUENCIES_HZ, changed(LEVELS_V, x), answers()), EITHER),
+        (
+            "Response: levels_v",
+            lambda x: rig_response.Response(FREQUENCIES_HZ, changed(LEVELS_V, x), answers()),
+            EITHER,
+        ),
         (
             "Response: accelerations_m_s2",
-            lambda x: shaping.Response(FREQUENCIES_HZ, LEVELS_V, changed(answers(), x)),
+            lambda x: rig_response.Response(FREQUENCIES_HZ, LEVELS_V, changed(answers(), x)),
             EITHER,
         ),
-        ("not_rising: accelerations_m_s2", lambda x: shaping.not_rising(changed(answers(), x)), EITHER),
+        ("not_rising: accelerations_m_s2", lambda x: rig_response.not_rising(changed(answers(), x)), EITHER),
         ("shape: coefficients", lambda x: shape(changed(c, x), frequencies_hz=f), EITHER),
         ("shape: frequencies_hz", lambda x: shape(c, frequencies_hz=changed(f, x)), EITHER),
         ("shape: gain_limit_v_per_m_s2", lambda x: unbounded(gain_limit_v_per_m_s2=x), EITHER),

@@ -22,7 +22,8 @@ from experiment.synthesis.first_block import FirstBlockRenderer
 from experiment.synthesis.methods import Method, PrintedSum, transform_error
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S, Colour, noise
 from experiment.synthesis.pruning import BandPruned
-from experiment.synthesis.shaping import Response, shape
+from experiment.synthesis.rig_response import Response
+from experiment.synthesis.shaping import shape
 from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, grid, inverse, inverse_on
 
 OUTPUT_RATE_HZ = 48_000

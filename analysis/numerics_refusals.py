@@ -23,7 +23,7 @@ from analysis.numerics_inputs import (
 )
 from analysis.numerics_invariants import Case, Seen, refused
 from experiment.errors import PalpateError
-from experiment.synthesis import shaping
+from experiment.synthesis import rig_response, shaping
 
 Limit = Callable[[ArrayLike, float], tuple[NDArray[np.float64], int]]
 """The limiter: any samples and the largest magnitude that may pass -> samples within it, and how many were changed."""
@@ -54,7 +54,7 @@ def _responses() -> list[Case]:
     ]
 
 
-def _shaped(coefficients: NDArray[np.float64], by: shaping.Response) -> shaping.Shaped:
+def _shaped(coefficients: NDArray[np.float64], by: rig_response.Response) -> shaping.Shaped:
     return shaping.shape(coefficients, frequencies_hz=BINS_HZ, response=by, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
 
 
@@ -62,7 +62,7 @@ def _null() -> Seen:
     answered = answers()
     answered[np.argmin(np.abs(FREQUENCIES_HZ - 300.0))] = 0.0
     wanted = np.full(BINS_HZ.size, 0.05)
-    made = _shaped(wanted, shaping.Response(FREQUENCIES_HZ, LEVELS_V, answered))
+    made = _shaped(wanted, rig_response.Response(FREQUENCIES_HZ, LEVELS_V, answered))
     gains = np.abs(made.coefficients_v) / wanted
     holds = bool(np.all(gains <= GAIN_LIMIT_V_PER_M_S2 * (1 + 1e-15))) and made.bounded.bins > 0
     return holds, f"at most {gains.max():.3g} V per m/s^2; bins bounded: {made.bounded.bins}"
@@ -71,18 +71,18 @@ def _null() -> Seen:
 def _not_rising(step: float) -> Seen:
     answered = answers()
     answered[20, 2] = answered[20, 1] + step
-    return refused([("the table", lambda: shaping.Response(FREQUENCIES_HZ, LEVELS_V, answered))])
+    return refused([("the table", lambda: rig_response.Response(FREQUENCIES_HZ, LEVELS_V, answered))])
 
 
 def _empty() -> Seen:
-    return refused([("the table", lambda: shaping.Response(np.zeros(0), LEVELS_V, np.zeros((0, LEVELS_V.size))))])
+    return refused([("the table", lambda: rig_response.Response(np.zeros(0), LEVELS_V, np.zeros((0, LEVELS_V.size))))])
 
 
 def _undone() -> Seen:
     within = np.clip(BINS_HZ, FREQUENCIES_HZ[0], FREQUENCIES_HZ[-1]) == BINS_HZ
     wanted = np.where(within, np.random.default_rng(6).uniform(-4.0, 4.0, BINS_HZ.size), 0.0)
     made = _shaped(wanted, response())
-    moved = shaping.accelerations(made.coefficients_v[within], frequencies_hz=BINS_HZ[within], response=response())
+    moved = rig_response.accelerations(made.coefficients_v[within], frequencies_hz=BINS_HZ[within], response=response())
     off = float(np.max(np.abs(moved - wanted[within]))) / 4.0
     return off <= 1e-12 and not made.saturated.bins + made.bounded.bins, f"off by {off:.1g} of the largest"
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from fractions import Fraction
 
-from analysis.dataset import Part, Study
+from analysis.study import Part, Study
 from experiment.errors import DatasetError
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.dataset import Study, Task, read
+from analysis.dataset import read
 from analysis.held_twice import Sessions, held_twice, sessions
 from analysis.plans import check_chances
+from analysis.study import Study, Task
 from experiment.errors import DatasetError
 
 NAMED = 5

@@ -12,7 +12,6 @@ from analysis.anova import TYPES, Anova, Cells, cells, one_way, two_way
 from analysis.bayes import log_bayes_factor
 from analysis.confusion import Confusion, confusion
 from analysis.course import Course, course
-from analysis.dataset import Study, Task
 from analysis.dissimilarities import NONE as NO_DISSIMILARITIES
 from analysis.dissimilarities import Dissimilarities
 from analysis.effect_sizes import EffectSize, cohens_d
@@ -21,6 +20,7 @@ from analysis.icc import Icc, icc
 from analysis.identification import Identification, identify
 from analysis.plans import chance
 from analysis.significance import TTest, holm, t_against_chance
+from analysis.study import Study, Task
 from analysis.trial_level import TrialLevel, trial_level
 from analysis.variance_components import VarianceComponents, icc_of_mean, variance_components
 from analysis.words import number_of

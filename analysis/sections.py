@@ -10,11 +10,11 @@ from analysis.anova import Anova, Effect
 from analysis.compared import comparison_section
 from analysis.comparison import Comparison
 from analysis.course_sections import course_section
-from analysis.dataset import Study
 from analysis.effect_sizes import EffectSize
 from analysis.icc_sections import icc_section
 from analysis.identification_sections import identification_sections
 from analysis.results import Results, TaskResult
+from analysis.study import Study
 from analysis.tables import Section, Table, bayes_factor, interval, lacks_a_limit, number, probability
 from analysis.trial_sections import trials_section
 from analysis.words import number_of

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.dataset import Study
+from analysis.study import Study
 
 QUANTITIES = {
     "contact, predicted minus actual": "prediction_error_s",

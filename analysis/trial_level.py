@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from analysis.dataset import Study
 from analysis.exact import NotDefined
+from analysis.study import Study
 from analysis.trial_models import TrialModel, gee, mixed
 from analysis.trials import design
 

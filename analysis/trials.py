@@ -15,8 +15,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.dataset import Study
 from analysis.exact import NotDefined
+from analysis.study import Study
 
 TRIAL, SPEED, RESPONSE, LATER = "10 trials on", "foot 100 mm/s faster", "response 1 s later", "second task"
 COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (SPEED, 100.0), "response_time_s": (RESPONSE, 1.0)}

@@ -183,9 +183,9 @@ def import_counts(
 
     The dataset is labelled a reconstruction: no original data.
     """
-    from experiment import reconstruction
+    from experiment import counts_file, reconstruction
 
-    pairs = dict(map(reconstruction.parse_task, task))
+    pairs = dict(map(counts_file.parse_task, task))
     text = reconstruction.study_text(study, pairs, source)
     typer.echo(f"Dataset: {reconstruction.import_counts(pairs, out, study=text)}")
 

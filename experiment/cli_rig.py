@@ -154,14 +154,14 @@ def calibrate_audio(
     """
     from datetime import UTC, datetime
 
-    from experiment.apparatus import opening, priority
+    from experiment.apparatus import opening_audio, priority
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.audio import calibration
     from experiment.clock import MonotonicClock
     from experiment.errors import RigError
 
     loaded = rigs.load(rig_file)
-    audio = opening.audio_of(loaded)
+    audio = opening_audio.audio_of(loaded)
     entry = audio.channels.loopback
     if entry is None:
         raise RigError(f"{rig_file}: got no audio.channels.loopback; allowed: an input that is cabled to the actuator")
@@ -183,7 +183,7 @@ def calibrate_audio(
             )
             opened.callback(card.close)
             device = DEVICE
-        stream = opening.open_probing(loaded, peak=peak, clock=MonotonicClock(), device=device)
+        stream = opening_audio.open_probing(loaded, peak=peak, clock=MonotonicClock(), device=device)
         opened.callback(stream.close)
         if card is not None:
             card.disconnect(entry)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from experiment import enrolment
-from experiment.apparatus import opening, priority
+from experiment.apparatus import opening, opening_audio, priority
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.rig_audio import AudioRig
@@ -145,7 +145,7 @@ def _tracker(rig: Rig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
 
 def _audio(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
     try:
-        stream = opening.open_probing(rig, peak=audio.PEAK, clock=clock, device=ends.device)
+        stream = opening_audio.open_probing(rig, peak=audio.PEAK, clock=clock, device=ends.device)
     except PalpateError as error:
         yield refused("audio device", error)
         yield from _tracker(rig, ends, clock)

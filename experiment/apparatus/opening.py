@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from experiment import files
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
+from experiment.apparatus.opening_audio import audio_of, simulated_only
 from experiment.apparatus.ports import Accelerometer, Actuator, Drive, Tracker
 from experiment.apparatus.rig import FRAMES, Rig
-from experiment.apparatus.rig_audio import AudioRig, check_calibrations
 from experiment.apparatus.rig_panel import REHEARSAL, AccelerometerRig, response_table
 from experiment.clock import Clock
 from experiment.errors import ActuatorError, RigError, TrackerError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from experiment.apparatus.audio.masker import Masker, MaskerNoise
     from experiment.apparatus.audio.stream import AudioStream
 
 
@@ -64,7 +59,7 @@ def open_tracker(
         RigError: the rig names a driver that there is not.
     """
     if port is None and rig.tracker.port == REHEARSAL:
-        raise TrackerError(_simulated_only(rig, "tracker.port"))
+        raise TrackerError(simulated_only(rig, "tracker.port"))
     tracker = _driven(rig, port or rig.tracker.port, clock, clock_map)
     farthest_mm = rig.tracker.zeroing_mm
     if contact_mm is None or farthest_mm is None:
@@ -84,130 +79,6 @@ def _driven(rig: Rig, where: str, clock: Clock, clock_map: ClockMap | None) -> T
     from experiment.apparatus.foreign import open_foreign
 
     return open_foreign(rig, where, clock=clock, clock_map=clock_map)
-
-
-def audio_of(rig: Rig) -> AudioRig:
-    """The settings of the rig's audio device.
-
-    Raises:
-        RigError: the rig has none.
-    """
-    if rig.audio is None:
-        raise RigError(
-            f"rig '{rig.rig.name}': got no table [audio]; allowed: one, for masker and loopback need it; "
-            "`palpate devices` lists what this machine has"
-        )
-    return rig.audio
-
-
-def open_audio(
-    rig: Rig, *, limit_m_s2: float, masker: MaskerNoise | None, clock: Clock, today: date, device: str | None = None
-) -> AudioStream:
-    """Open the rig's audio device, with a limit on every channel: what is neither headphones nor actuator stays silent.
-
-    Args:
-        rig: the rig.
-        limit_m_s2: the protocol's limit for the magnitude of any sample of a stimulus, m/s^2.
-        masker: what the headphones will play; None for silence.
-        clock: the session's clock; it must go by itself.
-        today: calibrations must not be too old by then; those of a simulated rig do not age.
-        device: used instead of the one that the rig names.
-
-    Raises:
-        RigError: the rig has no audio device, a calibration is too old, or it exists in simulation alone.
-        AudioError: the device cannot be opened.
-    """
-    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
-    from experiment.apparatus.conditioning import Conditioner
-
-    audio = audio_of(rig)
-    if device is None and audio.device == REHEARSAL:
-        raise RigError(_simulated_only(rig, "audio.device"))
-    if not rig.rig.simulated:
-        check_calibrations(audio, today)
-    ceilings = [0.0] * audio.channels.outputs
-    for channel in audio.channels.headphones:
-        ceilings[channel - 1] = masker.ceiling if masker is not None else 0.0
-    if rig.actuator.driver == "audio":
-        volts = rig.actuator.shaping is not None
-        ceilings[audio.channels.actuator - 1] = (
-            1.0 if volts else Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2).ceiling
-        )
-    settings = StreamSettings(
-        host_api=audio.host_api,
-        device=device or audio.device,
-        rate_hz=audio.rate_hz,
-        block=audio.block,
-        inputs=audio.channels.inputs,
-        ceilings=tuple(ceilings),
-    )
-    return AudioStream(settings, clock)
-
-
-def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = None) -> AudioStream:
-    """Open the rig's audio device to measure it, whatever the age of its calibrations.
-
-    Args:
-        rig: the rig.
-        peak: largest magnitude of a probe on the actuator's channel, 1.0 being full scale; other channels are silent.
-        clock: the session's clock; it must go by itself.
-        device: used instead of the one that the rig names.
-
-    Raises:
-        RigError: the rig has no audio device.
-        AudioError: the device cannot be opened.
-    """
-    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
-
-    audio = audio_of(rig)
-    ceilings = [0.0] * audio.channels.outputs
-    ceilings[audio.channels.actuator - 1] = peak
-    settings = StreamSettings(
-        audio.host_api, device or audio.device, audio.rate_hz, audio.block, audio.channels.inputs, tuple(ceilings)
-    )
-    return AudioStream(settings, clock)
-
-
-def masker_noise(rig: Rig, *, samples: NDArray[np.float64], limit_db_a: float) -> MaskerNoise:
-    """A masker as the rig's headphones play it.
-
-    Args:
-        rig: the rig.
-        samples: one round of noise at the rate of the audio device, of rms 1, shape (n,).
-        limit_db_a: the protocol's limit, dB(A).
-
-    Raises:
-        RigError: the rig has no audio device.
-        AudioError: the headphones cannot play even the softest level.
-    """
-    from experiment.apparatus.audio import masker
-
-    audio = audio_of(rig)
-    return masker.masker_noise(
-        samples,
-        rate_hz=audio.rate_hz,
-        pink_full_scale_db_a=audio.headphones.full_scale_db_a,
-        limit_db_a=limit_db_a,
-    )
-
-
-def open_masker(rig: Rig, *, stream: AudioStream, noise: MaskerNoise, clock: Clock, dose_before: float = 0.0) -> Masker:
-    """The masker on the rig's headphones, silent as yet.
-
-    Args:
-        rig: the rig.
-        stream: the session's, opened for this noise.
-        noise: what to play.
-        clock: the session's clock.
-        dose_before: what the participant's earlier sessions of the day used up.
-
-    Raises:
-        RigError: the rig has no audio device.
-    """
-    from experiment.apparatus.audio.masker import Masker
-
-    channels = audio_of(rig).channels.headphones
-    return Masker(stream, noise, channels=channels, clock=clock, dose_before=dose_before)
 
 
 def open_actuator(
@@ -234,7 +105,7 @@ def open_actuator(
     settings = rig.actuator
     where = address or settings.address
     if where == REHEARSAL:
-        raise ActuatorError(_simulated_only(rig, "actuator.address"))
+        raise ActuatorError(simulated_only(rig, "actuator.address"))
     if (drive is None) != (settings.shaping is None):
         got, allowed = ("no", "one") if drive is None else ("a", "none")
         raise RigError(
@@ -295,18 +166,11 @@ def open_accelerometer(
             "synthesis.rate_hz; set the device and the rig file to it"
         )
     if address is None and settings.address == REHEARSAL:
-        raise RigError(_simulated_only(rig, "accelerometer.address"))
+        raise RigError(simulated_only(rig, "accelerometer.address"))
     return PcmAccelerometer(
         address or settings.address,
         rate_hz=settings.rate_hz,
         full_scale_m_s2=settings.full_scale_m_s2,
         trigger_m_s2=settings.trigger_m_s2,
         clock=clock,
-    )
-
-
-def _simulated_only(rig: Rig, key: str) -> str:
-    return (
-        f"rig '{rig.rig.name}' is simulated: its devices exist only inside `palpate rehearse`; "
-        f"give a rig file whose {key} names a real one"
     )

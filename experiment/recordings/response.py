@@ -35,7 +35,7 @@ from experiment.errors import RecordingError
 from experiment.recordings.columns import number
 from experiment.stimulus_record import Shaping
 from experiment.synthesis.driving import drive
-from experiment.synthesis.shaping import Response, not_rising
+from experiment.synthesis.rig_response import Response, not_rising
 from experiment.synthesis.spectra import Bins
 
 COLUMNS = ("frequency_hz", "drive_vrms", "acceleration_pp_m_s2")

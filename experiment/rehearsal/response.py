@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.recordings import response as tables
-from experiment.synthesis.shaping import Response
+from experiment.synthesis.rig_response import Response
 from experiment.synthesis.spectra import bin_frequencies_hz, inverse, spectrum
 
 SUSPENSION_HZ, SUSPENSION_DAMPING = 35.0, 0.5

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 from types import TracebackType
 
-from experiment.apparatus import opening
+from experiment.apparatus import opening_audio
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock
 from experiment.protocol.models import Protocol
@@ -32,7 +32,7 @@ class SimulatedSound:
         Raises:
             AudioError: JACK is not installed, or does not run.
         """
-        audio = opening.audio_of(rig)
+        audio = opening_audio.audio_of(rig)
         channels = audio.channels
         with ExitStack() as opened:
             self.card = SoundCard(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from experiment import scene
-from experiment.apparatus import opening
+from experiment.apparatus import opening_audio
 from experiment.apparatus.audio.masker import ROUND_S, Masker
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.rig import Rig
@@ -46,10 +46,10 @@ def open_sound(
         RigError: a calibration is too old, or the device exists in simulation alone.
         AudioError: the device cannot be opened.
     """
-    audio = opening.audio_of(rig)
+    audio = opening_audio.audio_of(rig)
     samples = scene.masker_samples(protocol=protocol, rate_hz=audio.rate_hz, seconds=ROUND_S)
-    noise = opening.masker_noise(rig, samples=samples, limit_db_a=protocol.exposure.masker_level_db_a)
-    stream = opening.open_audio(
+    noise = opening_audio.masker_noise(rig, samples=samples, limit_db_a=protocol.exposure.masker_level_db_a)
+    stream = opening_audio.open_audio(
         rig,
         limit_m_s2=protocol.exposure.vibration_peak_m_s2,
         masker=noise,
@@ -58,7 +58,9 @@ def open_sound(
         device=device,
     )
     opened.callback(stream.close)
-    return Sound(stream, opening.open_masker(rig, stream=stream, noise=noise, clock=clock, dose_before=dose_before))
+    return Sound(
+        stream, opening_audio.open_masker(rig, stream=stream, noise=noise, clock=clock, dose_before=dose_before)
+    )
 
 
 def dose_before(dataset: Path, protocol: Protocol, participant: str, clock: Clock) -> float:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.shaping import AtBins, Response, Shaped, accelerations_at, at_bins, shape_at
+from experiment.synthesis.rig_response import AtBins, Response, accelerations_at, at_bins
+from experiment.synthesis.shaping import Shaped, shape_at
 from experiment.synthesis.spectra import Bins, bin_frequencies_hz, finite, grid, inverse_on, spectrum
 
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)

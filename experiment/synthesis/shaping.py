@@ -2,9 +2,8 @@
 
 A rig answers a sinusoid of amplitude e volts at f with a sinusoid of amplitude A(f, e) m/s^2, measured at some
 frequencies and drive levels. W(f, a) is the inverse of A in e. Between the nearest measured values A follows straight
-lines, first in f at each level, then in e, from 0 at 0 V through the lowest level to the highest. So the inverse is
-exact at the measured points, undoes A everywhere, and rises with a at every f, which no smoother interpolation in f
-promises: cubics through two neighbouring levels may cross.
+lines (rig_response.py). So the inverse is exact at the measured points, undoes A everywhere, and rises with a at every
+f, which no smoother interpolation in f promises: cubics through two neighbouring levels may cross.
 
 The price is the error of straight lines across a resonance: about h^2 / 8 |A''| / A between frequencies h apart.
 
@@ -25,112 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
+from experiment.synthesis.rig_response import AtBins, Response, at_bins, bins_of, interpolated
 from experiment.synthesis.spectra import finite
-
-
-@dataclass(frozen=True, eq=False)
-class Response:
-    """A measured frequency response.
-
-    Attributes:
-        frequencies_hz: strictly rising, zero or more, shape (F,), F >= 2.
-        levels_v: amplitudes of the driving sinusoid (sqrt 2 times its rms), strictly rising, above zero, shape (L,).
-        accelerations_m_s2: amplitudes of the answer (half its peak-to-peak), shape (F, L). At each frequency they
-            rise strictly with the level from above zero, or are all zero (a null).
-
-    Raises:
-        SynthesisError: anything else.
-    """
-
-    frequencies_hz: NDArray[np.float64]
-    levels_v: NDArray[np.float64]
-    accelerations_m_s2: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        f = finite(self.frequencies_hz, what="frequencies_hz of the response")
-        levels = finite(self.levels_v, what="levels_v of the response")
-        a = finite(self.accelerations_m_s2, what="accelerations_m_s2 of the response")
-        if f.ndim != 1 or f.size < 2 or f[0] < 0 or np.any(np.diff(f) <= 0):
-            raise SynthesisError(
-                f"frequencies_hz of the response: got {_few(f)}; allowed: two or more, strictly rising, none below 0; "
-                "sort the table"
-            )
-        if levels.ndim != 1 or levels[0] <= 0 or np.any(np.diff(levels) <= 0):
-            raise SynthesisError(
-                f"levels_v of the response: got {_few(levels)}; allowed: strictly rising, above 0; sort the table"
-            )
-        if a.shape != (f.size, levels.size):
-            raise SynthesisError(
-                f"accelerations_m_s2 of the response: got shape {a.shape}; allowed: {(f.size, levels.size)}, one value "
-                "for each frequency and level; measure what is missing"
-            )
-        place = not_rising(a)
-        if place is not None:
-            i, j = place
-            raise SynthesisError(
-                f"accelerations_m_s2 of the response: got {a[i, j]:g} at {f[i]:g} Hz and {levels[j]:g} V after "
-                f"{a[i, j - 1] if j else 0.0:g}; allowed: strictly rising with the level, for only then is there an "
-                "inverse; measure that frequency again"
-            )
-
-
-def not_rising(accelerations_m_s2: NDArray[np.float64]) -> tuple[int, int] | None:
-    """Where a response does not rise strictly with the level from above zero; rows of zeros are nulls and allowed.
-
-    Args:
-        accelerations_m_s2: one row a frequency, one column a level, shape (F, L).
-
-    Returns:
-        The first such place (row, column); None if there is none.
-
-    Raises:
-        SynthesisError: values that are not finite.
-    """
-    a = finite(accelerations_m_s2, what="accelerations_m_s2 of the response")
-    before = np.insert(a[:, :-1], 0, 0.0, axis=1)
-    wrong = np.argwhere((a <= before) & np.any(a != 0, axis=1, keepdims=True))
-    return (int(wrong[0, 0]), int(wrong[0, 1])) if wrong.size else None
-
-
-@dataclass(frozen=True)
-class AtBins:
-    """What a response says of some bins.
-
-    Attributes:
-        known: the bins within the table, K of N.
-        beyond: the other bins.
-        levels_v: 0 V and each level, shape (1 + L,).
-        curves: A(f, e) at these for each known bin, shape (K, 1 + L).
-    """
-
-    known: NDArray[np.intp] | slice
-    beyond: NDArray[np.intp]
-    levels_v: NDArray[np.float64]
-    curves: NDArray[np.float64]
-
-
-def at_bins(response: Response, frequencies_hz: NDArray[np.float64], *, mean: bool = False) -> AtBins:
-    """Look a response up, once for all spectra of the same bins.
-
-    Args:
-        response: of the rig.
-        frequencies_hz: of each bin, shape (N,).
-        mean: whether a bin at 0 Hz counts as known where the table reaches to 0 Hz; it is no oscillation.
-    """
-    f, at = finite(frequencies_hz, what="frequencies_hz"), response.frequencies_hz
-    within = (f >= at[0]) & (f <= at[-1]) & ((f > 0) | mean)
-    known = np.flatnonzero(within)
-    f = f[known]
-    i = np.clip(np.searchsorted(at, f, side="right") - 1, 0, at.size - 2)
-    part = ((f - at[i]) / (at[i + 1] - at[i]))[:, None]
-    at_levels = (1 - part) * response.accelerations_m_s2[i] + part * response.accelerations_m_s2[i + 1]
-    one_run = known.size and known[-1] - known[0] == known.size - 1
-    return AtBins(
-        known=slice(int(known[0]), int(known[-1]) + 1) if one_run else known,
-        beyond=np.flatnonzero(~within),
-        levels_v=np.concatenate([[0.0], response.levels_v]),
-        curves=np.concatenate([np.zeros((f.size, 1)), at_levels], axis=1),
-    )
 
 
 @dataclass(frozen=True)
@@ -195,7 +90,7 @@ def shape(
 
     Source: Okamoto et al., section 4, 'Frequency shaping', and equation (7).
     """
-    signed, f = _bins(coefficients, frequencies_hz, what="coefficients")
+    signed, f = bins_of(coefficients, frequencies_hz, what="coefficients")
     at = at_bins(response, f)
     return shape_at(signed, at, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2, scale=scale)
 
@@ -214,7 +109,7 @@ def shape_at(
     wanted = np.abs(finite(coefficients, what="coefficients"))
     outside, inside = wanted[at.beyond], wanted[at.known]
     a, curves, levels = scale * inside, at.curves, at.levels_v
-    free_v = _interpolated(a, curves, np.broadcast_to(levels, curves.shape))
+    free_v = interpolated(a, curves, np.broadcast_to(levels, curves.shape))
     with np.errstate(over="ignore"):
         bound_v = a * gain_limit_v_per_m_s2
     volts = np.minimum(free_v, bound_v)
@@ -223,7 +118,7 @@ def shape_at(
     short = np.zeros_like(a)
     held = np.flatnonzero(bounded | saturated)
     if held.size:
-        reached = _interpolated(volts[held], np.broadcast_to(levels, (held.size, levels.size)), curves[held])
+        reached = interpolated(volts[held], np.broadcast_to(levels, (held.size, levels.size)), curves[held])
         short[held] = np.maximum(inside[held] - reached, 0.0)
     shaped = np.zeros_like(coefficients)
     shaped[at.known] = np.copysign(volts, coefficients[at.known])
@@ -236,73 +131,6 @@ def shape_at(
     )
 
 
-def accelerations(voltages_v: ArrayLike, *, frequencies_hz: ArrayLike, response: Response) -> NDArray[np.float64]:
-    """A(f, e), the measured response between its points: what `shape` inverts.
-
-    Args:
-        voltages_v: amplitudes with their sign, V, shape (N,).
-        frequencies_hz: of each, within the measured ones, Hz, shape (N,).
-        response: of the rig.
-
-    Returns:
-        Amplitudes with the sign of the voltage, m/s^2, shape (N,).
-
-    Raises:
-        SynthesisError: values that are not finite, shapes that do not fit, or a frequency or a level beyond the table.
-    """
-    signed, f = _bins(voltages_v, frequencies_hz, what="voltages_v")
-    lowest, highest, top_v = response.frequencies_hz[0], response.frequencies_hz[-1], response.levels_v[-1]
-    if np.any((f < lowest) | (f > highest)) or np.any(np.abs(signed) > top_v):
-        raise SynthesisError(
-            f"response: got {f.min():g} to {f.max():g} Hz and up to {np.abs(signed).max():g} V; allowed: "
-            f"{lowest:g} to {highest:g} Hz and up to {top_v:g} V, as measured; measure further"
-        )
-    return accelerations_at(signed, at_bins(response, f, mean=True))
-
-
-def accelerations_at(voltages_v: NDArray[np.float64], at: AtBins) -> NDArray[np.float64]:
-    """As `accelerations`, at bins where the response has been looked up; 0 at those beyond it."""
-    voltages_v = finite(voltages_v, what="voltages_v")
-    volts, moved = voltages_v[at.known], np.zeros_like(voltages_v)
-    levels = np.broadcast_to(at.levels_v, at.curves.shape)
-    moved[at.known] = np.copysign(_interpolated(np.abs(volts), levels, at.curves), volts)
-    return moved
-
-
-def _bins(
-    values: ArrayLike, frequencies_hz: ArrayLike, *, what: str
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    signed, f = finite(values, what=what), finite(frequencies_hz, what="frequencies_hz")
-    if signed.ndim != 1 or signed.shape != f.shape:
-        raise SynthesisError(
-            f"{what}: got shape {signed.shape} for frequencies of shape {f.shape}; allowed: one spectrum, shape (N,) "
-            "both; pass the frequency of each bin"
-        )
-    return signed, f
-
-
-def _interpolated(x: NDArray[np.float64], at: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Straight lines through (`at`, `values`), one curve a row, at one `x` a row; beyond the end its last value.
-
-    Args:
-        x: zero or more, shape (N,).
-        at: rising from 0 along each row, shape (N, 1 + L).
-        values: likewise.
-    """
-    segment = np.minimum(np.count_nonzero(at[:, 1:] < x[:, None], axis=1), at.shape[1] - 2)
-    row = np.arange(x.size)
-    low, high = at[row, segment], at[row, segment + 1]
-    start, end = values[row, segment], values[row, segment + 1]
-    part = np.divide(np.minimum(x, high) - low, high - low, out=np.ones_like(x), where=high > low)
-    between: NDArray[np.float64] = np.minimum(start + (end - start) * part, end)
-    return between
-
-
 def _loss(short_m_s2: NDArray[np.float64]) -> Loss:
     with np.errstate(over="ignore"):
         return Loss(bins=short_m_s2.size, cost_m_s2=float(short_m_s2.sum()))
-
-
-def _few(values: NDArray[np.float64]) -> str:
-    text = str(values.tolist())
-    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from analysis import choice_models, dataset, planned_tests, published
-from analysis.dataset import Study
 from analysis.planned_tests import Question
 from analysis.results import Results, compute
 from analysis.simulated_counts import draw
+from analysis.study import Study
 from experiment.event_columns import NO_ANSWER
 from experiment.protocol import load
 from experiment.protocol.models import PlannedTest, Protocol

@@ -8,10 +8,11 @@ import pytest
 
 from analysis.analyse import analyse
 from analysis.confusion import confusion
-from analysis.dataset import Study, read
+from analysis.dataset import read
 from analysis.pooling import read_pooled
 from analysis.results import compute
 from analysis.sections import overview
+from analysis.study import Study
 from experiment.dataset_files import Origin
 from experiment.errors import DatasetError
 from experiment.protocol.shipped import shipped

@@ -16,10 +16,11 @@ from scipy.optimize import approx_fprime, minimize
 from scipy.special import logsumexp
 from statsmodels.genmod.generalized_estimating_equations import GEE
 
-from analysis.dataset import Study, read
+from analysis.dataset import read
 from analysis.exact import NotDefined
 from analysis.mixed_logit import log_likelihood
 from analysis.results import compute
+from analysis.study import Study
 from analysis.trial_level import TrialLevel, trial_level
 from analysis.trial_models import gee, mixed
 from analysis.trial_sections import trials_section

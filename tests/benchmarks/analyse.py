@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment import reconstruction
+from experiment import counts_file, reconstruction
 from experiment.dataset_files import DatasetText, TaskText, write_description, write_events, write_participants
 
 ROOT = Path(__file__).parents[2]
@@ -45,7 +45,7 @@ def counts_dataset(folder: Path) -> Path:
         pairs[task] = folder / f"{task}.csv"
         with pairs[task].open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
-            writer.writerow(reconstruction.COLUMNS)
+            writer.writerow(counts_file.COLUMNS)
             for who, rows in enumerate(answers(task), start=1):
                 for shown, said in zip(MATERIALS, rows, strict=True):
                     found = np.bincount(said, minlength=len(MATERIALS)).tolist()

@@ -44,8 +44,8 @@ import scipy.fft
 scipy_mb = peak_mb()
 if {traced}:
     tracemalloc.start()
-from experiment.synthesis import crinkle, driving, engine, shaping
-response = shaping.Response(
+from experiment.synthesis import crinkle, driving, engine, rig_response
+response = rig_response.Response(
     np.linspace(10.0, 600.0, 60), np.linspace(0.2, 2.0, 10), np.outer(np.ones(60), np.linspace(0.8, 8.0, 10))
 )
 rng = np.random.default_rng(1)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import re
 from pathlib import Path
 
 import pandas as pd
@@ -14,18 +13,11 @@ from hypothesis import strategies as st
 
 from analysis.dataset import read
 from analysis.export import files
+from experiment.counts_file import COLUMNS
 from experiment.dataset_files import LABELS
 from experiment.errors import DatasetError
 from experiment.event_columns import NO_ANSWER
-from experiment.reconstruction import (
-    COLUMNS,
-    OKAMOTO2012,
-    StudyText,
-    import_counts,
-    parse_task,
-    read_counts,
-    study_text,
-)
+from experiment.reconstruction import OKAMOTO2012, StudyText, import_counts, study_text
 
 BOTH = "1,sand,sand,3\n1,sand,snow,1\n1,snow,snow,4\n2,sand,(none),1\n2,snow,sand,2\n"
 HEADER = "participant,presented,answered,count\n"
@@ -128,61 +120,18 @@ def test_counts_that_were_exported_are_imported_again(tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(read(second).attempts, read(first).attempts)
 
 
+def test_a_bad_counts_file_leaves_no_dataset(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="line 2: presented: got 'ice'"):
+        import_counts({"one": _counts(tmp_path, "1,ice,snow,2\n")}, tmp_path / "out", study=STUDY)
+    assert not (tmp_path / "out").exists()
+
+
 def test_of_one_material_no_dataset_is_made(tmp_path: Path) -> None:
     """A reader refuses it: nothing is identified."""
     counts = {"one": _counts(tmp_path, "1,sand,sand,5\n2,sand,(none),1\n")}
     with pytest.raises(DatasetError, match="other: got one material, sand; allowed: two or more; give the counts of"):
         import_counts(counts, tmp_path / "out", study=study_text("other", counts, "a table"))
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ("", "line 1: got header ''; allowed: participant,presented,answered,count"),
-        ("a,b\n", "line 1: got header 'a,b'"),
-        (HEADER, "no counts below the header"),
-        (HEADER + "1,sand,snow\n", "line 2: got 3 fields; allowed: 4"),
-        (HEADER + "1,sand,snow,2\n0,sand,sand,1\n", "line 3: participant: got '0'; allowed: a whole number from 1"),
-        (HEADER + "x,sand,snow,2\n", "line 2: participant: got 'x'"),
-        (HEADER + "00,sand,snow,2\n", "line 2: participant: got '00'"),
-        (HEADER + "01,sand,snow,2\n1,snow,snow,3\n", "line 3: participant: got '1', '01' above; write one of them"),
-        (HEADER + "1,ice,snow,2\n", "line 2: presented: got 'ice'; allowed: sand, snow"),
-        (HEADER + "1,(none),snow,2\n", "line 2: presented: got '(none)'"),
-        (HEADER + "1,sand,ice,2\n", "line 2: answered: got 'ice'; allowed: sand, snow, (none)"),
-        (HEADER + "1,sand,snow,-1\n", "line 2: count: got '-1'; allowed: a whole number from 0"),
-        (HEADER + "1,sand,snow,1.5\n", "line 2: count: got '1.5'"),
-        (HEADER + "1,sand,snow,10001\n", "line 2: count: got '10001'"),
-        (HEADER + f"1,sand,snow,{'9' * 5000}\n", "line 2: count: got '999"),
-        (HEADER + "1,sand,snow,2\n1,sand,snow,2\n", "line 3: participant 1, ('sand', 'snow') stands twice"),
-        (HEADER + '1,"sand,snow,2\n', "line 2: unexpected end of data"),
-    ],
-)
-def test_a_bad_counts_file_is_refused_by_line(tmp_path: Path, content: str, message: str) -> None:
-    path = tmp_path / "counts.csv"
-    path.write_text(content)
-    with pytest.raises(DatasetError, match=re.escape(message)) as error:
-        import_counts({"one": path}, tmp_path / "out", study=STUDY)
-    assert str(path) in str(error.value)
-    assert not (tmp_path / "out").exists()
-
-
-@given(st.binary(max_size=200))
-@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_any_bytes_are_counts_or_one_error(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "counts.csv"
-    path.write_bytes(HEADER.encode() + content)
-    error = ""
-    try:
-        counts = read_counts(path, ("sand", "snow"))
-    except DatasetError as refusal:
-        error, counts = str(refusal), {}
-    assert counts or str(path) in error
-
-
-def test_a_missing_counts_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match=r"nowhere\.csv: cannot be read"):
-        import_counts({"one": tmp_path / "nowhere.csv"}, tmp_path / "out", study=STUDY)
 
 
 def test_an_unknown_task_is_refused(tmp_path: Path) -> None:
@@ -204,16 +153,6 @@ def test_a_dataset_is_never_overwritten(tmp_path: Path) -> None:
         import_counts({"one": path}, tmp_path / "out", study=STUDY)
     assert _files(tmp_path / "out") == {"mine": b"mine"}
     assert sorted(p.name for p in tmp_path.iterdir()) == ["counts.csv", "out"]
-
-
-def test_a_task_and_its_file_are_read_from_one_word() -> None:
-    assert parse_task("virtual=a=b.csv") == ("virtual", Path("a=b.csv"))
-
-
-@pytest.mark.parametrize("text", ["", "virtual", "virtual=", "=a.csv", "Task 1=a.csv"])
-def test_anything_else_is_refused(text: str) -> None:
-    with pytest.raises(DatasetError, match="allowed: TASK=FILE"):
-        parse_task(text)
 
 
 def test_a_study_without_texts_takes_them_from_its_counts(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from datetime import date, timedelta
 import numpy as np
 import pytest
 
-from experiment.apparatus import opening
+from experiment.apparatus import opening, opening_audio
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.cues import AT_ONCE
 from experiment.apparatus.audio.stream import AudioStream
@@ -54,7 +54,7 @@ def card() -> Iterator[SoundCard]:
 
 @pytest.fixture
 def stream(card: SoundCard) -> Iterator[AudioStream]:
-    opened = opening.open_audio(RIG, limit_m_s2=20.0, masker=None, clock=CLOCK, today=DAY, device=DEVICE)
+    opened = opening_audio.open_audio(RIG, limit_m_s2=20.0, masker=None, clock=CLOCK, today=DAY, device=DEVICE)
     for entry in (1, 2):
         card.disconnect(entry)
     card.connect(3, 2)
@@ -208,4 +208,4 @@ def test_a_calibration_that_is_too_old_is_refused_before_anything_is_opened() ->
     made = DAY - timedelta(days=1)
     for day, said in ((made + timedelta(days=31), "31 days old"), (made - timedelta(days=1), "-1 days old")):
         with pytest.raises(RigError, match=rf"audio\.latency: .* {said} on .*; allowed: 0 to 30 days; run"):
-            opening.open_audio(real, limit_m_s2=20.0, masker=None, clock=CLOCK, today=day, device=DEVICE)
+            opening_audio.open_audio(real, limit_m_s2=20.0, masker=None, clock=CLOCK, today=day, device=DEVICE)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from experiment import doctor
-from experiment.apparatus import opening, priority
+from experiment.apparatus import opening_audio, priority
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.rig import TrackerRig
@@ -407,7 +407,7 @@ def test_a_laboratorys_card_is_green_and_an_old_calibration_red(
     files = re.sub(r"calibrated_on = \S+", f"calibrated_on = {date.today()}", files)
     rig.write_text(f"{files}[audio.latency]{latency}", "utf-8")
     foot = Foot(line, settings, real_time=True)
-    probing: Callable[..., AudioStream] = opening.open_probing
+    probing: Callable[..., AudioStream] = opening_audio.open_probing
     with sound.sound_card() as card:
 
         def laid(*given: Any, **named: Any) -> AudioStream:
@@ -416,7 +416,7 @@ def test_a_laboratorys_card_is_green_and_an_old_calibration_red(
             card.connect(3, 2)
             return opened
 
-        monkeypatch.setattr(opening, "open_probing", laid)
+        monkeypatch.setattr(opening_audio, "open_probing", laid)
         code, out, _ = palpate("doctor", "--rig", rig, "--json", "--dataset", tmp_path)
     foot.close()
     found = verdicts(out)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from experiment.apparatus.rig_panel import ActuatorRig, ShapingRig
 from experiment.errors import RecordingError, RigError
 from experiment.recordings.response import open_drive, read, write
-from experiment.synthesis.shaping import Response
+from experiment.synthesis.rig_response import Response
 
 GOOD = """\
 # bench 2, load 40 N

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
 from experiment.synthesis.driving import drive
-from experiment.synthesis.shaping import Loss, Response, accelerations, not_rising, shape
+from experiment.synthesis.rig_response import Response, accelerations
+from experiment.synthesis.shaping import Loss, shape
 from experiment.synthesis.spectra import Bins, inverse, spectrum
 from tests.experiment.synthesis.resampled import resampled
 
@@ -263,45 +264,6 @@ def test_extreme_amplitudes_stay_finite(extreme: float) -> None:
     assert np.all(np.abs(shaped.coefficients_v) <= 2.0)
 
 
-@pytest.mark.parametrize(
-    ("rows", "place"),
-    [
-        ([[1.0, 2.0], [0.0, 0.0]], None),
-        ([[1.0, 2.0], [2.0, 2.0]], (1, 1)),
-        ([[1.0, 0.5], [1.0, 2.0]], (0, 1)),
-        ([[0.0, 1.0], [1.0, 2.0]], (0, 0)),
-        ([[1.0, 2.0], [-2.0, -1.0]], (1, 0)),
-    ],
-)
-def test_where_a_response_does_not_rise(rows: list[list[float]], place: tuple[int, int] | None) -> None:
-    assert not_rising(np.array(rows)) == place
-    if place is not None:
-        with pytest.raises(
-            SynthesisError, match=r"after .*; allowed: strictly rising .*; measure that frequency again"
-        ):
-            Response(np.array([1.0, 2.0]), np.array([1.0, 2.0]), np.array(rows))
-
-
-@pytest.mark.parametrize(
-    ("frequencies", "levels", "problem"),
-    [
-        ([], [1.0, 2.0], r"frequencies_hz of the response: got shape \(0,\)"),
-        ([1.0], [1.0, 2.0], "allowed: two or more, strictly rising"),
-        ([2.0, 1.0], [1.0, 2.0], r"got \[2\.0, 1\.0\]; allowed: two or more, strictly rising"),
-        ([1.0, 1.0], [1.0, 2.0], "strictly rising"),
-        ([-1.0, 1.0], [1.0, 2.0], "none below 0"),
-        ([1.0, np.nan], [1.0, 2.0], "frequencies_hz of the response: got 1 NaN or infinite"),
-        ([1.0, 2.0], [0.0, 2.0], "levels_v of the response: .*; allowed: strictly rising, above 0"),
-        ([1.0, 2.0], [2.0, 1.0], "levels_v of the response: .*; allowed: strictly rising, above 0"),
-        ([1.0, 2.0], [1.0, np.inf], "levels_v of the response: got 1 NaN or infinite"),
-        ([1.0, 2.0, 3.0], [1.0, 2.0], r"got shape \(2, 2\); allowed: \(3, 2\)"),
-    ],
-)
-def test_a_response_that_is_none_is_refused(frequencies: list[float], levels: list[float], problem: str) -> None:
-    with pytest.raises(SynthesisError, match=problem):
-        Response(np.array(frequencies), np.array(levels), np.array([[1.0, 2.0], [1.0, 2.0]]))
-
-
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_what_is_not_finite_is_refused(bad: float) -> None:
     with pytest.raises(SynthesisError, match="coefficients: got 1 NaN or infinite"):
@@ -323,12 +285,6 @@ def test_what_is_no_limit_is_refused(limit: float) -> None:
 def test_shapes_that_do_not_fit_are_refused() -> None:
     with pytest.raises(SynthesisError, match=r"got shape \(2,\) for frequencies of shape \(1,\)"):
         shape([1.0, 2.0], frequencies_hz=[1.0], response=TABLE, gain_limit_v_per_m_s2=1.0)
-
-
-@pytest.mark.parametrize(("volts", "f"), [(2.1, 200.0), (1.0, 99.0), (1.0, 501.0)])
-def test_the_response_is_not_extrapolated(volts: float, f: float) -> None:
-    with pytest.raises(SynthesisError, match="allowed: 100 to 500 Hz and up to 2 V, as measured"):
-        accelerations([volts], frequencies_hz=[f], response=TABLE)
 
 
 def some_bins(seed: int, *, samples: int = 2500, held: int = 2500) -> Bins:
