@@ -179,6 +179,8 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     shape_at = partial(shaping.shape_at, at=at, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     return [
         ("at_bins: frequencies_hz", lambda x: rig_response.at_bins(of, changed(f, x)), EITHER),
+        ("bins_of: values", lambda x: rig_response.bins_of(changed(c, x), f, what="c"), EITHER),
+        ("bins_of: frequencies_hz", lambda x: rig_response.bins_of(c, changed(f, x), what="c"), EITHER),
         ("shape_at: coefficients", lambda x: shape_at(changed(c, x)), EITHER),
         ("shape_at: gain_limit_v_per_m_s2", lambda x: shaping.shape_at(c, at, gain_limit_v_per_m_s2=x), EITHER),
         ("shape_at: scale", lambda x: shape_at(c, scale=x), EITHER),

@@ -95,6 +95,17 @@ class AtBins:
     levels_v: NDArray[np.float64]
     curves: NDArray[np.float64]
 
+    def voltages_v(self, amplitudes_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
+        """W(f, a) of each known bin, at most the highest level; amplitudes and voltages of shape (K,), none below 0."""
+        return _interpolated(amplitudes_m_s2, self.curves, np.broadcast_to(self.levels_v, self.curves.shape))
+
+    def amplitudes_m_s2(
+        self, voltages_v: NDArray[np.float64], some: NDArray[np.intp] | slice = slice(None)
+    ) -> NDArray[np.float64]:
+        """A(f, e) of some of the known bins, all by default; voltages and amplitudes one a bin, none below 0."""
+        curves = self.curves[some]
+        return _interpolated(voltages_v, np.broadcast_to(self.levels_v, curves.shape), curves)
+
 
 def at_bins(response: Response, frequencies_hz: NDArray[np.float64], *, mean: bool = False) -> AtBins:
     """Look a response up, once for all spectra of the same bins.
@@ -148,8 +159,7 @@ def accelerations_at(voltages_v: NDArray[np.float64], at: AtBins) -> NDArray[np.
     """As `accelerations`, at bins where the response has been looked up; 0 at those beyond it."""
     voltages_v = finite(voltages_v, what="voltages_v")
     volts, moved = voltages_v[at.known], np.zeros_like(voltages_v)
-    levels = np.broadcast_to(at.levels_v, at.curves.shape)
-    moved[at.known] = np.copysign(interpolated(np.abs(volts), levels, at.curves), volts)
+    moved[at.known] = np.copysign(at.amplitudes_m_s2(np.abs(volts)), volts)
     return moved
 
 
@@ -166,7 +176,7 @@ def bins_of(
     return signed, f
 
 
-def interpolated(x: NDArray[np.float64], at: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _interpolated(x: NDArray[np.float64], at: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Straight lines through (`at`, `values`), one curve a row, at one `x` a row; beyond the end its last value.
 
     Args:

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.rig_response import AtBins, Response, at_bins, bins_of, interpolated
+from experiment.synthesis.rig_response import AtBins, Response, at_bins, bins_of
 from experiment.synthesis.spectra import finite
 
 
@@ -108,17 +108,17 @@ def shape_at(
         raise SynthesisError(f"scale: got {scale}; allowed: above 0, at most 1; leave it out")
     wanted = np.abs(finite(coefficients, what="coefficients"))
     outside, inside = wanted[at.beyond], wanted[at.known]
-    a, curves, levels = scale * inside, at.curves, at.levels_v
-    free_v = interpolated(a, curves, np.broadcast_to(levels, curves.shape))
+    a = scale * inside
+    free_v = at.voltages_v(a)
     with np.errstate(over="ignore"):
         bound_v = a * gain_limit_v_per_m_s2
     volts = np.minimum(free_v, bound_v)
     bounded = bound_v < free_v
-    saturated = ~bounded & (a > curves[:, -1])
+    saturated = ~bounded & (a > at.curves[:, -1])
     short = np.zeros_like(a)
     held = np.flatnonzero(bounded | saturated)
     if held.size:
-        reached = interpolated(volts[held], np.broadcast_to(levels, (held.size, levels.size)), curves[held])
+        reached = at.amplitudes_m_s2(volts[held], held)
         short[held] = np.maximum(inside[held] - reached, 0.0)
     shaped = np.zeros_like(coefficients)
     shaped[at.known] = np.copysign(volts, coefficients[at.known])

@@ -17,7 +17,7 @@ from analysis.numerics_timing import FULL, QUICK
 from experiment.apparatus.limiter import limit
 from experiment.cli_engine import engine
 from experiment.errors import DatasetError
-from experiment.synthesis import shaping
+from experiment.synthesis import rig_response
 from tests.analysis.test_numerics_measured import TINY
 
 NAMES = {
@@ -90,7 +90,7 @@ def test_quick_and_full_differ_in_extent_alone(monkeypatch: pytest.MonkeyPatch, 
 
 
 def test_a_broken_invariant_fails_and_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shaping, "not_rising", lambda _: None)
+    monkeypatch.setattr(rig_response, "not_rising", lambda _: None)
     made = numerics.compute(replace(TINY, lengths=(50,), output_rates_hz=(48_000,)), limit=limit)
     assert made.failed
     assert "response, a plateau between two levels: the table: accepted" in made.broken

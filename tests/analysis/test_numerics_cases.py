@@ -18,7 +18,7 @@ from analysis.numerics_invariants import Case, Outcome, refused, settle
 from experiment import synthesis
 from experiment.apparatus.limiter import limit
 from experiment.errors import SynthesisError
-from experiment.synthesis import basis, crinkle, shaping
+from experiment.synthesis import basis, crinkle, rig_response, shaping
 from experiment.synthesis.basis import Weight
 from experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed
 from experiment.synthesis.engine import FASTEST_FIRST
@@ -126,7 +126,8 @@ def test_a_forgotten_floor_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_an_input_that_is_not_checked_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shaping, "finite", lambda values, *, what: np.asarray(values))
+    for module in (rig_response, shaping):
+        monkeypatch.setattr(module, "finite", lambda values, *, what: np.asarray(values))
     settled = outcome("shape: coefficients")
     assert not settled.holds
     assert settled.seen.startswith("NaN: accepted")
@@ -143,7 +144,7 @@ def test_the_printed_difference_is_noticed_at_the_measured_speeds(monkeypatch: p
 
 
 def test_a_reversal_that_is_accepted_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(shaping, "not_rising", lambda _: None)
+    monkeypatch.setattr(rig_response, "not_rising", lambda _: None)
     assert outcome("a reversal between two levels").seen == "the table: accepted"
 
 
