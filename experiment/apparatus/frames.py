@@ -48,6 +48,7 @@ LONGEST_PAUSE_US = 60_000_000
 _STUFFED_BYTES = FRAME_BYTES - 1
 _SAMPLE = struct.Struct("<HIH")
 _SAMPLE_FIELDS = np.dtype([("sequence", "<u2"), ("device_us", "<u4"), ("counts", "<u2")])
+_BODY_FIELDS = np.dtype([*_SAMPLE_FIELDS.descr, ("crc", "<u2")])
 _CRC_START = 0xFFFF
 _SEQUENCES = 1 << 16
 _CLOCK = 1 << 32
@@ -144,24 +145,25 @@ class Decoder:
         frames = whole[: count * FRAME_BYTES]
         if whole.count(0) != count or frames[_STUFFED_BYTES::FRAME_BYTES].count(0) != count:
             return None
-        stretches = (frames[i : i + _STUFFED_BYTES] for i in range(0, len(frames), FRAME_BYTES))
-        samples = [sample for stretch in stretches if (sample := _sample(stretch)) is not None]
-        if len(samples) != count:
+        try:
+            bodies = [cobs.decode(frames[i : i + _STUFFED_BYTES]) for i in range(0, len(frames), FRAME_BYTES)]
+        except cobs.DecodeError:
             return None
-        fields = np.frombuffer(b"".join(samples), dtype=_SAMPLE_FIELDS)
-        numbers = np.arange(self.sequence + 1, self.sequence + 1 + count)
+        fields = np.frombuffer(b"".join(bodies), dtype=_BODY_FIELDS)
+        if fields["crc"].tolist() != [crc_hqx(body[:_SAMPLE.size], _CRC_START) for body in bodies]:
+            return None
         device_us = fields["device_us"].astype(np.int64) + (self.device_us - self.device_us % _CLOCK)
         forward = device_us[0] > self.device_us and (device_us[1:] > device_us[:-1]).all()
-        if not forward or not (fields["sequence"] == numbers).all():
+        if not forward or fields["sequence"].tolist() != list(range(self.sequence + 1, self.sequence + 1 + count)):
             return None
         decoder = Decoder(
             near_us=self.near_us,
-            sequence=int(numbers[-1]),
+            sequence=self.sequence + count,
             device_us=int(device_us[-1]),
             tail=whole[len(frames) :],
             aligned=True,
         )
-        ends = (np.arange(count) + 1) * FRAME_BYTES - len(self.tail)
+        ends = np.arange(FRAME_BYTES - len(self.tail), len(frames) - len(self.tail) + 1, FRAME_BYTES)
         return decoder, Frames(device_us, fields["counts"], ends, LinkCounts(received=count), restarted=False)
 
     def _any(self, whole: bytes) -> tuple[Decoder, Frames]:
