@@ -150,7 +150,7 @@ class Decoder:
         except cobs.DecodeError:
             return None
         fields = np.frombuffer(b"".join(bodies), dtype=_BODY_FIELDS)
-        if fields["crc"].tolist() != [crc_hqx(body[:_SAMPLE.size], _CRC_START) for body in bodies]:
+        if fields["crc"].tolist() != [crc_hqx(body[: _SAMPLE.size], _CRC_START) for body in bodies]:
             return None
         device_us = fields["device_us"].astype(np.int64) + (self.device_us - self.device_us % _CLOCK)
         forward = device_us[0] > self.device_us and (device_us[1:] > device_us[:-1]).all()

@@ -1,11 +1,13 @@
 """A session's threads before the machine's other work, for as long as it runs; and no collections while a foot falls.
 
 On Linux the thread that asks, and every thread and process it starts meanwhile, gets the lowest real-time priority
-(`SCHED_RR`): ordinary work waits for it, and sound servers and drivers, which run higher, do not. A thread that a
-library starts is ordinary all the same; one that runs our code must take part (`joining`), or the session waits for an
-ordinary thread whenever that holds the interpreter. Where the system
+(`SCHED_RR`): ordinary work waits for it, and sound servers and drivers, which run higher, do not. Where the system
 refuses that, it is made as little nice as the system allows. Where it allows neither, and on other systems, it stays as
 it is: a session works at any priority, and says which it has.
+
+Of the threads that a library starts some inherit that, and some are ordinary all the same. One that runs our code takes
+part (`joining`), one step above: the session would wait for an ordinary thread whenever that holds the interpreter, and
+a thread on the session's own step would wait for its turn behind it.
 
 A real-time thread that never rests must not lock the machine. The kernel leaves ordinary work a twentieth of each core
 (`sched_rt_runtime_us`); where that has been switched off, no real-time priority is taken.
@@ -65,28 +67,21 @@ def raised() -> Iterator[str]:
 
 def is_real_time() -> bool:
     """Whether the calling thread runs in real time."""
-    return sys.platform == "linux" and os.sched_getscheduler(0) in (os.SCHED_RR, os.SCHED_FIFO)
+    return _real_time_level() > 0
 
 
 def joining() -> Callable[[], None]:
-    """What a thread that a library starts calls to run at the priority of the one that asks here, or just above it.
+    """What a thread that a library starts calls to run just above the one that asks here, if that runs in real time.
 
-    A thread that stands higher already stays where it is.
+    Where the system allows no step above, it runs beside it. A thread that stands higher already stays where it is.
     """
-    if sys.platform != "linux":
-        return lambda: None
-    real_time, nice = is_real_time(), os.getpriority(os.PRIO_PROCESS, 0)
+    real_time = is_real_time()
 
     def join() -> None:
-        if is_real_time():
-            return
-        # What the asking thread could have this one may have too, but the step above it not in any case.
-        if real_time:
-            for level in (REAL_TIME, REAL_TIME + 1):
+        for level in (REAL_TIME, REAL_TIME + 1):
+            if real_time and _real_time_level() < level:
                 with suppress(PermissionError):
                     os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(level))
-        elif nice < os.getpriority(os.PRIO_PROCESS, 0):
-            os.setpriority(os.PRIO_PROCESS, 0, nice)
 
     return join
 
@@ -101,6 +96,14 @@ def undisturbed() -> Iterator[None]:
     finally:
         if collecting:
             gc.enable()
+
+
+def _real_time_level() -> int:
+    """The calling thread's real-time priority; 0 for none."""
+    if sys.platform != "linux":
+        return 0
+    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    return os.sched_getparam(0).sched_priority if policy in (os.SCHED_RR, os.SCHED_FIFO) else 0
 
 
 if sys.platform == "linux":
@@ -157,6 +160,6 @@ if sys.platform == "linux":
         return 20 - resource.getrlimit(resource.RLIMIT_NICE)[0]
 
     _MORE = (
-        "the system allows no more; for real time add the user to the group audio and give that an rtprio of 1 or "
-        "more in /etc/security/limits.d, and leave kernel.sched_rt_runtime_us as it comes"
+        "the system allows no more; for real time add the user to the group audio and give that an rtprio of 10 "
+        "in /etc/security/limits.d, and leave kernel.sched_rt_runtime_us as it comes"
     )

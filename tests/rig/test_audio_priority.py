@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from contextlib import ExitStack
 
 import pytest
 
@@ -14,9 +15,11 @@ from tests.rig import sound
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")
+@pytest.mark.parametrize("server_too", [True, False])
 def test_the_callback_never_waits_for_ordinary_work_where_the_session_does_not(
-    monkeypatch: pytest.MonkeyPatch,
+    server_too: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """Where the server was started in ordinary time, so are its clients' threads, and ours joins by itself."""
     ranks: list[tuple[int, int]] = []
     fill = Mixer.fill
 
@@ -25,8 +28,14 @@ def test_the_callback_never_waits_for_ordinary_work_where_the_session_does_not(
         fill(self, outputs, inputs)
 
     monkeypatch.setattr(Mixer, "fill", noted)
-    with priority.raised() as got, sound.sound_card(), sound.stream() as opened:
-        opened.wait(8 * sound.BLOCK)
+    with ExitStack() as opened:
+        if not server_too:
+            opened.enter_context(sound.sound_card())
+        got = opened.enter_context(priority.raised())
+        if server_too:
+            opened.enter_context(sound.sound_card())
+        stream = opened.enter_context(sound.stream())
+        stream.wait(8 * sound.BLOCK)
         session = os.sched_getparam(0).sched_priority
     if got == "real time":
         assert all(policy in (os.SCHED_RR, os.SCHED_FIFO) and rank > session for policy, rank in ranks)

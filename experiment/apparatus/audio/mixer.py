@@ -64,7 +64,7 @@ class Mixer:
         self.limited = 0
         """Samples that the limiter changed."""
         self.loop: Loop | None = None
-        pieces = -(-layout.block * max(layout.outputs, layout.inputs, 1) // UNSHARED)
+        pieces = -(-layout.block // max(UNSHARED // max(layout.outputs, layout.inputs, 1), 1))
         self._piece = -(-layout.block // pieces)
         """Frames that are made at a time."""
         self._slots = [Slot(layout.stimulus_frames) for _ in range(SLOTS)]

@@ -115,43 +115,69 @@ def test_collection_that_was_off_stays_off() -> None:
         gc.enable()
 
 
-def test_a_thread_that_a_library_starts_joins_just_above_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
-    joined: list[tuple[int, int]] = []
+Rank = tuple[int, int]
+"""Policy and real-time priority."""
 
-    def called(join: Callable[[], None]) -> None:
+RESET = os.SCHED_RESET_ON_FORK if sys.platform == "linux" else 0
+JUST_ABOVE = (os.SCHED_RR, priority.REAL_TIME + 1) if sys.platform == "linux" else (0, 0)
+
+
+def in_a_thread(join: Callable[[], None], before: Rank | None = None) -> Rank:
+    """The rank of a thread that joined; it inherits that of the caller, or begins with `before`."""
+    seen: list[Rank] = []
+
+    def called() -> None:
+        if before is not None:
+            os.sched_setscheduler(0, before[0], os.sched_param(before[1]))
         join()
-        joined.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
+        seen.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
 
-    def start(join: Callable[[], None]) -> tuple[int, int]:
-        thread = threading.Thread(target=called, args=(join,))
-        thread.start()
-        thread.join()
-        return joined[-1]
+    thread = threading.Thread(target=called)
+    thread.start()
+    thread.join()
+    return seen[0]
 
-    ordinary = start(priority.joining())
+
+@pytest.fixture
+def joining() -> Callable[[], None]:
     with priority.raised() as got:
-        join = priority.joining()
-    real_time = got == "real time"
-    assert start(join) == ((os.SCHED_RR, priority.REAL_TIME + 1) if real_time else ordinary)
-    assert ordinary[0] == os.sched_getscheduler(0)
-    if real_time:
-        set_before = os.sched_setscheduler
-
-        def at_most_the_lowest(who: int, policy: int, parameters: os.sched_param) -> None:
-            if parameters.sched_priority > priority.REAL_TIME:
-                refuse()
-            set_before(who, policy, parameters)
-
-        monkeypatch.setattr(os, "sched_setscheduler", at_most_the_lowest)
-        assert start(join) == (os.SCHED_RR, priority.REAL_TIME)
-
-
-def test_a_thread_that_stands_higher_stays_there() -> None:
-    with priority.raised() as got:
-        join = priority.joining()
         if got != "real time":
             pytest.skip("the system allows no real time")
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(5))
-        join()
-        assert (os.sched_getscheduler(0), os.sched_getparam(0).sched_priority) == (os.SCHED_FIFO, 5)
-    assert os.sched_getscheduler(0) == os.SCHED_OTHER
+        return priority.joining()
+
+
+def test_a_thread_that_is_ordinary_joins_just_above_the_session(joining: Callable[[], None]) -> None:
+    assert in_a_thread(joining) == JUST_ABOVE
+
+
+def test_a_thread_that_inherits_the_priority_of_the_session_goes_above_it() -> None:
+    with priority.raised() as got:
+        if got != "real time":
+            pytest.skip("the system allows no real time")
+        assert in_a_thread(priority.joining()) == JUST_ABOVE
+
+
+@pytest.mark.parametrize("policy", ["SCHED_FIFO", "SCHED_RR"])
+@pytest.mark.parametrize("reset", [0, RESET])
+def test_a_thread_that_stands_higher_stays_there(joining: Callable[[], None], policy: str, reset: int) -> None:
+    rank = getattr(os, policy) | reset, 20
+    assert in_a_thread(joining, before=rank) == rank
+
+
+def test_where_no_step_above_is_allowed_it_runs_beside_the_session(
+    joining: Callable[[], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_before = os.sched_setscheduler
+
+    def at_most_the_lowest(who: int, policy: int, parameters: os.sched_param) -> None:
+        if parameters.sched_priority > priority.REAL_TIME:
+            refuse()
+        set_before(who, policy, parameters)
+
+    monkeypatch.setattr(os, "sched_setscheduler", at_most_the_lowest)
+    assert in_a_thread(joining) == (os.SCHED_RR, priority.REAL_TIME)
+
+
+def test_beside_an_ordinary_session_a_thread_stays_ordinary() -> None:
+    before = os.sched_getscheduler(0), 0
+    assert in_a_thread(priority.joining()) == before

@@ -24,7 +24,7 @@ MODULES = (mixing, queued)
 ANYTHING = st.floats(allow_nan=True, allow_infinity=True, width=32)
 
 
-def mixer(*, ceilings: tuple[float, ...] = (1.0, 1.0), block: int = 64, kept: int = 4096) -> Mixer:
+def mixer(*, ceilings: tuple[float, ...] = (1.0, 1.0), block: int = 400, kept: int = 4096) -> Mixer:
     return Mixer(Layout(len(ceilings), 1, block, 1000, kept, ceilings))
 
 
@@ -60,7 +60,7 @@ ASKED = st.builds(
 @settings(max_examples=200)
 @given(
     stimuli=st.lists(ASKED, max_size=SLOTS),
-    blocks=st.lists(st.integers(1, 64), min_size=1, max_size=20),
+    blocks=st.lists(st.integers(1, 400), min_size=1, max_size=20),
     ceilings=st.tuples(st.floats(0, 1, width=32), st.floats(0, 1, width=32)),
 )
 def test_every_stimulus_is_summed_at_its_frame_and_limited_last(
@@ -91,7 +91,7 @@ def test_every_stimulus_is_summed_at_its_frame_and_limited_last(
 
 @settings(max_examples=100)
 @given(
-    blocks=st.lists(st.integers(1, 64), min_size=1, max_size=30),
+    blocks=st.lists(st.integers(1, 400), min_size=1, max_size=30),
     length=st.integers(1, 200),
     gains=st.lists(st.floats(0, 1, width=32), min_size=1, max_size=3),
     step=st.floats(1e-3, 1.0),
@@ -232,7 +232,7 @@ def test_a_block_that_is_made_while_something_is_withdrawn_does_as_withdraw_says
 
 @given(blocks=st.lists(st.integers(1, 64), min_size=3, max_size=60), data=st.data())
 def test_input_is_kept_by_its_frame(blocks: list[int], data: st.DataObject) -> None:
-    mixed = mixer(kept=300)
+    mixed = mixer(kept=300, block=64)
     run(mixed, blocks)
     end = sum(blocks)
     oldest = max(end + 64 - 300, 0)
