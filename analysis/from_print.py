@@ -19,8 +19,8 @@ NO_SD = "no SD is printed"
 MANY = 20_000
 """Means and variances of one cell beyond which counting them says no more than the printed numbers do."""
 
-AROUND = (10, 40, 160, 640)
-"""Units of the last digit around a printed SD in which its alternatives are looked for, until there are some."""
+AROUND = 10
+"""Units of the last digit around a printed SD in which its alternatives are looked for first."""
 
 
 MISREADINGS: Mapping[Misreading, Callable[[int], Fraction]] = {
@@ -142,17 +142,28 @@ class FromPrint:
             return Sample(n, stands, stands if misreading else ())
         every = self._counted(cell, n, cell.scale, wanted) if misreading else self._near(cell, cell.sd, cell.scale, n)
         if every is None:
-            return Sample(n, stands, stands if misreading else ())
+            return Sample(n, stands, stands) if misreading else Sample(n, stands, statement=TOO_MANY)
         return Sample(n, tuple(one for one in every if wanted.meets(one.variance)) or stands, every)
 
     def _near(self, cell: PrintedCell, sd: Printed, scale: Scale, n: int) -> tuple[Moments, ...] | None:
-        """What whole counts give around a printed SD, further off until there is some; None where it is too many."""
-        for width in (units * sd.exact_unit for units in AROUND):
+        """What whole counts give at a printed SD, or else around it; None where it is too many.
+
+        Further off until there is some, nearer again where that is too many. A mean that has whole counts has some with
+        an SD below 1, so none that far says that it has none.
+        """
+        found = self._counted(cell, n, scale, sd.either.squared())
+        unit = sd.exact_unit or Fraction(1)
+        width, none_within = AROUND * unit, Fraction(0)
+        too_many: Fraction | None = None
+        while found == () and none_within < sd.exact + 1:
             around = Span(max(sd.exact - width, Fraction(0)) ** 2, (sd.exact + width) ** 2)
             found = self._counted(cell, n, scale, around)
-            if found is None or found:
-                return found
-        return ()
+            if found is None and width - none_within > unit:
+                found, too_many = (), width
+            elif found == ():
+                none_within = width
+            width = (none_within + too_many) / 2 if too_many else 4 * none_within
+        return found
 
     def _without_sd(self, cell: PrintedCell, n: int) -> Sample:
         every = self._counted(cell, n, cell.scale, Span(Fraction(0), math.inf)) if cell.scale else None
@@ -161,10 +172,9 @@ class FromPrint:
     def _counted(self, cell: PrintedCell, n: int, scale: Scale, variance: Span) -> tuple[Moments, ...] | None:
         """The means and variances that whole counts give; None where they are too many."""
         high = variance.high
-        if high == math.inf:
-            if scale.low is None or scale.high is None:
-                return None
-            high = Fraction(scale.high - scale.low) ** 2
+        if scale.low is not None and scale.high is not None:
+            # Half the values at either end spread the most.
+            high = min(high, Fraction((scale.high - scale.low) ** 2 * n, 4 * (n - 1)))
         sums = on_scale(totals(cell.mean.either, n, scale.items), n, scale)
         if len(sums) * (high - variance.low) * n * scale.items**2 > MANY:
             return None

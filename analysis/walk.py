@@ -109,7 +109,8 @@ class Walk:
             return
         if cell.sd is not None:
             variances = [one.variance for one in sample.every]
-            unknown = known.statement or ("no whole counts give the mean" if cell.scale else NO_STEPS)
+            no_steps = "no whole counts give the mean" if cell.scale else NO_STEPS
+            unknown = known.statement or sample.statement or no_steps
             place = Place(place.where, place.task, place.subject, place.missing, unknown)
             if misreading:
                 follow = f"its t and P follow from the SD{self._or(cell, misreading)}"

@@ -37,6 +37,22 @@ def draw(seed: int, sizes: Mapping[str, int], trials: int) -> dict[str, NDArray[
     return {task: np.stack([rng.multinomial(trials, shares) for _ in range(n)]) for task, n in sizes.items()}
 
 
+def scores(seed: int, n: int, items: int) -> list[Fraction]:
+    """Means of `items` whole numbers from 1 to 7, not all the same: from even over a stretch to all but one alike."""
+    rng = np.random.default_rng(seed)
+    low, high = sorted(rng.choice(6 * items + 1, size=2, replace=False).tolist())
+    among = range(low, high + 1)
+    weights = rng.dirichlet(np.full(len(among), rng.choice([0.1, 1, 10])))
+    counts = [low, high, *rng.choice(among, size=n - 2, p=weights).tolist()]
+    return [Fraction(items + count, items) for count in counts]
+
+
+def root(variance: Fraction) -> Fraction:
+    """To 40 digits, so that cutting it off cuts the true root."""
+    scale = 10**40
+    return Fraction(math.isqrt(variance.numerator * scale**2 // variance.denominator), scale)
+
+
 def text(value: float | Fraction, digits: int, way: str) -> str:
     """A number as printed, with so many decimals."""
     exact = Fraction(value)
@@ -73,7 +89,7 @@ def printed(
                 ratios = [Fraction(int(count), trials) for count in answers[:, i, j]]
                 mean, variance = statistics.mean(ratios), statistics.variance(ratios)
                 cell = {"presented": shown, "answered": said, "mean": text(mean, digits, way)}
-                cell["sd"] = text(_root(variance), digits, way)
+                cell["sd"] = text(root(variance), digits, way)
                 if i == j and variance:
                     t = float(mean - chance) / math.sqrt(variance / n)
                     p = float(2 * stats.t.sf(abs(t), n - 1))
@@ -142,9 +158,3 @@ def _two_way(counts: Counts, trials: int, way: str, kind: int) -> Iterator[dict[
         if f > 1e-9 and p > 0:
             df = (int(line["df"]), int(table.loc["Residual", "df"]))
             yield {"where": "Text", "effect": effect, "df": df, "f": text(f, 2, way), "p": scientific(p, way)}
-
-
-def _root(variance: Fraction) -> Fraction:
-    """To 40 digits, so that cutting it off cuts the true root."""
-    scale = 10**40
-    return Fraction(math.isqrt(variance.numerator * scale**2 // variance.denominator), scale)

@@ -13,6 +13,7 @@ import pytest
 from scipy import stats
 
 from analysis.audit_lines import print_lines
+from analysis.from_print import TOO_MANY
 from analysis.verdicts import Line
 from tests.analysis import printed_study
 
@@ -221,3 +222,27 @@ def test_an_f_of_no_type_differs(made: dict[str, Any]) -> None:
     changed = tuple({**one, "f": "999.99"} for one in made["two_way"])
     differing = _accused({**made, "two_way": changed}, "F(2,57)")
     assert [line.recomputed.partition(" by ")[2] for line in differing] == ["types I and II or type III"]
+
+
+@pytest.mark.parametrize(
+    ("n", "items", "mean", "sd", "verdict"),
+    [
+        # Half at either end of a scale from 1 to 7 give 3 sqrt(n / (n - 1)), the most that there is.
+        (30, 3, "4.0", "3.0", "agrees"),
+        (30, 3, "4.4", "9.9", "impossible"),
+        (30, 1, "4.40", "12.00", "impossible"),
+        # 4 and 5 give 0.7071.
+        (2, 1, "4.5", "0.7", "agrees"),
+        (2, 1, "4.5", "0", "impossible"),
+        (2, 1, "4.5000", "0.0000", "impossible"),
+        (1000, 10, "4.4", "1.9", "cannot be decided"),
+    ],
+)
+def test_an_sd_of_scores_is_impossible_however_far_off(n: int, items: int, mean: str, sd: str, verdict: str) -> None:
+    score = {"where": "T", "task": "all", "items": items, "low": 1, "high": 7}
+    score["cells"] = ({"name": "ease", "mean": mean, "sd": sd},)
+    document = {"study": "made", "source": "Nobody", "task": ({"id": "all", "participants": n},), "score": (score,)}
+    line = print_lines(printed_study.published(document))[1]
+    assert (line.quantity, line.verdict) == ("SD", verdict)
+    if verdict == "cannot be decided":
+        assert line.reason == TOO_MANY
