@@ -38,9 +38,9 @@ def draw(seed: int, sizes: Mapping[str, int], trials: int) -> dict[str, NDArray[
 
 
 def scores(seed: int, n: int, items: int) -> list[Fraction]:
-    """Means of `items` whole numbers from 1 to 7, not all the same: from even over a stretch to all but one alike."""
+    """Means of `items` whole numbers from 1 to 7, not all the same: evenly spread to nearly all alike."""
     rng = np.random.default_rng(seed)
-    low, high = sorted(rng.choice(6 * items + 1, size=2, replace=False).tolist())
+    low, high = rng.choice([[0, 6 * items], sorted(rng.choice(6 * items + 1, size=2, replace=False))]).tolist()
     among = range(low, high + 1)
     weights = rng.dirichlet(np.full(len(among), rng.choice([0.1, 1, 10])))
     counts = [low, high, *rng.choice(among, size=n - 2, p=weights).tolist()]

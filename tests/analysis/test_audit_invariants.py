@@ -42,7 +42,7 @@ def test_no_false_accusation(
         assert [line for line in lines if not line.agrees] == []
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=200)
 @given(
     st.integers(0, 2**32),
     st.integers(3, 30),
