@@ -2,8 +2,9 @@
 
 How long after the arrival of the frame that gave the gate its stimulus has been synthesised, limited, shaped, handed to
 its driver and aimed. A thread hands frames over as the tracker's does, and the terminal's screen is open. On an idle
-machine and with every core loaded by a busy process; at ordinary priority and at that of a session. Not a test: it
-asserts nothing, because these figures belong to the machine that printed them.
+machine and with every core loaded by a busy process; at ordinary priority and at that of a session. Beside it what the
+machine itself takes to hand an empty message from one thread to another, in the same minutes: no figure can be below
+that. Not a test: it asserts nothing, because these figures belong to the machine that printed them.
 """
 
 from __future__ import annotations
@@ -218,6 +219,27 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
     return actuator.waited_ms
 
 
+def handed_over_ms(messages: int) -> list[float]:
+    """From one thread's notice to another's waking, one every `READ_S`, with nothing else to do."""
+    changed, sent, waited_ms = threading.Condition(), deque[int](), list[float]()
+
+    def send() -> None:
+        for _ in range(messages):
+            time.sleep(READ_S)
+            with changed:
+                sent.append(time.perf_counter_ns())
+                changed.notify_all()
+
+    sender = threading.Thread(target=send)
+    sender.start()
+    while len(waited_ms) < messages:
+        with changed:
+            changed.wait_for(lambda: bool(sent))
+            waited_ms.append((time.perf_counter_ns() - sent.popleft()) / 1e6)
+    sender.join()
+    return waited_ms
+
+
 def spread(name: str, values_ms: list[float]) -> None:
     quantiles = np.quantile(values_ms, (0.5, 0.99, 0.999))
     cells = "  ".join(
@@ -236,7 +258,9 @@ def report(folder: Path, steps: int) -> None:
                 spread(f"{how}, {load_name}, ordinary", gate_to_scheduled_ms(folder, rig_name, rate_hz, steps))
                 with priority.raised() as got:
                     in_session = gate_to_scheduled_ms(folder, rig_name, rate_hz, steps)
+                    empty = handed_over_ms(steps)
                 spread(f"{how}, {load_name}, {got.partition(':')[0]}", in_session)
+                spread(f"  an empty message, {load_name}, {got.partition(':')[0]}", empty)
 
 
 def main() -> None:
