@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from experiment.apparatus.clock_map import ClockMap
+from experiment.apparatus.foreign import ForeignTracker
 from experiment.apparatus.ports import Masker
 from experiment.apparatus.samples import Samples
 from experiment.apparatus.zeroing import ZeroedTracker
@@ -74,6 +75,7 @@ class Bench:
     masker: Masker | None = None
     priority: str = ""
     zeroed: ZeroedTracker | None = None
+    foreign: ForeignTracker | None = None
 
     def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
         def render(material: str, speed_mm_s: float, rate_hz: int) -> Rendered:
@@ -89,7 +91,7 @@ class Bench:
 
         virtual = asked.task == "virtual"
         devices = attempt.Devices(
-            tracker=self.zeroed or self.tracker,
+            tracker=self.zeroed or self.foreign or self.tracker,
             tracker_port="scripted",
             noise_mm=0.1,
             actuator=self.actuator if virtual else None,
@@ -410,6 +412,45 @@ def test_a_tracker_that_stops_after_contact_has_its_trial_put_off(protocol: Prot
     assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
     assert len(one.actuator.played) == 4
     assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
+
+
+class Foreign(ScriptedTracker):
+    """A driver of somebody else's: once its device is gone, the parts named fail as `read` does."""
+
+    failing: frozenset[str] = frozenset()
+    gone = False
+
+    def read(self) -> Samples:
+        if not self._steps:
+            self.gone = True
+            raise OSError("no such device")
+        return super().read()
+
+    def __getattribute__(self, name: str) -> object:
+        held = super().__getattribute__
+        if held("gone") and name in held("failing"):
+            raise OSError("no such device")
+        return held(name)
+
+
+@pytest.mark.parametrize("failing", [(), ("counts",), ("clock_map",), ("counts", "clock_map")])
+def test_a_step_that_was_felt_is_on_file_when_a_foreign_tracker_fails_in_every_part(
+    protocol: Protocol, tmp_path: Path, failing: tuple[str, ...]
+) -> None:
+    landed, _ = step_samples(2_000_000, 100.0).cut(310)
+    one = bench("c")
+    driver = Foreign([landed], clock=one.clock)
+    driver.failing = frozenset(failing)
+    one.foreign = ForeignTracker(driver, "lab.tracker:Tracker")
+    with pytest.raises(TrackerError, match=r"its driver 'lab.tracker:Tracker' failed at `read`"):
+        one.run(protocol, header("virtual"), tmp_path)
+    broken, _ = (e for e in entries(tmp_path, "virtual") if isinstance(e, BrokenOff | Footer))
+    assert isinstance(broken, BrokenOff)
+    assert broken.felt
+    assert broken.clock is not None
+    assert broken.clock.anchor_us == 2_000_000
+    assert broken.trace.length == broken.link.received == 310
+    assert places.foot_path(places.journal_path(tmp_path, "01", "virtual")).stat().st_size == 310
 
 
 def test_an_interrupt_at_the_keyboard_pauses(protocol: Protocol, tmp_path: Path) -> None:
