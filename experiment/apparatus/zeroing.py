@@ -115,13 +115,14 @@ class ZeroedTracker:
         return self._zero is None
 
     def settle(self, rest: Callable[[str], None]) -> Zero:
-        """Zero it; a foot that moved, or did not rest on the panel, is read again.
+        """Zero it; a foot that moved, or did not rest on the panel, is read again until `rest` gives up.
 
         Args:
             rest: has the foot rest on the panel and returns when it does; told why the reading before was no zero.
 
         Raises:
             TrackerError: the tracker failed.
+            BaseException: whatever `rest` raises.
         """
         why = ""
         while True:

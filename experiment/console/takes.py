@@ -31,7 +31,10 @@ class TerminalTakes:
     def rest(self, *, why: str) -> None:
         if why:
             self._show(why)
-        self._ask("Zeroing: the foot rests on the bare panel, still. Press Enter when it does: ")
+        self._ask(
+            "Zeroing: the foot rests on the bare panel, still. Press Enter when it does, or Ctrl-C to pause; the same "
+            "command goes on: "
+        )
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
         self._ask(f"Take {done + 1} of {total}. {_made_ready(condition)}. Press Enter when the panel is ready: ")

@@ -50,7 +50,10 @@ class TerminalConsole:
     def rest(self, *, why: str) -> None:
         if why:
             self.show(why)
-        self._ask(f"{self._heading}  Zeroing: the foot rests on the bare panel, still. Press Enter when it does: ")
+        self._ask(
+            f"{self._heading}  Zeroing: the foot rests on the bare panel, still. Press Enter when it does, or Ctrl-C "
+            "to pause; the same command goes on: "
+        )
 
     def place(self, *, trial: int, material: str) -> None:
         self._ask(f"{self._heading}  Trial {trial}. Lay out: {material}. Press Enter when it lies: ")
