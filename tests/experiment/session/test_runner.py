@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.foreign import ForeignTracker
@@ -33,7 +34,7 @@ from experiment.records import (
 )
 from experiment.scene import Rendered
 from experiment.session import attempt, journal, places, runner, story
-from experiment.stimulus_record import Computed, Delivered
+from experiment.stimulus_record import Computed, Delivered, Stimulus
 from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins
 from tests.experiment.session.scripted import (
@@ -146,6 +147,16 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
     assert step.stimulus is not None
     assert (step.stimulus.samples, step.stimulus.floored_bins, step.stimulus.peak_m_s2) == (2500, 3, 1.5)
     assert step.stimulus.computed == COMPUTED
+
+
+def test_every_stimulus_on_record_says_how_it_was_computed(protocol: Protocol, tmp_path: Path) -> None:
+    bench("cpn").run(protocol, header("virtual"), tmp_path)
+    step = next(e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep))
+    assert step.stimulus is not None
+    told = step.stimulus.model_dump()
+    for wrong in (told | {"computed": None}, {name: told[name] for name in told if name != "computed"}):
+        with pytest.raises(ValidationError, match="computed"):
+            Stimulus.model_validate(wrong)
 
 
 def test_the_priority_of_a_session_is_journaled_each_time_it_runs(protocol: Protocol, tmp_path: Path) -> None:
