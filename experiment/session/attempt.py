@@ -142,7 +142,7 @@ class Attempts:
         # Whatever went wrong, the step is put on disk first: it may have been felt.
         parted = self._parted(seen)
         if parted is not None:
-            seen = replace(seen, clock=parted.clock)
+            seen = _by(parted.clock, seen)
         self._write(entry(armed, seen, self._keep(seen.raw)))
         if isinstance(seen, BrokenStep):
             self._broken = seen
@@ -268,3 +268,12 @@ class Attempts:
             if broken.get(rule.when, False):
                 return f"{rule.id}: {rule.reason}"
         return None
+
+
+def _by(clock: ClockMap, seen: WatchedStep | BrokenStep) -> WatchedStep | BrokenStep:
+    """The step by another clock."""
+    if isinstance(seen, BrokenStep):
+        return replace(seen, clock=clock)
+    contact_ns = clock.session_ns(seen.contact.us)
+    onset = seen.onset.model_copy(update={"contact_ns": contact_ns}) if seen.onset is not None else None
+    return replace(seen, clock=clock, contact_ns=contact_ns, onset=onset)

@@ -217,6 +217,17 @@ def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol
     assert second.console.armed == [(2, 2), (3, 1)]
 
 
+def test_where_clocks_part_a_step_and_its_onset_go_by_one_clock(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cp", [step_samples(2_000_000, 150.0), step_samples(40_000_000, 150.0)])
+    with pytest.raises(TrackerError, match="the device restarted"):
+        one.run(protocol, header("virtual"), tmp_path)
+    for step in (e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep)):
+        by = ClockMap(step.clock.anchor_us, step.clock.anchor_ns, step.clock.drift_ppm)
+        assert step.onset is not None
+        assert step.onset.contact_ns == by.session_ns(step.contact_us)
+    assert step.trial == 2
+
+
 class Drifting(ScriptedTracker):
     """Before each step but the first 1500 s pass on its clock, and more or less on the session's."""
 
