@@ -110,6 +110,11 @@ class ZeroedTracker:
         self._zero: Zero | None = None
 
     @property
+    def zero(self) -> Zero | None:
+        """Where the foot rested when heights began to count from there; None while they are as calibrated."""
+        return self._zero
+
+    @property
     def due(self) -> bool:
         """Whether it is yet to be zeroed, for the first time or since it came back."""
         return self._zero is None

@@ -241,7 +241,8 @@ def _walk(
             step = _listened(condition, _landing(tracker, detector, clock), accelerometer)
             kept = console.keeps(step) and step.window is not None
             if kept and step.window is not None:
-                partial.keep(path, step.window, step.achieved_mm_s)
+                zero = tracker.zero if isinstance(tracker, ZeroedTracker) else None
+                partial.keep(path, step.window, step.achieved_mm_s, zero)
 
 
 def _landing(tracker: Tracker, detector: GateDetector, clock: Clock) -> Landing:
