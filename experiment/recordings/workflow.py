@@ -19,7 +19,7 @@ from typing import Protocol as Port
 from experiment.apparatus import calibration, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import Contact, Gate, GateDetector
-from experiment.apparatus.ports import Accelerometer, Tracker, Window
+from experiment.apparatus.ports import Accelerometer, Rester, Tracker, Window
 from experiment.apparatus.zeroing import ZeroedTracker
 from experiment.clock import Clock, MonotonicClock, day
 from experiment.errors import RecordingError
@@ -119,12 +119,8 @@ class TakesConsole(Port):
         ...
 
 
-class RigConsole(TakesConsole, Port):
+class RigConsole(TakesConsole, Rester, Port):
     """What besides at a real rig."""
-
-    def rest(self, *, why: str) -> None:
-        """Have the foot rest on the bare panel; returns when it does. `why`: what was wrong the time before."""
-        ...
 
 
 def record_on_rig(
@@ -173,7 +169,7 @@ def record_on_rig(
         try:
             calibration.check_reading(tracker, rig.tracker)
             if isinstance(tracker, ZeroedTracker):
-                tracker.settle(lambda why: console.rest(why=why))
+                tracker.settle(console)
             detector = GateDetector(protocol.step)
             return record(
                 planned,

@@ -193,7 +193,7 @@ class Attempts:
         return None if answered_ns is None else lasted_ms(devices.clock, answered_ns + laid_ns)
 
     def _zero(self, tracker: ZeroedTracker) -> None:
-        zero = tracker.settle(lambda why: self._devices.console.rest(why=why))
+        zero = tracker.settle(self._devices.console)
         self._write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
         self._devices.console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
 

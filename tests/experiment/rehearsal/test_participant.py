@@ -52,9 +52,9 @@ def test_a_foot_that_rests_too_far_from_contact_ends_the_zeroing() -> None:
     reads = ScriptedTracker([rest_samples(0, mm) for mm in heights_mm], clock=ManualClock(0), comes_back=True)
     tracker = ZeroedTracker(reads, contact_mm=0.0, farthest_mm=3.0, samples=200)
     for _ in range(2):
-        assert tracker.settle(lambda why: one.rest(why=why)).offset_mm == 0.5
+        assert tracker.settle(one).offset_mm == 0.5
         tracker.reconnect(1.0)
     with pytest.raises(TrackerError, match=r"zeroing: got an offset of 9\.00 mm; .* rested 5 times and cannot rest"):
-        tracker.settle(lambda why: one.rest(why=why))
+        tracker.settle(one)
     assert foot.rests == 3 * MOST_RESTS
     assert tracker.due
