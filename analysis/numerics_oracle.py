@@ -27,9 +27,6 @@ PI = 4 * np.arctan(np.longdouble(1))
 LEAST = 5e-324
 """The smallest float64, m/s^2."""
 
-OCTAVES_HZ = (31.5, 63.0, 125.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0, 16000.0)
-"""Nominal centres of the octave bands; the exact ones are 1000 times a power of 10^0.3 (IEC 61260-1)."""
-
 PEAK_HZ, DAMPING, GAIN_M_S2_PER_V, SOFT_V = 360.0, 0.12, 4.0, 5.0
 """Of the simulated response: the peak is that of Figure 9 of Okamoto et al., the others are plausible choices."""
 
@@ -144,7 +141,8 @@ def octave_deviations_db(samples: NDArray[np.float64], *, rate_hz: int, db_per_o
         db_per_octave: by which the levels of octave bands should rise: 0 for pink noise, 10 log10(10^0.3) for white.
 
     Returns:
-        dB, shape (10,); minus infinity for a band without a bin.
+        dB, shape (10,), from the band at 31.5 Hz to that at 16 kHz, whose exact centres are 1000 times a power of
+        10^0.3 (IEC 61260-1); minus infinity for a band without a bin.
     """
     power = np.abs(np.fft.rfft(samples)) ** 2
     f = np.fft.rfftfreq(samples.size, 1 / rate_hz)

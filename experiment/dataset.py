@@ -28,7 +28,8 @@ RECORDINGS = Path("stimuli") / "recordings"
 """Where the recordings stand that a study's stimuli are made from."""
 
 LONGEST_GAP_S = 600.0
-"""After a longer pause the foot trace goes on in a recording of its own, instead of that many rows of n/a."""
+"""After a longer pause the foot trace goes on in a recording of its own, instead of that many rows of n/a. So it does
+where time goes back by more than a frame."""
 
 README = {
     "REHEARSAL": """
@@ -238,7 +239,9 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: files
         seconds = placed.seconds(decoded.device_us)
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
         heights.append(rig.tracker.height_mm(decoded.counts) - zeros_mm[step.trial, step.attempt])
-    cuts = np.flatnonzero(np.diff(np.concatenate(places)) > LONGEST_GAP_S * rate_hz) + 1
+    onward = np.diff(np.concatenate(places))
+    # Back where the session went on after the wall clock was set back: what was there already stays.
+    cuts = np.flatnonzero((onward > LONGEST_GAP_S * rate_hz) | (onward < -1)) + 1
     parts = (np.split(np.concatenate(whole), cuts) for whole in (places, heights))
     for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
         place = (on_grid - on_grid.min()).astype(np.int64)

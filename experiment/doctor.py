@@ -14,6 +14,7 @@ from pathlib import Path
 from experiment import enrolment
 from experiment.apparatus import opening, opening_audio, priority
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.rig_audio import AudioRig
 from experiment.checks import actuator, audio, disk, machine, rig_file, tracker
@@ -138,7 +139,10 @@ def _tracker(rig: Rig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
     try:
         with closing(device):
             yield Check(name, "green", f"{ends.port or rig.tracker.port} is open")
-            yield from tracker.checks(device, rig.tracker, clock=clock)
+            try:
+                yield from tracker.checks(device, rig.tracker, clock=clock)
+            except TrackerError as error:
+                yield refused("tracker", error)
     except TrackerError as error:
         yield refused("tracker closing", error)
 
@@ -153,13 +157,27 @@ def _audio(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock) -> Iterato
     try:
         with closing(stream):
             yield audio.opened(stream, settings)
-            ends.wire()
-            since = stream.health
-            yield from _tracker(rig, ends, clock)
-            yield from audio.steady(stream, settings, since=since, exact=rig.rig.simulated)
-            yield from audio.loopback(stream, settings)
+            yield from _stream(rig, settings, ends, clock, stream)
     except AudioError as error:
         yield refused("audio closing", error)
+
+
+def _stream(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock, stream: AudioStream) -> Iterator[Check]:
+    """The tracker while a stream runs, then the stream."""
+    name = "audio stream"
+    try:
+        ends.wire()
+        since = stream.health
+    except AudioError as error:
+        yield refused(name, error)
+        yield from _tracker(rig, ends, clock)
+        return
+    yield from _tracker(rig, ends, clock)
+    try:
+        yield from audio.steady(stream, settings, since=since, exact=rig.rig.simulated)
+        yield from audio.loopback(stream, settings)
+    except AudioError as error:
+        yield refused(name, error)
 
 
 def _simulated(rig: Rig, opened: ExitStack) -> FarEnds:

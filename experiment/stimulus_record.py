@@ -52,7 +52,7 @@ class Stimulus(Record):
 
     `sha256` is that of the samples as float64, little-endian. `floored_bins` counts the bins that
     extrapolation would have made negative, of the whole spectrum. `driven` is None where the actuator takes
-    accelerations; `computed` in journals from before it was written.
+    accelerations.
     """
 
     sha256: str
@@ -63,7 +63,7 @@ class Stimulus(Record):
     limited: int
     peak_m_s2: float
     driven: Driven | None = None
-    computed: Computed | None = None
+    computed: Computed
 
 
 class Delivered(Record):

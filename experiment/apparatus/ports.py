@@ -75,6 +75,14 @@ class Tracker(Protocol):
     def close(self) -> None: ...
 
 
+class Rester(Protocol):
+    """Who has a foot rest on the panel, so that the tracker can be zeroed."""
+
+    def rest(self, *, why: str) -> None:
+        """Have the foot rest on the bare panel; returns when it does. `why`: what was wrong the time before."""
+        ...
+
+
 @dataclass(frozen=True)
 class Played:
     """What an actuator accepted.

@@ -7,14 +7,13 @@ elsewhere, and is zeroed again.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import Tracker
+from experiment.apparatus.ports import Rester, Tracker
 from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.errors import TrackerError
 
@@ -110,22 +109,28 @@ class ZeroedTracker:
         self._zero: Zero | None = None
 
     @property
+    def zero(self) -> Zero | None:
+        """Where the foot rested when heights began to count from there; None while they are as calibrated."""
+        return self._zero
+
+    @property
     def due(self) -> bool:
         """Whether it is yet to be zeroed, for the first time or since it came back."""
         return self._zero is None
 
-    def settle(self, rest: Callable[[str], None]) -> Zero:
-        """Zero it; a foot that moved, or did not rest on the panel, is read again.
+    def settle(self, rester: Rester) -> Zero:
+        """Zero it; a foot that moved, or did not rest on the panel, is read again until `rester` gives up.
 
         Args:
-            rest: has the foot rest on the panel and returns when it does; told why the reading before was no zero.
+            rester: has the foot rest; told why the reading before was no zero.
 
         Raises:
             TrackerError: the tracker failed.
+            BaseException: whatever `rester` raises.
         """
         why = ""
         while True:
-            rest(why)
+            rester.rest(why=why)
             read_mm = heights(self._tracker, self._samples)
             try:
                 self._zero = zero(read_mm, contact_mm=self._contact_mm, farthest_mm=self._farthest_mm)

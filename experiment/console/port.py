@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from experiment.apparatus.ports import Rester
 
-class Console(Protocol):
+
+class Console(Rester, Protocol):
     """What the experimenter sees and keys. It never decides what comes next."""
 
     def show(self, text: str) -> None:
@@ -18,10 +20,6 @@ class Console(Protocol):
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         """Have the masker's level judged by `criterion`: one of `keys` to change it, or nothing to keep it."""
-        ...
-
-    def rest(self, *, why: str) -> None:
-        """Have the foot rest on the bare panel; returns when it does. `why`: what was wrong the time before."""
         ...
 
     def place(self, *, trial: int, material: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TextIO
 
+from experiment.console.prompts import RESTS
 from experiment.recordings.plan import Condition
 from experiment.recordings.workflow import SPEED_TOLERANCE, Step
 
@@ -31,7 +32,7 @@ class TerminalTakes:
     def rest(self, *, why: str) -> None:
         if why:
             self._show(why)
-        self._ask("Zeroing: the foot rests on the bare panel, still. Press Enter when it does: ")
+        self._ask(RESTS)
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
         self._ask(f"Take {done + 1} of {total}. {_made_ready(condition)}. Press Enter when the panel is ready: ")

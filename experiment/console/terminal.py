@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TextIO
 
+from experiment.console.prompts import RESTS
 from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
 
 
@@ -50,7 +51,7 @@ class TerminalConsole:
     def rest(self, *, why: str) -> None:
         if why:
             self.show(why)
-        self._ask(f"{self._heading}  Zeroing: the foot rests on the bare panel, still. Press Enter when it does: ")
+        self._ask(f"{self._heading}  {RESTS}")
 
     def place(self, *, trial: int, material: str) -> None:
         self._ask(f"{self._heading}  Trial {trial}. Lay out: {material}. Press Enter when it lies: ")

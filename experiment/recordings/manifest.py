@@ -15,6 +15,8 @@ unit = "m/s^2"
 file = "000_panel_50_1.wav"     # a take without material is one of the bare panel
 speed_mm_s = 50.0               # the target
 achieved_mm_s = 51.3            # as the tracker saw the foot; left out where nothing saw it
+# where the foot rested before (zeroing.py): heights count from there; left out without tracker.zeroing_mm
+zero = { offset_mm = 1.21, spread_mm = 0.08, samples = 2500 }
 number = 1
 sha256 = "..."
 ```
@@ -63,11 +65,18 @@ class Recordings:
     objects: Mapping[str, NDArray[np.float64]]
 
 
+class _Zero(Confined):
+    offset_mm: Annotated[float, Field(allow_inf_nan=False)]
+    spread_mm: Annotated[float, Field(ge=0, allow_inf_nan=False)]
+    samples: Annotated[int, Field(ge=2)]
+
+
 class _Take(Confined):
     file: Annotated[str, Field(pattern=r"^[^/\\]+\.wav$", description="the name of a .wav file in this folder")]
     material: Annotated[str, Field(min_length=1)] | None = None
     speed_mm_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     achieved_mm_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    zero: _Zero | None = None
     number: Annotated[int, Field(ge=1, le=1000)]
     sha256: Annotated[
         str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints them")

@@ -21,6 +21,7 @@ from filelock import FileLock, Timeout
 
 from experiment import files
 from experiment.apparatus.ports import Window
+from experiment.apparatus.zeroing import Zero
 from experiment.errors import RecordingError
 from experiment.recordings.plan import Condition, Plan
 from experiment.recordings.writing import Take, write
@@ -147,10 +148,13 @@ def take_path(partial: Path, place: int) -> Path:
     return partial / f"{place:04d}.npz"
 
 
-def keep(path: Path, window: Window, achieved_mm_s: float) -> None:
-    """Put a take on disk: whole, or not at all."""
+def keep(path: Path, window: Window, achieved_mm_s: float, zero: Zero | None = None) -> None:
+    """Put a take on disk: whole, or not at all. `zero` is what its heights count from, if anything."""
     content = io.BytesIO()
-    np.savez(content, samples_m_s2=window.samples_m_s2, achieved_mm_s=np.float64(achieved_mm_s))
+    zeros = [] if zero is None else [zero.offset_mm, zero.spread_mm, zero.samples]
+    np.savez(
+        content, samples_m_s2=window.samples_m_s2, achieved_mm_s=np.float64(achieved_mm_s), zero=np.array(zeros, float)
+    )
     files.write(path, content.getvalue())
 
 
@@ -170,6 +174,8 @@ def _kept(path: Path, condition: Condition) -> Take:
     try:
         with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as content:
             samples_m_s2, achieved_mm_s = content["samples_m_s2"], float(content["achieved_mm_s"])
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile) as error:
+            zeros = content["zero"].tolist()
+            zero = Zero(zeros[0], zeros[1], round(zeros[2])) if zeros else None
+    except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
         raise RecordingError(f"{path}: got a damaged take ({error}); remove it, then record it again") from error
-    return Take(condition.material, condition.speed_mm_s, condition.number, samples_m_s2, achieved_mm_s)
+    return Take(condition.material, condition.speed_mm_s, condition.number, samples_m_s2, achieved_mm_s, zero)

@@ -19,7 +19,7 @@ from typing import Protocol as Port
 from experiment.apparatus import calibration, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import Contact, Gate, GateDetector
-from experiment.apparatus.ports import Accelerometer, Tracker, Window
+from experiment.apparatus.ports import Accelerometer, Rester, Tracker, Window
 from experiment.apparatus.zeroing import ZeroedTracker
 from experiment.clock import Clock, MonotonicClock, day
 from experiment.errors import RecordingError
@@ -119,12 +119,8 @@ class TakesConsole(Port):
         ...
 
 
-class RigConsole(TakesConsole, Port):
+class RigConsole(TakesConsole, Rester, Port):
     """What besides at a real rig."""
-
-    def rest(self, *, why: str) -> None:
-        """Have the foot rest on the bare panel; returns when it does. `why`: what was wrong the time before."""
-        ...
 
 
 def record_on_rig(
@@ -173,7 +169,7 @@ def record_on_rig(
         try:
             calibration.check_reading(tracker, rig.tracker)
             if isinstance(tracker, ZeroedTracker):
-                tracker.settle(lambda why: console.rest(why=why))
+                tracker.settle(console)
             detector = GateDetector(protocol.step)
             return record(
                 planned,
@@ -241,7 +237,8 @@ def _walk(
             step = _listened(condition, _landing(tracker, detector, clock), accelerometer)
             kept = console.keeps(step) and step.window is not None
             if kept and step.window is not None:
-                partial.keep(path, step.window, step.achieved_mm_s)
+                zero = tracker.zero if isinstance(tracker, ZeroedTracker) else None
+                partial.keep(path, step.window, step.achieved_mm_s, zero)
 
 
 def _landing(tracker: Tracker, detector: GateDetector, clock: Clock) -> Landing:

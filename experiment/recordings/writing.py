@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.io import wavfile
 
 from experiment import files
+from experiment.apparatus.zeroing import Zero
 from experiment.errors import RecordingError
 from experiment.recordings.manifest import MANIFEST
 
@@ -29,6 +30,7 @@ class Take:
         number: from 1, among takes of one condition.
         samples_m_s2: acceleration, m/s^2, shape (N,).
         achieved_mm_s: speed of the foot through the gate, mm/s; None where no tracker saw it.
+        zero: where the foot rested before, which its heights count from; None where nothing was zeroed.
     """
 
     material: str | None
@@ -36,6 +38,7 @@ class Take:
     number: int
     samples_m_s2: NDArray[np.float64]
     achieved_mm_s: float | None = None
+    zero: Zero | None = None
 
 
 def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bool, label: str, note: str = "") -> Path:
@@ -86,6 +89,9 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
         lines.append(f"speed_mm_s = {float(take.speed_mm_s)!r}")
         if take.achieved_mm_s is not None:
             lines.append(f"achieved_mm_s = {float(take.achieved_mm_s)!r}")
+        if (zero := take.zero) is not None:
+            offset_mm, spread_mm = float(zero.offset_mm), float(zero.spread_mm)
+            lines.append(f"zero = {{ offset_mm = {offset_mm!r}, spread_mm = {spread_mm!r}, samples = {zero.samples} }}")
         lines += [
             f"number = {take.number}",
             f'sha256 = "{hashlib.sha256(buffer.getvalue()).hexdigest()}"',

@@ -89,7 +89,7 @@ class Foot:
             clock_start_us: what the device's clock shows now, microseconds.
             rest_mm: height at which the foot waits, mm.
             noise_mm: standard deviation of the sensor's noise, mm.
-            sole_mm: how far above the sole the sensor sees the foot, mm.
+            sole_mm: how far above the sole the sensor sees the foot, mm; for tests of zeroing, none in rehearsals.
         """
         self._line = line
         self._tracker = tracker

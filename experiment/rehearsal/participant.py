@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from experiment.clock import Clock
 from experiment.console.port import Console
+from experiment.errors import TrackerError
 from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY
 from experiment.rehearsal.card_panel import CardPanel
@@ -28,6 +29,10 @@ Tick = Callable[[], None]
 
 FELT_TIMEOUT_S = 2.0
 """How long a participant waits for a stimulus before it says what it felt, wall-clock time."""
+
+MOST_RESTS = 5
+"""How often in a row a participant rests its foot for one zeroing. A busy machine may spoil one or two; a foot that
+rests too far from contact always will."""
 
 SPEED_MEDIAN_MM_S = 180.0
 SPEED_SIGMA = 0.35
@@ -97,6 +102,7 @@ class SimulatedParticipant:
         self._under_foot: str | None = None
         self._attempt = 0
         self._lands_later = False
+        self._rested = 0
 
     def _rng(self, *keys: int) -> np.random.Generator:
         return np.random.default_rng([*self._entropy, *keys])
@@ -122,6 +128,12 @@ class SimulatedParticipant:
         return LOUDER_KEY if level_db_a < min(MASKED_DB_A, limit_db_a) else ""
 
     def rest(self, *, why: str) -> None:
+        self._rested = self._rested + 1 if why else 1
+        if self._rested > MOST_RESTS:
+            raise TrackerError(
+                f"{why}; the simulated foot rested {MOST_RESTS} times and cannot rest otherwise: give a rig and a "
+                "protocol that agree"
+            )
         self.show(f"{why or 'Zeroing'}: the foot rests on the panel")
         self._foot.put_down()
 

@@ -108,7 +108,8 @@ class SerialLine:
     def replug(self) -> None:
         """After `unplug`: the device's end comes back, at the same address and with a line that holds nothing.
 
-        A pseudo-terminal without a link comes back as another one; `url` says which.
+        A pseudo-terminal without a link comes back as another one; `url` says which. For tests of a tracker that is
+        plugged in again; no rehearsal does so.
         """
         with self._lock:
             if self._unplugged:

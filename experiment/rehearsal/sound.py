@@ -51,7 +51,7 @@ class SimulatedSound:
             self._opened = opened.pop_all()
 
     def disconnect_loopback(self) -> None:
-        """Pull the loopback's cable."""
+        """Pull the loopback's cable: for tests of what a rig does then; no rehearsal pulls it."""
         if self.loopback is not None:
             self.card.disconnect(self.loopback)
 

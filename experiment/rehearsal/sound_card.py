@@ -27,6 +27,8 @@ from experiment.apparatus.audio import devices
 from experiment.errors import AudioError
 
 HOST_API = "JACK Audio Connection Kit"
+"""Where PortAudio has the simulated card: for tests that open a stream without a rig file, which says it otherwise."""
+
 DEVICE = "system"
 """As PortAudio names the simulated card."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import multiprocessing
 import os
@@ -15,6 +16,8 @@ from dataclasses import asdict, dataclass
 from multiprocessing import connection
 from pathlib import Path
 from typing import Literal
+
+from filelock import FileLock, Timeout
 
 from experiment import dataset, roster
 from experiment.apparatus import opening
@@ -31,6 +34,9 @@ from experiment.session.resume import progress
 
 PLAN = "rehearsal.json"
 """Beside the journals; a folder without it is no rehearsal's and is never written to."""
+
+LOCK = "lock"
+"""In a folder that is being made."""
 
 Control = Literal["none", "silence"]
 
@@ -128,8 +134,7 @@ def rehearse(
     todo = [Job(out, one.participant, one.tasks, seed, control, real_time) for one in allocations]
     with ExitStack() as refused:
         if not _is_begun(out, plan):
-            refused.enter_context(_gone_if_refused(out))
-            _prepare(out, plan, protocol_file, rig_file)
+            refused.enter_context(_prepared(out, plan, protocol_file, rig_file))
         total(sum(_remaining(out, protocol, job) for job in todo))
         jobs = jobs or os.cpu_count() or 1
         if jobs == 1 or screen is not None:
@@ -179,42 +184,80 @@ def _is_begun(out: Path, plan: Plan) -> bool:
 
 
 @contextmanager
-def _gone_if_refused(out: Path) -> Iterator[None]:
-    """Have `out`, which holds nothing yet, be as it was before where this ends before the first session has begun."""
-    was_there, made = out.exists(), [above for above in out.parents if not above.exists()]
+def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Iterator[None]:
+    """Make `out` with all that stands before the first participant, whole or not at all.
+
+    Where this ends before the first session has begun, `out` is as it was: what another call made stays.
+    """
+    was_there, parents = out.exists(), [above for above in out.parents if not above.exists()]
+    made = False
     try:
+        with _alone(out) as partial:
+            _fill(partial, plan, protocol_file, rig_file)
+            _move(partial, out)
+        made = True
         yield
     except BaseException:
-        if not any(path.stat().st_size for path in dataset.journals(out)):
-            for folder in (_partial(out), out):
-                shutil.rmtree(folder, ignore_errors=True)
-            if was_there:
-                out.mkdir(exist_ok=True)
-            for folder in made:
-                with suppress(OSError):
-                    folder.rmdir()
+        if made and not any(path.stat().st_size for path in dataset.journals(out)):
+            shutil.rmtree(out, ignore_errors=True)
+        if was_there:
+            out.mkdir(exist_ok=True)
+        for folder in parents:
+            with suppress(OSError):
+                folder.rmdir()
         raise
 
 
-def _partial(out: Path) -> Path:
-    """Where `out` is made."""
-    return out.with_name(f".{out.name}.partial")
+@contextmanager
+def _alone(out: Path) -> Iterator[Path]:
+    """An empty folder to make `out` in, held for this call; the operating system lets go however that ends."""
+    partial = out.with_name(f".{out.name}.partial")
+    partial.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(partial / LOCK)
+    try:
+        lock.acquire(blocking=False)
+    except Timeout:
+        raise _another(out) from None
+    try:
+        for left in partial.iterdir():
+            # Of a call that was killed.
+            if left.is_dir():
+                shutil.rmtree(left)
+        yield partial
+    except BaseException:
+        shutil.rmtree(partial, ignore_errors=True)
+        raise
+    finally:
+        lock.release()
 
 
-def _prepare(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> None:
-    """Make the folder with all that stands before the first participant, whole or not at all."""
-    partial = _partial(out)
-    shutil.rmtree(partial, ignore_errors=True)
+def _fill(partial: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> None:
     source = partial / "sourcedata"
-    source.mkdir(parents=True)
+    source.mkdir()
     shutil.copyfile(protocol_file, source / "protocol.toml")
     opening.keep(rig_file, source / "rig.toml")
     protocol = load.load(source / "protocol.toml")
     simulated.make_recordings(partial / dataset.RECORDINGS, protocol=protocol, seed=plan.seed)
     (source / PLAN).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")
-    if out.exists():
-        out.rmdir()
-    partial.replace(out)
+
+
+def _move(partial: Path, out: Path) -> None:
+    try:
+        if out.exists():
+            out.rmdir()
+        partial.replace(out)
+    except OSError as error:
+        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
+            raise
+        raise _another(out) from None
+    (out / LOCK).unlink(missing_ok=True)
+
+
+def _another(out: Path) -> DatasetError:
+    return DatasetError(
+        f"{out}: another palpate rehearse makes it at this moment; allowed: one; the same command goes on with it "
+        "later, or choose another folder with --out"
+    )
 
 
 _queue: multiprocessing.SimpleQueue[None] | None = None

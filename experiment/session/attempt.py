@@ -142,7 +142,7 @@ class Attempts:
         # Whatever went wrong, the step is put on disk first: it may have been felt.
         parted = self._parted(seen)
         if parted is not None:
-            seen = replace(seen, clock=parted.clock)
+            seen = _by(parted.clock, seen)
         self._write(entry(armed, seen, self._keep(seen.raw)))
         if isinstance(seen, BrokenStep):
             self._broken = seen
@@ -193,7 +193,7 @@ class Attempts:
         return None if answered_ns is None else lasted_ms(devices.clock, answered_ns + laid_ns)
 
     def _zero(self, tracker: ZeroedTracker) -> None:
-        zero = tracker.settle(lambda why: self._devices.console.rest(why=why))
+        zero = tracker.settle(self._devices.console)
         self._write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
         self._devices.console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
 
@@ -268,3 +268,12 @@ class Attempts:
             if broken.get(rule.when, False):
                 return f"{rule.id}: {rule.reason}"
         return None
+
+
+def _by(clock: ClockMap, seen: WatchedStep | BrokenStep) -> WatchedStep | BrokenStep:
+    """The step by another clock."""
+    if isinstance(seen, BrokenStep):
+        return replace(seen, clock=clock)
+    contact_ns = clock.session_ns(seen.contact.us)
+    onset = seen.onset.model_copy(update={"contact_ns": contact_ns}) if seen.onset is not None else None
+    return replace(seen, clock=clock, contact_ns=contact_ns, onset=onset)

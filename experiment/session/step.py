@@ -71,7 +71,7 @@ class BrokenStep:
 
     Attributes:
         first_us: device time of the first sample after arming; None where none came.
-        clock: the tracker's, as it was known in the end; None likewise.
+        clock: the tracker's, as it was known in the end; None likewise, and where the tracker never told it.
         at_us: device time of the newest sample; None likewise.
         gate: the passage through the gate, if there was one.
         reason: why it ended.
@@ -205,7 +205,7 @@ class _Step:
         withdrawn, taken = self.withdraw(), self._taken
         return BrokenStep(
             first_us=taken.first_us,
-            clock=taken.clock() if taken.first_us is not None else None,
+            clock=taken.clock_map,
             at_us=taken.newest_us,
             gate=self._gate,
             reason=reason,

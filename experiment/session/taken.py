@@ -1,4 +1,8 @@
-"""What one attempt took from the tracker: the bytes for the record, the frames counted, and the times they were of."""
+"""What one attempt took from the tracker: the bytes for the record, the frames counted, and the times they were of.
+
+Clock and counts are kept with each read: a tracker that fails may fail at them too, and a step goes on record all the
+same.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +26,7 @@ class Taken:
             feed: the tracker's samples.
         """
         self._feed = feed
-        self._before = feed.tracker.counts
+        self._before = self._counts = feed.tracker.counts
         self._raw = bytearray()
         self._received = 0
         self._newest: Samples | None = None
@@ -30,6 +34,8 @@ class Taken:
         """Device time of the first sample; None before it came."""
         self.newest_us: int | None = None
         """Device time of the newest sample; None before the first."""
+        self.clock_map: ClockMap | None = None
+        """Session time of device time, as the tracker's clock stood at the newest read; None before the first."""
 
     def next(self) -> Samples:
         """The next samples. Raises `TrackerError`."""
@@ -38,17 +44,18 @@ class Taken:
         if self.first_us is None:
             self.first_us = int(samples.device_us[0])
         self._newest, self.newest_us = samples, int(samples.device_us[-1])
+        tracker = self._feed.tracker
+        self.clock_map, self._counts = tracker.clock_map or self.clock_map, tracker.counts
         return samples
 
     def clock(self) -> ClockMap:
-        """Session time of device time, as the tracker's clock stands now. Raises `TrackerStopped`."""
-        clock_map = self._feed.tracker.clock_map
-        if clock_map is None:
+        """`clock_map`, where there is one. Raises `TrackerStopped`."""
+        if self.clock_map is None:
             raise TrackerStopped("tracker: got no sample since it was opened; see that the device is sampling")
-        return clock_map
+        return self.clock_map
 
     def session_ns(self, device_us: float) -> int:
-        """Session time of a device time, ns, as `clock` says now. Raises `TrackerStopped`."""
+        """Session time of a device time, ns, by `clock`. Raises `TrackerStopped`."""
         return self.clock().session_ns(device_us)
 
     def until(self, device_us: float) -> None:
@@ -64,9 +71,9 @@ class Taken:
         self._feed.put_back(rest)
 
     def link(self, device_us: float) -> LinkCounts:
-        """Frames counted so far, received ones up to a device time within the newest read."""
+        """Frames counted until the newest read, received ones up to a device time within the newest read."""
         newest = 0 if self._newest is None else int(np.searchsorted(self._newest.device_us, device_us, side="right"))
-        return replace(self._feed.tracker.counts.since(self._before), received=self._received + newest)
+        return replace(self._counts.since(self._before), received=self._received + newest)
 
     def raw(self) -> bytes:
         """Every byte taken."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from experiment import dataset
 from experiment.apparatus import clock_map as clock_maps
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap, ClockState
-from experiment.apparatus.frames import Decoder, encode
+from experiment.apparatus.frames import FRAME_BYTES, Decoder, encode
 from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.apparatus.serial_tracker import KEPT_S
 from experiment.clock import ManualClock
@@ -106,31 +107,46 @@ class Wandering:
         return us, self._arrived_ns
 
 
-@pytest.mark.parametrize("drift_ppm", [50.0, 5000.0, -5000.0])
-def test_events_stand_where_they_happened_whatever_the_trackers_clock_does(tmp_path: Path, drift_ppm: float) -> None:
+def run(dataset_root: Path, clock: ManualClock, tracker: Wandering, keys: str, trials: int) -> Footer:
+    """A session of the real task, or what remains of it."""
     rig_file = shipped("rigs/rehearsal.toml")
-    clock = ManualClock(START_NS)
-    tracker = Wandering(clock, drift_ppm)
-    order = tuple(PlannedTrial(trial=n, presented="copy paper") for n in range(1, TRIALS + 1))
-    changed = {"order": order, "task": "real", "block_trials": TRIALS, "rig_sha256": rigs.sha256(rigs.load(rig_file))}
+    order = tuple(PlannedTrial(trial=n, presented="copy paper") for n in range(1, trials + 1))
+    changed = {"order": order, "task": "real", "block_trials": trials, "rig_sha256": rigs.sha256(rigs.load(rig_file))}
     devices = attempt.Devices(
         tracker=tracker,
         tracker_port="wandering",
         noise_mm=0.1,
         actuator=None,
         render=None,
-        console=ScriptedConsole(clock, "c" * TRIALS, before_ask=lambda: clock.sleep_ns(4_000_000_000)),
+        console=ScriptedConsole(clock, keys, before_ask=lambda: clock.sleep_ns(4_000_000_000)),
         clock=clock,
         masker=None,
         reconnect_s=300.0,
     )
-    footer = runner.run(
+    return runner.run(
         protocol=load.load(shipped("okamoto2012.toml")),
         header=HEADER.model_copy(update=changed),
         devices=devices,
         rig_file=rig_file,
-        dataset=tmp_path,
+        dataset=dataset_root,
     )
+
+
+def heights(root: Path) -> dict[float, int]:
+    """Of each recording of the foot, in their order: when it starts, s, and its rows, n/a left out."""
+    found = {}
+    for path in sorted(root.glob("sub-01/beh/*_physio.tsv.gz"), key=lambda path: (len(path.name), path.name)):
+        sidecar = json.loads(path.with_name(path.name.removesuffix(".tsv.gz") + ".json").read_text())
+        with gzip.open(path, "rt") as file:
+            found[sidecar["StartTime"]] = sum(row.strip() != "n/a" for row in file)
+    return found
+
+
+@pytest.mark.parametrize("drift_ppm", [50.0, 5000.0, -5000.0])
+def test_events_stand_where_they_happened_whatever_the_trackers_clock_does(tmp_path: Path, drift_ppm: float) -> None:
+    clock = ManualClock(START_NS)
+    tracker = Wandering(clock, drift_ppm)
+    footer = run(tmp_path, clock, tracker, "c" * TRIALS, TRIALS)
     assert footer == Footer(reason="complete", answered=TRIALS)
     path = places.journal_path(tmp_path, "01", "real")
     session = dataset._read(path)
@@ -149,6 +165,27 @@ def test_events_stand_where_they_happened_whatever_the_trackers_clock_does(tmp_p
     assert len(session.steps) == TRIALS + 1
     # The device's millisecond is not the session's: some places of the grid stay empty, or take two frames.
     dataset._write_foot(tmp_path, session, path, "REHEARSAL")
-    with gzip.open(next(tmp_path.glob("sub-01/beh/*_physio.tsv.gz")), "rt") as file:
-        kept = sum(row.strip() != "n/a" for row in file)
+    (kept,) = heights(tmp_path).values()
     assert frames * (1 - 1.1e-6 * abs(drift_ppm)) - 2 * len(session.steps) <= kept <= frames
+
+
+@pytest.mark.parametrize("before_s", [0.0, 86_400.0])
+def test_a_wall_clock_that_was_set_back_before_a_session_went_on_overwrites_no_frame(
+    tmp_path: Path, before_s: float
+) -> None:
+    first = ManualClock(START_NS)
+    assert run(tmp_path, first, Wandering(first, 0.0), "cccq", 5).reason == "paused"
+    path = places.journal_path(tmp_path, "01", "real")
+    opened_ns = next(entry.t_ns for entry in dataset._read(path).contents.entries if entry.kind == "tracker")
+    # To just where the first step was, or a day before.
+    second = ManualClock(opened_ns - int(before_s * 1e9))
+    assert run(tmp_path, second, Wandering(second, 0.0), "cc", 5).reason == "complete"
+    session = dataset._read(path)
+    dataset._write_foot(tmp_path, session, path, "REHEARSAL")
+    frames = [placed.step.trace.length // FRAME_BYTES for placed in session.steps]
+    # Four steps were before the pause, two after. Each has a place of its own.
+    assert len(frames) == 6
+    found = heights(tmp_path)
+    assert list(found.values()) == [sum(frames[:4]), sum(frames[4:])]
+    start_s, again_s = found
+    assert again_s - start_s == pytest.approx(-before_s, abs=4.0)

@@ -261,6 +261,43 @@ def test_a_rehearsal_that_is_refused_before_the_first_session_leaves_nothing(
     assert len(counted(rehearse(out), "virtual")) == 40
 
 
+def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_takes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second begins while the first makes the folder, and again just when it has made it."""
+    out, refused = tmp_path / "made", 0
+    make, participant, is_begun = study.simulated.make_recordings, study.rehearse_participant, study._is_begun
+
+    def second() -> None:
+        nonlocal refused
+        with monkeypatch.context() as within:
+            # It looked before the first had made anything.
+            within.setattr(study, "_is_begun", lambda *_: False)
+            within.setattr(study.simulated, "make_recordings", make)
+            with pytest.raises(DatasetError, match="another palpate rehearse makes it at this moment"):
+                rehearse(out)
+        refused += 1
+
+    def making(*at: Path, **what: object) -> Path:
+        second()
+        return make(*at, **what)
+
+    def beginning(*of: object) -> None:
+        plan = study.Plan(**json.loads((out / "sourcedata" / study.PLAN).read_text("utf-8")))
+        second()
+        assert is_begun(out, plan)
+        monkeypatch.setattr(study, "rehearse_participant", participant)
+        participant(*of)
+
+    monkeypatch.setattr(study.simulated, "make_recordings", making)
+    monkeypatch.setattr(study, "rehearse_participant", beginning)
+    assert rehearse(out) == out
+    assert refused == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["made"]
+    assert not (out / study.LOCK).exists()
+    assert len(counted(out, "virtual")) == 40
+
+
 def test_a_rehearsal_that_fails_after_its_first_session_began_is_kept(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

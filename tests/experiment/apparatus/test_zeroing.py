@@ -49,6 +49,16 @@ def test_what_is_no_zero_is_refused(heights_mm: np.ndarray, message: str) -> Non
         zeroing.zero(heights_mm, contact_mm=0.0, farthest_mm=3.0)
 
 
+class Obedient:
+    """Implements `Rester`: keeps what it was told."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+
+    def rest(self, *, why: str) -> None:
+        self.told.append(why)
+
+
 def zeroed(*reads: Samples | TrackerStopped) -> ZeroedTracker:
     tracker = ScriptedTracker(reads, clock=ManualClock(0), comes_back=True)
     return ZeroedTracker(tracker, contact_mm=0.0, farthest_mm=3.0, samples=200)
@@ -57,9 +67,10 @@ def zeroed(*reads: Samples | TrackerStopped) -> ZeroedTracker:
 def test_a_foot_that_moves_or_hangs_in_the_air_is_read_again() -> None:
     moving = replace(rest_samples(0, 0.0), height_mm=np.linspace(5, 0, 200))
     tracker = zeroed(moving, rest_samples(0, 40.0), rest_samples(0, 1.25), rest_samples(0, 21.25))
-    told: list[str] = []
+    rester = Obedient()
+    told = rester.told
     assert tracker.due
-    assert tracker.settle(told.append).offset_mm == 1.25
+    assert tracker.settle(rester).offset_mm == 1.25
     assert told[0] == ""
     assert told[1].startswith("zeroing: got heights that spread by 1.45 mm; allowed: at most 0.5 mm; rest the foot")
     assert told[2].startswith("zeroing: got an offset of 40.00 mm")
@@ -69,16 +80,16 @@ def test_a_foot_that_moves_or_hangs_in_the_air_is_read_again() -> None:
 
 def test_a_tracker_that_came_back_is_zeroed_anew() -> None:
     tracker = zeroed(rest_samples(0, 1.25), rest_samples(0, 30.0), rest_samples(0, -0.5), rest_samples(0, 20.0))
-    tracker.settle(lambda _: None)
+    tracker.settle(Obedient())
     tracker.reconnect(1.0)
     assert tracker.due
     assert tracker.read().height_mm[0] == 30.0
-    assert tracker.settle(lambda _: None).offset_mm == -0.5
+    assert tracker.settle(Obedient()).offset_mm == -0.5
     assert tracker.read().height_mm[0] == 20.5
 
 
 def test_a_tracker_that_stops_ends_a_zeroing() -> None:
     tracker = zeroed(TrackerStopped("tracker at scripted: no frame for 200 ms"))
     with pytest.raises(TrackerStopped, match="no frame"):
-        tracker.settle(lambda _: None)
+        tracker.settle(Obedient())
     assert tracker.due

@@ -7,10 +7,13 @@ import io
 import numpy as np
 import pytest
 
-from experiment.apparatus.ports import Window
+from experiment.apparatus.ports import Rester, Window
+from experiment.console.port import Console
+from experiment.console.prompts import RESTS
 from experiment.console.takes import TerminalTakes
+from experiment.console.terminal import TerminalConsole
 from experiment.recordings.plan import Condition
-from experiment.recordings.workflow import Step
+from experiment.recordings.workflow import RigConsole, Step
 
 CONDITION = Condition("copy paper", 100.0, 2)
 WINDOW = Window(np.zeros(4), clipped=0)
@@ -91,3 +94,13 @@ def test_what_lies_on_the_panel_is_asked_for() -> None:
     assert keys.prompts[0].startswith("Take 5 of 60. Lay out a fresh copy paper.")
     assert keys.prompts[1].startswith("Take 1 of 60. Leave the panel bare.")
     assert written.getvalue() == "copy paper, take 2, attempt 2: step at 100 mm/s.\n"
+
+
+def test_a_recording_asks_for_a_resting_foot_in_the_words_of_a_session() -> None:
+    console, keys, written = screen("", "")
+    TerminalConsole(write=written, ask=keys, heading="Participant 01.").rest(why="")
+    console.rest(why="")
+    assert keys.prompts == [f"Participant 01.  {RESTS}", RESTS]
+    for port in (Console, RigConsole):
+        assert Rester in port.__mro__
+        assert "rest" not in vars(port)

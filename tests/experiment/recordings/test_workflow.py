@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import os
 import tomllib
@@ -16,6 +17,7 @@ from experiment.apparatus import opening, serial_tracker
 from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.ports import Heard, Tracker, Window
 from experiment.apparatus.samples import LinkCounts, Samples
+from experiment.apparatus.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.console.takes import TerminalTakes
 from experiment.errors import PalpateError, RecordingError, RigError, TrackerStopped
@@ -92,11 +94,28 @@ def good() -> Iterator[float]:
     yield from (c.speed_mm_s for c in PLAN.conditions())
 
 
-def record(world: World, out: Path, planned: Plan = PLAN) -> Path:
+class Worn:
+    """Implements `Tracker`: gives `reads` first, and then a world's steps, all `sole_mm` too high."""
+
+    def __init__(self, world: World, reads: Iterator[Samples], sole_mm: float) -> None:
+        self.world = world
+        self.reads = reads
+        self.sole_mm = sole_mm
+        self.counts, self.clock_map = world.counts, world.clock_map
+        self.drain, self.reconnect, self.close = world.drain, world.reconnect, world.close
+
+    def read(self) -> Samples:
+        for rested in self.reads:
+            return rested
+        samples = self.world.read()
+        return replace(samples, height_mm=samples.height_mm + self.sole_mm)
+
+
+def record(world: World, out: Path, planned: Plan = PLAN, *, tracker: Tracker | None = None) -> Path:
     return workflow.record(
         planned,
         out,
-        tracker=world,
+        tracker=tracker or world,
         accelerometer=world,
         detector=GateDetector(STEP),
         console=world,
@@ -439,9 +458,36 @@ def test_where_the_rig_asks_for_it_the_tracker_is_zeroed_before_the_first_take(
         out=tmp_path / "set",
         console=TerminalTakes(write=screen, ask=ask),
     )
-    assert prompts == ["Zeroing: the foot rests on the bare panel, still. Press Enter when it does: "] * 2
+    assert len(prompts) == 2
+    for prompt in prompts:
+        assert prompt.startswith(
+            "Zeroing: the foot rests on the bare panel, still. Press Enter when it does, or Ctrl-C"
+        )
     assert screen.getvalue().startswith("zeroing: got an offset of 9.00 mm; allowed: at most 1 mm either way")
     assert reads[0].height_mm[0] == 20.0
+
+
+def test_each_take_says_from_where_its_heights_count_also_those_from_before_an_interruption(tmp_path: Path) -> None:
+    """Recorded in two goes, each zeroed by itself: the foot rests at 0.5 mm, then at -0.75 mm."""
+    for takes, rested_mm in ((3, 0.5), (5, -0.75)):
+        kept = 3 if takes == 5 else 0
+        world = World(iter([c.speed_mm_s for c in PLAN.conditions()][kept : kept + takes]))
+        reads = iter([rest_samples(0, rested_mm)])
+        worn = Worn(world, reads, rested_mm)
+        tracker = ZeroedTracker(worn, contact_mm=0.0, farthest_mm=1.0, samples=200)
+        tracker.settle(TerminalTakes(write=io.StringIO(), ask=lambda _: ""))
+        with contextlib.suppress(StopIteration):
+            record(world, tmp_path / "set", tracker=tracker)
+    text = tomllib.loads((tmp_path / "set" / "manifest.toml").read_text("utf-8"))
+    told = [take["zero"] for take in text["takes"]]
+    assert [zero["offset_mm"] for zero in told] == [0.5] * 3 + [-0.75] * 5
+    assert {(zero["spread_mm"], zero["samples"]) for zero in told} == {(0.0, 200)}
+    assert manifest.load_all(tmp_path / "set").panel.shape == (2, 2, 8)
+
+
+def test_a_recording_without_zeroing_states_no_zero(tmp_path: Path) -> None:
+    made = record(World(good()), tmp_path / "set")
+    assert "zero" not in made.read_text("utf-8")
 
 
 @pytest.mark.parametrize(("text", "message"), [("{", "got no JSON"), ("[]", "got no plan")])

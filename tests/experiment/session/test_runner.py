@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from experiment.apparatus.clock_map import ClockMap
+from experiment.apparatus.foreign import ForeignTracker
 from experiment.apparatus.ports import Masker
 from experiment.apparatus.samples import Samples
 from experiment.apparatus.zeroing import ZeroedTracker
@@ -32,7 +34,7 @@ from experiment.records import (
 )
 from experiment.scene import Rendered
 from experiment.session import attempt, journal, places, runner, story
-from experiment.stimulus_record import Computed, Delivered
+from experiment.stimulus_record import Computed, Delivered, Stimulus
 from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins
 from tests.experiment.session.scripted import (
@@ -74,6 +76,7 @@ class Bench:
     masker: Masker | None = None
     priority: str = ""
     zeroed: ZeroedTracker | None = None
+    foreign: ForeignTracker | None = None
 
     def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
         def render(material: str, speed_mm_s: float, rate_hz: int) -> Rendered:
@@ -89,7 +92,7 @@ class Bench:
 
         virtual = asked.task == "virtual"
         devices = attempt.Devices(
-            tracker=self.zeroed or self.tracker,
+            tracker=self.zeroed or self.foreign or self.tracker,
             tracker_port="scripted",
             noise_mm=0.1,
             actuator=self.actuator if virtual else None,
@@ -144,6 +147,16 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
     assert step.stimulus is not None
     assert (step.stimulus.samples, step.stimulus.floored_bins, step.stimulus.peak_m_s2) == (2500, 3, 1.5)
     assert step.stimulus.computed == COMPUTED
+
+
+def test_every_stimulus_on_record_says_how_it_was_computed(protocol: Protocol, tmp_path: Path) -> None:
+    bench("cpn").run(protocol, header("virtual"), tmp_path)
+    step = next(e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep))
+    assert step.stimulus is not None
+    told = step.stimulus.model_dump()
+    for wrong in (told | {"computed": None}, {name: told[name] for name in told if name != "computed"}):
+        with pytest.raises(ValidationError, match="computed"):
+            Stimulus.model_validate(wrong)
 
 
 def test_the_priority_of_a_session_is_journaled_each_time_it_runs(protocol: Protocol, tmp_path: Path) -> None:
@@ -202,6 +215,17 @@ def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path).reason == "complete"
     assert second.console.armed == [(2, 2), (3, 1)]
+
+
+def test_where_clocks_part_a_step_and_its_onset_go_by_one_clock(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cp", [step_samples(2_000_000, 150.0), step_samples(40_000_000, 150.0)])
+    with pytest.raises(TrackerError, match="the device restarted"):
+        one.run(protocol, header("virtual"), tmp_path)
+    for step in (e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep)):
+        by = ClockMap(step.clock.anchor_us, step.clock.anchor_ns, step.clock.drift_ppm)
+        assert step.onset is not None
+        assert step.onset.contact_ns == by.session_ns(step.contact_us)
+    assert step.trial == 2
 
 
 class Drifting(ScriptedTracker):
@@ -410,6 +434,45 @@ def test_a_tracker_that_stops_after_contact_has_its_trial_put_off(protocol: Prot
     assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
     assert len(one.actuator.played) == 4
     assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
+
+
+class Foreign(ScriptedTracker):
+    """A driver of somebody else's: once its device is gone, the parts named fail as `read` does."""
+
+    failing: frozenset[str] = frozenset()
+    gone = False
+
+    def read(self) -> Samples:
+        if not self._steps:
+            self.gone = True
+            raise OSError("no such device")
+        return super().read()
+
+    def __getattribute__(self, name: str) -> object:
+        held = super().__getattribute__
+        if held("gone") and name in held("failing"):
+            raise OSError("no such device")
+        return held(name)
+
+
+@pytest.mark.parametrize("failing", [(), ("counts",), ("clock_map",), ("counts", "clock_map")])
+def test_a_step_that_was_felt_is_on_file_when_a_foreign_tracker_fails_in_every_part(
+    protocol: Protocol, tmp_path: Path, failing: tuple[str, ...]
+) -> None:
+    landed, _ = step_samples(2_000_000, 100.0).cut(310)
+    one = bench("c")
+    driver = Foreign([landed], clock=one.clock)
+    driver.failing = frozenset(failing)
+    one.foreign = ForeignTracker(driver, "lab.tracker:Tracker")
+    with pytest.raises(TrackerError, match=r"its driver 'lab.tracker:Tracker' failed at `read`"):
+        one.run(protocol, header("virtual"), tmp_path)
+    broken, _ = (e for e in entries(tmp_path, "virtual") if isinstance(e, BrokenOff | Footer))
+    assert isinstance(broken, BrokenOff)
+    assert broken.felt
+    assert broken.clock is not None
+    assert broken.clock.anchor_us == 2_000_000
+    assert broken.trace.length == broken.link.received == 310
+    assert places.foot_path(places.journal_path(tmp_path, "01", "virtual")).stat().st_size == 310
 
 
 def test_an_interrupt_at_the_keyboard_pauses(protocol: Protocol, tmp_path: Path) -> None:
