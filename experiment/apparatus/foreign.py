@@ -86,18 +86,22 @@ def _blamed(named: str, part: str) -> Iterator[None]:
         yield
     except (TrackerError, RigError):
         raise
-    except Exception as error:
-        said = f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
+    except (Exception, SystemExit) as error:  # SystemExit would end the session without a word
         raise TrackerError(
-            f"tracker: its driver '{named}' failed at `{part}` ({said}); see to the device, or have the driver mended"
+            f"tracker: its driver '{named}' failed at `{part}` ({_said(error)}); see to the device, or have the driver "
+            "mended"
         ) from error
+
+
+def _said(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
 
 
 def _driver(rig: Rig) -> Callable[..., Tracker]:
     module, _, name = rig.tracker.driver.partition(":")
     try:
         driver: Callable[..., Tracker] = getattr(importlib.import_module(module), name)
-    except Exception as error:  # a module may raise anything while it is imported
+    except (Exception, SystemExit) as error:  # a module may raise anything while it is imported, and end nothing
         raise RigError(_not_a_driver(rig, error)) from error
     missing = [name for name in ("read", "drain", "reconnect", "close") if not hasattr(driver, name)]
     if missing:
@@ -105,8 +109,8 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
     return driver
 
 
-def _not_a_driver(rig: Rig, error: Exception) -> str:
+def _not_a_driver(rig: Rig, error: BaseException) -> str:
     return (
-        f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({error}); allowed: {FRAMES}, or a class "
-        "that can be imported and implements Tracker; install the package that holds it, or correct the rig file"
+        f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({_said(error)}); allowed: {FRAMES}, or a "
+        "class that can be imported and implements Tracker; install the package that holds it, or correct the rig file"
     )

@@ -180,7 +180,13 @@ class Tracker:
     [
         ("open", "raise RuntimeError('no licence')", "tracker port", "failed at `open` (RuntimeError: no licence)"),
         ("open", "raise OSError(16, 'Busy')", "tracker port", "failed at `open` (OSError: [Errno 16] Busy)"),
-        ("open", "self.x.y()", "tracker port", "tracker.driver: got 'broken_open_2:Tracker' ('Tracker' object has no"),
+        ("open", "raise SystemExit(7)", "tracker port", "failed at `open` (SystemExit: 7)"),
+        (
+            "open",
+            "self.x.y()",
+            "tracker port",
+            "tracker.driver: got 'broken_open_3:Tracker' (AttributeError",
+        ),
         ("drain", "1 / 0", "tracker frames", "failed at `drain` (ZeroDivisionError: division by zero)"),
         ("read", "raise KeyError", "tracker frames", "failed at `read` (KeyError)"),
         ("read", "pass", "tracker frames", "failed at `read` (AttributeError: 'NoneType' object has no"),

@@ -1,0 +1,76 @@
+"""Somebody else's driver may raise anything, at any moment: it is told as the driver's fault, in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from experiment.apparatus import foreign
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.ports import Tracker
+from experiment.clock import ManualClock
+from experiment.errors import RigError, TrackerError
+from experiment.protocol.shipped import shipped
+
+DRIVER = """
+from experiment.apparatus.samples import LinkCounts
+
+
+class Tracker:
+    counts, clock_map = LinkCounts(), None
+
+    def __init__(self, port, settings, *, clock, clock_map):
+        {opens}
+
+    def drain(self):
+        pass
+
+    def read(self):
+        {reads}
+
+    def reconnect(self, timeout_s):
+        pass
+
+    def close(self):
+        {closes}
+"""
+
+Opens = Callable[..., Tracker]
+
+
+@pytest.fixture
+def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Opens:
+    """Opens a driver that does what is said in its `__init__`, `read` and `close`; `more` stands below its class."""
+    monkeypatch.syspath_prepend(tmp_path)
+    module = f"driver_{abs(hash(request.node.nodeid))}"
+
+    def open_it(*, opens: str = "pass", reads: str = "pass", closes: str = "pass", more: str = "") -> Tracker:
+        (tmp_path / f"{module}.py").write_text(DRIVER.format(opens=opens, reads=reads, closes=closes) + more, "utf-8")
+        before = rigs.load(shipped("rigs/rehearsal.toml"))
+        settings = before.tracker.model_copy(update={"driver": f"{module}:Tracker"})
+        rig = before.model_copy(update={"tracker": settings})
+        return foreign.open_foreign(rig, "none", clock=ManualClock(0), clock_map=None)
+
+    return open_it
+
+
+def test_a_driver_that_exits_ends_nothing(opened: Opens) -> None:
+    with pytest.raises(TrackerError, match=r"failed at `open` \(SystemExit: 7\); see to the device"):
+        opened(opens="raise SystemExit(7)")
+
+
+def test_a_driver_that_exits_while_it_is_read_ends_nothing(opened: Opens) -> None:
+    with pytest.raises(TrackerError, match=r"failed at `read` \(SystemExit: no more\)"):
+        opened(reads="raise SystemExit('no more')").read()
+
+
+def test_a_module_that_exits_while_it_is_imported_is_refused(opened: Opens) -> None:
+    with pytest.raises(RigError, match=r"tracker.driver: got 'driver_.*' \(SystemExit: 7\); allowed"):
+        opened(more="raise SystemExit(7)\n")
+
+
+def test_the_keyboard_still_ends_a_driver(opened: Opens) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        opened(reads="raise KeyboardInterrupt").read()
