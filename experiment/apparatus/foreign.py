@@ -53,12 +53,18 @@ class ForeignTracker:
     @property
     def counts(self) -> LinkCounts:
         with _blamed(self._named, "counts"):
-            return self._tracker.counts
+            counts = self._tracker.counts
+            if not isinstance(counts, LinkCounts):
+                raise TypeError(f"got {counts!r:.60}, not LinkCounts")
+            return counts
 
     @property
     def clock_map(self) -> ClockMap | None:
         with _blamed(self._named, "clock_map"):
-            return self._tracker.clock_map
+            clock_map = self._tracker.clock_map
+            if not (clock_map is None or isinstance(clock_map, ClockMap)):
+                raise TypeError(f"got {clock_map!r:.60}, not a ClockMap, nor None")
+            return clock_map
 
     def drain(self) -> None:
         with _blamed(self._named, "drain"):
@@ -67,6 +73,8 @@ class ForeignTracker:
     def read(self) -> Samples:
         with _blamed(self._named, "read"):
             samples = self._tracker.read()
+            if not isinstance(samples, Samples):
+                raise TypeError(f"got {samples!r:.60}, not Samples")
             if not samples.device_us.shape == samples.height_mm.shape == samples.ends.shape != (0,):
                 raise ValueError("device_us, height_mm and ends are not of one length, at least 1")
             return samples

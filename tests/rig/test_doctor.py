@@ -189,7 +189,7 @@ class Tracker:
         ),
         ("drain", "1 / 0", "tracker frames", "failed at `drain` (ZeroDivisionError: division by zero)"),
         ("read", "raise KeyError", "tracker frames", "failed at `read` (KeyError)"),
-        ("read", "pass", "tracker frames", "failed at `read` (AttributeError: 'NoneType' object has no"),
+        ("read", "pass", "tracker frames", "failed at `read` (TypeError: got None, not Samples)"),
         ("close", "raise RuntimeError('stuck')", "tracker closing", "failed at `close` (RuntimeError: stuck)"),
     ],
 )

@@ -74,3 +74,28 @@ def test_a_module_that_exits_while_it_is_imported_is_refused(opened: Opens) -> N
 def test_the_keyboard_still_ends_a_driver(opened: Opens) -> None:
     with pytest.raises(KeyboardInterrupt):
         opened(reads="raise KeyboardInterrupt").read()
+
+
+@pytest.mark.parametrize("given", ["None", "(1, 0, 0, 0)", "{}"])
+def test_counts_that_are_none_are_the_drivers_fault(opened: Opens, given: str) -> None:
+    tracker = opened(opens=f"self.counts = {given}")
+    with pytest.raises(TrackerError, match=r"failed at `counts` \(TypeError: got .*, not LinkCounts\)"):
+        _ = tracker.counts
+
+
+@pytest.mark.parametrize("given", ["5", "(0, 1)", "False"])
+def test_a_clock_map_that_is_none_is_the_drivers_fault(opened: Opens, given: str) -> None:
+    tracker = opened(opens=f"self.clock_map = {given}")
+    with pytest.raises(TrackerError, match=r"failed at `clock_map` \(TypeError: got .*, not a ClockMap"):
+        _ = tracker.clock_map
+
+
+def test_a_driver_without_counts_is_at_fault(opened: Opens) -> None:
+    tracker = opened(more="del Tracker.counts\n")
+    with pytest.raises(TrackerError, match=r"failed at `counts` \(AttributeError: "):
+        _ = tracker.counts
+
+
+def test_what_is_no_samples_is_the_drivers_fault(opened: Opens) -> None:
+    with pytest.raises(TrackerError, match=r"failed at `read` \(TypeError: got \[1, 2\], not Samples\)"):
+        opened(reads="return [1, 2]").read()
