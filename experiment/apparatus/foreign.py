@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -11,7 +12,7 @@ from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import FRAMES, Rig
 from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.clock import Clock
-from experiment.errors import RigError, TrackerError
+from experiment.errors import PalpateError, RigError, TrackerError
 
 
 def open_foreign(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | None) -> Tracker:
@@ -84,8 +85,14 @@ class ForeignTracker:
             self._tracker.reconnect(timeout_s)
 
     def close(self) -> None:
-        with _blamed(self._named, "close"):
-            self._tracker.close()
+        ending = sys.exception()
+        try:
+            with _blamed(self._named, "close"):
+                self._tracker.close()
+        except TrackerError as error:
+            if isinstance(ending, PalpateError):
+                raise TrackerError(f"{ending}; and then: {error}") from error
+            raise
 
 
 @contextmanager

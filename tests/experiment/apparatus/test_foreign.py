@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -99,3 +100,17 @@ def test_a_driver_without_counts_is_at_fault(opened: Opens) -> None:
 def test_what_is_no_samples_is_the_drivers_fault(opened: Opens) -> None:
     with pytest.raises(TrackerError, match=r"failed at `read` \(TypeError: got \[1, 2\], not Samples\)"):
         opened(reads="return [1, 2]").read()
+
+
+def test_a_driver_that_fails_to_close_too_hides_nothing(opened: Opens) -> None:
+    tracker = opened(reads="1 / 0", closes="raise RuntimeError('close too')")
+    both = r"`read` \(ZeroDivisionError: division by zero\).*; and then: .*`close` \(RuntimeError: close too\)"
+    with pytest.raises(TrackerError, match=both), ExitStack() as stack:
+        stack.callback(tracker.close)
+        tracker.read()
+
+
+def test_a_driver_that_only_fails_to_close_is_told_so(opened: Opens) -> None:
+    tracker = opened(closes="raise RuntimeError('stuck')")
+    with pytest.raises(TrackerError, match=r"^tracker: its driver '.*' failed at `close` \(RuntimeError: stuck\)"):
+        tracker.close()
