@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Tracker
@@ -31,10 +32,7 @@ def open_foreign(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | No
     named = rig.tracker.driver
     driver = _driver(rig)
     with _blamed(named, "open"):
-        try:
-            tracker = driver(where, rig.tracker, clock=clock, clock_map=clock_map)
-        except (TypeError, ValueError, AttributeError) as error:
-            raise RigError(_not_a_driver(rig, error)) from error
+        tracker = driver(where, rig.tracker, clock=clock, clock_map=clock_map)
     return ForeignTracker(tracker, named)
 
 
@@ -121,6 +119,11 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
     missing = [name for name in ("read", "drain", "reconnect", "close") if not hasattr(driver, name)]
     if missing:
         raise RigError(_not_a_driver(rig, AttributeError(f"it has no {', '.join(missing)}")))
+    with suppress(ValueError):  # compiled classes may not say what they are called with
+        try:
+            inspect.signature(driver).bind("", rig.tracker, clock=None, clock_map=None)
+        except TypeError as error:
+            raise RigError(_not_a_driver(rig, error)) from error
     return driver
 
 

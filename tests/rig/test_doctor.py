@@ -185,7 +185,7 @@ class Tracker:
             "open",
             "self.x.y()",
             "tracker port",
-            "tracker.driver: got 'broken_open_3:Tracker' (AttributeError",
+            "failed at `open` (AttributeError: 'Tracker' object",
         ),
         ("drain", "1 / 0", "tracker frames", "failed at `drain` (ZeroDivisionError: division by zero)"),
         ("read", "raise KeyError", "tracker frames", "failed at `read` (KeyError)"),

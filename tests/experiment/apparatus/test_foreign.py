@@ -114,3 +114,14 @@ def test_a_driver_that_only_fails_to_close_is_told_so(opened: Opens) -> None:
     tracker = opened(closes="raise RuntimeError('stuck')")
     with pytest.raises(TrackerError, match=r"^tracker: its driver '.*' failed at `close` \(RuntimeError: stuck\)"):
         tracker.close()
+
+
+@pytest.mark.parametrize("error", ["ValueError", "TypeError", "AttributeError"])
+def test_a_driver_whose_own_opening_fails_is_still_a_driver(opened: Opens, error: str) -> None:
+    with pytest.raises(TrackerError, match=rf"failed at `open` \({error}: no device\); see to the device"):
+        opened(opens=f"raise {error}('no device')")
+
+
+def test_a_class_that_is_called_otherwise_is_no_driver(opened: Opens) -> None:
+    with pytest.raises(RigError, match=r"\(TypeError: .*clock.*\); allowed: palpate-frames"):
+        opened(more="Tracker.__init__ = lambda self, port, settings: None\n")
