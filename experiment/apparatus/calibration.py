@@ -121,12 +121,13 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     counts = np.array([float(np.median(one.counts)) for one in by_height])
     spreads = np.array([float(np.std(one.counts)) for one in by_height])
     rises = bool(counts[-1] > counts[0])
+    way = "rise or all fall" if counts[-1] == counts[0] else "rise" if rises else "fall"
     for i, (step, spread) in enumerate(zip(np.diff(counts), np.maximum(spreads[1:], spreads[:-1]), strict=True)):
         if abs(step) < max(APART * spread, 1.0) or (step > 0) != rises:
             raise TrackerError(
                 f"calibration: got {counts[i]:g} counts at {by_height[i].mm:g} mm and {counts[i + 1]:g} at "
                 f"{by_height[i + 1].mm:g} mm, with a spread of {spread:.1f}; allowed: readings that all "
-                f"{'rise' if rises else 'fall'} with height, {APART:g} spreads apart; see that nothing moves, or leave "
+                f"{way} with height, {APART:g} spreads apart; see that nothing moves, or leave "
                 "out heights that the sensor cannot tell apart"
             )
     mm = np.array([one.mm for one in by_height])
