@@ -118,6 +118,7 @@ class Attempts:
         self._broken: BrokenStep | None = None
         self._answered_ns: int | None = None
         self._outage = ""
+        self._undelivered = 0
 
     def run(self, planned: PlannedTrial, attempt: int) -> Event:
         """One attempt.
@@ -152,6 +153,9 @@ class Attempts:
             return Event.LOST if seen.stopped else Event.BROKEN_OFF
         if parted is not None:
             raise parted.error
+        heard = seen.onset.delivered if seen.onset is not None else None
+        if heard is not None:
+            self._undelivered = 0 if heard.delivered else self._undelivered + 1
         if reason := self._repeat_reason(seen):
             self._write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
             self._devices.console.show(f"Trial {planned.trial} comes again at the end of its block: {reason}.")
@@ -162,6 +166,11 @@ class Attempts:
     def outage(self) -> str:
         """Why the last attempt was lost."""
         return self._outage
+
+    @property
+    def undelivered(self) -> int:
+        """How many steps in a row, up to the last, had a stimulus that was not delivered."""
+        return self._undelivered
 
     def reconnected(self) -> None:
         """The tracker is back: its device time may be another."""

@@ -20,6 +20,9 @@ from experiment.session.states import Event, State, follow
 MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
 
+MOST_UNDELIVERED = 5
+"""Attempts in a row of which the loopback did not hear the stimulus as intended: no trial's bad luck but the rig."""
+
 
 def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path, dataset: Path) -> Footer:
     """Run a session, or what remains of it.
@@ -144,6 +147,8 @@ class _Session:
             return f"the protocol's {self._protocol.exposure.session_min:g} min of a session are over"
         if self._masking is not None and (spent := self._masking.spent()):
             return spent
+        if self._attempts.undelivered >= MOST_UNDELIVERED:
+            return f"{self._attempts.undelivered} attempts in a row were undelivered; run palpate doctor, then go on"
         if begun[trial] == MOST_ATTEMPTS:
             return f"trial {trial} was begun {MOST_ATTEMPTS} times; see to the rig, then go on"
         return ""

@@ -623,6 +623,19 @@ def test_an_undelivered_trial_is_repeated_at_the_end_of_its_block(
     assert redone.reason.startswith("undelivered: the participant did not feel")
 
 
+def test_a_rig_that_delivers_nothing_pauses_the_session(protocol: Protocol, tmp_path: Path) -> None:
+    failed = DELIVERED.model_copy(update={"delivered": False, "reason": "nothing was heard"})
+    one = bench("ccppp", [step_samples(600_000 * n, 100.0) for n in range(1, 9)])
+    one.actuator.heard.extend([failed] * 2 + [DELIVERED] + [failed] * runner.MOST_UNDELIVERED)
+    footer = one.run(protocol, header("virtual"), tmp_path)
+    detail = "5 attempts in a row were undelivered; run palpate doctor, then go on"
+    assert footer == Footer(reason="paused", detail=detail, answered=1)
+    assert len(one.console.armed) == 3 + runner.MOST_UNDELIVERED
+    assert entries(tmp_path, "virtual")[-1] == footer
+    second = bench("cpn")
+    assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
+
+
 def test_without_a_rule_an_undelivered_trial_is_marked_and_counts(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("cpt")
     one.actuator.heard.append(DELIVERED.model_copy(update={"delivered": False, "reason": "nothing was heard"}))
