@@ -14,13 +14,16 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 
-from analysis.figures import COLUMN_MM, HATCHES, LETTER_INCHES, SHADES, colour, key, marker, pale, short
+from analysis.figures import COLUMN_MM, HATCHES, LETTER_INCHES, SHADES, colour, key, marker, pale, short, told_apart
 from analysis.identification import Identification
 from analysis.results import TaskResult
 from experiment.event_columns import NO_ANSWER
 
 ACROSS = 5
 """Participants beside one another on a page of panels."""
+
+PANEL_LETTERS = 10
+"""Letters above a participant's panel; where a label leaves no room for the share, that stands below it."""
 
 DOTS = 50
 """More participants than this are not drawn as dots, which would cover the bar."""
@@ -77,6 +80,8 @@ def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
     matrix = task.confusion
     size, answers = len(matrix.materials), len(matrix.materials) + bool(matrix.unanswered)
     step = (answers + 1, size + 2.2 * size / 4)
+    shown = told_apart(matrix.participants, PANEL_LETTERS)
+    between = ": " if max(map(len, shown)) <= PANEL_LETTERS - 5 else "\n"
     for place, index in enumerate(range(first, last)):
         x, y = place % ACROSS * step[0], place // ACROSS * step[1]
         counts, trials = matrix.counts[index, :, :answers], matrix.trials[index]
@@ -84,7 +89,7 @@ def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
         edges = x + np.arange(answers + 1), y + np.arange(size + 1)
         axes.pcolormesh(*edges, ratios, cmap=SHADES, vmin=0, vmax=1, edgecolors="#c9ced6", linewidth=0.25)
         right = float(np.trace(counts[:, :size]) / trials.sum())
-        axes.text(x, y - 0.08 * size, f"{short(matrix.participants[index], 6)}: {right:.2f}", ha="left", va="bottom")
+        axes.text(x, y - 0.08 * size, f"{shown[index]}{between}{right:.2f}", ha="left", va="bottom")
     axes.set_xlim(-0.1, ACROSS * step[0] - 0.9)
     axes.set_ylim(ceil((last - first) / ACROSS) * step[1] - step[1] + size + 0.1, -0.55 * size)
     axes.set_axis_off()

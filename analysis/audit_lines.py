@@ -11,9 +11,10 @@ from analysis.denominators import common, counts, either, rounded, smallest, tru
 from analysis.from_print import FromPrint
 from analysis.misreadings import read_print
 from analysis.places import Place
-from analysis.published import Printed, PrintedCell, PrintedChoices, PrintedSources, PrintedTable, Published
-from analysis.recomputed import effect, p_of_f, quotient
+from analysis.published import Printed, PrintedCell, PrintedChoices, PrintedTable, Published
+from analysis.recomputed import effect
 from analysis.rows import Row, Undecided, examine, row_sum
+from analysis.source_lines import source_lines
 from analysis.spans import Span, hull
 from analysis.verdicts import Line, Verdict
 from analysis.walk import Walk
@@ -34,7 +35,7 @@ def print_lines(published: Published) -> tuple[Line, ...]:
         if table.complete:
             lines += [_row(published, walk, evidence, table, shown, cells) for shown, cells in table.rows()]
     for sources in published.sources:
-        lines += _sources(sources)
+        lines += source_lines(sources)
     for icc in published.icc:
         place = Place(icc.where, "both", "reliability of the two-way ANOVA", UNDECIDED)
         reason = "no formula is printed, and means and SDs do not tell how each participant answered in every cell"
@@ -107,35 +108,6 @@ def _judged(place: Place, printed: str, cells: Sequence[PrintedCell], row: Row, 
     else:
         text = "; ".join([f"no whole counts give all means and SDs at once{given}", *reasons])
     return place.text("row", printed, found, "impossible", text)
-
-
-def _sources(table: PrintedSources) -> Iterator[Line]:
-    """MS = SS / df, F = MS / MS of the residual, P of F: each from what stands beside it."""
-    residual = table.lines[-1]
-    for line in table.lines:
-        place = Place(table.where, "both", line.name, UNDECIDED, "the line does not print enough")
-        ms = _over(line.ss, line.df)
-        if line.ms is not None:
-            yield place.number("MS", line.ms, [ms] if ms else [])
-        own, rest = _mean_square(line.ms, ms), _mean_square(residual.ms, _over(residual.ss, residual.df))
-        f = quotient(own, rest) if own and rest and line is not residual else None
-        if line.f is not None:
-            yield place.number("F", line.f, [f] if f else [])
-        if line.p is not None:
-            ratio = line.f.either if line.f else f
-            yield place.number("P", line.p, [p_of_f(ratio, (line.df, residual.df))] if ratio else [])
-
-
-def _over(ss: Printed | None, df: int) -> Span | None:
-    return ss.either.times(Fraction(1, df)) if ss else None
-
-
-def _mean_square(printed: Printed | None, computed: Span | None) -> Span | None:
-    """A mean square as printed and as SS / df at once, where both can be."""
-    if printed is None:
-        return computed
-    both = printed.either
-    return both.common(computed) if computed and both.meets(computed) else both
 
 
 def _choices(choices: PrintedChoices) -> Iterator[Line]:

@@ -114,6 +114,19 @@ def short(name: str, letters: int) -> str:
     return name if len(name) <= letters else f"{name[: letters - 1].rstrip()}…"
 
 
+def told_apart(names: Sequence[str], letters: int) -> list[str]:
+    """Names cut where they would be longer: at the place nearest the middle that leaves most of them different."""
+    if max(map(len, names), default=0) <= letters:
+        return list(names)
+    heads = sorted(range(letters), key=lambda head: abs(2 * head - letters + 1))
+    cuts = [[_cut(name, head, letters - 1 - head) for name in names] for head in heads]
+    return max(cuts, key=lambda shown: len(set(shown)))
+
+
+def _cut(name: str, head: int, tail: int) -> str:
+    return name if len(name) <= head + 1 + tail else f"{name[:head]}…{name[len(name) - tail :]}"
+
+
 def pale(of: str) -> tuple[float, float, float]:
     """The colour on white at 55 %: opaque, since an SVG viewer draws a transparent hatch in the colour below it."""
     red, green, blue = (0.45 + 0.55 * part for part in to_rgb(of))

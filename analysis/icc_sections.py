@@ -40,7 +40,8 @@ def icc_section(results: Results) -> Section:
         "of k. Where all cells are targets, the ratios of one presented material add up to one: P and intervals are "
         "approximate."
     )
-    return Section("icc", "Intraclass correlations", (about,), tuple(tables), tuple(records), tuple(brief))
+    missing = (f"No variance-component ICC: {results.two_way_statement}.",) * bool(results.two_way_statement)
+    return Section("icc", "Intraclass correlations", (about, *missing), tuple(tables), tuple(records), tuple(brief))
 
 
 def _icc_rows(reliability: Reliability) -> tuple[tuple[str, ...], ...]:
@@ -88,6 +89,8 @@ def _components_table(reliability: ComponentReliability) -> Table:
     ]
     if c.negative:
         notes.append(f"Estimated below zero and taken as zero: {', '.join(c.negative)}.")
+    if any(value is None for _, _, value in reliability.by_k):
+        notes.append("Not defined: no component is above zero, so there is no variance to be a share of.")
     rows = tuple((str(k), number(value), meaning) for k, meaning, value in reliability.by_k)
     title = "Two-way ANOVA, task x material: variance-component ICC of the mean of k participants"
     return Table(title, ("k", "ICC", "k is"), rows, left=frozenset({2}), notes=tuple(notes))

@@ -149,11 +149,11 @@ def _choice(task: str, fitted: ChoiceIntervals, materials: tuple[str, ...]) -> T
             cells.append(text)
         rows.append((first, *cells, bias))
     tested = f"G² = {model.g2:.2f}, {model.df} df" + (f", P = {probability(model.p)}" if model.p is not None else "")
-    notes = [
-        f"Fit: {tested}. In brackets: 95 % percentile intervals, {CHOICE_RESAMPLES} resamples of participants. Trials "
-        "without an answer are left out."
-    ]
-    notes += [f"{fitted.statement}."] * bool(fitted.statement)
+    bracketed = f" In brackets: 95 % percentile intervals, {CHOICE_RESAMPLES} resamples of participants."
+    resampled = fitted.similarities is not None or fitted.biases is not None
+    notes = [f"Fit: {tested}.{bracketed * resampled} Trials without an answer are left out."]
+    notes += [f"No intervals: {fitted.statement}."] * bool(fitted.statement and not resampled)
+    notes += [f"{fitted.statement}."] * bool(fitted.statement and resampled)
     if model.biases is None:
         notes.append("Biases are not defined: there are groups of materials that were never taken for one another.")
     title = f"{task}: similarity-choice model, similarities and biases"

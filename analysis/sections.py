@@ -161,6 +161,12 @@ def anova_section(results: Results) -> Section:
         "one, and a participant may stand in both tasks, so F and P are approximate."
     ]
     paragraphs += [f"Not defined: {name}: {reason}." for name, reason in reasons.items()]
+    tested = {pair.task for pair in results.pairs}
+    paragraphs += [
+        f"No one-way ANOVA of {task.task.id}: no material was taken for another."
+        for task in results.tasks
+        if task.task.id not in tested
+    ]
     sized = [(f"{task}, {pair}", line) for task, pair, line in one_way]
     sized += [(f"two-way, type {kind}", line) for kind, line in two_way]
     paragraphs += [

@@ -9,9 +9,9 @@ import matplotlib as mpl
 
 from analysis import answer_figures as answers
 from analysis import trial_figures as trials
-from analysis.course import WINDOW
 from analysis.figures import COLUMN_MM, COLUMN_STYLE, PAGE_MM, Sheet, key, sheet
 from analysis.results import Results, TaskResult
+from analysis.words import number_of
 
 FEW = 5
 """Materials that stand beside one another within a column of a journal; more take the width of two."""
@@ -113,9 +113,11 @@ def _course(results: Results, label: str) -> Iterator[Sheet]:
     found = results.course
     chances = {task.task.id: task.chance for task in results.tasks}
     if found.learning:
-        figure, (axes,) = sheet([2.3], f"Right answers, {WINDOW} trials at a time", label)
+        window = max(one.last - one.first + 1 for windows in found.learning.values() for one in windows)
+        figure, (axes,) = sheet([2.3], f"Right answers, {number_of(window, 'trial')} at a time", label)
         trials.learning(axes, found.learning, chances)
-        said = f"Share of right answers in {WINDOW} successive trials; bands: 95 % BCa intervals over participants."
+        said = f"Share of right answers in {number_of(window, 'successive trial')}; bands: 95 % BCa intervals over "
+        said += "participants."
         yield Sheet("learning", "course", said, figure)
     if found.speed:
         figure, (axes,) = sheet([2.3], "Right answers by the speed of the foot", label)

@@ -13,11 +13,14 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from analysis.course import MaskerLevels, OnsetErrors, SpeedBin, Window
-from analysis.figures import COLOURS, HATCHES, LINES, MARKERS, key, pale
+from analysis.figures import COLOURS, HATCHES, LINES, MARKERS, key, pale, told_apart
 from analysis.words import number_of
 
 NAMED = 20
 """More participants than this stand in order of their level, without their labels."""
+
+TICK_LETTERS = 12
+"""Letters of a participant's label below an axis."""
 
 BINS = 40
 """Most bins of the histogram of onset errors."""
@@ -101,9 +104,10 @@ def masker_levels(axes: Axes, found: Mapping[str, Sequence[MaskerLevels]]) -> No
             label=task,
         )
     if named:
-        longest = max(map(len, order))
+        shown_as = told_apart(order, TICK_LETTERS)
+        longest = max(map(len, shown_as))
         turned: Any = {"rotation": 90} if longest * len(order) > 40 else {}
-        axes.set_xticks(range(len(order)), [label if longest <= 8 else label[:8] for label in order], **turned)
+        axes.set_xticks(range(len(order)), shown_as, **turned)
     axes.set_xlabel("participant" if named else "participants, in order of their level")
     axes.set_ylabel("masker (dB(A))")
     key(axes)

@@ -246,7 +246,7 @@ class Walk:
 
     def _claim(self, claim: PrintedClaim) -> Line:
         place = self._place(claim.where, claim.task, "materials above chance")
-        cells = [cell for cell in self._published.tables() if cell.task == claim.task]
+        cells = [cell for cell in self._published.tables() if cell.task == claim.task and not cell.is_score]
         above = [replace(level, above=True) for level in self._published.levels]
         least = most = known = 0
         for cell in cells:

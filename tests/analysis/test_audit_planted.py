@@ -246,3 +246,17 @@ def test_an_sd_of_scores_is_impossible_however_far_off(n: int, items: int, mean:
     assert (line.quantity, line.verdict) == ("SD", verdict)
     if verdict == "cannot be decided":
         assert line.reason == TOO_MANY
+
+
+@pytest.mark.parametrize("null", ["4", "7"])
+def test_a_test_of_a_score_says_nothing_of_a_claim_about_materials(made: dict[str, Any], null: str) -> None:
+    """Significant materials by scipy; the score beside them has a right t, above or below its null."""
+    ratios = [COUNTS["one"][:, k, k] / 10 for k in range(3)]
+    above = int(sum(stats.ttest_1samp(one, 1 / 3, alternative="greater").pvalue < 0.025 for one in ratios))
+    t = (5.5 - int(null)) / 1.0 * math.sqrt(12)
+    score = {"where": "T", "task": "one", "cells": ({"name": "ease", "mean": "5.5000", "sd": "1.0000"},)}
+    test = {"task": "one", "of": "ease", "df": 11, "t": f"{t:.2f}", "null": null}
+    claim = {"where": "Text", "task": "one", "significant": above, "of": 3}
+    document = {**made, "score": (score,), "t": (*made["t"], {"where": "T", "tests": (test,)}), "claim": (claim,)}
+    (line,) = [one for one in print_lines(printed_study.published(document)) if one.quantity == "significant"]
+    assert (line.verdict, line.recomputed) == ("agrees", f"{above} of 3")

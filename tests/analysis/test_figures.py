@@ -12,7 +12,8 @@ from matplotlib.colors import to_rgb
 
 from analysis.dataset import read
 from analysis.dissimilarities import NONE, Dissimilarities, printed
-from analysis.figures import COLOURS, Sheet
+from analysis.figures import COLOURS, Sheet, told_apart
+from analysis.pooling import read_pooled
 from analysis.results import compute
 from analysis.sheets import sheets
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
@@ -112,3 +113,29 @@ def test_colours_are_told_apart_without_red_or_green_cones(kind: str) -> None:
     distances = {(i, j): float(np.linalg.norm(seen[i] - seen[j])) for i, j in combinations(range(len(seen)), 2)}
     assert min(distances.values()) > 0.1
     assert distances[0, 1] > 0.3
+
+
+def test_what_differs_in_the_labels_of_pooled_participants_stays(tmp_path: Path) -> None:
+    """Names that begin alike: every panel and every tick tells whose it is."""
+    rng = np.random.default_rng(7)
+
+    def session() -> list[dict[str, object]]:
+        rows = trials((shown, str(rng.choice(MATERIALS))) for shown in MATERIALS * 6)
+        return [{**row, "masker_level": 60.0 + int(rng.integers(8))} for row in rows]
+
+    names = ("e_noisy_laboratory", "e_nosp12")
+    roots = [
+        write_dataset(tmp_path / name, {f"{who:02}": {"real": session()} for who in range(1, 7)}, tasks=("real",))
+        for name in names
+    ]
+    found = {one.name: one for one in sheets(compute(read_pooled(roots), {}), "")}
+    check(tuple(found.values()))
+    panels = [text.get_text().partition("\n") for text in found["participants-real"].figure.axes[0].texts]
+    ticks = [text.get_text() for text in found["masker"].figure.axes[0].get_xticklabels()]
+    for shown in ([name for name, _, _ in panels], ticks):
+        assert len(shown) == len(set(shown)) == 12
+        assert {name[-2:] for name in shown} == {f"{who:02}" for who in range(1, 7)}
+
+
+def test_a_short_label_is_shown_whole() -> None:
+    assert told_apart(["01", "participant"], 11) == ["01", "participant"]

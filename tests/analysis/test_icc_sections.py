@@ -6,13 +6,18 @@ from pathlib import Path
 
 from analysis.dataset import read
 from analysis.icc_sections import icc_section
-from analysis.results import compute
+from analysis.results import Results, compute
+from analysis.sections import anova_section
 from analysis.tables import Section
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
 
 def _section(root: Path, sessions: dict[str, dict[str, list[dict[str, object]]]]) -> Section:
-    return icc_section(compute(read(write_dataset(root, sessions)), {}))
+    return icc_section(_results(root, sessions))
+
+
+def _results(root: Path, sessions: dict[str, dict[str, list[dict[str, object]]]]) -> Results:
+    return compute(read(write_dataset(root, sessions)), {})
 
 
 def test_participants_left_out_of_a_matrix_are_named_under_it(tmp_path: Path) -> None:
@@ -55,3 +60,21 @@ def test_forms_without_a_test_or_a_value_say_why(tmp_path: Path) -> None:
     )
     assert f"ICC(1,k), ICC(2,k), ICC(3,k): {wanted}" in section.tables[1].notes
     assert f"ICC(1,k), ICC(2,k), ICC(3,k) of virtual: {wanted}" in section.brief[0].notes
+
+
+def test_dashes_where_every_answer_is_right_have_their_reason(tmp_path: Path) -> None:
+    """Nothing varies, and nothing is taken for anything."""
+    right = trials((material, material) for material in MATERIALS)
+    results = _results(tmp_path, {str(k): {"virtual": right, "real": right} for k in range(1, 6)})
+    components = icc_section(results).brief[-1]
+    assert {row[1] for row in components.rows} == {"-"}
+    assert any(note.startswith("Not defined: no component is above zero") for note in components.notes)
+    assert [line for line in anova_section(results).paragraphs if line.startswith("No one-way")] == [
+        f"No one-way ANOVA of {task}: no material was taken for another." for task in ("virtual", "real")
+    ]
+
+
+def test_a_variance_component_icc_that_cannot_be_is_said(tmp_path: Path) -> None:
+    results = _results(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})
+    assert results.components is None
+    assert f"No variance-component ICC: {results.two_way_statement}." in icc_section(results).paragraphs

@@ -10,6 +10,7 @@ from analysis import sections
 from analysis.dataset import read
 from analysis.identification_sections import confusions_section
 from analysis.results import compute
+from analysis.sheets import sheets
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
 
@@ -43,3 +44,17 @@ def test_the_interval_of_the_information(tmp_path: Path) -> None:
     study = read(write_dataset(tmp_path, {"1": {"virtual": balanced(1)}, "2": {"virtual": balanced(2)}}))
     said = confusions_section(compute(study, {}), study.materials, ()).paragraphs
     assert "Not defined: virtual, interval of the information: a bootstrap needs 3 participants, got 2." in said
+
+
+def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_trials(tmp_path: Path) -> None:
+    """A bootstrap needs three; a window of ten is longer than the session."""
+    said = ("glass", "sand", "snow", "sand", "glass")
+    rows = trials(zip(("glass", "sand", "snow", "glass", "sand"), said, strict=True))
+    study = read(write_dataset(tmp_path, {str(who): {"real": rows} for who in (1, 2)}, tasks=("real",)))
+    results = compute(study, {})
+    tables = confusions_section(results, study.materials, ()).tables
+    (notes,) = [table.notes for table in tables if "similarity-choice" in table.title]
+    assert not any("In brackets" in note for note in notes)
+    assert "No intervals: a bootstrap needs 3 participants, got 2." in notes
+    (learning,) = [one for one in sheets(results, "") if one.name == "learning"]
+    assert learning.caption.startswith("Share of right answers in 5 successive trials;")
