@@ -20,7 +20,7 @@ from experiment.session.states import Event, State, follow
 MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
 
-MOST_UNDELIVERED = 5
+MOST_UNDELIVERED = 8
 """Attempts in a row of which the loopback did not hear the stimulus as intended: no trial's bad luck but the rig."""
 
 

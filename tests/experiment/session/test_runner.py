@@ -625,10 +625,10 @@ def test_an_undelivered_trial_is_repeated_at_the_end_of_its_block(
 
 def test_a_rig_that_delivers_nothing_pauses_the_session(protocol: Protocol, tmp_path: Path) -> None:
     failed = DELIVERED.model_copy(update={"delivered": False, "reason": "nothing was heard"})
-    one = bench("ccppp", [step_samples(600_000 * n, 100.0) for n in range(1, 9)])
+    one = bench("ccppp", [step_samples(600_000 * n, 100.0) for n in range(1, 4 + runner.MOST_UNDELIVERED)])
     one.actuator.heard.extend([failed] * 2 + [DELIVERED] + [failed] * runner.MOST_UNDELIVERED)
     footer = one.run(protocol, header("virtual"), tmp_path)
-    detail = "5 attempts in a row were undelivered; run palpate doctor, then go on"
+    detail = f"{runner.MOST_UNDELIVERED} attempts in a row were undelivered; run palpate doctor, then go on"
     assert footer == Footer(reason="paused", detail=detail, answered=1)
     assert len(one.console.armed) == 3 + runner.MOST_UNDELIVERED
     assert entries(tmp_path, "virtual")[-1] == footer
