@@ -64,7 +64,7 @@ def _of_f(line: PrintedSource, f: Span | None, table: PrintedSources) -> Iterato
             f"its residual was divided by {df} df, where df is {residual.df}", (f.times(Fraction(df, residual.df)),)
         )
     yield Mistake("it is the ratio of the sums of squares", (f.times(Fraction(line.df, residual.df)),))
-    eta = image(lambda one: one * line.df / (one * line.df + residual.df), f)
+    eta = image(lambda one: line.df / (line.df + residual.df / one) if one > 0 else 0.0, f)
     yield Mistake("what is printed as F is eta squared", (eta,))
     own = _mean_square(line)
     for other in table.lines[:-1]:

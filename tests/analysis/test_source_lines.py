@@ -64,3 +64,12 @@ def test_an_f_and_a_p_that_follow_what_is_not_printed_beside_them_say_so() -> No
     (p,) = [one for one in _lines(f="5.00") if one.quantity == "P"]
     assert f.reason.startswith("it follows SS / df, not the printed MS")
     assert p.reason.startswith("it follows MS / MS, not the printed F")
+
+
+def test_a_residual_of_nothing_leaves_an_f_without_end() -> None:
+    """0 / 20 = 0, and 21 / 0 has no end; an eta squared of 1 is what it would be printed as."""
+    groups = PrintedSource("groups", 2, Printed("42.0"), Printed("21.0"), Printed("1.00"), None)
+    error = PrintedSource("error", 20, Printed("0"), Printed("0"), None, None)
+    _, f, _ = source_lines(PrintedSources("T", (groups, error)))
+    assert not f.agrees
+    assert "eta squared" in f.reason
