@@ -137,15 +137,20 @@ def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
     yield Mistake("it was taken from the normal distribution", (image(_p_of_z, t.either.absolute()),))
 
 
+def of_any_f(f: Sequence[Span], df: tuple[int, int]) -> Iterator[Mistake]:
+    """What else could have been printed in the place of an F with these df."""
+    yield Mistake("it is one over F", tuple(image(lambda one: 1 / one if one > 0 else math.inf, f_) for f_ in f))
+    yield Mistake("it is the root of F, a t", tuple(image(lambda one: math.sqrt(max(one, 0.0)), f_) for f_ in f))
+    eta = tuple(image(lambda one: df[0] / (df[0] + df[1] / one) if one > 0 else 0.0, f_) for f_ in f)
+    yield Mistake("what is printed as F is eta squared", eta)
+
+
 def of_f(f: Sequence[Span], layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
     """Mistakes in an F; `printed` are the df beside it."""
     df = layout.df
-    yield Mistake("it is one over F", tuple(image(lambda one: 1 / one if one > 0 else math.inf, f_) for f_ in f))
-    yield Mistake("it is the root of F, a t", tuple(image(lambda one: math.sqrt(max(one, 0.0)), f_) for f_ in f))
+    yield from of_any_f(f, df)
     population = Fraction(layout.values, df[1])
     yield Mistake("its residual was divided by the number of values", tuple(one.times(population) for one in f))
-    eta = tuple(image(lambda one: one * df[0] / (one * df[0] + df[1]), f_) for f_ in f)
-    yield Mistake("what is printed as F is eta squared", eta)
     if printed != df:
         factor = Fraction(df[0] * printed[1], printed[0] * df[1])
         yield Mistake("it was formed with its printed df", tuple(one.times(factor) for one in f))

@@ -5,16 +5,15 @@ Nothing but the table is known, so a wrong df may stand in print as well as in t
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from fractions import Fraction
 from functools import partial
 
-from analysis.mistakes import Mistake
+from analysis.mistakes import Mistake, of_any_f
 from analysis.places import Place
 from analysis.published import Printed, PrintedSource, PrintedSources
 from analysis.recomputed import p_of_f, quotient
-from analysis.spans import Span, image
+from analysis.spans import Span
 from analysis.verdicts import AGREES, Line, judge
 
 
@@ -55,8 +54,7 @@ def _of_f(line: PrintedSource, f: Span | None, table: PrintedSources) -> Iterato
     above, below = (_over(one.ss, one.df) for one in (line, residual))
     if above and below and (_contradicts(line) or _contradicts(residual)):
         yield Mistake("it follows SS / df, not the printed MS", (quotient(above, below),))
-    yield Mistake("it is one over F", (image(lambda one: 1 / one if one > 0 else math.inf, f),))
-    yield Mistake("it is the root of F, a t", (image(lambda one: math.sqrt(max(one, 0.0)), f),))
+    yield from of_any_f([f], (line.df, residual.df))
     for df in _others(line, table):
         yield Mistake(f"it is that of {df} df, where df is {line.df}", (f.times(Fraction(line.df, df)),))
     for df in _others(residual, table):
@@ -64,8 +62,6 @@ def _of_f(line: PrintedSource, f: Span | None, table: PrintedSources) -> Iterato
             f"its residual was divided by {df} df, where df is {residual.df}", (f.times(Fraction(df, residual.df)),)
         )
     yield Mistake("it is the ratio of the sums of squares", (f.times(Fraction(line.df, residual.df)),))
-    eta = image(lambda one: line.df / (line.df + residual.df / one) if one > 0 else 0.0, f)
-    yield Mistake("what is printed as F is eta squared", (eta,))
     own = _mean_square(line)
     for other in table.lines[:-1]:
         if other is not line and own and (rest := _mean_square(other)):
