@@ -13,6 +13,7 @@ import multiprocessing
 import os
 import sys
 import tempfile
+import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
@@ -43,6 +44,9 @@ REST_MM = 30.0
 """Where the foot waits between steps: low, so that steps follow soon."""
 
 NOISE_MM = 0.1
+APART_S = 10.0
+"""From one session's opening to the next one's, s."""
+
 SETTLED_S = 5.0
 """The device's clock is learned meanwhile, s."""
 
@@ -69,7 +73,8 @@ class Landed:
 
 
 def session(folder: Path, steps: int, seed: int) -> Landed:
-    """Step, in real time; `folder` holds a rehearsal."""
+    """Step, in real time; `folder` holds a rehearsal. Sessions open one after the other: opening takes a core."""
+    time.sleep(seed * APART_S)
     protocol = load.load(shipped("okamoto2012.toml"))
     rig_file = shipped("rigs/headless.toml")
     rig, clock, landed = rigs.load(rig_file), MonotonicClock(), Landed()
