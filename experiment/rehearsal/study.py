@@ -4,16 +4,11 @@ from __future__ import annotations
 
 import errno
 import json
-import multiprocessing
 import os
 import shutil
-import signal
-import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
-from multiprocessing import connection
 from pathlib import Path
 from typing import Literal
 
@@ -23,11 +18,13 @@ from experiment import dataset, roster
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.console.port import Console
-from experiment.errors import DatasetError, Interrupted
+from experiment.errors import DatasetError
 from experiment.protocol import canonical, load
 from experiment.protocol.models import Protocol
 from experiment.recordings.response import open_drive
+from experiment.rehearsal import processes
 from experiment.rehearsal import takes as simulated
+from experiment.rehearsal.participant import Tick
 from experiment.rehearsal.session import Job, rehearse_participant
 from experiment.session import journal, places
 from experiment.session.resume import progress
@@ -39,8 +36,6 @@ LOCK = "lock"
 """In a folder that is being made."""
 
 Control = Literal["none", "silence"]
-
-Tick = Callable[[], None]
 
 
 @dataclass(frozen=True)
@@ -141,7 +136,7 @@ def rehearse(
             for job in todo:
                 rehearse_participant(job, tick, screen)
         else:
-            _in_processes(todo, jobs, tick)
+            processes.rehearse(todo, jobs, tick)
     dataset.build(out)
     return out
 
@@ -258,52 +253,3 @@ def _another(out: Path) -> DatasetError:
         f"{out}: another palpate rehearse makes it at this moment; allowed: one; the same command goes on with it "
         "later, or choose another folder with --out"
     )
-
-
-_queue: multiprocessing.SimpleQueue[None] | None = None
-
-
-def _in_processes(todo: list[Job], jobs: int, tick: Tick) -> None:
-    context = multiprocessing.get_context("spawn")
-    queue: multiprocessing.SimpleQueue[None] = context.SimpleQueue()
-    with ProcessPoolExecutor(jobs, mp_context=context, initializer=_share, initargs=(queue,)) as pool:
-        futures: set[Future[None]] = {pool.submit(_rehearse_shared, job) for job in todo}
-        try:
-            while futures:
-                done, futures = wait(futures, timeout=0.1, return_when=FIRST_EXCEPTION)
-                for _ in _drained(queue):
-                    tick()
-                for future in done:
-                    future.result()
-        except BaseException as ended:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in multiprocessing.active_children():
-                worker.terminate()
-            if isinstance(ended, KeyboardInterrupt):
-                raise Interrupted("the rehearsal was interrupted; the same command goes on with it") from None
-            raise
-
-
-def _drained(queue: multiprocessing.SimpleQueue[None]) -> Iterator[None]:
-    while not queue.empty():
-        yield queue.get()
-
-
-def _share(queue: multiprocessing.SimpleQueue[None]) -> None:
-    global _queue
-    _queue = queue
-    # The keyboard interrupts the parent alone, and a worker never outlives it, however it ends.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    connection.wait([sentinel])
-    os._exit(1)
-
-
-def _rehearse_shared(job: Job) -> None:
-    queue = _queue
-    rehearse_participant(job, (lambda: queue.put(None)) if queue is not None else (lambda: None), None)

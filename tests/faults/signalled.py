@@ -1,8 +1,8 @@
 """`palpate` that sends itself a signal when a number of answers is on disk, and whose workers halt soon after it.
 
-`python -m tests.faults.signalled SIGNAL ANSWERS rehearse ...`: the signal comes with the ANSWERS-th step of the
-progress bar, and no worker gives more than `HALT` answers. So what is on disk then lies between two counts, however
-fast the machine. Workers are spawned, and import this module as `__mp_main__`.
+`python -m tests.faults.signalled SIGNAL ANSWERS rehearse ...`: the signal comes after the ANSWERS-th step of the
+progress bar, when the pool holds a lock, and no worker gives more than `HALT` answers. So what is on disk then lies
+between two counts, however fast the machine. Workers are spawned, and import this module as `__mp_main__`.
 """
 
 from __future__ import annotations
@@ -11,18 +11,20 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import contextmanager
 from itertools import count
+from typing import Any
 
 from experiment import cli_progress
 from experiment.console.port import Console
-from experiment.rehearsal import study
+from experiment.rehearsal import processes
 from experiment.rehearsal.session import Job
 
 HALT = 30
 
-rehearse_participant, progress = study.rehearse_participant, cli_progress.progress
-given = count(1)
+rehearse_participant, progress, wait = processes.rehearse_participant, cli_progress.progress, processes.wait
+given, enough = count(1), threading.Event()
 
 
 def halting(job: Job, tick: Callable[[], None], screen: Console | None) -> None:
@@ -34,7 +36,7 @@ def halting(job: Job, tick: Callable[[], None], screen: Console | None) -> None:
     rehearse_participant(job, ticked, screen)
 
 
-def signalling(number: int, answers: int) -> Callable[..., object]:
+def counting(answers: int) -> Callable[..., object]:
     @contextmanager
     def watched(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
         seen = count(1)
@@ -44,19 +46,33 @@ def signalling(number: int, answers: int) -> Callable[..., object]:
             def ticked() -> None:
                 tick()
                 if next(seen) == answers:
-                    os.kill(os.getpid(), number)
+                    enough.set()
 
             yield total, ticked
 
     return watched
 
 
+def signalling(number: int) -> Callable[..., object]:
+    def waiting(futures: set[Future[None]], **how: Any) -> object:
+        if enough.is_set():
+            # As the library takes these locks: an exception just then leaves them taken.
+            held = next(iter(futures))._condition
+            held.acquire()
+            os.kill(os.getpid(), number)
+            held.release()
+        return wait(futures, **how)
+
+    return waiting
+
+
 if __name__ in ("__main__", "__mp_main__"):
-    study.rehearse_participant = halting
+    processes.rehearse_participant = halting
 
 if __name__ == "__main__":
     from experiment import cli
 
-    cli_progress.progress = signalling(int(sys.argv[1]), int(sys.argv[2]))  # type: ignore[assignment]
+    processes.wait = signalling(int(sys.argv[1]))  # type: ignore[assignment]
+    cli_progress.progress = counting(int(sys.argv[2]))  # type: ignore[assignment]
     sys.argv[1:] = sys.argv[3:]
     cli.main()
