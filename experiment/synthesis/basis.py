@@ -220,7 +220,9 @@ def _holds_between(spectra: CrinkleSpectra, levels: NDArray[np.float64]) -> tupl
     down = _steps_out(every[0], every[1], levels[0], levels[1])
     up = _steps_out(every[-1], every[-2], levels[-1], levels[-2])
     lowest = slowest - down * (second - slowest)
-    return max(float(lowest), 0.0), float(fastest + up * (fastest - spectra.speeds_mm_s[-2]))
+    highest = fastest + up * (fastest - spectra.speeds_mm_s[-2])
+    # Rounded inwards: the next number may lie beyond a floor that is nearer than half of its distance.
+    return max(float(np.nextafter(lowest, slowest)), 0.0), float(np.nextafter(highest, fastest))
 
 
 def _steps_out(
