@@ -87,7 +87,7 @@ class AtBins:
         known: the bins within the table, K of N.
         beyond: the other bins.
         levels_v: 0 V and each level, shape (1 + L,).
-        curves: A(f, e) at these for each known bin, shape (K, 1 + L).
+        curves: A(f, e) at these for each known bin, shape (1 + L, K): level by level, since each is looked at in turn.
     """
 
     known: NDArray[np.intp] | slice
@@ -97,14 +97,27 @@ class AtBins:
 
     def voltages_v(self, amplitudes_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
         """W(f, a) of each known bin, at most the highest level; amplitudes and voltages of shape (K,), none below 0."""
-        return _interpolated(amplitudes_m_s2, self.curves, np.broadcast_to(self.levels_v, self.curves.shape))
+        a, segment = amplitudes_m_s2, np.zeros(amplitudes_m_s2.size, dtype=np.intp)
+        for reached in self.curves[1:-1]:
+            segment += reached < a
+        return _between(a, *self._ends(segment, slice(None)), *self._levels(segment))
 
     def amplitudes_m_s2(
         self, voltages_v: NDArray[np.float64], some: NDArray[np.intp] | slice = slice(None)
     ) -> NDArray[np.float64]:
         """A(f, e) of some of the known bins, all by default; voltages and amplitudes one a bin, none below 0."""
-        curves = self.curves[some]
-        return _interpolated(voltages_v, np.broadcast_to(self.levels_v, curves.shape), curves)
+        segment = np.searchsorted(self.levels_v[1:-1], voltages_v)
+        return _between(voltages_v, *self._levels(segment), *self._ends(segment, some))
+
+    def _ends(
+        self, segment: NDArray[np.intp], some: NDArray[np.intp] | slice
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Amplitudes at both ends of a segment of some bins' curves."""
+        at = segment * self.curves.shape[1] + np.arange(self.curves.shape[1])[some]
+        return self.curves.take(at), self.curves.take(at + self.curves.shape[1])
+
+    def _levels(self, segment: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return self.levels_v.take(segment), self.levels_v.take(segment + 1)
 
 
 def at_bins(response: Response, frequencies_hz: NDArray[np.float64], *, mean: bool = False) -> AtBins:
@@ -121,13 +134,13 @@ def at_bins(response: Response, frequencies_hz: NDArray[np.float64], *, mean: bo
     f = f[known]
     i = np.clip(np.searchsorted(at, f, side="right") - 1, 0, at.size - 2)
     part = ((f - at[i]) / (at[i + 1] - at[i]))[:, None]
-    at_levels = (1 - part) * response.accelerations_m_s2[i] + part * response.accelerations_m_s2[i + 1]
+    at_levels = ((1 - part) * response.accelerations_m_s2[i] + part * response.accelerations_m_s2[i + 1]).T
     one_run = known.size and known[-1] - known[0] == known.size - 1
     return AtBins(
         known=slice(int(known[0]), int(known[-1]) + 1) if one_run else known,
         beyond=np.flatnonzero(~within),
         levels_v=np.concatenate([[0.0], response.levels_v]),
-        curves=np.concatenate([np.zeros((f.size, 1)), at_levels], axis=1),
+        curves=np.concatenate([np.zeros((1, f.size)), at_levels]),
     )
 
 
@@ -176,18 +189,14 @@ def bins_of(
     return signed, f
 
 
-def _interpolated(x: NDArray[np.float64], at: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Straight lines through (`at`, `values`), one curve a row, at one `x` a row; beyond the end its last value.
-
-    Args:
-        x: zero or more, shape (N,).
-        at: rising from 0 along each row, shape (N, 1 + L).
-        values: likewise.
-    """
-    segment = np.minimum(np.count_nonzero(at[:, 1:] < x[:, None], axis=1), at.shape[1] - 2)
-    row = np.arange(x.size)
-    low, high = at[row, segment], at[row, segment + 1]
-    start, end = values[row, segment], values[row, segment + 1]
+def _between(
+    x: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Straight lines from (`low`, `start`) to (`high`, `end`) at `x`, `end` beyond `high`; all of shape (N,)."""
     part = np.divide(np.minimum(x, high) - low, high - low, out=np.ones_like(x), where=high > low)
     between: NDArray[np.float64] = np.minimum(start + (end - start) * part, end)
     return between

@@ -114,7 +114,7 @@ def shape_at(
         bound_v = a * gain_limit_v_per_m_s2
     volts = np.minimum(free_v, bound_v)
     bounded = bound_v < free_v
-    saturated = ~bounded & (a > at.curves[:, -1])
+    saturated = ~bounded & (a > at.curves[-1])
     short = np.zeros_like(a)
     held = np.flatnonzero(bounded | saturated)
     if held.size:
