@@ -83,7 +83,8 @@ class Conditioner:
 
     def _scaled(self, bounded: NDArray[np.float64], peak: float) -> NDArray[np.float32]:
         highest = self._highest(peak)
-        return np.clip((bounded / self._full_scale).astype(np.float32), -highest, highest).astype("<f4")
+        scaled = (bounded / self._full_scale).astype("<f4")
+        return np.clip(scaled, -highest, highest, out=scaled)
 
     def _peak(self, samples: NDArray[np.float32]) -> float:
         return max(float(samples.max()), -float(samples.min())) * self._full_scale

@@ -84,14 +84,12 @@ class AtBins:
     """What a response says of some bins.
 
     Attributes:
-        known: the bins within the table, K of N.
-        beyond: the other bins.
+        known: the bins within the table, K of N; nothing is known of the others.
         levels_v: 0 V and each level, shape (1 + L,).
         curves: A(f, e) at these for each known bin, shape (1 + L, K): level by level, since each is looked at in turn.
     """
 
     known: NDArray[np.intp] | slice
-    beyond: NDArray[np.intp]
     levels_v: NDArray[np.float64]
     curves: NDArray[np.float64]
 
@@ -138,7 +136,6 @@ def at_bins(response: Response, frequencies_hz: NDArray[np.float64], *, mean: bo
     one_run = known.size and known[-1] - known[0] == known.size - 1
     return AtBins(
         known=slice(int(known[0]), int(known[-1]) + 1) if one_run else known,
-        beyond=np.flatnonzero(~within),
         levels_v=np.concatenate([[0.0], response.levels_v]),
         curves=np.concatenate([np.zeros((1, f.size)), at_levels]),
     )

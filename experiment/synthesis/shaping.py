@@ -19,6 +19,7 @@ Each bin counts once, under what limited it last.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -107,7 +108,8 @@ def shape_at(
     if not 0 < scale <= 1:
         raise SynthesisError(f"scale: got {scale}; allowed: above 0, at most 1; leave it out")
     wanted = np.abs(finite(coefficients, what="coefficients"))
-    outside, inside = wanted[at.beyond], wanted[at.known]
+    inside, outside = wanted[at.known], wanted.copy()
+    outside[at.known] = 0.0
     a = scale * inside
     free_v = at.voltages_v(a)
     with np.errstate(over="ignore"):
@@ -124,13 +126,14 @@ def shape_at(
     shaped[at.known] = np.copysign(volts, coefficients[at.known])
     return Shaped(
         coefficients_v=shaped,
-        saturated=_loss(short[saturated]),
-        outside=_loss(outside[outside > 0]),
-        bounded=_loss(short[bounded]),
+        saturated=_loss(saturated, short[saturated]),
+        outside=_loss(outside, outside),
+        bounded=_loss(bounded, short[bounded]),
         scale=scale,
     )
 
 
-def _loss(short_m_s2: NDArray[np.float64]) -> Loss:
+def _loss(bins: NDArray[Any], short_m_s2: NDArray[np.float64]) -> Loss:
+    """Of the bins that are not zero or false."""
     with np.errstate(over="ignore"):
-        return Loss(bins=short_m_s2.size, cost_m_s2=float(short_m_s2.sum()))
+        return Loss(bins=int(np.count_nonzero(bins)), cost_m_s2=float(short_m_s2.sum()))
