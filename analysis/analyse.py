@@ -90,7 +90,7 @@ def analyse(
         ProtocolError: for a broken copy of the protocol in the dataset.
     """
     place = _place(datasets, out)
-    check(place, ())
+    check(place, (), "analyse")
     study = read_pooled(datasets)
     if not study.attempts["included"].any():
         raise nothing_left(", ".join(map(str, datasets)), study.exclusions)
@@ -103,7 +103,7 @@ def analyse(
     comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
     parts = sections(study, results, comparison)
     content = _content(study, results, comparison, parts, figures=figures)
-    return Analysis(study, results, comparison, parts, place, publish(place, content, study.label))
+    return Analysis(study, results, comparison, parts, place, publish(place, content, study.label, "analyse"))
 
 
 def _place(datasets: Sequence[Path], out: Path | None) -> Path:

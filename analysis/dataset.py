@@ -66,7 +66,9 @@ def read(root: Path) -> Study:
         raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
     protocol = _protocol(root / "sourcedata" / "protocol.toml")
     attempts = pd.DataFrame(rows)
-    exclusions, unasked = exclude(attempts, withdrawn, protocol.exclusion if protocol else ())
+    rules = protocol.exclusion if protocol else ()
+    with_objects = [task.id for task in protocol.tasks if task.stimulus == "real"] if protocol else []
+    exclusions, unasked = exclude(attempts, withdrawn, rules, with_objects=with_objects)
     done = tuple(tasks[task] for task in facts["Tasks"] if task in tasks)
     return Study(
         id=str(facts["Study"]),

@@ -7,7 +7,7 @@ session. Nothing is left out in silence, and nothing kept in silence where a rul
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -48,7 +48,11 @@ class Unasked:
 
 
 def exclude(
-    attempts: pd.DataFrame, withdrawn: Mapping[str, bool], rules: Iterable[ExclusionRule]
+    attempts: pd.DataFrame,
+    withdrawn: Mapping[str, bool],
+    rules: Iterable[ExclusionRule],
+    *,
+    with_objects: Collection[str] = (),
 ) -> tuple[tuple[Exclusion, ...], tuple[Unasked, ...]]:
     """Set the column `included` of `attempts` to False wherever a rule says so, and list why.
 
@@ -61,6 +65,7 @@ def exclude(
         attempts: one row an attempt, columns as in `analysis.dataset.Study`; changed in place.
         withdrawn: every participant of the dataset, and whether they withdrew.
         rules: the protocol's exclusion rules.
+        with_objects: tasks with real objects, of which nobody asks whether a stimulus was delivered.
     """
     rules = tuple(rules)
     found = [
@@ -76,7 +81,7 @@ def exclude(
     unasked: list[Unasked] = []
     for rule in rules:
         if rule.action == "exclude-trial":
-            unasked += _unasked(attempts, rule)
+            unasked += _unasked(attempts, rule, with_objects)
             found += _trials(attempts, rule)
     for rule in rules:
         if rule.when == "answers-below":
@@ -111,9 +116,11 @@ def _judged(rule: ExclusionRule) -> tuple[str, str]:
     return ("frames_lost", "frames lost") if rule.when == "frames-lost" else ("foot_speed_mm_s", "the foot's speed")
 
 
-def _unasked(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Unasked]:
+def _unasked(attempts: pd.DataFrame, rule: ExclusionRule, with_objects: Collection[str]) -> list[Unasked]:
     column, words = _judged(rule)
     left = attempts[attempts["included"]]
+    if rule.when == "undelivered":
+        left = left[~left["task"].isin(with_objects)]
     missing = left[column].isna().groupby([left["participant"], left["task"]], sort=False)
     return [
         Unasked(str(participant), str(task), rule.id, words, int(unknown.sum()), len(unknown))

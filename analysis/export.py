@@ -90,9 +90,9 @@ def export(datasets: Sequence[Path], out: Path) -> tuple[Path, ...]:
     Raises:
         DatasetError: for a dataset that cannot be read or pooled, a folder within a dataset, or a file in the way.
     """
-    check(out, ())
+    check(out, (), "export")
     study = read_pooled(datasets)
-    return publish(out, files(study), study.label)
+    return publish(out, files(study), study.label, "export")
 
 
 def files(study: Study) -> dict[str, bytes]:

@@ -140,7 +140,7 @@ def check_out(out: Path) -> None:
     Raises:
         DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
     """
-    check(out, FILES)
+    check(out, FILES, "numerics")
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -168,7 +168,7 @@ def write(result: Numerics, out: Path) -> tuple[Path, ...]:
     files["numerics.md"] = "\n".join([f"**{LABEL}**\n", *parts, result.verdict, ""]).encode()
     figure = numerics_figures.figure(result, LABEL)
     files["numerics.svg"], files["numerics.png"] = figures.svg(figure), figures.png(figure)
-    return publish(out, files, LABEL)
+    return publish(out, files, LABEL, "numerics")
 
 
 def _software() -> dict[str, str]:

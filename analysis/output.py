@@ -1,8 +1,8 @@
 """Writing what an analysis makes: whole files, never over a file that is not its own, and never among data.
 
-A manifest in the folder lists the files written and their SHA-256. A file that stands there already is replaced only
-if the manifest names it and its bytes are as they were written. Everything is on disk under another name before the
-first file takes its place, so a full disk changes nothing.
+A manifest in the folder names the command that wrote there, its files and their SHA-256. A file that stands there
+already is replaced only by the same command, if the manifest names it and its bytes are as they were written.
+Everything is on disk under another name before the first file takes its place, so a full disk changes nothing.
 """
 
 from __future__ import annotations
@@ -13,33 +13,36 @@ import os
 import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Literal
 
 from experiment.errors import DatasetError
 
 MANIFEST = "manifest.json"
 
+Command = Literal["analyse", "export", "numerics", "power", "validate"]
+
 DESCRIPTION, DERIVATIVES = "dataset_description.json", "derivatives"
 """What makes a folder a BIDS dataset, and the one place in it for results."""
 
 
-def publish(out: Path, files: Mapping[str, bytes], label: str) -> tuple[Path, ...]:
-    """Write `files`, path within `out` -> content, and remove what an earlier analysis wrote and this one does not.
+def publish(out: Path, files: Mapping[str, bytes], label: str, command: Command) -> tuple[Path, ...]:
+    """Write `files`, path within `out` -> content, and remove what an earlier run wrote and this one does not.
 
-    `label` is that of the dataset; it stands in the manifest.
+    `label` is that of the dataset, `command` the one that writes; both stand in the manifest.
 
     Raises:
         DatasetError: before anything is written, see `check`; or when the file system refuses.
     """
-    ours = check(out, files)
+    ours = check(out, files, command)
     new = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     either = {name: [*ours.get(name, []), *([new[name]] if name in new else [])] for name in {**ours, **new}}
     made = not out.exists()
     staged: list[tuple[Path, Path]] = []
     try:
-        _stage(staged, out / MANIFEST, _document(either, label))
+        _stage(staged, out / MANIFEST, _document(either, label, command))
         for name, content in files.items():
             _stage(staged, out / name, content)
-        _stage(staged, out / MANIFEST, _document({name: [digest] for name, digest in new.items()}, label))
+        _stage(staged, out / MANIFEST, _document({name: [digest] for name, digest in new.items()}, label, command))
         while staged:
             partial, path = staged[0]
             if path == out / MANIFEST and len(staged) == 1:
@@ -72,15 +75,15 @@ def _clean(staged: list[tuple[Path, Path]], out: Path, *, made: bool) -> None:
             out.rmdir()
 
 
-def check(out: Path, names: Iterable[str]) -> dict[str, list[str]]:
+def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[str]]:
     """What stands in a folder of ours, name -> SHA-256; called before what takes its time, it finds what is in the way.
 
     Raises:
-        DatasetError: a folder within a dataset, save below its `derivatives`; or a file in the way of one of `names`
-            that is not ours or was changed since.
+        DatasetError: a folder within a dataset, save below its `derivatives`; what another command wrote there; or a
+            file in the way of one of `names` that is not ours or was changed since.
     """
     _beside_data(out)
-    ours = _manifest(out)
+    ours = _manifest(out, command)
     for name in names:
         path = out / name
         if path.exists() and not (path.is_file() and _sha256(path) in ours.get(name, [])):
@@ -111,7 +114,7 @@ def _holds_data(description: Path) -> bool:
     return not (isinstance(content, dict) and content.get("DatasetType") == "derivative")
 
 
-def _manifest(out: Path) -> dict[str, list[str]]:
+def _manifest(out: Path, command: Command) -> dict[str, list[str]]:
     path = out / MANIFEST
     if out.exists() and not out.is_dir():
         raise DatasetError(f"{out} is a file; choose a folder for --out")
@@ -121,14 +124,19 @@ def _manifest(out: Path) -> dict[str, list[str]]:
         return {}
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        files = content["palpate"]
-        return {str(name): [str(digest) for digest in digests] for name, digests in files.items()}
+        wrote, files = str(content["command"]), content["palpate"]
+        ours = {str(name): [str(digest) for digest in digests] for name, digests in files.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(f"{path} is no manifest of palpate; move it away or choose another --out") from error
+    if wrote != command:
+        raise DatasetError(
+            f"{out} holds what `palpate {wrote}` wrote; `palpate {command}` would take it away; choose another --out"
+        )
+    return ours
 
 
-def _document(files: Mapping[str, list[str]], label: str) -> bytes:
-    content = {"dataset": label or "measured", "palpate": dict(sorted(files.items()))}
+def _document(files: Mapping[str, list[str]], label: str, command: Command) -> bytes:
+    content = {"command": command, "dataset": label or "measured", "palpate": dict(sorted(files.items()))}
     return (json.dumps(content, indent=2) + "\n").encode()
 
 

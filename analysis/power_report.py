@@ -49,4 +49,4 @@ def write(result: Power, out: Path) -> tuple[Path, ...]:
     from analysis import power_figures
 
     files = documents.tables(sections(result), LABEL) | documents.drawings([power_figures.plot(result)])
-    return publish(out, files, LABEL)
+    return publish(out, files, LABEL, "power")

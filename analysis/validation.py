@@ -163,7 +163,7 @@ def validate(
     """
     from analysis.validation_sections import METHODS, sections
 
-    check(out, ())
+    check(out, (), "validate")
     validation = compute(recorded, fresh, average=average)
     parts = sections(validation)
     label = validation.label
@@ -181,7 +181,7 @@ def validate(
     software = f"palpate {metadata.version('palpate')}"
     captions = documents.captions(drawn, METHODS)
     files[REPORT] = report.html("Validation of the synthesis", label, software, parts, drawings, captions).encode()
-    return Validated(validation, parts, out, publish(out, files, label))
+    return Validated(validation, parts, out, publish(out, files, label, "validate"))
 
 
 def compute(recorded: Recorded, fresh: Recorded, *, average: Average = "magnitude") -> Validation:

@@ -129,7 +129,7 @@ def power(
             raise PowerError(f"{name} {share}: allowed: a number between 0 and 1; give one")
     sizes = _sizes(participants)
     if out is not None:
-        output.check(out, ())
+        output.check(out, (), "power")
     protocol = load.load(protocol_file)
     chosen = choice_models.find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)

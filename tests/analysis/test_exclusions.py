@@ -85,6 +85,11 @@ def test_a_rule_is_asked_of_what_is_left() -> None:
     ]
 
 
+def test_nobody_asks_whether_a_real_object_was_delivered() -> None:
+    _, unasked = exclude(_attempts(), NOBODY, [_rule("undelivered", None)], with_objects=["real"])
+    assert [(one.participant, one.task) for one in unasked] == [("1", "virtual"), ("2", "virtual")]
+
+
 def test_the_report_counts_trials_of_which_a_rule_could_not_be_asked(tmp_path: Path) -> None:
     rows = balanced(1)
     rows[0]["foot_speed"], rows[1]["foot_speed"] = 900.0, 150.0

@@ -1,4 +1,4 @@
-"""Servers that several tests of real parts start for themselves."""
+"""What several tests of real parts start from: a server, a line, a rehearsal."""
 
 from __future__ import annotations
 
@@ -10,6 +10,32 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.rig import TrackerRig
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal.serial_line import SerialLine
+from tests.rig.laboratory import NOISE_MM
+from tests.rig.rehearsed import rehearse
+
+
+@pytest.fixture
+def line() -> Iterator[SerialLine]:
+    with SerialLine() as laid:
+        yield laid
+
+
+@pytest.fixture(scope="module")
+def settings() -> TrackerRig:
+    """The tracker of the rehearsal's rig, as noisy as the tests' foot."""
+    tracker = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+    return tracker.model_copy(update={"noise_mm": NOISE_MM})
+
+
+@pytest.fixture(scope="session")
+def one(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rehearsal of one participant; only to be read."""
+    return rehearse(tmp_path_factory.mktemp("one") / "rehearsal")
 
 
 @pytest.fixture

@@ -82,7 +82,7 @@ def test_a_stimulus_is_heard_and_felt_as_it_was_intended(actuator: Actuator, pan
         onset_ns = CLOCK.now_ns() + 80 * MS
         assert actuator.aim(onset_ns)
         assert actuator.aim(onset_ns - 20 * MS)
-        actuator.landed(onset_ns)
+        actuator.landed(onset_ns - 20 * MS)
         heard = actuator.delivered()
         assert heard is not None
         assert heard.requested_ns == onset_ns - 20 * MS
@@ -104,6 +104,7 @@ def test_what_lies_within_the_lead_is_refused_and_nothing_changes(actuator: Actu
     later_ns = CLOCK.now_ns() + 200 * MS
     assert actuator.aim(later_ns)
     assert not actuator.aim(CLOCK.now_ns() - 50 * MS)
+    actuator.landed(later_ns)
     heard = actuator.delivered()
     assert heard is not None
     assert heard.requested_ns == later_ns
@@ -123,12 +124,31 @@ def test_a_stimulus_that_was_never_aimed_sounds_once_the_foot_has_landed(actuato
     assert heard.onset_error_ms > 0
 
 
+@pytest.mark.parametrize("early_ms", [30, -30])
+def test_what_sounds_as_asked_but_not_at_contact_is_not_delivered(actuator: Actuator, early_ms: int) -> None:
+    actuator.prepare(stimulus())
+    onset_ns = CLOCK.now_ns() + 80 * MS
+    assert actuator.aim(onset_ns)
+    actuator.landed(onset_ns + early_ms * MS)
+    heard = actuator.delivered()
+    assert heard is not None
+    assert heard.onset_ns is not None
+    assert not heard.delivered
+    # Where the stream's time and the session's went apart by 2 ms, that is told first.
+    error_ms = (heard.onset_ns - onset_ns) / MS
+    assert heard.reason == (
+        f"it came {error_ms - early_ms:+.2f} ms from contact; allowed: 5 ms"
+        if abs(error_ms) <= 2.0
+        else f"it came {error_ms:+.2f} ms off; allowed: 2 ms"
+    )
+
+
 def test_a_withdrawn_stimulus_is_not_felt(actuator: Actuator, panel: CardPanel) -> None:
     actuator.prepare(stimulus())
     assert actuator.aim(CLOCK.now_ns() + 60 * MS)
     assert actuator.withdraw()
     assert panel.felt(0.2) is None
-    with pytest.raises(ActuatorError, match="a stimulus that nothing set off; aim it, or say it landed"):
+    with pytest.raises(ActuatorError, match="a stimulus before the foot has landed; say when it did"):
         actuator.delivered()
 
 
@@ -168,7 +188,9 @@ def test_a_pulled_loopback_and_a_soft_one_are_not_delivered(
 
 def test_an_intended_silence_is_delivered(actuator: Actuator) -> None:
     actuator.prepare(np.zeros(480))
-    assert actuator.aim(CLOCK.now_ns() + 60 * MS)
+    onset_ns = CLOCK.now_ns() + 60 * MS
+    assert actuator.aim(onset_ns)
+    actuator.landed(onset_ns)
     heard = actuator.delivered()
     assert heard is not None
     assert (heard.delivered, heard.onset_ns, heard.gain) == (True, None, None)
@@ -197,6 +219,7 @@ def test_a_start_that_a_standing_stream_missed_is_on_record(
     monkeypatch.setattr(AudioStream, "frame_at", lambda self, _: self._mixer.frame - 5 * self.lead_frames)
     assert actuator.aim(CLOCK.now_ns())
     monkeypatch.undo()
+    actuator.landed(CLOCK.now_ns())
     missed = actuator.delivered()
     assert missed is not None
     assert (missed.delivered, missed.onset_ns, missed.reason) == (False, None, "the stream came too late for it")

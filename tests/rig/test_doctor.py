@@ -15,13 +15,10 @@ import numpy as np
 import pytest
 
 from experiment import doctor
-from experiment.apparatus import opening_audio, priority
+from experiment.apparatus import priority
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.rig_audio import AudioRig
 from experiment.apparatus.serial_tracker import SerialTracker
-from experiment.checks import audio as audio_checks
 from experiment.checks import disk, machine
 from experiment.checks import tracker as tracker_checks
 from experiment.checks.tracker import Heard
@@ -31,22 +28,10 @@ from experiment.rehearsal.foot import Faults, Foot
 from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.serial_line import SerialLine
 from tests.conftest import Palpate
-from tests.rig import sound
-from tests.rig.laboratory import NOISE_MM, write_rig
+from tests.rig.laboratory import write_rig
+from tests.rig.verdicts import LOAD, red, verdicts
 
 HEARD_S = 1.0
-
-
-@pytest.fixture(scope="module")
-def settings() -> TrackerRig:
-    tracker = rigs.load(shipped("rigs/rehearsal.toml")).tracker
-    return tracker.model_copy(update={"noise_mm": NOISE_MM})
-
-
-@pytest.fixture
-def line() -> Iterator[SerialLine]:
-    with SerialLine() as laid:
-        yield laid
 
 
 @contextmanager
@@ -62,19 +47,6 @@ def listening(line: SerialLine, settings: TrackerRig, foot: Foot) -> Iterator[Se
 def heard(line: SerialLine, settings: TrackerRig, foot: Foot, seconds: float = HEARD_S) -> Heard:
     with listening(line, settings, foot) as tracker:
         return tracker_checks.listen(tracker, clock=MonotonicClock(), seconds=seconds)
-
-
-LOAD = {"tracker arrival", "audio stream", "audio timeline", "disk writing", "machine load"}
-"""What measures how loaded the machine is, which these tests do not set; tests/experiment/checks judges them."""
-
-
-def red(found: dict[str, dict[str, str]]) -> set[str]:
-    """What is red, load apart."""
-    return {name for name, check in found.items() if check["verdict"] == "red"} - LOAD
-
-
-def verdicts(out: str) -> dict[str, dict[str, str]]:
-    return {check["name"]: check for check in json.loads(out)["checks"]}
 
 
 def test_a_rig_in_order_is_green_and_nothing_moves(
@@ -297,134 +269,3 @@ def test_a_sensor_that_became_noisy_is_red(
     assert tracker_checks.noise(at_rest, settings).verdict == verdict
     unknown = tracker_checks.noise(at_rest, settings.model_copy(update={"noise_mm": None}))
     assert (unknown.verdict, unknown.remedy) == ("not checked", "run palpate calibrate tracker, which writes it")
-
-
-def test_the_simulated_rig_with_sound_is_green_and_says_what_it_is(palpate: Palpate, tmp_path: Path) -> None:
-    with sound.sound_card():
-        pass
-    _, out, _ = palpate("doctor", "--rig", shipped("rigs/headless.toml"), "--json", "--dataset", tmp_path)
-    found = verdicts(out)
-    assert red(found) == set(), out
-    of_parts = [
-        name for name in found if name.startswith(("tracker ", "audio ", "loopback ")) and name[-11:] != "calibration"
-    ]
-    assert len(of_parts) == 13
-    assert all(found[name]["measured"].startswith("SIMULATED: ") for name in ("rig file", *of_parts))
-    assert found["loopback latency"]["measured"].startswith("SIMULATED: 5.333 ms out and in, spread 0.000 ms")
-
-
-AUDIO = rigs.load(shipped("rigs/headless.toml")).audio
-assert AUDIO is not None
-STREAMED = AUDIO.model_copy(update={"block": sound.BLOCK, "device": "system"})
-"""The audio tables of the rehearsal's rig, on the tests' card."""
-
-
-def streamed(**latency: float) -> AudioRig:
-    """What `palpate calibrate audio` finds there, 2 blocks of 256 frames round, or something else."""
-    calibrated = {"output_ms": 256 / 48, "input_ms": 256 / 48, **latency}
-    return STREAMED.model_copy(update={"latency": STREAMED.latency.model_copy(update=calibrated)})
-
-
-@contextmanager
-def wired() -> Iterator[AudioStream]:
-    with sound.sound_card() as card, sound.stream() as opened:
-        card.disconnect(2)
-        card.connect(3, 2)
-        yield opened
-
-
-def test_a_loopback_that_answers_otherwise_than_calibrated_is_red() -> None:
-    with wired() as stream:
-        found = {
-            name: {check.name: check.verdict for check in audio_checks.loopback(stream, rig)}
-            for name, rig in (
-                ("as calibrated", streamed()),
-                ("late", streamed(output_ms=256 / 48 - 2.1)),
-                ("loud", streamed(loopback_gain=0.85)),
-            )
-        }
-        unheard = audio_checks.loopback(
-            stream, STREAMED.model_copy(update={"channels": STREAMED.channels.model_copy(update={"loopback": None})})
-        )
-    good = {"loopback latency": "green", "loopback level": "green", "loopback residual": "green"}
-    assert found == {
-        "as calibrated": good,
-        "late": good | {"loopback latency": "red"},
-        "loud": good | {"loopback level": "red"},
-    }
-    assert [(check.name, check.verdict) for check in unheard] == [("loopback", "not checked")]
-
-
-def test_a_loopback_whose_cable_was_pulled_is_red() -> None:
-    with sound.sound_card() as card, sound.stream() as stream:
-        card.disconnect(2)
-        [found] = audio_checks.loopback(stream, streamed())
-    assert (found.verdict, "was not heard on input 2" in found.measured) == ("red", True)
-    assert found.remedy.startswith("lay the loopback's cable")
-
-
-def test_a_running_stream_is_watched_and_one_whose_server_hangs_is_red() -> None:
-    with sound.sound_card() as card, sound.stream() as stream:
-        since = stream.health
-        found = audio_checks.steady(stream, streamed(), since=since, exact=True)
-        watched = stream.health.frames - since.frames
-        with card.held():
-            [hanging] = audio_checks.steady(stream, streamed(), since=stream.health, exact=True)
-    assert watched >= audio_checks.RUN_S * sound.RATE_HZ
-    assert [check.name for check in found] == ["audio stream", "audio timeline"]
-    assert (hanging.verdict, "see that the device is plugged in" in hanging.remedy) == ("red", True)
-
-
-@pytest.mark.parametrize(
-    ("changed", "said", "remedy"),
-    [
-        ({"device": '"hw:9"'}, "got no device of this name", "plug it in, start its server"),
-        ({"actuator": "9"}, "got 4 outputs and 2 inputs", "or correct audio.channels, or choose another device"),
-        ({"loopback": "3"}, "got 4 outputs and 2 inputs", "or correct audio.channels, or choose another device"),
-        ({"rate_hz": "44100"}, "Invalid sample rate", "set the device to it, or correct audio.rate_hz in the rig file"),
-    ],
-    ids=["device", "output", "input", "rate"],
-)
-def test_a_card_that_is_not_what_the_rig_file_says_is_red(
-    changed: dict[str, str], said: str, remedy: str, line: SerialLine, palpate: Palpate, tmp_path: Path
-) -> None:
-    rig = write_rig(tmp_path, "headless", **({"port": f'"{line.url}"', "device": '"system"'} | changed))
-    if "rate_hz" in changed:
-        rig.write_text(rig.read_text("utf-8").replace("rate_hz = 44100", "rate_hz = 1000", 1), "utf-8")
-    with sound.sound_card():
-        code, out, _ = palpate("doctor", "--rig", rig, "--json")
-    found = verdicts(out)["audio device"]
-    assert (code, found["verdict"], said in found["measured"]) == (2, "red", True), found
-    assert remedy in found["remedy"]
-    assert not any(name.startswith("loopback") for name in verdicts(out))
-
-
-def test_a_laboratorys_card_is_green_and_an_old_calibration_red(
-    line: SerialLine,
-    settings: TrackerRig,
-    palpate: Palpate,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    here = {"port": f'"{line.url}"', "device": '"system"', "block": "256", "output_ms": "5.333", "input_ms": "5.333"}
-    rig = write_rig(tmp_path, "headless", **here)
-    files, latency = rig.read_text("utf-8").split("[audio.latency]")
-    latency = re.sub(r"calibrated_on = \S+", f"calibrated_on = {date.today() - timedelta(31)}", latency)
-    files = re.sub(r"calibrated_on = \S+", f"calibrated_on = {date.today()}", files)
-    rig.write_text(f"{files}[audio.latency]{latency}", "utf-8")
-    foot = Foot(line, settings, real_time=True)
-    probing: Callable[..., AudioStream] = opening_audio.open_probing
-    with sound.sound_card() as card:
-
-        def laid(*given: Any, **named: Any) -> AudioStream:
-            opened = probing(*given, **named)
-            card.disconnect(2)
-            card.connect(3, 2)
-            return opened
-
-        monkeypatch.setattr(opening_audio, "open_probing", laid)
-        code, out, _ = palpate("doctor", "--rig", rig, "--json", "--dataset", tmp_path)
-    foot.close()
-    found = verdicts(out)
-    assert (code, red(found)) == (2, {"audio calibration"}), out
-    assert found["loopback latency"]["measured"].startswith("10.667 ms out and in, spread 0.000 ms")

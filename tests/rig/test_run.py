@@ -150,19 +150,23 @@ def test_a_session_from_the_experimenters_chair(
     assert events.count("PARTICIPANT") == 4
 
 
+def plugged_in_when_waited_for(laboratory: Laboratory, monkeypatch: pytest.MonkeyPatch, sole_mm: float = 0.0) -> None:
+    reconnect = SerialTracker.reconnect
+
+    def plugged_in_again(self: SerialTracker, timeout_s: float) -> None:
+        laboratory.line.replug()
+        laboratory.power(sole_mm)
+        reconnect(self, timeout_s)
+
+    monkeypatch.setattr(SerialTracker, "reconnect", plugged_in_again)
+
+
 @pytest.mark.parametrize("task", ["real"])
 def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lost(
     laboratory: Laboratory, task: str, monkeypatch: pytest.MonkeyPatch, palpate: Palpate
 ) -> None:
     laboratory.faults[3] = Faults(unplug_at=250)
-    reconnect = SerialTracker.reconnect
-
-    def plugged_in_again(self: SerialTracker, timeout_s: float) -> None:
-        laboratory.line.replug()
-        laboratory.power()
-        reconnect(self, timeout_s)
-
-    monkeypatch.setattr(SerialTracker, "reconnect", plugged_in_again)
+    plugged_in_when_waited_for(laboratory, monkeypatch)
     typed = iter(["c", "", "a", "", "n", "", "t", ""])
     monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirms" in prompt else "")
     code, out, err = palpate(
@@ -189,14 +193,7 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
 def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
     laboratory: Laboratory, task: str, monkeypatch: pytest.MonkeyPatch, palpate: Palpate
 ) -> None:
-    reconnect = SerialTracker.reconnect
-
-    def plugged_in_again(self: SerialTracker, timeout_s: float) -> None:
-        laboratory.line.replug()
-        laboratory.power()
-        reconnect(self, timeout_s)
-
-    monkeypatch.setattr(SerialTracker, "reconnect", plugged_in_again)
+    plugged_in_when_waited_for(laboratory, monkeypatch)
     typed = iter(["c", "", "a", "", "n", "", "t", ""])
     asked = 0
 
@@ -234,14 +231,7 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
     laboratory.foot.close()
     laboratory.power(1.5)
     laboratory.faults[4] = Faults(unplug_at=250)
-    reconnect = SerialTracker.reconnect
-
-    def plugged_in_again(self: SerialTracker, timeout_s: float) -> None:
-        laboratory.line.replug()
-        laboratory.power(-0.8)
-        reconnect(self, timeout_s)
-
-    monkeypatch.setattr(SerialTracker, "reconnect", plugged_in_again)
+    plugged_in_when_waited_for(laboratory, monkeypatch, -0.8)
     typed = iter(["c", "", "a", "", "n", "", "t", ""])
     asked = 0
 

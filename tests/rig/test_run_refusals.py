@@ -27,12 +27,6 @@ Run = Callable[[Path], str]
 
 
 @pytest.fixture
-def line() -> Iterator[SerialLine]:
-    with SerialLine() as laid:
-        yield laid
-
-
-@pytest.fixture
 def refusal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Palpate, seed_for: Callable[[Path, str], int]
 ) -> Run:

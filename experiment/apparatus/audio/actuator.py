@@ -52,6 +52,7 @@ class AudioActuator:
         self._samples: NDArray[np.float32] = np.zeros(0, np.float32)
         self._cue: Cue | None = None
         self._requested_ns: int | None = None
+        self._contact_ns: int | None = None
         self._xruns = 0
 
     @property
@@ -76,7 +77,7 @@ class AudioActuator:
             AudioError: it is too long, or the stream has stopped.
         """
         self.withdraw()
-        self._requested_ns = None
+        self._requested_ns = self._contact_ns = None
         self._samples, played = self._condition(waveform_m_s2, spectrum)
         self._cue = self._stream.schedule(self._samples, channel=self._audio.channels.actuator - 1, frame=SOMETIME)
         self._xruns = self._stream.xruns
@@ -94,6 +95,7 @@ class AudioActuator:
 
     def landed(self, contact_ns: int) -> None:
         """What was never aimed sounds with the next block; see `Actuator.landed`."""
+        self._contact_ns = contact_ns
         if self._cue is not None and self._requested_ns is None and self._stream.move(self._cue, AT_ONCE):
             self._requested_ns = contact_ns
 
@@ -109,14 +111,12 @@ class AudioActuator:
             None where the rig has no loopback, unless the stimulus is known to have been missed.
 
         Raises:
-            ActuatorError: nothing was aimed, and nothing has landed.
+            ActuatorError: nothing has landed.
             AudioError: the stream has stopped.
         """
-        cue, requested_ns = self._cue, self._requested_ns
-        if cue is None or requested_ns is None:
-            raise ActuatorError(
-                "actuator: got a question for a stimulus that nothing set off; aim it, or say it landed"
-            )
+        cue, requested_ns, contact_ns = self._cue, self._requested_ns, self._contact_ns
+        if cue is None or requested_ns is None or contact_ns is None:
+            raise ActuatorError("actuator: got a question for a stimulus before the foot has landed; say when it did")
         self._stream.wait(max(cue.frame, 0))
         while not cue.done:
             self._stream.wait(self._stream.next_frame + 1)
@@ -138,7 +138,13 @@ class AudioActuator:
             return self._said(requested_ns, "the loopback did not hear it")
         onset_ns = self._stream.ns_of(first + found.onset) - round(latency.input_ms * 1e6)
         onset_error_ms = (onset_ns - requested_ns) / 1e6
-        reason = measure.objection(found, onset_error_ms=onset_error_ms, gain=gain, tolerance=self._tolerance)
+        reason = measure.objection(
+            found,
+            onset_error_ms=onset_error_ms,
+            contact_error_ms=(onset_ns - contact_ns) / 1e6,
+            gain=gain,
+            tolerance=self._tolerance,
+        )
         return self._said(requested_ns, reason, onset_ns, found)
 
     def close(self) -> None:

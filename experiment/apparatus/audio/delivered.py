@@ -39,6 +39,7 @@ class Tolerance:
     """What may differ; see `rig_audio.DeliveredRig`."""
 
     onset_ms: float
+    contact_ms: float
     gain_db: float
     residual_db: float
 
@@ -96,12 +97,15 @@ def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, toleranc
     )
 
 
-def objection(alignment: Alignment, *, onset_error_ms: float, gain: float, tolerance: Tolerance) -> str:
+def objection(
+    alignment: Alignment, *, onset_error_ms: float, contact_error_ms: float, gain: float, tolerance: Tolerance
+) -> str:
     """Why what was heard does not count as delivered; empty where it does.
 
     Args:
         alignment: of what was heard.
         onset_error_ms: measured minus asked, ms.
+        contact_error_ms: measured minus contact, ms.
         gain: what the loopback makes of a sample of 1.0.
         tolerance: what may differ.
     """
@@ -114,4 +118,6 @@ def objection(alignment: Alignment, *, onset_error_ms: float, gain: float, toler
         return f"something else was heard at {alignment.residual_db:.1f} dB; allowed: {tolerance.residual_db:g} dB"
     if abs(onset_error_ms) > tolerance.onset_ms:
         return f"it came {onset_error_ms:+.2f} ms off; allowed: {tolerance.onset_ms:g} ms"
+    if abs(contact_error_ms) > tolerance.contact_ms:
+        return f"it came {contact_error_ms:+.2f} ms from contact; allowed: {tolerance.contact_ms:g} ms"
     return ""

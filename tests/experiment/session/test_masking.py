@@ -11,14 +11,13 @@ import pytest
 from experiment.apparatus.ports import MaskerExposure
 from experiment.clock import ManualClock
 from experiment.errors import AudioError
-from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.records import Footer, MaskerSet, Phase
 from experiment.session import journal, masking, places
 from experiment.session.journal import Contents, Line
 from experiment.session.masking import FIRST_DB_A, STEP_DB, Masking
+from tests.experiment.session.bench import Bench, bench, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
-from tests.experiment.session.test_runner import Bench, bench, header
 
 DAY_NS = 24 * 3600 * 10**9
 
@@ -50,11 +49,6 @@ class ScriptedMasker:
     def _set(self, level_db_a: float) -> float:
         self.level_db_a = min(level_db_a, self.limit_db_a)
         return self.level_db_a
-
-
-@pytest.fixture(scope="module")
-def protocol(repository_root: Path) -> Protocol:
-    return load.load(repository_root / "protocols" / "okamoto2012.toml")
 
 
 def masked(one: Bench, levels: str, limit_db_a: float = 60.0) -> Bench:

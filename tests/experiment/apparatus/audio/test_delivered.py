@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from experiment.apparatus.audio.delivered import LEAST_DB, Alignment, Tolerance, align, objection, silence_objection
 
-TOLERANCE = Tolerance(onset_ms=1.0, gain_db=1.0, residual_db=-20.0)
+TOLERANCE = Tolerance(onset_ms=1.0, contact_ms=5.0, gain_db=1.0, residual_db=-20.0)
 
 
 def crinkle(n: int, seed: int = 0) -> np.ndarray:
@@ -71,7 +71,7 @@ def judged(heard: np.ndarray, wanted: np.ndarray, *, expected_at: int = 500) -> 
     found = align(heard, wanted, gain=1.0)
     assert found is not None
     error_ms = (found.onset - expected_at) / 48
-    return objection(found, onset_error_ms=error_ms, gain=1.0, tolerance=TOLERANCE)
+    return objection(found, onset_error_ms=error_ms, contact_error_ms=0.0, gain=1.0, tolerance=TOLERANCE)
 
 
 def test_what_is_as_intended_counts() -> None:
@@ -118,6 +118,9 @@ def test_a_silence_counts_where_little_was_heard(loudest: float, said: str) -> N
 
 def test_objections_stand_in_order_of_what_explains_most() -> None:
     whole = Alignment(onset=0, gain=1.0, residual_db=-60.0, correlation=1.0)
-    assert objection(whole, onset_error_ms=0.5, gain=1.0, tolerance=TOLERANCE) == ""
-    assert "ms off" in objection(whole, onset_error_ms=-1.5, gain=1.0, tolerance=TOLERANCE)
-    assert "level" in objection(whole, onset_error_ms=-1.5, gain=2.0, tolerance=TOLERANCE)
+    assert objection(whole, onset_error_ms=0.5, contact_error_ms=-5.0, gain=1.0, tolerance=TOLERANCE) == ""
+    assert "+5.01 ms from contact; allowed: 5 ms" in objection(
+        whole, onset_error_ms=0.5, contact_error_ms=5.01, gain=1.0, tolerance=TOLERANCE
+    )
+    assert "ms off" in objection(whole, onset_error_ms=-1.5, contact_error_ms=9.0, gain=1.0, tolerance=TOLERANCE)
+    assert "level" in objection(whole, onset_error_ms=-1.5, contact_error_ms=9.0, gain=2.0, tolerance=TOLERANCE)

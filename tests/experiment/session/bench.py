@@ -1,0 +1,120 @@
+"""A session's devices, scripted, and what it wrote."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiment.apparatus.foreign import ForeignTracker
+from experiment.apparatus.ports import Masker
+from experiment.apparatus.samples import Samples
+from experiment.apparatus.zeroing import ZeroedTracker
+from experiment.clock import ManualClock
+from experiment.errors import PalpateError
+from experiment.protocol.models import Protocol
+from experiment.protocol.shipped import shipped
+from experiment.records import (
+    BrokenOff,
+    Footer,
+    Header,
+    PlannedTrial,
+)
+from experiment.scene import Rendered
+from experiment.session import attempt, journal, places, runner
+from experiment.stimulus_record import Computed, Delivered
+from experiment.synthesis.crinkle import Synthesised
+from experiment.synthesis.spectra import Bins
+from tests.experiment.session.scripted import (
+    START_NS,
+    ScriptedActuator,
+    ScriptedConsole,
+    ScriptedTracker,
+    step_samples,
+)
+from tests.experiment.session.test_journal import HEADER
+
+ORDER = ("copy paper", "polypropylene", "copy paper")
+COMPUTED = Computed(method="constant", relative_error=0.0)
+DELIVERED = Delivered(
+    requested_ns=0, onset_ns=0, onset_error_ms=0.0, gain=1.0, residual_db=-60.0, xruns=0, delivered=True
+)
+
+
+def header(task: str) -> Header:
+    order = tuple(PlannedTrial(trial=n, presented=material) for n, material in enumerate(ORDER, start=1))
+    return HEADER.model_copy(update={"order": order, "task": task, "block_trials": len(order)})
+
+
+@dataclass
+class Bench:
+    """One set of scripted devices; `rendered` is what synthesis was asked for."""
+
+    tracker: ScriptedTracker
+    console: ScriptedConsole
+    actuator: ScriptedActuator
+    clock: ManualClock
+    rendered: list[tuple[str, float]]
+    masker: Masker | None = None
+    priority: str = ""
+    zeroed: ZeroedTracker | None = None
+    foreign: ForeignTracker | None = None
+
+    def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
+        def render(material: str, speed_mm_s: float, rate_hz: int) -> Rendered:
+            self.rendered.append((material, speed_mm_s))
+            made = Synthesised(
+                np.full(rate_hz // 2, 1.5),
+                floored_bins=3,
+                extrapolated=False,
+                dropped_bins=0,
+                bins=lambda: Bins(np.zeros(1), samples=1, rate_hz=rate_hz),
+            )
+            return Rendered(made, COMPUTED)
+
+        virtual = asked.task == "virtual"
+        devices = attempt.Devices(
+            tracker=self.zeroed or self.foreign or self.tracker,
+            tracker_port="scripted",
+            noise_mm=0.1,
+            actuator=self.actuator if virtual else None,
+            render=render if virtual else None,
+            console=self.console,
+            clock=self.clock,
+            masker=self.masker,
+            reconnect_s=300.0,
+            priority=self.priority,
+        )
+        rig_file = shipped("rigs/rehearsal.toml")
+        return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=dataset)
+
+
+def in_pieces(step: Samples) -> list[Samples]:
+    """As a port gives it: 4 ms a read."""
+    pieces = []
+    while step.device_us.size:
+        piece, step = step.cut(min(4, step.device_us.size))
+        pieces.append(piece)
+    return pieces
+
+
+def bench(keys: str, steps: list[Samples | PalpateError] | None = None, lost: tuple[int, ...] = ()) -> Bench:
+    clock = ManualClock(START_NS)
+    if steps is None:
+        steps = [step_samples(2_000_000 * n, 100.0 * n) for n in range(1, len(keys) + 1)]
+    return Bench(ScriptedTracker(steps, lost, clock=clock), ScriptedConsole(clock, keys), ScriptedActuator(), clock, [])
+
+
+def entries(dataset: Path, task: str) -> tuple[object, ...]:
+    return journal.read(places.journal_path(dataset, "01", task)).entries
+
+
+def felt_and_on_file(broken: object, reason: str, dataset: Path) -> None:
+    """The first trial's step of 100 mm/s, with every frame up to the end of its tail."""
+    assert isinstance(broken, BrokenOff)
+    assert (broken.trial, broken.attempt, broken.felt, broken.reason) == (1, 1, True, reason)
+    assert broken.speed_mm_s == pytest.approx(100.0, rel=1e-9)
+    assert broken.trace.length == broken.link.received == 401
+    assert places.foot_path(places.journal_path(dataset, "01", "virtual")).stat().st_size == 401

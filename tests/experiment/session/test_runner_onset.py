@@ -1,0 +1,203 @@
+"""The runner's stimuli: aimed, withdrawn, undelivered and failing, with scripted devices."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiment.apparatus.samples import Samples
+from experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
+from experiment.protocol.models import Protocol
+from experiment.records import (
+    BrokenOff,
+    Footer,
+    FootStep,
+    Redo,
+)
+from experiment.session import runner
+from tests.experiment.session.bench import (
+    DELIVERED,
+    bench,
+    entries,
+    felt_and_on_file,
+    header,
+    in_pieces,
+)
+from tests.experiment.session.scripted import (
+    START_NS,
+    step_samples,
+)
+
+
+def joined(*parts: Samples) -> Samples:
+    """One read of several."""
+    raw = b"".join(part.raw for part in parts)
+    begins = np.cumsum([0, *(len(part.raw) for part in parts[:-1])])
+    return Samples(
+        np.concatenate([part.device_us for part in parts]),
+        np.concatenate([part.height_mm for part in parts]),
+        raw,
+        np.concatenate([begin + part.ends for begin, part in zip(begins, parts, strict=True)]),
+        parts[-1].arrived_ns,
+    )
+
+
+def in_vain(start_us: int, speed_mm_s: float) -> Samples:
+    """A foot that comes down from 30 mm, stops 5 mm above the panel for 0.2 s, and goes back up."""
+    fall_s = 25 / speed_mm_s
+    seconds = np.arange(0, fall_s + 0.5, 1e-3)
+    height = np.interp(seconds, [0, fall_s, fall_s + 0.2, fall_s + 0.4], [30, 5, 5, 30])
+    device_us = np.rint(start_us + seconds * 1e6).astype(np.int64)
+    return Samples(device_us, height, bytes(len(seconds)), np.arange(len(seconds)) + 1, START_NS)
+
+
+@pytest.mark.parametrize("pieces", [1, 7, 100])
+def test_a_foot_that_stops_plays_nothing_and_the_trial_is_armed_again_while_it_is_watched(
+    protocol: Protocol, tmp_path: Path, pieces: int
+) -> None:
+    # Nothing between the two is thrown away, however the reads were cut.
+    rest = joined(in_vain(2_000_000, 150.0), step_samples(3_000_000, 100.0))
+    steps = []
+    for n in np.array_split(np.arange(rest.device_us.size), pieces):
+        piece, rest = rest.cut(n.size)
+        steps.append(piece)
+    one = bench("cpt", [*steps, step_samples(5_000_000, 150.0), step_samples(7_000_000, 150.0)])
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
+    assert one.console.rearmed == [(1, 2, "the foot stopped or hesitated above the panel")]
+    assert [speed for _, speed in one.rendered] == pytest.approx([150.0, 100.0, 150.0, 150.0], rel=1e-6)
+    assert len(one.actuator.played) == 3
+    assert one.actuator.withdrawn == 1
+    done = entries(tmp_path, "virtual")
+    (broken,) = [e for e in done if isinstance(e, BrokenOff)]
+    assert (broken.trial, broken.attempt, broken.felt) == (1, 1, False)
+    assert broken.speed_mm_s == pytest.approx(150.0, rel=1e-6)
+    stopped_us = 2_000_000 + 25e6 / 150
+    assert broken.at_us is not None
+    assert stopped_us < broken.at_us < stopped_us + 60_000
+    first = next(e for e in done if isinstance(e, FootStep))
+    assert (first.attempt, first.trace.offset) == (2, broken.trace.length)
+    assert broken.at_us == 2_000_000 + 1000 * (broken.trace.length - 1)
+
+
+def test_what_can_no_longer_be_withdrawn_has_its_trial_put_off(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt", [in_vain(2_000_000, 150.0), *(step_samples(2_000_000 * n, 150.0) for n in range(2, 6))])
+    one.actuator.sounds_anyway = True
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
+    assert one.console.rearmed == []
+
+
+@pytest.mark.parametrize("lead_ms", [5, 12])
+def test_the_onset_is_aimed_at_the_predicted_contact_until_it_cannot_be_moved(
+    protocol: Protocol, tmp_path: Path, lead_ms: int
+) -> None:
+    steps = [step_samples(2_000_000 * n, 150.0) for n in range(1, 4)]
+    one = bench("cpt", [piece for step in steps for piece in (*in_pieces(step),)])
+    one.actuator.lead_ns = lead_ms * 1_000_000
+    one.run(protocol, header("virtual"), tmp_path)
+    for step, aimed in zip(
+        (e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep)), one.actuator.aimed, strict=True
+    ):
+        onset = step.onset
+        assert onset is not None
+        assert onset.predicted_us is not None
+        assert onset.predicted_from_us is not None
+        assert onset.prediction_error_ms is not None
+        # The steady foot of 150 mm/s; the filter supposes noise of 0.1 mm, so it believes its prior a little.
+        assert abs(onset.prediction_error_ms) < 0.5
+        assert lead_ms <= (onset.predicted_us - onset.predicted_from_us) / 1e3 < lead_ms + 1.1
+        assert onset.scheduled_ns == aimed[-1]
+        assert onset.scheduled_ns - onset.contact_ns == pytest.approx(onset.prediction_error_ms * 1e6, abs=2)
+        assert len(aimed) > 10
+
+
+def test_where_nothing_can_be_scheduled_the_prediction_is_journaled_alone(protocol: Protocol, tmp_path: Path) -> None:
+    bench("cpt").run(protocol, header("virtual"), tmp_path)
+    for step in (e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep)):
+        assert step.onset is not None
+        assert (step.onset.scheduled_ns, step.onset.delivered) == (None, None)
+        assert step.onset.predicted_us == pytest.approx(step.contact_us, abs=200)
+
+
+@pytest.mark.parametrize("block", [3, 1])
+def test_an_undelivered_trial_is_repeated_at_the_end_of_its_block(
+    protocol: Protocol, tmp_path: Path, block: int
+) -> None:
+    one = bench("cpt", [step_samples(2_000_000 * n, 150.0) for n in range(1, 5)])
+    one.actuator.heard.extend([DELIVERED.model_copy(update={"delivered": False, "reason": "nothing was heard"})])
+    asked = header("virtual").model_copy(update={"block_trials": block})
+    assert one.run(protocol, asked, tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == ([(1, 1), (2, 1), (3, 1), (1, 2)] if block == 3 else [(1, 1), (1, 2), (2, 1), (3, 1)])
+    (redone,) = [e for e in entries(tmp_path, "virtual") if isinstance(e, Redo)]
+    assert redone.reason.startswith("undelivered: the participant did not feel")
+
+
+def test_a_rig_that_delivers_nothing_pauses_the_session(protocol: Protocol, tmp_path: Path) -> None:
+    failed = DELIVERED.model_copy(update={"delivered": False, "reason": "nothing was heard"})
+    one = bench("ccppp", [step_samples(600_000 * n, 100.0) for n in range(1, 4 + runner.MOST_UNDELIVERED)])
+    one.actuator.heard.extend([failed] * 2 + [DELIVERED] + [failed] * runner.MOST_UNDELIVERED)
+    footer = one.run(protocol, header("virtual"), tmp_path)
+    detail = f"{runner.MOST_UNDELIVERED} attempts in a row were undelivered; run palpate doctor, then go on"
+    assert footer == Footer(reason="paused", detail=detail, answered=1)
+    assert len(one.console.armed) == 3 + runner.MOST_UNDELIVERED
+    assert entries(tmp_path, "virtual")[-1] == footer
+    second = bench("cpn")
+    assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
+
+
+def test_without_a_rule_an_undelivered_trial_is_marked_and_counts(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.actuator.heard.append(DELIVERED.model_copy(update={"delivered": False, "reason": "nothing was heard"}))
+    kept = tuple(rule for rule in protocol.exclusion if rule.when != "undelivered")
+    one.run(protocol.model_copy(update={"exclusion": kept}), header("virtual"), tmp_path)
+    first = next(e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep))
+    assert first.onset is not None
+    assert first.onset.delivered is not None
+    assert first.onset.delivered.reason == "nothing was heard"
+
+
+@pytest.mark.parametrize("failed", [AudioError("audio: the stream has stopped"), ActuatorError("actuator: gone")])
+def test_a_step_that_was_felt_is_on_file_when_the_sound_fails_after_contact(
+    protocol: Protocol, tmp_path: Path, failed: PalpateError
+) -> None:
+    one = bench("c")
+    one.actuator.heard.append(failed)
+    with pytest.raises(type(failed), match=str(failed)):
+        one.run(protocol, header("virtual"), tmp_path)
+    *_, broken, footer = entries(tmp_path, "virtual")
+    assert footer == Footer(reason="error", detail=str(failed), answered=0)
+    felt_and_on_file(broken, str(failed), tmp_path)
+    second = bench("pnc")
+    assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
+    assert second.console.armed == [(2, 1), (3, 1), (1, 2)]
+
+
+def test_a_step_that_was_felt_is_on_file_when_it_is_interrupted(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+    one.actuator.heard.append(KeyboardInterrupt())
+    footer = one.run(protocol, header("virtual"), tmp_path)
+    assert footer == Footer(reason="paused", detail="interrupted at the keyboard", answered=0)
+    *_, broken, last = entries(tmp_path, "virtual")
+    assert last == footer
+    felt_and_on_file(broken, "interrupted at the keyboard", tmp_path)
+    second = bench("pnc")
+    assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
+    assert second.console.armed == [(2, 1), (3, 1), (1, 2)]
+
+
+def test_a_stimulus_is_withdrawn_when_the_session_breaks_off(protocol: Protocol, tmp_path: Path) -> None:
+    falling, _ = step_samples(2_000_000, 150.0).cut(180)
+    one = bench("c", [falling, TrackerError("the device restarted")])
+    with pytest.raises(TrackerError, match="the device restarted"):
+        one.run(protocol, header("virtual"), tmp_path)
+    assert (one.actuator.played, one.actuator.withdrawn) == ([], 1)
+
+
+def test_what_follows_contact_in_the_same_read_is_another_step(protocol: Protocol, tmp_path: Path) -> None:
+    first, second = step_samples(2_000_000, 150.0), step_samples(2_600_000, 300.0)
+    one = bench("cpt", [joined(first, second), step_samples(4_000_000, 150.0), step_samples(6_000_000, 150.0)])
+    one.run(protocol, header("virtual"), tmp_path)
+    assert [speed for _, speed in one.rendered] == pytest.approx([150.0] * 3, rel=1e-6)

@@ -1,0 +1,238 @@
+"""The runner while its tracker drifts, stops, comes back or stays away, with scripted devices."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from experiment.apparatus.clock_map import ClockMap
+from experiment.apparatus.foreign import ForeignTracker
+from experiment.apparatus.samples import Samples
+from experiment.apparatus.zeroing import ZeroedTracker
+from experiment.clock import ManualClock
+from experiment.errors import TrackerError, TrackerStopped
+from experiment.protocol.models import Protocol
+from experiment.records import (
+    BrokenOff,
+    Footer,
+    FootStep,
+    Phase,
+    TrackerOpened,
+    Zeroed,
+)
+from experiment.session import places
+from tests.experiment.session.bench import (
+    ORDER,
+    bench,
+    entries,
+    header,
+)
+from tests.experiment.session.scripted import (
+    ScriptedTracker,
+    rest_samples,
+    step_samples,
+)
+
+
+def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cp", [step_samples(2_000_000, 150.0), step_samples(40_000_000, 150.0)])
+    with pytest.raises(TrackerError, match=r"part by 3[67].* s; the device restarted"):
+        one.run(protocol, header("real"), tmp_path)
+    assert one.console.confirmations == [(1, "copy paper")]
+    # The step is on file all the same, at the session time it was at.
+    *_, step, footer = entries(tmp_path, "real")
+    assert isinstance(step, FootStep)
+    assert (step.trial, step.trace.length > 0) == (2, True)
+    assert step.clock.anchor_us == pytest.approx(step.contact_us, abs=1)
+    assert step.clock.anchor_ns == one.clock.now_ns()
+    assert isinstance(footer, Footer)
+    second = bench("pt")
+    assert second.run(protocol, header("real"), tmp_path).reason == "complete"
+    assert second.console.armed == [(2, 2), (3, 1)]
+
+
+def test_where_clocks_part_a_step_and_its_onset_go_by_one_clock(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cp", [step_samples(2_000_000, 150.0), step_samples(40_000_000, 150.0)])
+    with pytest.raises(TrackerError, match="the device restarted"):
+        one.run(protocol, header("virtual"), tmp_path)
+    for step in (e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep)):
+        by = ClockMap(step.clock.anchor_us, step.clock.anchor_ns, step.clock.drift_ppm)
+        assert step.onset is not None
+        assert step.onset.contact_ns == by.session_ns(step.contact_us)
+    assert step.trial == 2
+
+
+class Drifting(ScriptedTracker):
+    """Before each step but the first 1500 s pass on its clock, and more or less on the session's."""
+
+    def __init__(self, drift_ppm: float, *, clock: ManualClock) -> None:
+        super().__init__([step_samples(n * 1_500_000_000, 150.0) for n in range(3)], clock=clock)
+        self._drift_ppm = drift_ppm
+
+    def read(self) -> Samples:
+        self.clock_map = self.clock_map or ClockMap(0, self._clock.now_ns(), self._drift_ppm)
+        due_ns = self.clock_map.session_ns(1_500_000_000 * (3 - len(self._steps)) + 1_000_000)
+        self._clock.sleep_ns(max(due_ns - self._clock.now_ns(), 0))
+        return super().read()
+
+
+@pytest.mark.parametrize("drift_ppm", [5000.0, -5000.0, 30_000.0, -30_000.0])
+def test_a_resonators_drift_over_a_session_is_no_restart(protocol: Protocol, tmp_path: Path, drift_ppm: float) -> None:
+    one = bench("cpt")
+    one.tracker = Drifting(drift_ppm, clock=one.clock)
+    if abs(drift_ppm) < 10_000:
+        assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    else:
+        with pytest.raises(TrackerError, match=r"part by -?4[3-6]\..* s; the device restarted"):
+            one.run(protocol, header("real"), tmp_path)
+
+
+def test_a_stopped_tracker_ends_the_session_with_a_footer_and_loses_nothing(protocol: Protocol, tmp_path: Path) -> None:
+    steps = [step_samples(0, 150.0), TrackerStopped("tracker at scripted: no frame for 200 ms")]
+    footer = bench("c", steps).run(protocol, header("real"), tmp_path)
+    assert footer == Footer(reason="paused", detail="tracker at scripted: not back within 300 s", answered=1)
+    assert entries(tmp_path, "real")[-1] == footer
+    second = bench("pt")
+    assert second.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert second.console.armed == [(2, 2), (3, 1)]
+
+
+def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(protocol: Protocol, tmp_path: Path) -> None:
+    first, _ = step_samples(2_000_000, 150.0).cut(100)
+    said = "tracker at scripted: the port has gone; plug the device in again"
+    # It restarts: its clock begins anew.
+    one = bench("cpt")
+    one.tracker = ScriptedTracker(
+        [step_samples(0, 150.0), first, TrackerStopped(said), step_samples(0, 150.0), step_samples(2_000_000, 150.0)],
+        clock=one.clock,
+        comes_back=True,
+    )
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == [(1, 1), (2, 1), (2, 2), (3, 1)]
+    assert one.console.shown[0] == f"{said}. The session waits for 300 s; nothing is lost."
+    (broken,) = [e for e in entries(tmp_path, "real") if isinstance(e, BrokenOff)]
+    assert (broken.trial, broken.felt, broken.speed_mm_s, broken.at_us) == (2, False, None, 2_099_000)
+    assert broken.trace.length == broken.link.received == 100
+    kinds = [type(e) for e in entries(tmp_path, "real")]
+    lost = kinds.index(BrokenOff)
+    assert kinds[lost : lost + 4] == [BrokenOff, Phase, Phase, TrackerOpened]
+
+
+def test_a_tracker_that_goes_between_two_steps_is_waited_for_and_the_same_attempt_is_armed_again(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    said = "tracker at scripted: the port has gone; plug the device in again"
+    one = bench("cpt")
+    one.tracker = ScriptedTracker(
+        [step_samples(0, 150.0), step_samples(0, 150.0), step_samples(2_000_000, 150.0)],
+        clock=one.clock,
+        comes_back=True,
+    )
+    one.tracker.drains.extend([None, TrackerStopped(said)])
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
+    assert one.console.placed == [(n, ORDER[n - 1]) for n in (1, 2, 2, 3)]
+    assert one.console.shown[0] == f"{said}. The session waits for 300 s; nothing is lost."
+    done = entries(tmp_path, "real")
+    assert [e.detail for e in done if isinstance(e, Phase) and e.state == "waiting"] == [said]
+    kinds = [type(e) for e in done]
+    assert BrokenOff not in kinds
+    assert kinds.count(TrackerOpened) == 2
+
+
+def test_heights_count_from_where_the_foot_rested_and_again_once_the_tracker_has_come_back(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    def worn(start_us: int, sole_mm: float) -> Samples:
+        step = step_samples(start_us, 150.0)
+        return replace(step, height_mm=step.height_mm + sole_mm)
+
+    one = bench("cpt")
+    stopped = TrackerStopped("tracker at scripted: the port has gone; plug the device in again")
+    one.tracker = ScriptedTracker(
+        [
+            rest_samples(0, 9.0),
+            rest_samples(500_000, 2.5),
+            worn(1_000_000, 2.5),
+            stopped,
+            rest_samples(0, -1.5),
+            worn(500_000, -1.5),
+            worn(2_500_000, -1.5),
+        ],
+        clock=one.clock,
+        comes_back=True,
+    )
+    one.zeroed = ZeroedTracker(one.tracker, contact_mm=0.0, farthest_mm=3.0, samples=200)
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert [why[:35] for why in one.console.rested] == ["", "zeroing: got an offset of 9.00 mm; ", ""]
+    assert "Zeroed: the foot rests at -1.50 mm from contact." in one.console.shown
+    done = entries(tmp_path, "real")
+    zeros = [e for e in done if isinstance(e, Zeroed)]
+    assert zeros == [Zeroed(offset_mm=mm, spread_mm=0.0, samples=200) for mm in (2.5, -1.5)]
+    # 30 mm at 150 mm/s: 0.2 s after each step began.
+    steps = [e for e in done if isinstance(e, FootStep)]
+    assert [step.contact_us for step in steps] == pytest.approx([1_200_000, 700_000, 2_700_000], abs=1)
+
+
+def test_a_tracker_that_goes_between_two_steps_and_stays_away_pauses(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+    one.tracker.drains.extend([None, TrackerStopped("tracker at scripted: the port has gone")])
+    footer = one.run(protocol, header("real"), tmp_path)
+    assert footer == Footer(reason="paused", detail="tracker at scripted: not back within 300 s", answered=1)
+    second = bench("pt")
+    assert second.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert second.console.armed == [(2, 1), (3, 1)]
+
+
+def test_a_tracker_that_stops_after_contact_has_its_trial_put_off(protocol: Protocol, tmp_path: Path) -> None:
+    landed, _ = step_samples(0, 150.0).cut(220)
+    one = bench("cpt")
+    one.tracker = ScriptedTracker(
+        [landed, TrackerStopped("gone"), *(step_samples(2_000_000 * n, 150.0) for n in range(1, 4))],
+        clock=one.clock,
+        comes_back=True,
+    )
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert len(one.actuator.played) == 4
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
+
+
+class Foreign(ScriptedTracker):
+    """A driver of somebody else's: once its device is gone, the parts named fail as `read` does."""
+
+    failing: frozenset[str] = frozenset()
+    gone = False
+
+    def read(self) -> Samples:
+        if not self._steps:
+            self.gone = True
+            raise OSError("no such device")
+        return super().read()
+
+    def __getattribute__(self, name: str) -> object:
+        held = super().__getattribute__
+        if held("gone") and name in held("failing"):
+            raise OSError("no such device")
+        return held(name)
+
+
+@pytest.mark.parametrize("failing", [(), ("counts",), ("clock_map",), ("counts", "clock_map")])
+def test_a_step_that_was_felt_is_on_file_when_a_foreign_tracker_fails_in_every_part(
+    protocol: Protocol, tmp_path: Path, failing: tuple[str, ...]
+) -> None:
+    landed, _ = step_samples(2_000_000, 100.0).cut(310)
+    one = bench("c")
+    driver = Foreign([landed], clock=one.clock)
+    driver.failing = frozenset(failing)
+    one.foreign = ForeignTracker(driver, "lab.tracker:Tracker")
+    with pytest.raises(TrackerError, match=r"its driver 'lab.tracker:Tracker' failed at `read`"):
+        one.run(protocol, header("virtual"), tmp_path)
+    broken, _ = (e for e in entries(tmp_path, "virtual") if isinstance(e, BrokenOff | Footer))
+    assert isinstance(broken, BrokenOff)
+    assert broken.felt
+    assert broken.clock is not None
+    assert broken.clock.anchor_us == 2_000_000
+    assert broken.trace.length == broken.link.received == 310
+    assert places.foot_path(places.journal_path(tmp_path, "01", "virtual")).stat().st_size == 310
