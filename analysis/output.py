@@ -127,7 +127,9 @@ def _manifest(out: Path, command: Command) -> dict[str, list[str]]:
         wrote, files = str(content["command"]), content["palpate"]
         ours = {str(name): [str(digest) for digest in digests] for name, digests in files.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise DatasetError(f"{path} is no manifest of palpate; move it away or choose another --out") from error
+        raise DatasetError(
+            f"{path} is no manifest of palpate, or of an earlier one; move the folder away or choose another --out"
+        ) from error
     if wrote != command:
         raise DatasetError(
             f"{out} holds what `palpate {wrote}` wrote; `palpate {command}` would take it away; choose another --out"

@@ -26,7 +26,7 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
     "floored_bins": {"Description": "Bins of the synthesised spectrum floored at zero. n/a without synthesis."},
     "delivered": {
         "Description": "Whether the loopback heard the stimulus as it was intended. n/a where nothing measured it.",
-        "Levels": {"1": "within the rig's thresholds", "0": "late, changed or not at all"},
+        "Levels": {"1": "within the rig's thresholds", "0": "early, late, changed or not at all"},
     },
     "onset_error": {
         "Description": "Measured onset of the stimulus at the panel minus contact. n/a where nothing measured it.",

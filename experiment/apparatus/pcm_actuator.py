@@ -93,7 +93,7 @@ class PcmActuator:
         self._prepared = None
         return True
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self, contact_ns: int) -> Delivered | None:  # noqa: ARG002
         return None
 
     def close(self) -> None:

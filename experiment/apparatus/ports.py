@@ -148,8 +148,15 @@ class Actuator(Protocol):
         """Take the stimulus back. Returns whether nothing of it will sound."""
         ...
 
-    def delivered(self) -> Delivered | None:
-        """What was heard of the stimulus, once it has ended; None where nothing measures it. Raises `ActuatorError`."""
+    def delivered(self, contact_ns: int) -> Delivered | None:
+        """What was heard of the stimulus, once it has ended; None where nothing measures it.
+
+        Args:
+            contact_ns: when the foot touched the panel, session time, as it is known by then.
+
+        Raises:
+            ActuatorError: the device cannot say.
+        """
         ...
 
     def close(self) -> None: ...

@@ -82,12 +82,13 @@ class DeliveredRig(Confined):
     """What a stimulus heard by loopback may differ from the intended one and still count as delivered.
 
     `onset_ms`: how early or late, against when it was asked for; `contact_ms`: the same against contact, so that the
-    error of the prediction counts; `gain_db`: how much louder or softer; `residual_db`: power of what neither delay nor
-    gain explains, relative to the intended waveform; of an intended silence the loudest sample, relative to full scale.
+    error of the prediction counts, and not asked where it is left out; `gain_db`: how much louder or softer;
+    `residual_db`: power of what neither delay nor gain explains, relative to the intended waveform; of an intended
+    silence the loudest sample, relative to full scale.
     """
 
     onset_ms: Annotated[float, Field(gt=0, le=100)]
-    contact_ms: Annotated[float, Field(gt=0, le=100)]
+    contact_ms: Annotated[float, Field(gt=0, le=100)] | None = None
     gain_db: Annotated[float, Field(gt=0, le=20)]
     residual_db: Annotated[float, Field(ge=-200, lt=0)]
 

@@ -224,8 +224,8 @@ class ExclusionRule(Confined):
 
     `when` is one of: `frames-lost` (more than `limit` frames lost or damaged between arming and contact),
     `speed-below` / `speed-above` (foot speed, mm/s, against `limit`), `undelivered` (the loopback heard the stimulus
-    late, changed or not at all, by the rig's thresholds), `answers-below` (fewer than `limit` answered trials in a
-    task), `withdrawn`. A trial that a rule repeats may have been felt, so it comes again at the end of its block.
+    early, late, changed or not at all, by the rig's thresholds), `answers-below` (fewer than `limit` answered trials in
+    a task), `withdrawn`. A trial that a rule repeats may have been felt, so it comes again at the end of its block.
     """
 
     RULES: ClassVar[rules.Rules] = rules.exclusion_rule

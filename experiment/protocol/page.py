@@ -256,7 +256,7 @@ def _condition(rule: ExclusionRule) -> str:
         case "speed-above":
             return f"if the foot comes at more than {limit} mm/s"
         case "undelivered":
-            return "if the vibration was measured to come late, changed or not at all, by the rig's thresholds"
+            return "if the vibration was measured to come early, late, changed or not at all, by the rig's thresholds"
         case "answers-below":
             return f"if a participant answers fewer than {limit} trials of a task"
         case "withdrawn":

@@ -41,8 +41,8 @@ class SilentActuator:
     def withdraw(self) -> bool:
         return self._actuator.withdraw()
 
-    def delivered(self) -> Delivered | None:
-        return self._actuator.delivered()
+    def delivered(self, contact_ns: int) -> Delivered | None:
+        return self._actuator.delivered(contact_ns)
 
     def close(self) -> None:
         self._actuator.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
@@ -27,41 +28,57 @@ def rehearse(todo: Sequence[Job], jobs: int, tick: Tick) -> None:
     """
     context = multiprocessing.get_context("spawn")
     queue: multiprocessing.SimpleQueue[None] = context.SimpleQueue()
-    with (
-        _interruptible() as interrupted,
-        ProcessPoolExecutor(jobs, mp_context=context, initializer=_share, initargs=(queue,)) as pool,
-    ):
-        futures: set[Future[None]] = {pool.submit(_rehearse_shared, job) for job in todo}
-        try:
-            while futures:
-                done, futures = wait(futures, timeout=0.1, return_when=FIRST_EXCEPTION)
-                for _ in _drained(queue):
-                    tick()
-                for future in done:
-                    future.result()
-                if interrupted.is_set():
-                    raise Interrupted("the rehearsal was interrupted; the same command goes on with it")
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in multiprocessing.active_children():
-                worker.terminate()
-            raise
+    with _noted() as interrupts:
+        with ProcessPoolExecutor(jobs, mp_context=context, initializer=_share, initargs=(queue,)) as pool:
+            try:
+                with _held_back():
+                    futures: set[Future[None]] = {pool.submit(_rehearse_shared, job) for job in todo}
+                while futures:
+                    done, futures = wait(futures, timeout=0.1, return_when=FIRST_EXCEPTION)
+                    for _ in _drained(queue):
+                        tick()
+                    _end_at(interrupts)
+                    for future in done:
+                        future.result()
+            except BaseException:
+                for worker in multiprocessing.active_children():
+                    worker.terminate()
+                raise
+        _end_at(interrupts)
+
+
+def _end_at(interrupts: Sequence[int]) -> None:
+    if interrupts:
+        raise Interrupted("the rehearsal was interrupted; the same command goes on with it")
 
 
 @contextmanager
-def _interruptible() -> Iterator[threading.Event]:
-    """Whether Ctrl-C was pressed: it is only noted.
+def _held_back() -> Iterator[None]:
+    """Ctrl-C reaches every process of a terminal: those that begin here do not hear it before they can ignore it."""
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+@contextmanager
+def _noted() -> Iterator[Sequence[int]]:
+    """Every Ctrl-C that was pressed since; they do nothing else.
 
     As an exception it might come while the pool's locks are being taken, which then nobody gives back, and the process
     would never end.
     """
-    pressed = threading.Event()
+    pressed: list[int] = []
     before = signal.getsignal(signal.SIGINT)
     # Who ignores it, as a job in the background does, goes on ignoring it; only the main thread may say.
     if before is not signal.default_int_handler or threading.current_thread() is not threading.main_thread():
         yield pressed
         return
-    signal.signal(signal.SIGINT, lambda _number, _frame: pressed.set())
+    signal.signal(signal.SIGINT, lambda number, _: pressed.append(number))
     try:
         yield pressed
     finally:

@@ -136,5 +136,5 @@ class Sounding:
             contact_ns=contact_ns,
             scheduled_ns=self._scheduled_ns,
             gate_to_scheduled_ms=self._gate_to_scheduled_ms,
-            delivered=self._actuator.delivered(),
+            delivered=self._actuator.delivered(contact_ns),
         )

@@ -132,12 +132,13 @@ def at_bins(response: Response, frequencies_hz: NDArray[np.float64], *, mean: bo
     f = f[known]
     i = np.clip(np.searchsorted(at, f, side="right") - 1, 0, at.size - 2)
     part = ((f - at[i]) / (at[i + 1] - at[i]))[:, None]
-    at_levels = ((1 - part) * response.accelerations_m_s2[i] + part * response.accelerations_m_s2[i + 1]).T
+    curves = np.zeros((1 + response.levels_v.size, f.size))
+    curves[1:] = ((1 - part) * response.accelerations_m_s2[i] + part * response.accelerations_m_s2[i + 1]).T
     one_run = known.size and known[-1] - known[0] == known.size - 1
     return AtBins(
         known=slice(int(known[0]), int(known[-1]) + 1) if one_run else known,
         levels_v=np.concatenate([[0.0], response.levels_v]),
-        curves=np.concatenate([np.zeros((1, f.size)), at_levels]),
+        curves=curves,
     )
 
 

@@ -19,7 +19,6 @@ Each bin counts once, under what limited it last.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -126,14 +125,13 @@ def shape_at(
     shaped[at.known] = np.copysign(volts, coefficients[at.known])
     return Shaped(
         coefficients_v=shaped,
-        saturated=_loss(saturated, short[saturated]),
-        outside=_loss(outside, outside),
-        bounded=_loss(bounded, short[bounded]),
+        saturated=_loss(int(np.count_nonzero(saturated)), short[saturated]),
+        outside=_loss(int(np.count_nonzero(outside)), outside),
+        bounded=_loss(int(np.count_nonzero(bounded)), short[bounded]),
         scale=scale,
     )
 
 
-def _loss(bins: NDArray[Any], short_m_s2: NDArray[np.float64]) -> Loss:
-    """Of the bins that are not zero or false."""
+def _loss(bins: int, short_m_s2: NDArray[np.float64]) -> Loss:
     with np.errstate(over="ignore"):
-        return Loss(bins=int(np.count_nonzero(bins)), cost_m_s2=float(short_m_s2.sum()))
+        return Loss(bins=bins, cost_m_s2=float(short_m_s2.sum()))

@@ -90,6 +90,18 @@ def test_nobody_asks_whether_a_real_object_was_delivered() -> None:
     assert [(one.participant, one.task) for one in unasked] == [("1", "virtual"), ("2", "virtual")]
 
 
+def test_a_dataset_asks_by_the_tasks_of_its_own_protocol(tmp_path: Path, repository_root: Path) -> None:
+    root = write_dataset(tmp_path / "data", {"1": {"virtual": balanced(1), "real": balanced(2)}})
+    written = (repository_root / "protocols" / "okamoto2012.toml").read_text("utf-8")
+    before = 'when = "undelivered"\naction = "repeat-trial"'
+    assert written.count(before) == 1
+    (root / "sourcedata").mkdir()
+    (root / "sourcedata" / "protocol.toml").write_text(
+        written.replace(before, before.replace("repeat", "exclude")), "utf-8"
+    )
+    assert {(one.task, one.rule) for one in read(root).unasked} == {("virtual", "undelivered")}
+
+
 def test_the_report_counts_trials_of_which_a_rule_could_not_be_asked(tmp_path: Path) -> None:
     rows = balanced(1)
     rows[0]["foot_speed"], rows[1]["foot_speed"] = 900.0, 150.0

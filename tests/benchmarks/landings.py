@@ -171,7 +171,7 @@ def main() -> None:
         f"{len(speeds)} of {steps} steps landed with a stimulus scheduled, in {sessions} sessions side by side; "
         f"priority: {found[0].priority}; load average {os.getloadavg()[0]:.1f}. Mean and standard deviation, ms (steps)"
     )
-    delivered = np.array([one for landed in found for one in landed.delivered])
+    delivered = np.array([one for landed in found for one in landed.delivered], dtype=np.bool_)
     for which, some in (("all", np.ones_like(delivered)), ("delivered", delivered)):
         print(f" {which} steps:")
         for name, errors_ms in (

@@ -158,7 +158,7 @@ class Timed:
     def withdraw(self) -> bool:
         return self._actuator.withdraw()
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self, contact_ns: int) -> Delivered | None:
         return None
 
     def close(self) -> None:

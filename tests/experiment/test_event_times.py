@@ -23,8 +23,8 @@ from experiment.protocol import load
 from experiment.protocol.shipped import shipped
 from experiment.records import Footer, PlannedTrial
 from experiment.session import attempt, places, runner
+from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
-from tests.experiment.session.test_journal import HEADER
 
 TRIALS = 8
 LOST = 5

@@ -1,7 +1,8 @@
-"""`kill -9` of a rehearsal with several processes: no worker outlives it, and the same command goes on."""
+"""`kill -9` and Ctrl-C of a rehearsal with several processes: no worker outlives it, and the same command goes on."""
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -58,3 +59,30 @@ def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(
     )
     assert done.returncode == 0, done.stderr
     assert answered(out) == TRIALS
+
+
+def workers_of(parent: int) -> bool:
+    """Whether a process of the pool has begun."""
+    children = Path(f"/proc/{parent}/task/{parent}/children").read_text("ascii").split()
+    return any(b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes() for child in children)
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.3, 1.0])
+def test_ctrl_c_at_a_terminal_which_every_process_hears_ends_it_in_words(
+    tmp_path: Path, repository_root: Path, after_s: float
+) -> None:
+    """From the first worker's beginning on, when it cannot ignore anything yet."""
+    out = tmp_path / "rehearsal"
+    palpate = Path(sys.executable).with_name("palpate")
+    with subprocess.Popen(
+        [palpate, *command(out)], cwd=repository_root, stderr=subprocess.PIPE, start_new_session=True
+    ) as begun:
+        while not workers_of(begun.pid):
+            assert begun.poll() is None
+            time.sleep(0.005)
+        time.sleep(after_s)
+        os.killpg(begun.pid, signal.SIGINT)
+        _, said = begun.communicate(timeout=120)
+    assert begun.returncode == 130, said
+    assert b"Traceback" not in said
+    assert processes_of(out) == []

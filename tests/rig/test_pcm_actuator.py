@@ -96,7 +96,7 @@ def test_nothing_sounds_before_the_foot_has_landed_and_nothing_after_it_was_with
     assert felt is not None
     assert felt.tolist() == [2.0] * 3
     assert panel.felt(0) is None
-    assert opened.delivered() is None
+    assert opened.delivered(0) is None
 
 
 def test_stimuli_are_felt_one_by_one_in_order(panel: Panel) -> None:

@@ -52,7 +52,6 @@ class AudioActuator:
         self._samples: NDArray[np.float32] = np.zeros(0, np.float32)
         self._cue: Cue | None = None
         self._requested_ns: int | None = None
-        self._contact_ns: int | None = None
         self._xruns = 0
 
     @property
@@ -77,7 +76,7 @@ class AudioActuator:
             AudioError: it is too long, or the stream has stopped.
         """
         self.withdraw()
-        self._requested_ns = self._contact_ns = None
+        self._requested_ns = None
         self._samples, played = self._condition(waveform_m_s2, spectrum)
         self._cue = self._stream.schedule(self._samples, channel=self._audio.channels.actuator - 1, frame=SOMETIME)
         self._xruns = self._stream.xruns
@@ -95,7 +94,6 @@ class AudioActuator:
 
     def landed(self, contact_ns: int) -> None:
         """What was never aimed sounds with the next block; see `Actuator.landed`."""
-        self._contact_ns = contact_ns
         if self._cue is not None and self._requested_ns is None and self._stream.move(self._cue, AT_ONCE):
             self._requested_ns = contact_ns
 
@@ -104,19 +102,21 @@ class AudioActuator:
             self._cue = None
         return self._cue is None
 
-    def delivered(self) -> Delivered | None:
-        """Wait until the stimulus has ended, and compare what the loopback heard with it.
+    def delivered(self, contact_ns: int) -> Delivered | None:
+        """Wait until the stimulus has ended, and compare what the loopback heard with it; see `Actuator.delivered`.
 
         Returns:
             None where the rig has no loopback, unless the stimulus is known to have been missed.
 
         Raises:
-            ActuatorError: nothing has landed.
+            ActuatorError: nothing was aimed, and nothing has landed.
             AudioError: the stream has stopped.
         """
-        cue, requested_ns, contact_ns = self._cue, self._requested_ns, self._contact_ns
-        if cue is None or requested_ns is None or contact_ns is None:
-            raise ActuatorError("actuator: got a question for a stimulus before the foot has landed; say when it did")
+        cue, requested_ns = self._cue, self._requested_ns
+        if cue is None or requested_ns is None:
+            raise ActuatorError(
+                "actuator: got a question for a stimulus that nothing set off; aim it, or say it landed"
+            )
         self._stream.wait(max(cue.frame, 0))
         while not cue.done:
             self._stream.wait(self._stream.next_frame + 1)

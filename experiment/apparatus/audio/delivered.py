@@ -39,7 +39,7 @@ class Tolerance:
     """What may differ; see `rig_audio.DeliveredRig`."""
 
     onset_ms: float
-    contact_ms: float
+    contact_ms: float | None
     gain_db: float
     residual_db: float
 
@@ -118,6 +118,6 @@ def objection(
         return f"something else was heard at {alignment.residual_db:.1f} dB; allowed: {tolerance.residual_db:g} dB"
     if abs(onset_error_ms) > tolerance.onset_ms:
         return f"it came {onset_error_ms:+.2f} ms off; allowed: {tolerance.onset_ms:g} ms"
-    if abs(contact_error_ms) > tolerance.contact_ms:
+    if tolerance.contact_ms is not None and abs(contact_error_ms) > tolerance.contact_ms:
         return f"it came {contact_error_ms:+.2f} ms from contact; allowed: {tolerance.contact_ms:g} ms"
     return ""

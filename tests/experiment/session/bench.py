@@ -34,8 +34,23 @@ from tests.experiment.session.scripted import (
     ScriptedTracker,
     step_samples,
 )
-from tests.experiment.session.test_journal import HEADER
 
+HEADER = Header(
+    study="s",
+    protocol_sha256="0" * 64,
+    software="palpate 0",
+    rig="r",
+    rig_sha256="1" * 64,
+    recordings_sha256=None,
+    seed=1,
+    participant="01",
+    task="virtual",
+    task_position=1,
+    rehearsal=True,
+    started_utc="2000-01-01T00:00:00+00:00",
+    block_trials=2,
+    order=(PlannedTrial(trial=1, presented="Papier à lettres"), PlannedTrial(trial=2, presented="foil")),
+)
 ORDER = ("copy paper", "polypropylene", "copy paper")
 COMPUTED = Computed(method="constant", relative_error=0.0)
 DELIVERED = Delivered(

@@ -111,7 +111,7 @@ class ScriptedActuator:
         self._prepared = None
         return not self.sounds_anyway
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self, contact_ns: int) -> Delivered | None:
         heard = self.heard.popleft() if self.heard else None
         if isinstance(heard, BaseException):
             raise heard

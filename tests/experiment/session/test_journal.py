@@ -16,25 +16,10 @@ from hypothesis import strategies as st
 
 from experiment.clock import ManualClock
 from experiment.errors import JournalError, SessionLocked
-from experiment.records import Answer, AnyEntry, Footer, Header, Phase, PlannedTrial
+from experiment.records import Answer, AnyEntry, Footer, Phase
 from experiment.session import journal
+from tests.experiment.session.bench import HEADER
 
-HEADER = Header(
-    study="s",
-    protocol_sha256="0" * 64,
-    software="palpate 0",
-    rig="r",
-    rig_sha256="1" * 64,
-    recordings_sha256=None,
-    seed=1,
-    participant="01",
-    task="virtual",
-    task_position=1,
-    rehearsal=True,
-    started_utc="2000-01-01T00:00:00+00:00",
-    block_trials=2,
-    order=(PlannedTrial(trial=1, presented="Papier à lettres"), PlannedTrial(trial=2, presented="foil")),
-)
 ANSWER = Answer(trial=1, attempt=1, presented="foil", answered=None, key="n", response_time_s=0.25)
 ENTRIES: tuple[AnyEntry, ...] = (
     HEADER,

@@ -20,7 +20,7 @@ from experiment.records import (
     TrackerClock,
 )
 from experiment.session.resume import progress
-from tests.experiment.session.test_journal import HEADER
+from tests.experiment.session.bench import HEADER
 
 ORDER = tuple(PlannedTrial(trial=n, presented="foil") for n in range(1, 7))
 

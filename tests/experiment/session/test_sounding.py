@@ -47,7 +47,7 @@ class Aimed:
     def withdraw(self) -> bool:
         return True
 
-    def delivered(self) -> Delivered | None:
+    def delivered(self, contact_ns: int) -> Delivered | None:
         return None
 
     def close(self) -> None: ...
