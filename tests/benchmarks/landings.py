@@ -5,7 +5,7 @@ them. Of each step: how far the predicted contact, and the onset that was heard,
 truly met the panel, both on the session's clock. So clock mapping, prediction and sound all stand in the figure.
 
 Once of all steps, and once of those that the session counts as delivered: a machine that stands still for a moment
-spoils a step, which is then known and done again. 2,000 steps take the better part of an hour; SESSIONS side by side,
+spoils a step, which is then known and done again. 2,000 steps take somewhat over half an hour; SESSIONS side by side,
 each with parts of its own, take less, but hold each other up. The machine should do nothing else. Not a test: it
 asserts nothing, because these figures belong to the machine that printed them.
 """
