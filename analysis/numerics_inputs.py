@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -57,6 +58,7 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
         ("bin_frequencies_hz: rate_hz", lambda x: spectra.bin_frequencies_hz(bins=BINS, rate_hz=x), EITHER),
         ("inverse: coefficients", lambda x: spectra.inverse(changed(c, x)), EITHER),
         ("inverse_on: coefficients", lambda x: spectra.inverse_on(changed(c, x), on), EITHER),
+        ("highest: coefficients", lambda x: spectra.highest(changed(c, x)), EITHER),
         ("grid: rate_hz", lambda x: spectra.grid(samples=BINS, bins=BINS, **{**rates, "rate_hz": x}), EITHER),
         (
             "grid: output_rate_hz",
@@ -171,9 +173,10 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     c, of = np.ones(BINS_HZ.size), response()
     f = np.linspace(20.0, 500.0, c.size)
     shape = partial(shaping.shape, response=of, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
+    asked = driving.bins_of_waveform(c, rate_hz=RATE_HZ)
     drive = partial(driving.drive, rate_hz=RATE_HZ, response=of)
     move = partial(rig_response.accelerations, response=of)
-    within: Callable[..., object] = partial(drive, c, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
+    within: Callable[..., object] = partial(drive, asked, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     unbounded = partial(shaping.shape, c, frequencies_hz=f, response=of)
     at = rig_response.at_bins(of, f)
     shape_at = partial(shaping.shape_at, at=at, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
@@ -207,8 +210,13 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
         ("shape: scale", lambda x: shape(c, frequencies_hz=f, scale=x), EITHER),
         ("accelerations: voltages_v", lambda x: move(changed(c, x), frequencies_hz=f), EITHER),
         ("accelerations: frequencies_hz", lambda x: move(c, frequencies_hz=changed(f, x)), EITHER),
-        ("drive: waveform_m_s2", lambda x: drive(changed(c, x), gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2), EITHER),
-        ("drive: gain_limit_v_per_m_s2", lambda x: drive(c, gain_limit_v_per_m_s2=x), EITHER),
+        ("bins_of_waveform: waveform_m_s2", lambda x: driving.bins_of_waveform(changed(c, x), rate_hz=RATE_HZ), EITHER),
+        (
+            "drive: bins",
+            lambda x: drive(replace(asked, coefficients=changed(c, x)), gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2),
+            EITHER,
+        ),
+        ("drive: gain_limit_v_per_m_s2", lambda x: drive(asked, gain_limit_v_per_m_s2=x), EITHER),
         ("drive: limit_m_s2", lambda x: within(limit_m_s2=x), NO_LIMIT),
         ("drive: limit_v", lambda x: within(limit_v=x), NO_LIMIT),
     ]

@@ -51,8 +51,9 @@ class Stimulus(Record):
     """What was synthesised and handed to the actuator.
 
     `sha256` is that of the samples as float64, little-endian. `floored_bins` counts the bins that
-    extrapolation would have made negative, of the whole spectrum. `driven` is None where the actuator takes
-    accelerations.
+    extrapolation would have made negative, of the whole spectrum. `peak_m_s2`: largest magnitude that the device was
+    given; where it takes volts, what none of the accelerations that its response makes of them passes, by less than
+    1.3 %. `driven` is None where the actuator takes accelerations.
     """
 
     sha256: str

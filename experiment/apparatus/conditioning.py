@@ -1,20 +1,19 @@
 """From a stimulus in m/s^2 to the samples of a device, 1.0 being its full scale. Shared by the actuators' drivers.
 
 A device that takes accelerations gets the limited stimulus. One that takes volts gets what frequency shaping makes of
-the limited stimulus, limited once more to its full scale: the protocol's limit is one of acceleration, and the same
-voltage moves the panel far at one frequency and hardly at another, so it holds for what shaping is asked for; the limit
-last before the device bounds the voltage whatever shaping did.
+the stimulus: the protocol's limit is one of acceleration, and the same voltage moves the panel far at one frequency and
+hardly at another, so shaping holds it on what the panel will do, and takes down the whole of a stimulus that would pass
+it. Where only the samples of a stimulus are known they are limited before. The limit last before the device bounds the
+voltage whatever shaping did.
 """
 
 from __future__ import annotations
-
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.limiter import limit
-from experiment.apparatus.ports import Drive, Played, Spectrum
+from experiment.apparatus.ports import Drive, Played, Voltages, Wanted, Waveform
 from experiment.errors import ActuatorError
 from experiment.stimulus_record import Driven
 
@@ -43,15 +42,11 @@ class Conditioner:
         """No sample is larger in magnitude; 1.0 is full scale."""
         return 1.0 if self._drive else float(self._highest(self._peak_m_s2))
 
-    def __call__(
-        self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None
-    ) -> tuple[NDArray[np.float32], Played]:
+    def __call__(self, wanted: Wanted) -> tuple[NDArray[np.float32], Played]:
         """Limit, shape and scale a stimulus.
 
         Args:
-            waveform_m_s2: samples at the device's rate, m/s^2, shape (n,), n at least 1.
-            spectrum: returns what they are the sum of, where that is known. It is not asked where the limiter changed
-                a sample: the sum would be another.
+            wanted: the stimulus, at the device's rate.
 
         Returns:
             Samples of the device, little-endian float32, shape (n,); and what became of the stimulus.
@@ -59,22 +54,24 @@ class Conditioner:
         Raises:
             ActuatorError: there is nothing to play.
         """
+        if self._drive is not None and wanted.bins is not None:
+            return self._driven(self._drive(wanted), limited=0)
+        waveform_m_s2 = wanted.waveform_m_s2
         if np.ndim(waveform_m_s2) != 1 or np.size(waveform_m_s2) == 0:
             raise ActuatorError(
                 f"actuator: got a stimulus of shape {np.shape(waveform_m_s2)}; allowed: one channel, one sample or more"
             )
         bounded_m_s2, limited = limit(waveform_m_s2, self._peak_m_s2)
-        driven: Driven | None = None
-        if self._drive is None:
-            samples = self._scaled(bounded_m_s2, self._peak_m_s2)
-            peak_m_s2 = self._peak(samples)
-        else:
-            waveform_v, shaping = self._drive(bounded_m_s2, None if limited else spectrum)
-            bounded_v, limited_v = limit(waveform_v, self._full_scale)
-            samples = self._scaled(bounded_v, self._full_scale)
-            driven = Driven(shaping=shaping, limited=limited_v, peak_v=self._peak(samples))
-            peak_m_s2 = max(float(bounded_m_s2.max()), -float(bounded_m_s2.min()))
-        return samples, Played(samples=samples.size, limited=limited, peak_m_s2=peak_m_s2, driven=driven)
+        if self._drive is not None:
+            return self._driven(self._drive(Waveform(bounded_m_s2)), limited=limited)
+        samples = self._scaled(bounded_m_s2, self._peak_m_s2)
+        return samples, Played(samples=samples.size, limited=limited, peak_m_s2=self._peak(samples))
+
+    def _driven(self, voltages: Voltages, *, limited: int) -> tuple[NDArray[np.float32], Played]:
+        bounded_v, limited_v = limit(voltages.waveform_v, self._full_scale)
+        samples = self._scaled(bounded_v, self._full_scale)
+        driven = Driven(shaping=voltages.shaping, limited=limited_v, peak_v=self._peak(samples))
+        return samples, Played(samples=samples.size, limited=limited, peak_m_s2=voltages.peak_m_s2, driven=driven)
 
     def _highest(self, peak: float) -> np.float32:
         """The largest sample within a peak; rounding to float32 must not lift one over it."""

@@ -10,13 +10,12 @@ The stream is neither encrypted nor authenticated: keep the server on the loopba
 from __future__ import annotations
 
 import socket
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.conditioning import Conditioner
-from experiment.apparatus.ports import Drive, Played, Spectrum
+from experiment.apparatus.ports import Drive, Played, Wanted
 from experiment.errors import ActuatorError
 from experiment.stimulus_record import Delivered
 
@@ -62,17 +61,16 @@ class PcmActuator:
     def lead_ns(self) -> int:
         return 0
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
+    def prepare(self, wanted: Wanted) -> Played:
         """Limit, shape and keep a stimulus.
 
         Args:
-            waveform_m_s2: samples at `rate_hz`, m/s^2, shape (n,), n at least 1.
-            spectrum: as in `Actuator.prepare`.
+            wanted: the stimulus, at `rate_hz`.
 
         Raises:
             ActuatorError: there is nothing to play.
         """
-        self._prepared, played = self._condition(waveform_m_s2, spectrum)
+        self._prepared, played = self._condition(wanted)
         return played
 
     def aim(self, onset_ns: int) -> bool:  # noqa: ARG002

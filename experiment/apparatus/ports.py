@@ -33,9 +33,47 @@ class Spectrum(Protocol):
         ...
 
 
-Drive = Callable[[NDArray[np.float64], "Callable[[], Spectrum] | None"], tuple[NDArray[np.float64], Shaping]]
-"""Frequency shaping: accelerations, m/s^2, shape (n,), at the device's rate, and what returns their spectrum, if that
-is known -> V, shape (n,); and what is lost."""
+class Wanted(Protocol):
+    """A stimulus that an actuator is asked for (`synthesis.crinkle.Synthesised` is one)."""
+
+    @property
+    def waveform_m_s2(self) -> NDArray[np.float64]:
+        """Samples at the actuator's rate, m/s^2, shape (n,), n at least 1. They may be summed when first asked for,
+        which takes a part of the time that a foot falls: a driver that needs only the spectrum does not ask.
+        """
+        ...
+
+    @property
+    def bins(self) -> Callable[[], Spectrum] | None:
+        """Returns what the waveform is the sum of; None where that is not known."""
+        ...
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """Implements `Wanted`: a waveform, m/s^2, shape (n,), of which nothing else is known."""
+
+    waveform_m_s2: NDArray[np.float64]
+    bins: None = None
+
+
+@dataclass(frozen=True)
+class Voltages:
+    """What frequency shaping made of a stimulus.
+
+    Attributes:
+        waveform_v: V, shape (n,), at the device's rate.
+        peak_m_s2: no magnitude of the acceleration that the response makes of it is larger, m/s^2.
+        shaping: what is lost.
+    """
+
+    waveform_v: NDArray[np.float64]
+    peak_m_s2: float
+    shaping: Shaping
+
+
+Drive = Callable[[Wanted], Voltages]
+"""Frequency shaping: a stimulus at the device's rate -> what a device that takes volts is given."""
 
 
 class Tracker(Protocol):
@@ -89,8 +127,9 @@ class Played:
 
     Attributes:
         samples: how many were handed to the device.
-        limited: how many the limiter changed.
-        peak_m_s2: largest magnitude after the limiter, m/s^2.
+        limited: how many the limiter changed; of volts in `driven`.
+        peak_m_s2: largest magnitude after the limiter, m/s^2; where the device takes volts, what none of the
+            accelerations that its response makes of them passes.
         driven: voltages, where the device takes volts.
     """
 
@@ -116,12 +155,11 @@ class Actuator(Protocol):
         """How long before its onset a stimulus can no longer be moved or withdrawn, ns; 0 where `landed` sounds it."""
         ...
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
+    def prepare(self, wanted: Wanted) -> Played:
         """Make a stimulus ready; nothing sounds yet. It replaces one that was prepared and has not begun.
 
         Args:
-            waveform_m_s2: samples at `rate_hz`, m/s^2, shape (n,), n at least 1.
-            spectrum: returns what the waveform is the sum of; None where that is not known.
+            wanted: the stimulus, at `rate_hz`.
 
         Raises:
             ActuatorError: there is nothing to play, or the device is gone.

@@ -18,7 +18,7 @@ sqrt 2 times the rms, half the peak to peak.
 from __future__ import annotations
 
 import csv
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import groupby
@@ -26,15 +26,14 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from experiment import files
-from experiment.apparatus.ports import Drive, Spectrum
+from experiment.apparatus.ports import Drive, Voltages, Wanted
 from experiment.apparatus.rig_panel import ActuatorRig, response_table
 from experiment.errors import RecordingError
 from experiment.recordings.columns import number
 from experiment.stimulus_record import Shaping
-from experiment.synthesis.driving import drive
+from experiment.synthesis.driving import bins_of_waveform, drive
 from experiment.synthesis.rig_response import Response, not_rising
 from experiment.synthesis.spectra import Bins
 
@@ -112,20 +111,25 @@ def open_drive(folder: Path, actuator: ActuatorRig, *, limit_m_s2: float) -> Dri
         limit_v=shaping.full_scale_v,
     )
 
-    def driven(
-        waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None
-    ) -> tuple[NDArray[np.float64], Shaping]:
-        known = spectrum() if spectrum is not None else None
-        bins = Bins(known.coefficients, known.samples, known.rate_hz) if known is not None else None
-        waveform_v, did = shaped(waveform_m_s2, bins=bins)
-        return waveform_v, Shaping(
-            saturated_bins=did.saturated.bins,
-            saturated_cost_m_s2=did.saturated.cost_m_s2,
-            outside_bins=did.outside.bins,
-            outside_cost_m_s2=did.outside.cost_m_s2,
-            bounded_bins=did.bounded.bins,
-            bounded_cost_m_s2=did.bounded.cost_m_s2,
-            scale=did.scale,
+    def driven(wanted: Wanted) -> Voltages:
+        if wanted.bins is None:
+            asked = bins_of_waveform(wanted.waveform_m_s2, rate_hz=actuator.rate_hz)
+        else:
+            known = wanted.bins()
+            asked = Bins(known.coefficients, known.samples, known.rate_hz)
+        waveform_v, did = shaped(asked)
+        return Voltages(
+            waveform_v=waveform_v,
+            peak_m_s2=did.peak_m_s2,
+            shaping=Shaping(
+                saturated_bins=did.saturated.bins,
+                saturated_cost_m_s2=did.saturated.cost_m_s2,
+                outside_bins=did.outside.bins,
+                outside_cost_m_s2=did.outside.cost_m_s2,
+                bounded_bins=did.bounded.bins,
+                bounded_cost_m_s2=did.bounded.cost_m_s2,
+                scale=did.scale,
+            ),
         )
 
     return driven

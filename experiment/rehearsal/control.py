@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
-from numpy.typing import NDArray
 
-from experiment.apparatus.ports import Actuator, Played, Spectrum
+from experiment.apparatus.ports import Actuator, Played, Wanted, Waveform
 from experiment.stimulus_record import Delivered
 
 
@@ -25,12 +22,8 @@ class SilentActuator:
     def lead_ns(self) -> int:
         return self._actuator.lead_ns
 
-    def prepare(
-        self,
-        waveform_m_s2: NDArray[np.float64],
-        spectrum: Callable[[], Spectrum] | None = None,  # noqa: ARG002
-    ) -> Played:
-        return self._actuator.prepare(np.zeros_like(waveform_m_s2))
+    def prepare(self, wanted: Wanted) -> Played:
+        return self._actuator.prepare(Waveform(np.zeros_like(wanted.waveform_m_s2)))
 
     def aim(self, onset_ns: int) -> bool:
         return self._actuator.aim(onset_ns)

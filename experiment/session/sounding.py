@@ -59,8 +59,7 @@ class Sounding:
             return
         self._speed_mm_s = speed_mm_s
         rendered = self._render(self._material, speed_mm_s, self._actuator.rate_hz)
-        made = rendered.stimulus
-        self._prepared = rendered, self._actuator.prepare(made.waveform_m_s2, made.bins)
+        self._prepared = rendered, self._actuator.prepare(rendered.stimulus)
 
     def given(self, speed_mm_s: float, arrived_ns: int) -> None:
         """The gate was given at a speed, mm/s, by a frame that arrived at a session time: have it ready."""

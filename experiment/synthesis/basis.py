@@ -202,7 +202,7 @@ class BasisRenderer:
     def stimulus(self, where: Weight, speed_mm_s: float) -> Synthesised:
         """The weighted sum as a stimulus; `where` is the weight of the foot's speed, mm/s."""
         return Synthesised(
-            waveform_m_s2=self.weighted(where),
+            summed=partial(self.weighted, where),
             floored_bins=0,
             extrapolated=where.extrapolated,
             dropped_bins=self.dropped_bins,

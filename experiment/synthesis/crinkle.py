@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property
 from math import ceil, inf
 from typing import Literal
 
@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.spectra import Bins, Grid, finite, grid, inverse_on, spectrum
+from experiment.synthesis.spectra import Bins, Grid, finite, grid, inverse_on, spectrum, transformable
 
 Average = Literal["magnitude", "signed"]
 
@@ -119,18 +119,23 @@ class Synthesised:
     """A stimulus for one step of the foot.
 
     Attributes:
-        waveform_m_s2: at the output rate, m/s^2, shape (n,).
+        summed: returns the sum of the bins at the output rate, m/s^2, shape (n,).
         floored_bins: as in `SpectrumAtSpeed`.
         extrapolated: as in `SpectrumAtSpeed`.
         dropped_bins: bins of the recordings that the output rate cannot carry.
         bins: returns what the waveform is the sum of; it costs some microseconds.
     """
 
-    waveform_m_s2: NDArray[np.float64]
+    summed: Callable[[], NDArray[np.float64]]
     floored_bins: int
     extrapolated: bool
     dropped_bins: int
     bins: Callable[[], Bins]
+
+    @cached_property
+    def waveform_m_s2(self) -> NDArray[np.float64]:
+        """At the output rate, m/s^2, shape (n,); summed when it is first asked for. Raises as `inverse_on`."""
+        return self.summed()
 
 
 def rising(speeds_mm_s: ArrayLike) -> NDArray[np.float64]:
@@ -254,8 +259,11 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
 
 def bins_at(spectra: CrinkleSpectra, speed_mm_s: float, *, literal: bool = False) -> Bins:
     """What a stimulus is the sum of; arguments and errors as in `at_speed`."""
-    wanted = at_speed(spectra, speed_mm_s=speed_mm_s, literal=literal)
-    return Bins(coefficients=wanted.coefficients, samples=spectra.samples, rate_hz=spectra.rate_hz)
+    return _bins(spectra, at_speed(spectra, speed_mm_s=speed_mm_s, literal=literal))
+
+
+def _bins(spectra: CrinkleSpectra, at: SpectrumAtSpeed) -> Bins:
+    return Bins(coefficients=at.coefficients, samples=spectra.samples, rate_hz=spectra.rate_hz)
 
 
 def synthesise(
@@ -270,16 +278,17 @@ def synthesise(
         literal: as in `at_speed`.
 
     Raises:
-        SynthesisError: as `at_speed`, `grid` and `inverse_on`.
+        SynthesisError: as `at_speed`, `grid` and `transformable`.
 
     Source: Okamoto et al., section 3.1.
     """
     wanted = at_speed(spectra, speed_mm_s=speed_mm_s, literal=literal)
     on = spectra.grid(output_rate_hz)
+    transformable(on)
     return Synthesised(
-        waveform_m_s2=inverse_on(wanted.coefficients, on),
+        summed=lambda: inverse_on(wanted.coefficients, on),
         floored_bins=wanted.floored_bins,
         extrapolated=wanted.extrapolated,
         dropped_bins=spectra.dropped(on),
-        bins=partial(bins_at, spectra, speed_mm_s, literal=literal),
+        bins=lambda: _bins(spectra, wanted),
     )

@@ -135,15 +135,19 @@ class _PrintedSum:
 
     def __call__(self, speed_mm_s: float) -> Synthesised:
         wanted, on = at_speed(self.spectra, speed_mm_s=speed_mm_s), self.on
-        samples = np.empty(on.count)
-        rows = max(1, CHUNK_BYTES // (8 * on.carried))
-        for start in range(0, on.count, rows):
-            stop = min(start + rows, on.count)
-            terms = cosines(on, start=start, stop=stop)
-            terms *= wanted.coefficients[1 : on.carried]
-            samples[start:stop] = terms.sum(axis=1)
+
+        def summed() -> NDArray[np.float64]:
+            samples = np.empty(on.count)
+            rows = max(1, CHUNK_BYTES // (8 * on.carried))
+            for start in range(0, on.count, rows):
+                stop = min(start + rows, on.count)
+                terms = cosines(on, start=start, stop=stop)
+                terms *= wanted.coefficients[1 : on.carried]
+                samples[start:stop] = terms.sum(axis=1)
+            return samples
+
         return Synthesised(
-            waveform_m_s2=samples,
+            summed=summed,
             floored_bins=wanted.floored_bins,
             extrapolated=wanted.extrapolated,
             dropped_bins=self.spectra.dropped(on),

@@ -95,10 +95,8 @@ class AtBins:
 
     def voltages_v(self, amplitudes_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
         """W(f, a) of each known bin, at most the highest level; amplitudes and voltages of shape (K,), none below 0."""
-        a, segment = amplitudes_m_s2, np.zeros(amplitudes_m_s2.size, dtype=np.intp)
-        for reached in self.curves[1:-1]:
-            segment += reached < a
-        return _between(a, *self._ends(segment, slice(None)), *self._levels(segment))
+        segment = (self.curves[1:-1] < amplitudes_m_s2).sum(axis=0)
+        return _between(amplitudes_m_s2, *self._ends(segment, slice(None)), *self._levels(segment))
 
     def amplitudes_m_s2(
         self, voltages_v: NDArray[np.float64], some: NDArray[np.intp] | slice = slice(None)

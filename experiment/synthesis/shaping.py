@@ -19,13 +19,14 @@ Each bin counts once, under what limited it last.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
 from experiment.synthesis.rig_response import AtBins, Response, at_bins, bins_of
-from experiment.synthesis.spectra import finite
+from experiment.synthesis.spectra import finite, highest
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class Shaped:
 
     Attributes:
         coefficients_v: W(f_k, |C_k|) with the sign of C_k, V, shape (N,).
+        reached_m_s2: what the response says these bring about, with the same sign, m/s^2, shape (N,).
         saturated: bins that ask for more than the highest level reaches.
         outside: bins beyond the measured frequencies.
         bounded: bins that the limit of the gain holds back.
@@ -55,10 +57,16 @@ class Shaped:
     """
 
     coefficients_v: NDArray[np.float64]
+    reached_m_s2: NDArray[np.float64]
     saturated: Loss
     outside: Loss
     bounded: Loss
     scale: float = 1.0
+
+    @cached_property
+    def peak_m_s2(self) -> float:
+        """No sample of the acceleration is larger in magnitude, at whatever rate: `highest` of `reached_m_s2`."""
+        return highest(self.reached_m_s2)
 
     @property
     def losses(self) -> tuple[Loss, Loss, Loss]:
@@ -107,31 +115,35 @@ def shape_at(
     if not 0 < scale <= 1:
         raise SynthesisError(f"scale: got {scale}; allowed: above 0, at most 1; leave it out")
     wanted = np.abs(finite(coefficients, what="coefficients"))
-    inside, outside = wanted[at.known], wanted.copy()
+    inside, outside = wanted[at.known].copy(), wanted
     outside[at.known] = 0.0
     a = scale * inside
     free_v = at.voltages_v(a)
     with np.errstate(over="ignore"):
         bound_v = a * gain_limit_v_per_m_s2
     volts = np.minimum(free_v, bound_v)
-    bounded = bound_v < free_v
+    bounded = (bound_v < free_v) & (a > 0)
     saturated = ~bounded & (a > at.curves[-1])
-    short = np.zeros_like(a)
+    moved = a
     held = np.flatnonzero(bounded | saturated)
     if held.size:
-        reached = at.amplitudes_m_s2(volts[held], held)
-        short[held] = np.maximum(inside[held] - reached, 0.0)
-    shaped = np.zeros_like(coefficients)
+        moved[held] = at.amplitudes_m_s2(volts[held], held)
+    short = np.maximum(inside[held] - moved[held], 0.0)
+    shaped, reached = np.zeros_like(coefficients), np.zeros_like(coefficients)
     shaped[at.known] = np.copysign(volts, coefficients[at.known])
+    reached[at.known] = np.copysign(moved, coefficients[at.known])
     return Shaped(
         coefficients_v=shaped,
-        saturated=_loss(int(np.count_nonzero(saturated)), short[saturated]),
-        outside=_loss(int(np.count_nonzero(outside)), outside),
-        bounded=_loss(int(np.count_nonzero(bounded)), short[bounded]),
+        reached_m_s2=reached,
+        saturated=_loss(short[saturated[held]]),
+        outside=_loss(outside[outside > 0]),
+        bounded=_loss(short[bounded[held]]),
         scale=scale,
     )
 
 
-def _loss(bins: int, short_m_s2: NDArray[np.float64]) -> Loss:
+def _loss(short_m_s2: NDArray[np.float64]) -> Loss:
+    if not short_m_s2.size:
+        return Loss(bins=0, cost_m_s2=0.0)
     with np.errstate(over="ignore"):
-        return Loss(bins=bins, cost_m_s2=float(short_m_s2.sum()))
+        return Loss(bins=short_m_s2.size, cost_m_s2=float(short_m_s2.sum()))

@@ -7,7 +7,7 @@ which at F = 5000 Hz and N = 2500 is one bin a hertz. That is used here.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, gcd, inf
+from math import ceil, cos, gcd, inf, pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,6 +17,12 @@ from experiment.errors import SynthesisError
 
 BAND_HZ = (0.0, 500.0)
 """Where equation (6) sums: above 500 Hz accelerations of crinkles are below the threshold of touch (section 2)."""
+
+POINTS_A_BIN = 10
+"""Times for each bin at which `highest` looks at a sum, at the least."""
+
+EVEN = 64
+"""It looks at a multiple of this many: transforms by powers of two are the fastest."""
 
 LONGEST_TRANSFORM = 2**26
 """Longest inverse DCT (512 MiB); only incommensurate rates of very long recordings need more."""
@@ -204,6 +210,31 @@ def inverse_on(coefficients: ArrayLike, on: Grid) -> NDArray[np.float64]:
     if lift != 1.0:
         samples /= lift
     return samples
+
+
+def highest(coefficients: ArrayLike) -> float:
+    """What no magnitude of the sum of equation (5) passes, whatever the time, to round-off, m/s^2.
+
+    It is the largest magnitude at P times, P being `POINTS_A_BIN` for each bin or some more, divided by
+    cos(pi (K - 1) / (2 P)): the sum is a polynomial of degree K - 1 in cos(pi t F / N), looked at in the zeros of a
+    Chebyshev polynomial. So it is at most 1.3 % more than the largest magnitude that there is.
+
+    Args:
+        coefficients: C_k with its sign, m/s^2, shape (K,).
+
+    Raises:
+        SynthesisError: as `inverse_on`.
+
+    Source: Ehlich and Zeller 1964, Math. Zeitschrift 86, 41-44.
+    """
+    c = finite(coefficients, what="coefficients")
+    sounding = np.flatnonzero(c[1:])
+    if not sounding.size:
+        return 0.0
+    c = c[: sounding[-1] + 2]
+    points = EVEN * fft.next_fast_len(ceil(POINTS_A_BIN * c.size / EVEN), real=True)
+    largest = float(np.abs(inverse_on(c, Grid(p=points, q=1, count=points, carried=c.size))).max())
+    return largest / cos(pi * (c.size - 1) / (2 * points))
 
 
 def dissimilarity(

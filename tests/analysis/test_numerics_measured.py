@@ -45,7 +45,7 @@ class Wrong:
 
         def render(speed_mm_s: float) -> Synthesised:
             made = right(speed_mm_s)
-            return replace(made, waveform_m_s2=made.waveform_m_s2 * (1 + self.part))
+            return replace(made, summed=lambda: made.waveform_m_s2 * (1 + self.part))
 
         return render
 

@@ -16,7 +16,7 @@ import tempfile
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
@@ -29,7 +29,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.gate import Contact, Gate, GateDetector, GateState
 from experiment.apparatus.landing import LandingPredictor
-from experiment.apparatus.ports import Actuator, Played, Spectrum
+from experiment.apparatus.ports import Actuator, Played, Wanted
 from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.clock import MonotonicClock
 from experiment.console.terminal import TerminalConsole
@@ -140,8 +140,8 @@ class Timed:
     def lead_ns(self) -> int:
         return self._actuator.lead_ns
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
-        return self._actuator.prepare(waveform_m_s2, spectrum)
+    def prepare(self, wanted: Wanted) -> Played:
+        return self._actuator.prepare(wanted)
 
     def aim(self, onset_ns: int) -> bool:
         self._actuator.aim(onset_ns)

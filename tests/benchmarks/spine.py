@@ -77,7 +77,7 @@ def main() -> None:
         planned = scene.plan(protocol=protocol, task_id="virtual")
         render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=folder / "0-1" / dataset.RECORDINGS)
         speeds = [60.0 + i for i in range(RENDERS)]
-        rendered = [seconds(lambda v=v: render("copy paper", v, 48_000)) for v in speeds]
+        rendered = [seconds(lambda v=v: render("copy paper", v, 48_000).stimulus.waveform_m_s2) for v in speeds]
         print(
             f"gate to waveform            {statistics.median(rendered) * 1e3:8.3f} ms   "
             f"(0.5 s at 48 kHz, median of {RENDERS}; worst {max(rendered) * 1e3:.3f} ms)"

@@ -21,7 +21,7 @@ from experiment.synthesis.basis import Basis
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.engine import EXACT, FASTEST_FIRST
 from experiment.synthesis.first_block import FIRST_BLOCK, FirstBlockFirst
-from experiment.synthesis.methods import PrintedSum
+from experiment.synthesis.methods import PrintedSum, Renderer
 
 OUTPUT_RATE_HZ = 48_000
 SPEEDS_MM_S = np.array([50.0, 100.0, 200.0, 300.0])
@@ -60,7 +60,8 @@ for render in renderers:
     for v in range(0, 500, 10):
         made = render(v).waveform_m_s2
         if v == 200:
-            driving.drive(made, rate_hz=48_000, response=response, gain_limit_v_per_m_s2=1.0, limit_m_s2=30.0)
+            asked = driving.bins_of_waveform(made, rate_hz=48_000)
+            driving.drive(asked, rate_hz=48_000, response=response, gain_limit_v_per_m_s2=1.0, limit_m_s2=30.0)
 if {traced}:
     print(tracemalloc.get_traced_memory()[1] / 1e6)
 else:
@@ -73,6 +74,10 @@ def paper() -> CrinkleSpectra:
     return CrinkleSpectra(
         SPEEDS_MM_S, 5000, np.abs(rng.normal(size=(4, 2500))), rng.choice([-1.0, 1.0], size=(4, 2500))
     )
+
+
+def waveform(render: Renderer, speed_mm_s: float) -> NDArray[np.float64]:
+    return render(speed_mm_s).waveform_m_s2
 
 
 def times_us(calls: dict[str, Callable[[], object]]) -> dict[str, NDArray[np.float64]]:
@@ -124,8 +129,8 @@ def main() -> None:
             "bare a*x + b*y, new array": lambda: 0.3 * x + 0.7 * y,
             "bare a*x + b*y, preallocated": preallocated,
             "scipy.fft.idct of 24,000": lambda: fft.idct(x),
-            **{name: partial(render, BETWEEN_MM_S) for name, render in fast.items()},
-            **{f"{name}, bins floored": partial(render, FLOORED_MM_S) for name, render in fast.items()},
+            **{name: partial(waveform, render, BETWEEN_MM_S) for name, render in fast.items()},
+            **{f"{name}, bins floored": partial(waveform, render, FLOORED_MM_S) for name, render in fast.items()},
             f"first {FIRST_BLOCK} samples": lambda: first.begin(BETWEEN_MM_S),
             f"first {FIRST_BLOCK} samples, bins floored": lambda: first.begin(FLOORED_MM_S),
         }

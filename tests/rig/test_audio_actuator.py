@@ -12,7 +12,7 @@ from experiment.apparatus import opening, opening_audio
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.cues import AT_ONCE
 from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.ports import Actuator
+from experiment.apparatus.ports import Actuator, Waveform
 from experiment.apparatus.rig import Rig
 from experiment.clock import MonotonicClock
 from experiment.errors import ActuatorError, RigError
@@ -77,7 +77,7 @@ def panel(card: SoundCard, stream: AudioStream) -> Iterator[CardPanel]:
 def test_a_stimulus_is_heard_and_felt_as_it_was_intended(actuator: Actuator, panel: CardPanel) -> None:
     for seed in range(5):
         wanted = stimulus(seed)
-        played = actuator.prepare(wanted)
+        played = actuator.prepare(Waveform(wanted))
         assert (played.samples, played.limited) == (4800, 0)
         onset_ns = CLOCK.now_ns() + 80 * MS
         assert actuator.aim(onset_ns)
@@ -98,7 +98,7 @@ def test_a_stimulus_is_heard_and_felt_as_it_was_intended(actuator: Actuator, pan
 
 
 def test_what_lies_within_the_lead_is_refused_and_nothing_changes(actuator: Actuator, stream: AudioStream) -> None:
-    actuator.prepare(stimulus())
+    actuator.prepare(Waveform(stimulus()))
     within = stream.next_frame + stream.lead_frames - 2
     assert not actuator.aim(stream.ns_of(within) + round(OUTPUT_MS * MS))
     later_ns = CLOCK.now_ns() + 200 * MS
@@ -112,7 +112,7 @@ def test_what_lies_within_the_lead_is_refused_and_nothing_changes(actuator: Actu
 
 
 def test_a_stimulus_that_was_never_aimed_sounds_once_the_foot_has_landed(actuator: Actuator) -> None:
-    actuator.prepare(stimulus())
+    actuator.prepare(Waveform(stimulus()))
     contact_ns = CLOCK.now_ns()
     actuator.landed(contact_ns)
     heard = actuator.delivered(contact_ns)
@@ -129,7 +129,7 @@ def test_what_sounds_as_asked_but_not_at_contact_is_not_delivered(stream: AudioS
     assert RIG.audio is not None
     lenient = headless(delivered=RIG.audio.delivered.model_copy(update={"onset_ms": 100.0}))
     actuator = opening.open_actuator(lenient, limit_m_s2=20.0, stream=stream)
-    actuator.prepare(stimulus())
+    actuator.prepare(Waveform(stimulus()))
     onset_ns = CLOCK.now_ns() + 80 * MS
     assert actuator.aim(onset_ns)
     contact_ns = onset_ns - late_ms * MS
@@ -141,7 +141,7 @@ def test_what_sounds_as_asked_but_not_at_contact_is_not_delivered(stream: AudioS
 
 
 def test_a_withdrawn_stimulus_is_not_felt(actuator: Actuator, panel: CardPanel) -> None:
-    actuator.prepare(stimulus())
+    actuator.prepare(Waveform(stimulus()))
     assert actuator.aim(CLOCK.now_ns() + 60 * MS)
     assert actuator.withdraw()
     assert panel.felt(0.2) is None
@@ -150,9 +150,9 @@ def test_a_withdrawn_stimulus_is_not_felt(actuator: Actuator, panel: CardPanel) 
 
 
 def test_a_later_stimulus_takes_the_place_of_one_that_waits(actuator: Actuator, panel: CardPanel) -> None:
-    actuator.prepare(stimulus(1))
+    actuator.prepare(Waveform(stimulus(1)))
     assert actuator.aim(CLOCK.now_ns() + 60 * MS)
-    actuator.prepare(stimulus(2))
+    actuator.prepare(Waveform(stimulus(2)))
     actuator.landed(CLOCK.now_ns())
     heard = actuator.delivered(CLOCK.now_ns())
     assert heard is not None
@@ -167,7 +167,7 @@ def test_a_pulled_loopback_and_a_soft_one_are_not_delivered(
     actuator: Actuator, card: SoundCard, stream: AudioStream
 ) -> None:
     card.disconnect(2)
-    actuator.prepare(stimulus())
+    actuator.prepare(Waveform(stimulus()))
     actuator.landed(CLOCK.now_ns())
     unheard = actuator.delivered(CLOCK.now_ns())
     assert unheard is not None
@@ -176,7 +176,7 @@ def test_a_pulled_loopback_and_a_soft_one_are_not_delivered(
     assert RIG.audio is not None
     louder = headless(latency=RIG.audio.latency.model_copy(update={"loopback_gain": 2.0}))
     other = opening.open_actuator(louder, limit_m_s2=20.0, stream=stream)
-    other.prepare(stimulus())
+    other.prepare(Waveform(stimulus()))
     other.landed(CLOCK.now_ns())
     soft = other.delivered(CLOCK.now_ns())
     assert soft is not None
@@ -184,7 +184,7 @@ def test_a_pulled_loopback_and_a_soft_one_are_not_delivered(
 
 
 def test_an_intended_silence_is_delivered(actuator: Actuator) -> None:
-    actuator.prepare(np.zeros(480))
+    actuator.prepare(Waveform(np.zeros(480)))
     onset_ns = CLOCK.now_ns() + 60 * MS
     assert actuator.aim(onset_ns)
     heard = actuator.delivered(onset_ns)
@@ -196,7 +196,7 @@ def test_an_intended_silence_in_which_something_sounds_is_not_delivered(
     actuator: Actuator, stream: AudioStream
 ) -> None:
     assert RIG.audio is not None
-    actuator.prepare(np.zeros(4800))
+    actuator.prepare(Waveform(np.zeros(4800)))
     # The conditioner's limit of 20 m/s^2 is 0.31 of full scale.
     stream.schedule(np.full(9600, 0.25), channel=RIG.audio.channels.actuator - 1, frame=AT_ONCE)
     actuator.landed(CLOCK.now_ns())
@@ -210,7 +210,7 @@ def test_a_start_that_a_standing_stream_missed_is_on_record(
     actuator: Actuator, stream: AudioStream, panel: CardPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The stream's counter is past the frame when the callback comes to it, as after a callback that came too late.
-    actuator.prepare(stimulus())
+    actuator.prepare(Waveform(stimulus()))
     monkeypatch.setattr(AudioStream, "next_frame", property(lambda _: 0))
     monkeypatch.setattr(AudioStream, "frame_at", lambda self, _: self._mixer.frame - 5 * self.lead_frames)
     assert actuator.aim(CLOCK.now_ns())

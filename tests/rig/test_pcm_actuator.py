@@ -19,7 +19,7 @@ from experiment import scene
 from experiment.apparatus import opening, pcm_actuator
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.pcm_actuator import PcmActuator
-from experiment.apparatus.ports import Actuator, Played
+from experiment.apparatus.ports import Actuator, Played, Voltages, Wanted, Waveform
 from experiment.apparatus.rig_panel import ActuatorRig, ShapingRig
 from experiment.errors import ActuatorError
 from experiment.protocol import load
@@ -27,7 +27,7 @@ from experiment.protocol.shipped import shipped
 from experiment.recordings.response import open_drive
 from experiment.rehearsal import response, takes
 from experiment.rehearsal.panel import Panel
-from experiment.stimulus_record import Shaping
+from experiment.stimulus_record import Driven, Shaping
 from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins, bin_frequencies_hz, spectrum
 
@@ -47,7 +47,7 @@ def actuator(address: str, limit_m_s2: float = 20.0) -> PcmActuator:
 
 def play(opened: Actuator, waveform_m_s2: np.ndarray) -> Played:
     """A foot lands, and the stimulus sounds."""
-    played = opened.prepare(waveform_m_s2)
+    played = opened.prepare(Waveform(waveform_m_s2))
     opened.landed(0)
     return played
 
@@ -82,14 +82,14 @@ def test_nothing_above_the_limit_is_felt_whatever_was_asked_for(
 
 def test_nothing_sounds_before_the_foot_has_landed_and_nothing_after_it_was_withdrawn(panel: Panel) -> None:
     opened = actuator(panel.address)
-    opened.prepare(np.ones(3))
+    opened.prepare(Waveform(np.ones(3)))
     assert opened.aim(10**18)
     assert panel.felt(0) is None
     assert opened.withdraw()
     opened.landed(10**18)
     assert panel.felt(0) is None
-    opened.prepare(np.ones(3))
-    opened.prepare(np.full(3, 2.0))
+    opened.prepare(Waveform(np.ones(3)))
+    opened.prepare(Waveform(np.full(3, 2.0)))
     opened.landed(10**18)
     opened.landed(10**18)
     felt = panel.felt(0)
@@ -156,9 +156,9 @@ def test_a_device_of_volts_is_limited_before_shaping_and_after_it(wanted: np.nda
     asked: list[np.ndarray] = []
     sent: list[bytes] = []
 
-    def drive(waveform_m_s2: np.ndarray, spectrum: object = None) -> tuple[np.ndarray, Shaping]:
-        asked.append(waveform_m_s2)
-        return np.full(waveform_m_s2.size, driven), LOST
+    def drive(stimulus: Wanted) -> Voltages:
+        asked.append(stimulus.waveform_m_s2)
+        return Voltages(np.full(wanted.size, driven), peak_m_s2=float(np.max(np.abs(asked[0]))), shaping=LOST)
 
     class Kept(PcmActuator):
         def _send(self, data: bytes, timeout_s: float) -> None:
@@ -177,20 +177,28 @@ def test_a_device_of_volts_is_limited_before_shaping_and_after_it(wanted: np.nda
     assert played.driven.limited == (0 if abs(driven) <= 9.0 else wanted.size)
 
 
-@pytest.mark.parametrize(("peak_m_s2", "asked"), [(19.0, True), (21.0, False)])
-def test_the_spectrum_of_a_stimulus_is_used_only_where_the_limiter_left_it_alone(peak_m_s2: float, asked: bool) -> None:
-    given: list[object] = []
+def test_of_a_stimulus_whose_bins_are_known_no_waveform_is_asked_for() -> None:
+    given: list[Wanted] = []
 
-    def drive(waveform_m_s2: np.ndarray, spectrum: object = None) -> tuple[np.ndarray, Shaping]:
-        given.append(spectrum)
-        return np.zeros(waveform_m_s2.size), LOST
+    class OfBins:
+        @property
+        def waveform_m_s2(self) -> np.ndarray:
+            raise NotImplementedError
 
-    def of_it() -> Bins:
-        raise NotImplementedError
+        @property
+        def bins(self) -> Callable[[], Bins]:
+            return lambda: Bins(np.array([0.0, 1.0]), samples=2, rate_hz=5000)
+
+    def drive(wanted: Wanted) -> Voltages:
+        given.append(wanted)
+        return Voltages(np.array([3.0, -12.0]), peak_m_s2=1.5, shaping=LOST)
 
     opened = PcmActuator("127.0.0.1:4711", rate_hz=5000, full_scale=9.0, limit_m_s2=20.0, drive=drive)
-    opened.prepare(np.full(3, peak_m_s2), of_it)
-    assert given == [of_it if asked else None]
+    asked = OfBins()
+    played = opened.prepare(asked)
+    assert given == [asked]
+    assert (played.samples, played.limited, played.peak_m_s2) == (2, 0, 1.5)
+    assert played.driven == Driven(shaping=LOST, limited=1, peak_v=9.0)
 
 
 SHAPED = ActuatorRig(

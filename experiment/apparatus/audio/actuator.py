@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +9,7 @@ from experiment.apparatus.audio import delivered as measure
 from experiment.apparatus.audio.cues import AT_ONCE, Cue
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.conditioning import Conditioner
-from experiment.apparatus.ports import Drive, Played, Spectrum
+from experiment.apparatus.ports import Drive, Played, Wanted
 from experiment.apparatus.rig_audio import AudioRig
 from experiment.errors import ActuatorError
 from experiment.stimulus_record import Delivered
@@ -64,12 +62,11 @@ class AudioActuator:
         frames = self._stream.lead_frames + self._audio.block
         return round(self._output_ns + frames / self._stream.rate_hz * 1e9)
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
+    def prepare(self, wanted: Wanted) -> Played:
         """Limit and shape a stimulus and lay it ready; nothing sounds yet.
 
         Args:
-            waveform_m_s2: samples at `rate_hz`, m/s^2, shape (n,), n at least 1.
-            spectrum: as in `Actuator.prepare`.
+            wanted: the stimulus, at `rate_hz`.
 
         Raises:
             ActuatorError: there is nothing to play.
@@ -77,7 +74,7 @@ class AudioActuator:
         """
         self.withdraw()
         self._requested_ns = None
-        self._samples, played = self._condition(waveform_m_s2, spectrum)
+        self._samples, played = self._condition(wanted)
         self._cue = self._stream.schedule(self._samples, channel=self._audio.channels.actuator - 1, frame=SOMETIME)
         self._xruns = self._stream.xruns
         return played

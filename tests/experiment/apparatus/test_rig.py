@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.ports import Voltages, Wanted
 from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
 from experiment.clock import ManualClock
 from experiment.errors import ActuatorError, RigError, TrackerError
 from experiment.protocol.models import Step
-from experiment.stimulus_record import Shaping
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
@@ -160,7 +160,7 @@ def test_another_measurement_of_the_response_is_another_rig(write: Write) -> Non
 
 
 def test_shaping_is_opened_for_volts_and_for_nothing_else(write: Write) -> None:
-    def drive(waveform_m_s2: np.ndarray, spectrum: object = None) -> tuple[np.ndarray, Shaping]:
+    def drive(wanted: Wanted) -> Voltages:
         raise NotImplementedError
 
     with pytest.raises(RigError, match="got no frequency shaping for its actuator; allowed: one"):

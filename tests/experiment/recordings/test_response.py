@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from experiment.apparatus.ports import Waveform
 from experiment.apparatus.rig_panel import ActuatorRig, ShapingRig
 from experiment.errors import RecordingError, RigError
 from experiment.recordings.response import open_drive, read, write
@@ -146,12 +147,14 @@ def test_a_drive_is_opened_from_a_rig_and_says_what_is_lost(written: Write) -> N
     assert drive is not None
     # Bin 2 of 800 at 8 kHz stands at 10 Hz: 2 m/s^2 take sqrt 2 V, and the limit allows 0.5 V.
     cosine = np.cos(2 * np.pi * (np.arange(800) + 0.5) / 800)
-    volts, lost = drive(2.0 * cosine)
-    assert volts == pytest.approx(0.5 * cosine, rel=1e-12, abs=1e-12)
+    voltages = drive(Waveform(2.0 * cosine))
+    lost = voltages.shaping
+    assert voltages.waveform_v == pytest.approx(0.5 * cosine, rel=1e-12, abs=1e-12)
     # Through (0.1 Vrms, 0.25 m/s^2) and (1 Vrms, 2 m/s^2), 0.5 V reach this:
     reached = 0.25 + (0.5 / 2**0.5 - 0.1) / 0.9 * 1.75
     assert (lost.saturated_bins, lost.outside_bins, lost.bounded_bins) == (0, 0, 1)
     assert lost.bounded_cost_m_s2 == pytest.approx(2.0 - reached)
+    assert reached * (1 - 1e-12) <= voltages.peak_m_s2 <= 1.013 * reached
     assert (lost.saturated_cost_m_s2, lost.outside_cost_m_s2) == (0.0, 0.0)
 
 

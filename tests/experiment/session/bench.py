@@ -81,7 +81,7 @@ class Bench:
         def render(material: str, speed_mm_s: float, rate_hz: int) -> Rendered:
             self.rendered.append((material, speed_mm_s))
             made = Synthesised(
-                np.full(rate_hz // 2, 1.5),
+                lambda: np.full(rate_hz // 2, 1.5),
                 floored_bins=3,
                 extrapolated=False,
                 dropped_bins=0,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import Played, Spectrum
+from experiment.apparatus.ports import Played, Wanted
 from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerStopped
@@ -92,8 +92,8 @@ class ScriptedActuator:
         self.heard: deque[Delivered | BaseException] = deque()
         self._prepared: NDArray[np.float64] | None = None
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
-        self._prepared = waveform_m_s2
+    def prepare(self, wanted: Wanted) -> Played:
+        waveform_m_s2 = self._prepared = wanted.waveform_m_s2
         self.aimed.append([])
         return Played(samples=len(waveform_m_s2), limited=0, peak_m_s2=float(np.abs(waveform_m_s2).max()))
 

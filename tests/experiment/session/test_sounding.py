@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from experiment.apparatus.gate import Contact
 from experiment.apparatus.landing import Landing
-from experiment.apparatus.ports import Played, Spectrum
+from experiment.apparatus.ports import Played, Wanted
 from experiment.clock import ManualClock
 from experiment.scene import Rendered
 from experiment.session.sounding import Sounder, Sounding
@@ -33,9 +31,9 @@ class Aimed:
         self.aims: list[int] = []
         self.prepared = 0
 
-    def prepare(self, waveform_m_s2: NDArray[np.float64], spectrum: Callable[[], Spectrum] | None = None) -> Played:
+    def prepare(self, wanted: Wanted) -> Played:
         self.prepared += 1
-        return Played(samples=waveform_m_s2.size, limited=0, peak_m_s2=0.0)
+        return Played(samples=wanted.waveform_m_s2.size, limited=0, peak_m_s2=0.0)
 
     def aim(self, onset_ns: int) -> bool:
         assert onset_ns >= self._clock.now_ns() + LEAD_NS
@@ -64,7 +62,7 @@ def landing(ms: float) -> Landing:
 
 
 def silent(actuator: Aimed, clock: ManualClock) -> Sounding:
-    made = Synthesised(np.zeros(10), 0, False, 0, lambda: Bins(np.zeros(1), samples=10, rate_hz=1000))
+    made = Synthesised(lambda: np.zeros(10), 0, False, 0, lambda: Bins(np.zeros(1), samples=10, rate_hz=1000))
     silence = Rendered(made, Computed(method="silence", relative_error=0.0))
     sounder = Sounder(lambda material, speed_mm_s, rate_hz: silence, actuator)
     return Sounding(sounder, "copy paper", lambda us: round(us * 1e3), clock)

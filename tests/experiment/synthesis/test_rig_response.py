@@ -7,12 +7,7 @@ import pytest
 
 from experiment.errors import SynthesisError
 from experiment.synthesis.rig_response import Response, accelerations, not_rising
-
-TABLE = Response(
-    np.array([100.0, 200.0, 300.0, 500.0]),
-    np.array([0.5, 1.0, 2.0]),
-    np.array([[0.5, 0.9, 1.6], [2.0, 4.5, 8.0], [1.0, 2.0, 4.0], [0.25, 0.75, 1.0]]),
-)
+from tests.experiment.synthesis.measured import TABLE
 
 
 @pytest.mark.parametrize(

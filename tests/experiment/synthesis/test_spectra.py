@@ -18,6 +18,7 @@ from experiment.synthesis.spectra import (
     dissimilarity,
     dissimilarity_matrix,
     grid,
+    highest,
     inverse,
     spectrum,
 )
@@ -134,6 +135,63 @@ def test_one_bin_is_silence() -> None:
     assert resampled([5.0], rate_hz=5000, output_rate_hz=48_000).tolist() == [0.0] * 10
 
 
+def peak_on_a_fine_grid(c: NDArray[np.float64]) -> float:
+    """Largest magnitude of the sum of (5) at 64 times for each bin, both ends of the recording among them.
+
+    Between two of them the sum, a polynomial of degree K - 1 in cos(pi t F / N), rises by less than 0.031 % more.
+    """
+    angles = pi * np.arange(64 * c.size + 1) / (64 * c.size)
+    return float(np.abs(np.cos(np.outer(angles, np.arange(1, c.size))) @ c[1:]).max())
+
+
+def assert_just_above(bound_m_s2: float, c: NDArray[np.float64]) -> None:
+    peak_m_s2, round_off = peak_on_a_fine_grid(c), 1e-14 * float(np.abs(c).sum())
+    assert peak_m_s2 - round_off <= bound_m_s2 <= 1.013 * peak_m_s2 + round_off
+
+
+@given(
+    arrays(np.float64, st.integers(1, 40), elements=st.floats(-1, 1)),
+    st.one_of(st.integers(-300, 300), st.sampled_from([-300, 0, 300])),
+)
+def test_no_magnitude_passes_the_highest_which_is_at_most_a_little_more(c: NDArray[np.float64], power: int) -> None:
+    c = c * 10.0**power
+    assert_just_above(highest(c), c)
+
+
+@pytest.mark.parametrize("bins", [2, 3, 7, 16, 40, 81])
+@pytest.mark.parametrize("amplitude", [1e-300, 1.0, 1e300])
+def test_the_highest_of_spectra_whose_peak_is_known(bins: int, amplitude: float) -> None:
+    """Equal bins meet at the start, alternating ones at the end; a single one peaks at its amplitude."""
+    equal = np.full(bins, amplitude)
+    for c in (equal, -equal, equal * (-1.0) ** np.arange(bins)):
+        assert (bins - 1) * amplitude * (1 - 1e-14) <= highest(c) <= 1.013 * (bins - 1) * amplitude
+    for k in range(1, bins):
+        single = np.zeros(bins)
+        single[k] = -amplitude
+        assert amplitude * (1 - 1e-14) <= highest(single) <= 1.013 * amplitude
+
+
+@pytest.mark.parametrize("bins", [1, 2, 31, 200])
+def test_the_highest_of_random_spectra(bins: int) -> None:
+    rng = np.random.default_rng(bins)
+    for c in rng.normal(size=(5, bins)):
+        assert_just_above(highest(c), c)
+
+
+@pytest.mark.parametrize("mean", [0.0, 5.0, -1e300])
+def test_the_mean_is_not_part_of_the_highest(mean: float) -> None:
+    assert highest([mean]) == 0.0
+    assert highest([mean, -3.0]) == pytest.approx(3.0, rel=1e-14)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_there_is_no_highest_of_what_is_no_number_or_overflows(bad: float) -> None:
+    with pytest.raises(SynthesisError, match="coefficients: got 1 NaN or infinite"):
+        highest([0.0, 1.0, bad])
+    with pytest.raises(SynthesisError, match="whose sum overflows"):
+        highest([0.0, *[1.7e308] * 40])
+
+
 def test_dissimilarity_is_the_printed_sum_over_0_to_500_hz() -> None:
     rng = np.random.default_rng(5)
     a, b = rng.normal(size=(2, 2500))
@@ -166,7 +224,7 @@ def test_matrix_of_equal_spectra_is_zero() -> None:
 
 @pytest.mark.parametrize("bad", [[np.nan, 1.0], [np.inf, 1.0], []])
 def test_values_that_are_no_spectrum_are_refused(bad: list[float]) -> None:
-    for kernel in (spectrum, inverse):
+    for kernel in (spectrum, inverse, highest):
         with pytest.raises(SynthesisError, match="allowed"):
             kernel(bad)
     with pytest.raises(SynthesisError, match="allowed"):
