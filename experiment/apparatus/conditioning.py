@@ -65,7 +65,7 @@ class Conditioner:
         if self._drive is not None:
             return self._driven(self._drive(Waveform(bounded_m_s2)), limited=limited)
         samples = self._scaled(bounded_m_s2, self._peak_m_s2)
-        return samples, Played(samples=samples.size, limited=limited, peak_m_s2=self._peak(samples))
+        return samples, Played(samples=samples.size, limited=limited, peak_m_s2=lambda: self._peak(samples))
 
     def _driven(self, voltages: Voltages, *, limited: int) -> tuple[NDArray[np.float32], Played]:
         bounded_v, limited_v = limit(voltages.waveform_v, self._full_scale)

@@ -63,13 +63,13 @@ class Voltages:
 
     Attributes:
         waveform_v: V, shape (n,), at the device's rate.
-        peak_m_s2: no magnitude of the acceleration that the response makes of it is larger, m/s^2.
         shaping: what is lost.
+        peak_m_s2: returns what no magnitude of the acceleration passes that the response makes of it, m/s^2.
     """
 
     waveform_v: NDArray[np.float64]
-    peak_m_s2: float
     shaping: Shaping
+    peak_m_s2: Callable[[], float]
 
 
 Drive = Callable[[Wanted], Voltages]
@@ -128,14 +128,14 @@ class Played:
     Attributes:
         samples: how many were handed to the device.
         limited: how many the limiter changed; of volts in `driven`.
-        peak_m_s2: largest magnitude after the limiter, m/s^2; where the device takes volts, what none of the
-            accelerations that its response makes of them passes.
+        peak_m_s2: returns the largest magnitude after the limiter, m/s^2; where the device takes volts, what none of
+            the accelerations passes that its response makes of them. It may take a while: ask after contact.
         driven: voltages, where the device takes volts.
     """
 
     samples: int
     limited: int
-    peak_m_s2: float
+    peak_m_s2: Callable[[], float]
     driven: Driven | None = None
 
 

@@ -120,7 +120,7 @@ def open_drive(folder: Path, actuator: ActuatorRig, *, limit_m_s2: float) -> Dri
         waveform_v, did = shaped(asked)
         return Voltages(
             waveform_v=waveform_v,
-            peak_m_s2=did.peak_m_s2,
+            peak_m_s2=lambda: did.peak_m_s2,
             shaping=Shaping(
                 saturated_bins=did.saturated.bins,
                 saturated_cost_m_s2=did.saturated.cost_m_s2,

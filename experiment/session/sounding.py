@@ -80,7 +80,7 @@ class Sounding:
             floored_bins=made.floored_bins,
             extrapolated=made.extrapolated,
             limited=played.limited,
-            peak_m_s2=played.peak_m_s2,
+            peak_m_s2=played.peak_m_s2(),
             driven=played.driven,
             computed=rendered.computed,
         )

@@ -78,17 +78,34 @@ def drive(
     at = _at_bins_of(response, bins.samples, bins.rate_hz, on.carried)
     # With what rounding may add, and the coefficients that were taken for round-off.
     rounded = 1 + 2 * ROUND_OFF * on.count
-    scale = 1.0
+    scale, before = 1.0, None
     while True:
         shaped = shape_at(coefficients, at, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2, scale=scale)
-        over = shaped.peak_m_s2 * rounded / limit_m_s2
+        over = _moved_m_s2(shaped, before, limit_m_s2 / rounded) * rounded / limit_m_s2
         if over <= 1:
             voltages_v = inverse_on(shaped.coefficients_v, on)
             over = float(np.maximum(voltages_v.max(), -voltages_v.min())) / limit_v
             if over <= 1:
                 return voltages_v, shaped
         # A response that is not quite linear may need another round; each takes down by a thousandth at the least.
-        scale /= over * 1.001
+        scale, before = scale / (over * 1.001), shaped
+
+
+def _moved_m_s2(shaped: Shaped, before: Shaped | None, limit_m_s2: float) -> float:
+    """What no magnitude of the acceleration passes: the first bound that is within the limit, the cheapest first.
+
+    Args:
+        shaped: what is driven.
+        before: the same, less taken down, if there was a round before: what it reached has only become less, but for
+            bins that something held back.
+        limit_m_s2: of the acceleration.
+    """
+    with np.errstate(over="ignore"):
+        bound_m_s2 = float(np.abs(shaped.reached_m_s2).sum())
+    if bound_m_s2 > limit_m_s2 and before is not None:
+        part = shaped.scale / before.scale
+        bound_m_s2 = part * before.peak_m_s2 + float(np.abs(part * before.reached_m_s2 - shaped.reached_m_s2).sum())
+    return bound_m_s2 if bound_m_s2 <= limit_m_s2 else shaped.peak_m_s2
 
 
 @lru_cache(maxsize=4)

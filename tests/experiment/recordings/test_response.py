@@ -154,7 +154,7 @@ def test_a_drive_is_opened_from_a_rig_and_says_what_is_lost(written: Write) -> N
     reached = 0.25 + (0.5 / 2**0.5 - 0.1) / 0.9 * 1.75
     assert (lost.saturated_bins, lost.outside_bins, lost.bounded_bins) == (0, 0, 1)
     assert lost.bounded_cost_m_s2 == pytest.approx(2.0 - reached)
-    assert reached * (1 - 1e-12) <= voltages.peak_m_s2 <= 1.013 * reached
+    assert reached * (1 - 1e-12) <= voltages.peak_m_s2() <= 1.013 * reached
     assert (lost.saturated_cost_m_s2, lost.outside_cost_m_s2) == (0.0, 0.0)
 
 

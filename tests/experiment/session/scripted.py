@@ -95,7 +95,7 @@ class ScriptedActuator:
     def prepare(self, wanted: Wanted) -> Played:
         waveform_m_s2 = self._prepared = wanted.waveform_m_s2
         self.aimed.append([])
-        return Played(samples=len(waveform_m_s2), limited=0, peak_m_s2=float(np.abs(waveform_m_s2).max()))
+        return Played(samples=len(waveform_m_s2), limited=0, peak_m_s2=lambda: float(np.abs(waveform_m_s2).max()))
 
     def aim(self, onset_ns: int) -> bool:
         self.aimed[-1].append(onset_ns)

@@ -33,7 +33,7 @@ class Aimed:
 
     def prepare(self, wanted: Wanted) -> Played:
         self.prepared += 1
-        return Played(samples=wanted.waveform_m_s2.size, limited=0, peak_m_s2=0.0)
+        return Played(samples=wanted.waveform_m_s2.size, limited=0, peak_m_s2=lambda: 0.0)
 
     def aim(self, onset_ns: int) -> bool:
         assert onset_ns >= self._clock.now_ns() + LEAD_NS
