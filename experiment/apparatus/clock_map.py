@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -98,9 +99,8 @@ class ClockMap:
         return self.anchor_us + (session_ns - self.anchor_ns) / (1000 + self.drift_ppm * 1e-3)
 
 
-@dataclass(frozen=True)
-class ClockState:
-    """What was seen of one device since it was opened.
+class ClockState(NamedTuple):
+    """What was seen of one device since it was opened; a tuple, because one is made with every read.
 
     Since the first read and in microseconds, `x` is device time and `y` by how much arrivals have fallen behind it.
 
@@ -114,7 +114,9 @@ class ClockState:
         known: whether drift is known, and within the limit.
         slope: y per x.
         level: y at x = 0.
-        delays: reads by how much after the line they came, counted per decade in twenty steps.
+        delays: reads until the present `FINE_US` by how much after the line they came, counted per decade in twenty
+            steps.
+        recent: which step each read since then is to be counted in.
     """
 
     origin_us: int
@@ -127,11 +129,12 @@ class ClockState:
     slope: float
     level: float
     delays: tuple[int, ...]
+    recent: tuple[int, ...]
 
     def map(self) -> ClockMap:
         """The line as it stands."""
         lead_us = self.level + self.slope * self.newest_x
-        delays = np.cumsum(self.delays)
+        delays = np.cumsum(_counted(self.delays, self.recent))
         median, p99 = np.searchsorted(delays, np.array([0.5, 0.99]) * delays[-1])
         return ClockMap(
             anchor_us=self.origin_us + round(self.newest_x),
@@ -151,8 +154,8 @@ def init(device_us: int, arrived_ns: int) -> ClockState:
         device_us: device time of its newest sample, microseconds.
         arrived_ns: session time at which it came, ns.
     """
-    delays = (1, *[0] * (len(_DELAY_EDGES_US) - 1))
-    return ClockState(device_us, arrived_ns, 0.0, (), (), (0.0, 0.0), False, 0.0, 0.0, delays)
+    delays = (0,) * len(_DELAY_EDGES_US)
+    return ClockState(device_us, arrived_ns, 0.0, (), (), (0.0, 0.0), False, 0.0, 0.0, delays, (0,))
 
 
 def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
@@ -163,15 +166,15 @@ def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
         device_us: device time of its newest sample, microseconds; later than any before.
         arrived_ns: session time at which it came, ns.
     """
-    x = float(device_us - state.origin_us)
-    y = (arrived_ns - state.origin_ns) / 1000 - x
-    kept, fine, low, known = state.kept, state.fine, state.low, state.known
-    slope, level = state.slope, state.level
+    origin_us, origin_ns, _, kept, fine, low, known, slope, level, delays, recent = state
+    x = float(device_us - origin_us)
+    y = (arrived_ns - origin_ns) / 1000 - x
     if x // FINE_US == low[0] // FINE_US:
         if y - slope * x < low[1] - slope * low[0]:
             low = (x, y)
         level = min(level, y - slope * x)
     else:
+        delays, recent = _counted(delays, recent), ()
         fine = (*fine, low)[-FINE_BINS:]
         if x // BIN_US != low[0] // BIN_US:
             over = [read for read in fine if read[0] // BIN_US == low[0] // BIN_US]
@@ -182,9 +185,16 @@ def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
             known, slope = _slope(trusted)
         counted = (*kept, *fine, low) if known else (fine[-1], low)
         level = min(at_y - slope * at_x for at_x, at_y in counted)
-    place = min(bisect_left(_DELAY_EDGES_US, y - slope * x - level), len(state.delays) - 1)
-    delays = (*state.delays[:place], state.delays[place] + 1, *state.delays[place + 1 :])
-    return ClockState(state.origin_us, state.origin_ns, x, kept, fine, low, known, slope, level, delays)
+    recent = (*recent, min(bisect_left(_DELAY_EDGES_US, y - slope * x - level), len(delays) - 1))
+    return ClockState(origin_us, origin_ns, x, kept, fine, low, known, slope, level, delays, recent)
+
+
+def _counted(delays: tuple[int, ...], recent: tuple[int, ...]) -> tuple[int, ...]:
+    """Delays with the recent ones counted in."""
+    counts = list(delays)
+    for place in recent:
+        counts[place] += 1
+    return tuple(counts)
 
 
 def _slope(reads: tuple[tuple[float, float], ...]) -> tuple[bool, float]:

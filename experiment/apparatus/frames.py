@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import struct
 from binascii import crc_hqx
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from cobs import cobs
@@ -47,15 +47,14 @@ LONGEST_PAUSE_US = 60_000_000
 
 _STUFFED_BYTES = FRAME_BYTES - 1
 _SAMPLE = struct.Struct("<HIH")
+_BODY = struct.Struct("<HIHH")
 _SAMPLE_FIELDS = np.dtype([("sequence", "<u2"), ("device_us", "<u4"), ("counts", "<u2")])
-_BODY_FIELDS = np.dtype([*_SAMPLE_FIELDS.descr, ("crc", "<u2")])
 _CRC_START = 0xFFFF
 _SEQUENCES = 1 << 16
 _CLOCK = 1 << 32
 
 
-@dataclass(frozen=True)
-class Frames:
+class Frames(NamedTuple):
     """What one piece of the stream held.
 
     Attributes:
@@ -86,9 +85,8 @@ def encode(sequence: int, device_us: int, counts: int) -> bytes:
     return stuffed + b"\0"
 
 
-@dataclass(frozen=True)
-class Decoder:
-    """Where reading stands. It never changes: `feed` gives the next one.
+class Decoder(NamedTuple):
+    """Where reading stands. It never changes: `feed` gives the next one, a tuple, because that is made quickly.
 
     Attributes:
         near_us: the first time read is unwrapped to the one nearest to this, microseconds; the default leaves it as
@@ -136,35 +134,47 @@ class Decoder:
     def _unbroken(self, whole: bytes) -> tuple[Decoder, Frames] | None:
         """The short way for a stream without fault, which a stream mostly is; None where it may have one.
 
+        A few frames come at a time, after a sleep that leaves the processor's caches cold: one loop of few calls then
+        takes half as long as numpy's over the same frames.
+
         Args:
             whole: the piece with what was left of the one before.
         """
-        count = len(whole) // FRAME_BYTES
-        if self.sequence is None or self.restarted or self.gap_expected or self.damaged or not count:
+        pieces = whole.split(b"\0")
+        tail = pieces.pop()
+        if self.sequence is None or self.restarted or self.gap_expected or self.damaged or not pieces:
             return None
-        frames = whole[: count * FRAME_BYTES]
-        if whole.count(0) != count or frames[_STUFFED_BYTES::FRAME_BYTES].count(0) != count:
+        if len(tail) > _STUFFED_BYTES:
             return None
+        sequence, us = self.sequence, self.device_us
+        wraps_us = us - us % _CLOCK
+        device_us: list[int] = []
+        counts: list[int] = []
         try:
-            bodies = [cobs.decode(frames[i : i + _STUFFED_BYTES]) for i in range(0, len(frames), FRAME_BYTES)]
+            for piece in pieces:
+                body = cobs.decode(piece)
+                if len(body) != _BODY.size:
+                    return None
+                number, clock_us, reading, crc = _BODY.unpack(body)
+                sequence += 1
+                before_us, us = us, wraps_us + clock_us
+                if number != sequence or us <= before_us or crc_hqx(body[: _SAMPLE.size], _CRC_START) != crc:
+                    return None
+                device_us.append(us)
+                counts.append(reading)
         except cobs.DecodeError:
             return None
-        fields = np.frombuffer(b"".join(bodies), dtype=_BODY_FIELDS)
-        if fields["crc"].tolist() != [crc_hqx(body[: _SAMPLE.size], _CRC_START) for body in bodies]:
-            return None
-        device_us = fields["device_us"].astype(np.int64) + (self.device_us - self.device_us % _CLOCK)
-        forward = device_us[0] > self.device_us and (device_us[1:] > device_us[:-1]).all()
-        if not forward or fields["sequence"].tolist() != list(range(self.sequence + 1, self.sequence + 1 + count)):
-            return None
-        decoder = Decoder(
-            near_us=self.near_us,
-            sequence=self.sequence + count,
-            device_us=int(device_us[-1]),
-            tail=whole[len(frames) :],
-            aligned=True,
+        decoder = Decoder(self.near_us, sequence, us, tail, aligned=True)
+        end = len(whole) - len(tail) - len(self.tail)
+        ends = np.arange(end - FRAME_BYTES * (len(pieces) - 1), end + 1, FRAME_BYTES)
+        frames = Frames(
+            np.array(device_us, dtype=np.int64),
+            np.array(counts, dtype=np.uint16),
+            ends,
+            LinkCounts(received=len(pieces)),
+            restarted=False,
         )
-        ends = np.arange(FRAME_BYTES - len(self.tail), len(frames) - len(self.tail) + 1, FRAME_BYTES)
-        return decoder, Frames(device_us, fields["counts"], ends, LinkCounts(received=count), restarted=False)
+        return decoder, frames
 
     def _any(self, whole: bytes) -> tuple[Decoder, Frames]:
         """Any stream at all."""

@@ -10,7 +10,6 @@ import os
 import select
 import socket
 import threading
-from contextlib import suppress
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
@@ -114,9 +113,10 @@ class SerialPort:
         return bool(ready) and woken not in ready
 
     def _read(self) -> bytes:
-        with suppress(BlockingIOError):
+        try:
             return os.read(self._port.fileno(), LARGEST_READ)
-        return b""
+        except BlockingIOError:
+            return b""
 
     def wake(self) -> None:
         """Have `wait` return at once, now and from now on."""

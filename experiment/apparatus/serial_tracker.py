@@ -7,14 +7,16 @@ that is (clock_map.py).
 Reading less often costs less: after a read that found no backlog the thread pauses, 1.6 ms at 1 kHz and 6 ms from 5 kHz
 on, and a sample is older by no more than that when it is read. Predictions bear it: at 5 kHz with 0.1 mm of noise their
 SD is 0.39 ms at a lead of 8 ms, against 0.30 ms where every sample is read at once.
+
+What a read costs is the process waking up, and code that meets cold caches: so it makes few calls, and reader and
+thread share a queue and no condition. One thread at a time may read.
 """
 
 from __future__ import annotations
 
 import threading
-from collections import deque
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, NamedTuple
 
 from experiment.apparatus import clock_map as clock_maps
 from experiment.apparatus.clock_map import ClockMap, ClockState
@@ -49,8 +51,11 @@ RETRY_S = 0.05
 """How often a port that has gone is looked for, s."""
 
 
-@dataclass(frozen=True)
-class _Arrival:
+_MACHINE = MonotonicClock()
+"""Paces this machine's work, whatever the session's clock."""
+
+
+class _Arrival(NamedTuple):
     samples: Samples
     link: LinkCounts
 
@@ -82,7 +87,8 @@ class SerialTracker:
         self._most_bytes = int(KEPT_S * settings.rate_hz) * FRAME_BYTES
         self._slice_s = settings.stall_ms * 1e-3 * USABLE / SLICES
         self._counts = LinkCounts()
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
+        self._held: _Arrival | None = None
         self._decoder = Decoder()
         self._closing = False
         self._open(port)
@@ -103,7 +109,7 @@ class SerialTracker:
         Raises:
             TrackerStopped: the port has gone.
         """
-        with self._changed:
+        with self._lock:
             if isinstance(self._failure, TrackerStopped):
                 raise self._failure
             try:
@@ -112,7 +118,6 @@ class SerialTracker:
                 raise self._gone(error) from error
             self._decoder = self._decoder.skipped()
             self._forget()
-            self._changed.notify_all()
 
     def read(self) -> Samples:
         """Wait for the next samples, at least one.
@@ -121,21 +126,20 @@ class SerialTracker:
             TrackerStopped: no good frame for the silence allowed, or the port has gone.
             TrackerError: the device restarted.
         """
-        with self._changed:
-            for _ in range(SLICES):
-                if self._changed.wait_for(self._has_news, self._slice_s):
-                    break
-            else:
-                self._look()
-            if self._arrivals:
-                arrival = self._arrivals.popleft()
-                self._kept_bytes -= len(arrival.samples.raw)
-                self._changed.notify_all()
-                self._counts = self._counts.plus(arrival.link)
-                return arrival.samples
-            if self._failure is not None:
-                raise self._failure
-            raise self._silent()
+        for _ in range(SLICES):
+            arrival = self._next(self._slice_s)
+            if arrival is not None or self._failure is not None:
+                break
+        else:
+            self._look()
+        arrival = arrival or self._next(0.0)
+        if arrival is not None:
+            self._given_bytes += len(arrival.samples.raw)
+            self._counts = self._counts.plus(arrival.link)
+            return arrival.samples
+        if self._failure is not None:
+            raise self._failure
+        raise self._silent()
 
     def reconnect(self, timeout_s: float) -> None:
         """Wait until the device is back, at the same port or, if it has a USB serial number, at any, and speaks.
@@ -155,13 +159,12 @@ class SerialTracker:
                     self._open(port_of(self._identity) or self._name)
                 except TrackerError as error:
                     why = str(error)
-                    MonotonicClock().sleep_ns(int(RETRY_S * 1e9))
+                    _MACHINE.sleep_ns(int(RETRY_S * 1e9))
                     continue
                 why = silent
-            with self._changed:
-                self._changed.wait_for(self._has_news, RETRY_S)
-                if self._arrivals:
-                    return
+            self._held = self._next(RETRY_S)
+            if self._held is not None:
+                return
             if self._failure is not None:
                 why = str(self._failure)
                 self.close()
@@ -173,9 +176,7 @@ class SerialTracker:
     def close(self) -> None:
         if self._closing:
             return
-        with self._changed:
-            self._closing = True
-            self._changed.notify_all()
+        self._closing = True
         self._port.wake()
         self._thread.join()
         self._port.close()
@@ -191,32 +192,38 @@ class SerialTracker:
         self._thread.start()
 
     def _forget(self) -> None:
-        self._arrivals: deque[_Arrival] = deque()
-        self._kept_bytes = 0
+        # None wakes the reader where reading failed.
+        self._arrivals: SimpleQueue[_Arrival | None] = SimpleQueue()
+        self._held = None
+        # Bytes are queued by who holds the lock, and given by the one reader.
+        self._queued_bytes = self._given_bytes = 0
         self._raw = b""
-        self._link = LinkCounts()
+        self._link: LinkCounts | None = None
 
-    def _has_news(self) -> bool:
-        return bool(self._arrivals) or self._failure is not None
-
-    def _has_room(self) -> bool:
-        return self._closing or self._kept_bytes + len(self._raw) < self._most_bytes
+    def _next(self, timeout_s: float) -> _Arrival | None:
+        """The oldest arrival; None where there is none within the time, or no more of them."""
+        held, self._held = self._held, None
+        if held is not None:
+            return held
+        try:
+            return self._arrivals.get(self._failure is None, timeout_s)
+        except Empty:
+            return None
 
     def _run(self) -> None:
         try:
             while not self._closing:
-                if not self._port.wait(self._slice_s):
+                if self._queued_bytes - self._given_bytes + len(self._raw) >= self._most_bytes:
+                    _MACHINE.sleep_ns(self._pause_ns)
                     continue
-                with self._changed:
-                    self._changed.wait_for(self._has_room)
-                    if self._closing:
-                        return
-                    taken = self._take()
-                    if self._failure is not None:
-                        self._changed.notify_all()
-                        return
-                if taken <= self._calm_bytes:
-                    MonotonicClock().sleep_ns(self._pause_ns)
+                # After a pause something has nearly always come.
+                taken = self._take()
+                if self._failure is not None:
+                    return
+                if not taken:
+                    self._port.wait(self._slice_s)
+                elif taken <= self._calm_bytes:
+                    _MACHINE.sleep_ns(self._pause_ns)
         except VANISHED as error:
             self._fail(self._gone(error), error)
         except Exception as error:
@@ -231,25 +238,28 @@ class SerialTracker:
             raise self._gone(error) from error
 
     def _take(self) -> int:
-        data = self._port.take()
-        self._arrive(data, self._clock.now_ns())
+        with self._lock:
+            data = self._port.take()
+            if data:
+                self._arrive(data, self._clock.now_ns())
         return len(data)
 
-    def _fail(self, failure: Exception, cause: Exception | None) -> None:
+    def _fail(self, failure: Exception, cause: Exception | None = None) -> None:
         failure.__cause__ = cause
-        with self._changed:
-            self._failure = failure
-            self._changed.notify_all()
+        self._failure = failure
+        self._arrivals.put(None)
 
     def _arrive(self, data: bytes, now_ns: int) -> None:
         kept = len(self._raw)
         self._raw += data
         self._decoder, frames = self._decoder.feed(data)
-        self._link = self._link.plus(frames.link)
+        self._link = frames.link if self._link is None else self._link.plus(frames.link)
         if frames.restarted:
-            self._failure = TrackerError(
-                f"tracker at {self._name}: the device's clock no longer runs on from {self._decoder.device_us} us; "
-                "it restarted, or its firmware does not count microseconds; see to it, then resume the session"
+            self._fail(
+                TrackerError(
+                    f"tracker at {self._name}: the device's clock no longer runs on from {self._decoder.device_us} us; "
+                    "it restarted, or its firmware does not count microseconds; see to it, then resume the session"
+                )
             )
         elif frames.device_us.size:
             newest_us = int(frames.device_us[-1])
@@ -259,10 +269,9 @@ class SerialTracker:
                 self._clock_state = clock_maps.step(self._clock_state, newest_us, now_ns)
             heights_mm = self._settings.height_mm(frames.counts)
             samples = Samples(frames.device_us, heights_mm, self._raw, kept + frames.ends, now_ns)
-            self._arrivals.append(_Arrival(samples, self._link))
-            self._kept_bytes += len(self._raw)
-            self._raw, self._link = b"", LinkCounts()
-            self._changed.notify_all()
+            self._queued_bytes += len(self._raw)
+            self._arrivals.put(_Arrival(samples, self._link))
+            self._raw, self._link = b"", None
 
     def _gone(self, error: Exception) -> TrackerStopped:
         return TrackerStopped(

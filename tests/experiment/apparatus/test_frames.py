@@ -261,7 +261,7 @@ def test_a_wrap_is_no_restart(jump_us: int) -> None:
 
 def test_a_decoder_is_not_changed_by_feeding_it() -> None:
     decoder, _ = Decoder().feed(b"".join(stream(3)) + b"\x03")
-    same = Decoder(**vars(decoder))
+    same = Decoder(**decoder._asdict())
     for _ in range(2):
         _, frames = decoder.feed(b"".join(stream(3, sequence=3, start_us=3000)))
         assert frames.link == LinkCounts(received=2, damaged=1)

@@ -6,6 +6,7 @@ import errno
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from queue import Empty, SimpleQueue
 
 import numpy as np
 import pytest
@@ -182,21 +183,18 @@ def test_silence_is_an_error_with_a_remedy(scripted: Open) -> None:
 
 
 def test_a_pause_of_the_whole_machine_is_not_a_silent_device(scripted: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+    pauses: list[Callable[[], None]] = []
+
+    class Paused(SimpleQueue[object]):
+        def get(self, block: bool = True, timeout: float | None = None) -> object:
+            if pauses:
+                pauses.pop()()
+                raise Empty
+            return super().get(block, timeout)
+
+    monkeypatch.setattr(serial_tracker, "SimpleQueue", Paused)
     tracker, port = scripted([])
-    wait_for = threading.Condition.wait_for
-    pauses = iter([True])
-
-    def stopped_at_first(
-        condition: threading.Condition, ready: Callable[[], bool], timeout: float | None = None
-    ) -> bool:
-        if timeout is None or not next(pauses, False):
-            return wait_for(condition, ready, timeout)
-        condition.release()
-        port.arrive(frames(0, 1))
-        condition.acquire()
-        return False
-
-    monkeypatch.setattr(threading.Condition, "wait_for", stopped_at_first)
+    pauses.append(lambda: port.arrive(frames(0, 1)))
     assert tracker.read().device_us.tolist() == [0]
 
 
