@@ -4,9 +4,8 @@ A thread of its own takes what comes, stamps it at once and decodes it (frames.p
 the system's small buffer loses a frame. Time comes from the device's counter; arrivals only tell which session time
 that is (clock_map.py).
 
-Reading less often costs less: after a read that found no backlog the thread pauses, 1.6 ms at 1 kHz and 6 ms from 5 kHz
-on, and a sample is older by no more than that when it is read. Predictions bear it: at 5 kHz with 0.1 mm of noise their
-SD is 0.39 ms at a lead of 8 ms, against 0.30 ms where every sample is read at once.
+Reading less often costs less: after a read that found no backlog the thread pauses, longer while the foot rests
+(pace.py).
 
 What a read costs is the process waking up, and code that meets cold caches: so it makes few calls, and reader and
 thread share a queue and no condition. One thread at a time may read.
@@ -19,8 +18,10 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, NamedTuple
 
 from experiment.apparatus import clock_map as clock_maps
+from experiment.apparatus import pace as paces
 from experiment.apparatus.clock_map import ClockMap, ClockState
 from experiment.apparatus.frames import FRAME_BYTES, Decoder
+from experiment.apparatus.pace import Pace
 from experiment.apparatus.samples import LinkCounts, Samples
 from experiment.apparatus.serial_devices import identity_of, port_of
 from experiment.apparatus.serial_port import VANISHED, SerialPort, reason
@@ -36,13 +37,6 @@ for a silent device."""
 
 USABLE = 0.9
 """Part of the silence allowed that is spent waiting; the rest is left to the operating system."""
-
-PAUSE_S = 0.5e-3
-PAUSE_PER_HZ_S = 1.1e-6
-"""Pause after a read, s, and how much longer it is for each Hz of the device's rate."""
-
-LONGEST_PAUSE_S = 6e-3
-"""It is never longer, s."""
 
 KEPT_S = 10.0
 """So much is kept of what nobody reads, s at the rig's rate. Then the line fills, and what it cannot take is lost."""
@@ -81,9 +75,7 @@ class SerialTracker:
         self._settings = settings
         self._clock = clock or MonotonicClock()
         self._known_map = clock_map
-        self._pause_ns = int(min(PAUSE_S + settings.rate_hz * PAUSE_PER_HZ_S, LONGEST_PAUSE_S) * 1e9)
-        # What a pause brings, and as much again.
-        self._calm_bytes = FRAME_BYTES * (2 + int(2 * self._pause_ns * 1e-9 * settings.rate_hz))
+        self._pauses = paces.pauses(rate_hz=settings.rate_hz, stall_ms=settings.stall_ms)
         self._most_bytes = int(KEPT_S * settings.rate_hz) * FRAME_BYTES
         self._slice_s = settings.stall_ms * 1e-3 * USABLE / SLICES
         self._counts = LinkCounts()
@@ -185,6 +177,7 @@ class SerialTracker:
         self._port = SerialPort(port, self._settings.baud)
         self._decoder = Decoder()
         self._clock_state: ClockState | None = None
+        self._pace: Pace | None = None
         self._failure: Exception | None = None
         self._closing = False
         self._forget()
@@ -211,10 +204,11 @@ class SerialTracker:
             return None
 
     def _run(self) -> None:
+        pause = self._pauses.moving
         try:
             while not self._closing:
                 if self._queued_bytes - self._given_bytes + len(self._raw) >= self._most_bytes:
-                    _MACHINE.sleep_ns(self._pause_ns)
+                    _MACHINE.sleep_ns(pause.ns)
                     continue
                 # After a pause something has nearly always come.
                 taken = self._take()
@@ -222,8 +216,10 @@ class SerialTracker:
                     return
                 if not taken:
                     self._port.wait(self._slice_s)
-                elif taken <= self._calm_bytes:
-                    _MACHINE.sleep_ns(self._pause_ns)
+                elif taken <= pause.calm_bytes:
+                    rests = self._pace is not None and self._pace.rests
+                    pause = self._pauses.resting if rests else self._pauses.moving
+                    _MACHINE.sleep_ns(pause.ns)
         except VANISHED as error:
             self._fail(self._gone(error), error)
         except Exception as error:
@@ -268,6 +264,11 @@ class SerialTracker:
             else:
                 self._clock_state = clock_maps.step(self._clock_state, newest_us, now_ns)
             heights_mm = self._settings.height_mm(frames.counts)
+            newest_mm = float(heights_mm[-1])
+            if self._pace is None:
+                self._pace = paces.init(newest_us, newest_mm)
+            else:
+                self._pace = paces.step(self._pace, newest_us, newest_mm)
             samples = Samples(frames.device_us, heights_mm, self._raw, kept + frames.ends, now_ns)
             self._queued_bytes += len(self._raw)
             self._arrivals.put(_Arrival(samples, self._link))

@@ -74,9 +74,10 @@ def random_stalls(seed: int, duration_s: float) -> tuple[tuple[float, float], ..
 
 
 @settings(max_examples=30, deadline=None)
-@given(drifts, seeds)
-def test_after_5_s_the_error_is_below_a_tenth_of_a_millisecond(drift_ppm: float, seed: int) -> None:
-    reads = simulated(seed=seed, drift_ppm=drift_ppm, stalls=((0.0, 0.031), *random_stalls(seed, 10.0)))
+@given(drifts, seeds, st.sampled_from([0.0016, 0.004, 0.012]))
+def test_after_5_s_the_error_is_below_a_tenth_of_a_millisecond(drift_ppm: float, seed: int, pause_s: float) -> None:
+    stalls = ((0.0, 0.031), *random_stalls(seed, 10.0))
+    reads = simulated(seed=seed, drift_ppm=drift_ppm, pause_s=pause_s, stalls=stalls)
     late = reads.true_ns > START_NS + 5e9
     mapped_ns = [
         state.map().session_ns(device_us) if wanted else 0

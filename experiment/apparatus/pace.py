@@ -1,0 +1,130 @@
+"""How often the tracker's line is read: as a moving foot needs it, and less often while the foot rests.
+
+Waking up costs more than the frames that a read finds. After a read that found no backlog the thread pauses, 1.6 ms at
+1 kHz and 6 ms from 5 kHz on, and a sample is older by no more than that when it is read. Predictions bear it: at 5 kHz
+with 0.1 mm of noise their SD is 0.39 ms at a lead of 8 ms, against 0.30 ms where every sample is read at once.
+
+Most of a session the foot rests, above the panel or on it, and nothing waits for its samples: then the pause is 12 ms.
+The newest height of each read tells. The foot moves where it lies `MOVED_MM` or more from a reference, which it then
+replaces; a reference older than `REFERENCE_US` of device time is replaced too, and if the foot had not moved, it rests.
+Until the first reading it counts as moving. What follows:
+
+- A foot that keeps above 20 mm/s, the least scale of the prediction, is read as if there were no rest, however its
+  stream is cut into reads. A slower one may count as resting: in 12 ms it moves less than 0.24 mm.
+- A foot that falls from rest is seen at most one pause after its second millimetre, for the reference may have been
+  replaced within the first. One that reaches 400 mm/s at the gate's top, 30 mm below, has moved 1 mm after 27 ms and
+  2 mm after 39 ms: it is seen after 51 ms, 3.4 mm down, and reaches the gate after 150 ms.
+- Above the highest calibrated point a foot seems to rest, however it moves. That point lies 5 mm or more above the
+  gate: a foot of 400 mm/s that comes from there is seen 1.8 mm into the gate at the latest, and a gate is not given
+  until 1 mm below its bottom.
+- A foot of 100 mm/s that stops on its way down counts as moving for 40 ms more, for its reference is 10 ms old at most.
+  If its stop is not plain by then, it is noticed 12 ms later at most.
+- Samples of a resting foot are up to 12 ms old when they are read: the first after arming, and the last of the 100 ms
+  that are recorded after a contact, may come so much later.
+- The clock map gets eight reads in each of its shortest stretches, of which it keeps the one with the least delay.
+- A line has to hold what comes in a pause: 720 bytes at 5 kHz, where systems hold 4096 or more.
+- Silence is noticed as before: the reader waits as long, and the last frames before it are read within `SILENCE_PART`
+  of it, which with the part that is spent waiting (serial_tracker.py) makes less than the whole.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from experiment.apparatus.frames import FRAME_BYTES
+
+PAUSE_S = 0.5e-3
+PAUSE_PER_HZ_S = 1.1e-6
+"""Pause after a read of a moving foot, s, and how much longer it is for each Hz of the device's rate."""
+
+LONGEST_PAUSE_S = 6e-3
+"""It is never longer, s."""
+
+RESTING_PAUSE_S = 12e-3
+"""Pause after a read of a resting foot, s: half as many reads as with 6 ms, and the fastest foot is seen in time."""
+
+SILENCE_PART = 0.06
+"""That pause is at most this part of the silence allowed, but never shorter than a moving foot's."""
+
+MOVED_MM = 1.0
+"""A height so far from the reference is a movement, mm: seven standard deviations of the difference between two
+readings of a noisy sensor (0.1 mm)."""
+
+REFERENCE_US = 50_000
+"""How long a reference lasts, device time, microseconds."""
+
+
+class Pause(NamedTuple):
+    """How long to pause after a read.
+
+    Attributes:
+        ns: its length, ns.
+        calm_bytes: a read after it that brings no more than this found no backlog: what the pause brings, and as much
+            again.
+    """
+
+    ns: int
+    calm_bytes: int
+
+
+class Pauses(NamedTuple):
+    """The pauses for one device: after a read of a moving foot, and of a resting one."""
+
+    moving: Pause
+    resting: Pause
+
+
+def pauses(*, rate_hz: int, stall_ms: int) -> Pauses:
+    """The pauses for a device.
+
+    Args:
+        rate_hz: frames a second.
+        stall_ms: the silence allowed, ms.
+    """
+    moving_s = min(PAUSE_S + rate_hz * PAUSE_PER_HZ_S, LONGEST_PAUSE_S)
+    resting_s = max(moving_s, min(RESTING_PAUSE_S, SILENCE_PART * stall_ms * 1e-3))
+    return Pauses(_pause(moving_s, rate_hz), _pause(resting_s, rate_hz))
+
+
+class Pace(NamedTuple):
+    """How the foot moves, as far as reading it goes.
+
+    Attributes:
+        device_us: when the reference was read, device time, microseconds.
+        height_mm: height of the reference, mm.
+        rests: whether the foot rests.
+    """
+
+    device_us: int
+    height_mm: float
+    rests: bool
+
+
+def init(device_us: int, height_mm: float) -> Pace:
+    """After the first read: the foot counts as moving.
+
+    Args:
+        device_us: device time of its newest sample, microseconds.
+        height_mm: height of that sample, mm.
+    """
+    return Pace(device_us, height_mm, rests=False)
+
+
+def step(pace: Pace, device_us: int, height_mm: float) -> Pace:
+    """Take the next read.
+
+    Args:
+        pace: from `init` or the step before.
+        device_us: device time of its newest sample, microseconds; later than any before.
+        height_mm: height of that sample, mm.
+    """
+    if abs(height_mm - pace.height_mm) >= MOVED_MM:
+        return Pace(device_us, height_mm, rests=False)
+    if device_us - pace.device_us > REFERENCE_US:
+        return Pace(device_us, height_mm, rests=True)
+    return pace
+
+
+def _pause(pause_s: float, rate_hz: int) -> Pause:
+    ns = round(pause_s * 1e9)
+    return Pause(ns, FRAME_BYTES * (2 + 2 * ns * rate_hz // 1_000_000_000))
