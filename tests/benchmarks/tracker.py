@@ -1,8 +1,16 @@
 """What reading a tracker costs: run `python -m tests.benchmarks.tracker`; every figure is a median of `RUNS` runs.
 
 Another process sends frames through a pseudo-terminal at a steady rate, each with the machine's monotonic time in its
-device clock, so that a sample's age when `read` returns is known. Processor time is that of this whole process while it
-reads. What a bare loop takes, which sleeps 4 ms and does nothing else, says how busy the machine is.
+device clock, so that a sample's age when `read` returns is known. Its foot rests, or goes up and down at `SPEED_MM_S`
+without a stop; its sensor has noise.
+
+For 1 and 5 kHz, and for a foot that rests and one that moves: the part of a core, which is the processor time of this
+whole process while it reads, reader and thread; reads a second, and what one costs; how old the newest and the oldest
+sample of a read are; the error of the clock map at the end; frames lost. A resting foot is read less often (pace.py),
+so that it costs less and its oldest samples are older.
+
+Beside each stands what a bare loop took just before, which sleeps 4 ms and does nothing else: it says how slow the
+machine was then, for other work and the processor's own pace change every figure here.
 
 Not a test: it asserts nothing, because these figures belong to the machine that printed them.
 """
@@ -16,6 +24,7 @@ import subprocess
 import sys
 import time
 import tty
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,17 +32,26 @@ import numpy as np
 
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.frames import encode
+from experiment.apparatus.rig import TrackerRig
+from experiment.apparatus.samples import Samples
 from experiment.apparatus.serial_tracker import SerialTracker
 
 RATES_HZ = (1000, 5000)
+FEET = ("rests", "moves")
 RUNS = 5
 SECONDS = 6.0
-BARE_TURNS = 500
+BARE_TURNS = 250
 CLOCK_US = 2**32
+
+LOWEST_MM, HIGHEST_MM = 10.0, 60.0
+SPEED_MM_S = 100.0
+NOISE_MM = 0.1
 
 
 class Bare:
     """Implements `Clock`: the clock that the sender stamps with."""
+
+    simulated = False
 
     def now_ns(self) -> int:
         return time.monotonic_ns()
@@ -47,61 +65,84 @@ class Run:
     """One reading.
 
     Attributes:
+        bare_us: processor time of a turn of the bare loop before it, microseconds.
         core: part of a core that the process took.
         reads: a second.
-        age_ms: of the newest sample of each read as `read` returned it, shape (n,).
+        newest_ms: age of the newest sample of each read as `read` returned it, shape (n,).
+        oldest_ms: of the oldest, shape (n,).
         lost: frames that did not come.
         map_us: error of the clock map at the end, microseconds.
     """
 
+    bare_us: float
     core: float
     reads: float
-    age_ms: np.ndarray
+    newest_ms: np.ndarray
+    oldest_ms: np.ndarray
     lost: int
     map_us: float
 
 
-def send(line: int, rate_hz: int) -> None:
+def settings(rate_hz: int) -> TrackerRig:
+    """Those of the shipped rig, at another rate."""
+    rig = rigs.load(Path(__file__).parents[2] / "protocols" / "rigs" / "rehearsal.toml").tracker
+    return rig.model_copy(update={"rate_hz": rate_hz})
+
+
+def readings(rate_hz: int, foot: str) -> list[int]:
+    """What the sensor gives, over and over: one way down and one up, or as long at rest."""
+    way_mm = HIGHEST_MM - LOWEST_MM
+    gone_mm = np.arange(0.0, 2 * way_mm, SPEED_MM_S / rate_hz) if foot == "moves" else np.zeros(rate_hz)
+    noise_mm = np.random.default_rng(0).normal(0.0, NOISE_MM, gone_mm.size)
+    return settings(rate_hz).counts(LOWEST_MM + np.abs(way_mm - gone_mm) + noise_mm).tolist()
+
+
+def send(line: int, rate_hz: int, foot: str) -> None:
     """In a process of its own: a frame a sample to a file descriptor, stamped as it goes."""
+    counts = readings(rate_hz, foot)
     begun_ns = time.monotonic_ns()
     for i in range(int(rate_hz * (SECONDS + 1))):
         left_ns = begun_ns + i * 1_000_000_000 // rate_hz - time.monotonic_ns()
         if left_ns > 0:
             time.sleep(left_ns / 1e9)
-        os.write(line, encode(i, time.monotonic_ns() // 1000, 3000))
+        os.write(line, encode(i, time.monotonic_ns() // 1000, counts[i % len(counts)]))
 
 
-def lag_us(device_us: int) -> float:
-    """Time since a stamp of the sender, microseconds."""
-    return (time.monotonic_ns() / 1e3 - device_us) % CLOCK_US
+def signed_us(us: float) -> float:
+    """A difference to a stamp of the sender, whose clock wraps, microseconds."""
+    return (us + CLOCK_US / 2) % CLOCK_US - CLOCK_US / 2
 
 
-def read(rate_hz: int) -> Run:
+def read(rate_hz: int, foot: str) -> Run:
     """Read for `SECONDS`."""
+    bare_us = bare()
     device, port = pty.openpty()
     tty.setraw(port)
-    rig = rigs.load(Path(__file__).parents[2] / "protocols" / "rigs" / "rehearsal.toml").tracker
-    tracker = SerialTracker(os.ttyname(port), rig.model_copy(update={"rate_hz": rate_hz}), clock=Bare())
-    code = f"from tests.benchmarks.tracker import send; send({device}, {rate_hz})"
+    tracker = SerialTracker(os.ttyname(port), settings(rate_hz), clock=Bare())
+    code = f"from tests.benchmarks.tracker import send; send({device}, {rate_hz}, {foot!r})"
     sender = subprocess.Popen([sys.executable, "-c", code], pass_fds=[device])
     while tracker.clock_map is None:
         time.sleep(0.01)
     tracker.drain()
+    read: list[Samples] = []
+    at_ns: list[int] = []
     begun_s, used_s = time.monotonic(), time.process_time()
-    ages_us: list[float] = []
     while (passed_s := time.monotonic() - begun_s) < SECONDS:
-        samples = tracker.read()
-        newest_us = int(samples.device_us[-1])
-        ages_us.append(lag_us(newest_us))
+        read.append(tracker.read())
+        at_ns.append(time.monotonic_ns())
     core = (time.process_time() - used_s) / passed_s
-    late_us = (tracker.clock_map.session_ns(newest_us) / 1e3 - newest_us) % CLOCK_US
+    newest_us = int(read[-1].device_us[-1])
+    map_us = signed_us(tracker.clock_map.session_ns(newest_us) / 1e3 - newest_us)
     tracker.close()
     sender.terminate()
     sender.wait()
     for end in (device, port):
         os.close(end)
-    map_us = (late_us + CLOCK_US / 2) % CLOCK_US - CLOCK_US / 2
-    return Run(core, len(ages_us) / passed_s, np.array(ages_us) / 1e3, tracker.counts.lost, map_us)
+    newest_ms, oldest_ms = (
+        np.array([signed_us(ns / 1e3 - int(one.device_us[i])) / 1e3 for ns, one in zip(at_ns, read, strict=True)])
+        for i in (-1, 0)
+    )
+    return Run(bare_us, core, len(read) / passed_s, newest_ms, oldest_ms, tracker.counts.lost, map_us)
 
 
 def bare() -> float:
@@ -112,28 +153,38 @@ def bare() -> float:
     return (time.process_time() - used_s) / BARE_TURNS * 1e6
 
 
+def shown(runs: Sequence[Run], of: Callable[[Run], float], form: str) -> str:
+    """Median of the runs, and the least and the most of them."""
+    values = [of(run) for run in runs]
+    return f"{statistics.median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
+
+
 def main() -> None:
     print(
-        f"medians of {RUNS} runs of {SECONDS:g} s, (least to most); load average {os.getloadavg()[0]:.1f} on "
-        f"{os.cpu_count()} cores; a bare loop takes {bare():.0f} microseconds a turn"
+        f"medians of {RUNS} runs of {SECONDS:g} s (least to most); load average {os.getloadavg()[0]:.1f} on "
+        f"{os.cpu_count()} cores"
     )
     for rate_hz in RATES_HZ:
-        runs = [read(rate_hz) for _ in range(RUNS)]
-        core = [100 * run.core for run in runs]
-        print(
-            f"{rate_hz} Hz: {statistics.median(core):.1f} % of a core ({min(core):.1f} to {max(core):.1f}), "
-            f"{statistics.median(run.reads for run in runs):.0f} reads/s, "
-            f"{statistics.median(run.core / run.reads for run in runs) * 1e6:.0f} microseconds a read"
-        )
-        for name, part in (("median", 0.5), ("p99", 0.99)):
-            ages_ms = [float(np.quantile(run.age_ms, part)) for run in runs]
+        for foot in FEET:
+            runs = [read(rate_hz, foot) for _ in range(RUNS)]
+            print(f"{rate_hz} Hz, a foot that {foot}: {shown(runs, lambda run: 100 * run.core, '.1f')} % of a core")
             print(
-                f"   newest sample's age, {name:6}: {statistics.median(ages_ms):.2f} ms "
-                f"({min(ages_ms):.2f} to {max(ages_ms):.2f})"
+                f"   {shown(runs, lambda run: run.reads, '.0f')} reads/s of "
+                f"{shown(runs, lambda run: run.core / run.reads * 1e6, '.0f')} microseconds; a bare loop took "
+                f"{shown(runs, lambda run: run.bare_us, '.0f')} a turn"
             )
-        errors_us = [run.map_us for run in runs]
-        lost = sum(run.lost for run in runs)
-        print(f"   clock map off by {min(errors_us):.0f} to {max(errors_us):.0f} microseconds; frames lost: {lost}")
+            print(
+                f"   newest sample's age: median {shown(runs, lambda run: float(np.median(run.newest_ms)), '.2f')} ms, "
+                f"p99 {shown(runs, lambda run: float(np.quantile(run.newest_ms, 0.99)), '.2f')} ms"
+            )
+            print(
+                f"   oldest sample's age: median {shown(runs, lambda run: float(np.median(run.oldest_ms)), '.2f')} ms, "
+                f"p99 {shown(runs, lambda run: float(np.quantile(run.oldest_ms, 0.99)), '.2f')} ms"
+            )
+            print(
+                f"   clock map off by {shown(runs, lambda run: run.map_us, '.0f')} microseconds; "
+                f"frames lost: {sum(run.lost for run in runs)}"
+            )
 
 
 if __name__ == "__main__":
