@@ -258,7 +258,7 @@ class SerialTracker:
                 )
             )
         elif frames.device_us.size:
-            newest_us = int(frames.device_us[-1])
+            newest_us = self._decoder.device_us
             if self._clock_state is None:
                 self._clock_state = clock_maps.init(newest_us, now_ns)
             else:
@@ -269,7 +269,8 @@ class SerialTracker:
                 self._pace = paces.init(newest_us, newest_mm)
             else:
                 self._pace = paces.step(self._pace, newest_us, newest_mm)
-            samples = Samples(frames.device_us, heights_mm, self._raw, kept + frames.ends, now_ns)
+            ends = kept + frames.ends if kept else frames.ends
+            samples = Samples(frames.device_us, heights_mm, self._raw, ends, now_ns)
             self._queued_bytes += len(self._raw)
             self._arrivals.put(_Arrival(samples, self._link))
             self._raw, self._link = b"", None
