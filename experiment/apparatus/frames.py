@@ -135,7 +135,7 @@ class Decoder(NamedTuple):
         """The short way for a stream without fault, which a stream mostly is; None where it may have one.
 
         A few frames come at a time, after a sleep that leaves the processor's caches cold: one loop of few calls then
-        takes half as long as numpy's over the same frames.
+        takes less time than numpy's over the same frames.
 
         Args:
             whole: the piece with what was left of the one before.

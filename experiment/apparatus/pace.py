@@ -19,8 +19,8 @@ Until the first reading it counts as moving. What follows:
   until 1 mm below its bottom.
 - A foot of 100 mm/s that stops on its way down counts as moving for 40 ms more, for its reference is 10 ms old at most.
   If its stop is not plain by then, it is noticed 12 ms later at most.
-- Samples of a resting foot are up to 12 ms old when they are read: the first after arming, and the last of the 100 ms
-  that are recorded after a contact, may come so much later.
+- Samples of a resting foot wait for up to 12 ms, and for the system's own delay, until they are read: the first after
+  arming, and the last of the 100 ms that are recorded after a contact, may come so much later.
 - The clock map gets eight reads in each of its shortest stretches, of which it keeps the one with the least delay.
 - A line has to hold what comes in a pause: 720 bytes at 5 kHz, where systems hold 4096 or more.
 - Silence is noticed as before: the reader waits as long, and the last frames before it are read within `SILENCE_PART`
