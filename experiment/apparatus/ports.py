@@ -38,9 +38,7 @@ class Wanted(Protocol):
 
     @property
     def waveform_m_s2(self) -> NDArray[np.float64]:
-        """Samples at the actuator's rate, m/s^2, shape (n,), n at least 1. They may be summed when first asked for,
-        which takes a part of the time that a foot falls: a driver that needs only the spectrum does not ask.
-        """
+        """Samples at the actuator's rate, m/s^2, shape (n,), n at least 1; summed when first asked for."""
         ...
 
     @property

@@ -1,10 +1,10 @@
 """What reading a tracker costs: run `python -m tests.benchmarks.tracker`; every figure is a median of `RUNS` runs.
 
 Another process sends frames through a pseudo-terminal at a steady rate, each with the machine's monotonic time in its
-device clock, so that a sample's age when `read` returns is known. Its foot rests, or goes up and down at `SPEED_MM_S`
-without a stop; its sensor has noise.
+device clock, so that a sample's age when `read` returns is known. Its foot rests; or steps as in a rehearsal, a step
+every `EVERY_S` and rest between; or goes up and down at `SPEED_MM_S` without a stop. Its sensor has noise.
 
-For 1 and 5 kHz, and for a foot that rests and one that moves: the part of a core, which is the processor time of this
+For 1 and 5 kHz and each foot: the part of a core, which is the processor time of this
 whole process while it reads, reader and thread; reads a second, and what one costs; how old the newest and the oldest
 sample of a read are; the error of the clock map at the end; frames lost. A resting foot is read less often (pace.py),
 so that it costs less and its oldest samples are older.
@@ -35,9 +35,11 @@ from experiment.apparatus.frames import encode
 from experiment.apparatus.rig import TrackerRig
 from experiment.apparatus.samples import Samples
 from experiment.apparatus.serial_tracker import SerialTracker
+from experiment.rehearsal import movement
+from experiment.rehearsal.participant import SPEED_MEDIAN_MM_S
 
 RATES_HZ = (1000, 5000)
-FEET = ("rests", "moves")
+FEET = ("rests", "steps", "moves")
 RUNS = 5
 SECONDS = 6.0
 BARE_TURNS = 250
@@ -45,6 +47,8 @@ CLOCK_US = 2**32
 
 LOWEST_MM, HIGHEST_MM = 10.0, 60.0
 SPEED_MM_S = 100.0
+EVERY_S = 3.0
+"""From step to step: with an answer after 1.3 s a rehearsed participant, who never tires, takes about as long."""
 NOISE_MM = 0.1
 
 
@@ -90,11 +94,16 @@ def settings(rate_hz: int) -> TrackerRig:
 
 
 def readings(rate_hz: int, foot: str) -> list[int]:
-    """What the sensor gives, over and over: one way down and one up, or as long at rest."""
-    way_mm = HIGHEST_MM - LOWEST_MM
-    gone_mm = np.arange(0.0, 2 * way_mm, SPEED_MM_S / rate_hz) if foot == "moves" else np.zeros(rate_hz)
-    noise_mm = np.random.default_rng(0).normal(0.0, NOISE_MM, gone_mm.size)
-    return settings(rate_hz).counts(LOWEST_MM + np.abs(way_mm - gone_mm) + noise_mm).tolist()
+    """What the sensor gives, over and over: a step and the rest after it, a way down and one up, or rest."""
+    rng = np.random.default_rng(0)
+    if foot == "steps":
+        step = movement.trajectory(rng, SPEED_MEDIAN_MM_S, hesitation="none")
+        height_mm = step.at(np.arange(0.0, EVERY_S * 1e6, 1e6 / rate_hz))
+    else:
+        way_mm = HIGHEST_MM - LOWEST_MM
+        gone_mm = np.arange(0.0, 2 * way_mm, SPEED_MM_S / rate_hz) if foot == "moves" else np.zeros(rate_hz)
+        height_mm = LOWEST_MM + np.abs(way_mm - gone_mm)
+    return settings(rate_hz).counts(height_mm + rng.normal(0.0, NOISE_MM, height_mm.size)).tolist()
 
 
 def send(line: int, rate_hz: int, foot: str) -> None:
