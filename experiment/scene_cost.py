@@ -19,6 +19,7 @@ from experiment.protocol.models import Protocol
 if TYPE_CHECKING:
     from experiment.synthesis.crinkle import CrinkleSpectra
     from experiment.synthesis.engine import Choice
+    from experiment.synthesis.methods import Renderer
 
 Kind = Literal["parts", "imports", "materials", "bins", "channels", "steps"]
 
@@ -157,12 +158,19 @@ def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> t
     load = partial(scenes.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
     drive = partial(open_drive, rig_folder, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     driven, driven_kb = cost.measured(drive) if rig.actuator.shaping is not None else (None, None)
+    shaped = drive()
     imported, imported_kb = cost.import_cost(STIMULUS_MODULES)
     loaded, loaded_kb = cost.measured(load)
     prepare = partial(scenes.prepare_stimuli, load(), protocol=protocol, output_rates_hz=(rig.actuator.rate_hz,))
     prepared, prepared_kb = cost.measured(prepare)
     first, render = virtual.materials[0], prepare()
-    rendered = cost.taken([_step_ms(lambda v: render(first, v, rig.actuator.rate_hz)) for _ in range(TURNS)])
+
+    def made(speed_mm_s: float) -> object:
+        """What has to be there before contact: a device that takes volts waits for no waveform in m/s^2."""
+        stimulus = render(first, speed_mm_s, rig.actuator.rate_hz).stimulus
+        return stimulus.waveform_m_s2 if shaped is None else shaped(stimulus)
+
+    rendered = cost.taken([_step_ms(made) for _ in range(TURNS)])
     nothing = "nothing: no stimulus is played, so not a bit of any record differs"
     return (
         Omission("parts", "synthesis engine: prepared stimuli of every material", prepared, prepared_kb, nothing),
@@ -223,7 +231,7 @@ def _bins(material: str, spectra: CrinkleSpectra, chosen: Choice, protocol: Prot
     tactile, exact = protocol.tactile, engine.choose(spectra, output_rate_hz=rate_hz)
     pruned, whole = (one.prepare(spectra, output_rate_hz=rate_hz) for one in (chosen, exact))
     errors = [_relative_error(pruned(v).waveform_m_s2, whole(v).waveform_m_s2) for v in SPEEDS_MM_S]
-    saves = cost.taken([_step_ms(whole) - _step_ms(pruned) for _ in range(TURNS)])
+    saves = cost.taken([_summed_ms(whole) - _summed_ms(pruned) for _ in range(TURNS)])
     bins = spectra.samples - pruning.prune(spectra, band_hz=tactile.band_hz).amplitudes.shape[1]
     fastest = scenes.fastest_mm_s(protocol)
     loudest = pruning.loudest_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
@@ -241,6 +249,11 @@ def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> f
     """Rms of the difference as a part of the rms of what is right; 0 where both are silent."""
     rms = float(np.sqrt(np.mean(right**2)))
     return float(np.sqrt(np.mean((found - right) ** 2))) / rms if rms else 0.0
+
+
+def _summed_ms(render: Renderer) -> float:
+    """Time of one step to its waveform, ms."""
+    return _step_ms(lambda speed_mm_s: render(speed_mm_s).waveform_m_s2)
 
 
 def _step_ms(render: Callable[[float], object]) -> float:

@@ -3,8 +3,8 @@
 A device that takes accelerations gets the limited stimulus. One that takes volts gets what frequency shaping makes of
 the stimulus: the protocol's limit is one of acceleration, and the same voltage moves the panel far at one frequency and
 hardly at another, so shaping holds it on what the panel will do, and takes down the whole of a stimulus that would pass
-it. Where only the samples of a stimulus are known they are limited before. The limit last before the device bounds the
-voltage whatever shaping did.
+it. Where only the samples of a stimulus are known, as of none that a session plays, they are clipped before and then
+shaped. The limit last before the device bounds the voltage whatever shaping did.
 """
 
 from __future__ import annotations

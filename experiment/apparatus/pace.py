@@ -24,7 +24,8 @@ Until the first reading it counts as moving. What follows:
 - The clock map gets eight reads in each of its shortest stretches, of which it keeps the one with the least delay.
 - A line has to hold what comes in a pause: 720 bytes at 5 kHz, where systems hold 4096 or more.
 - Silence is noticed as before: the reader waits as long, and the last frames before it are read within `SILENCE_PART`
-  of it, which with the part that is spent waiting (serial_tracker.py) makes less than the whole.
+  of it, which with the part that is spent waiting (serial_tracker.py) makes less than the whole; or, where that is
+  longer, within a moving foot's pause: at 5 kHz and 50 ms of silence allowed, 51 ms after the last frame.
 """
 
 from __future__ import annotations

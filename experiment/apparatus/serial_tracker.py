@@ -208,7 +208,7 @@ class SerialTracker:
         try:
             while not self._closing:
                 if self._queued_bytes - self._given_bytes + len(self._raw) >= self._most_bytes:
-                    _MACHINE.sleep_ns(pause.ns)
+                    _MACHINE.sleep_ns(self._pauses.resting.ns)
                     continue
                 # After a pause something has nearly always come.
                 taken = self._take()
@@ -224,7 +224,7 @@ class SerialTracker:
             self._fail(self._gone(error), error)
         except Exception as error:
             # Whoever reads next learns of it.
-            self._fail(error, None)
+            self._fail(error)
 
     def _look(self) -> None:
         """On a busy machine the thread may not have had its turn; what has come meanwhile is no silence."""
@@ -241,7 +241,8 @@ class SerialTracker:
         return len(data)
 
     def _fail(self, failure: Exception, cause: Exception | None = None) -> None:
-        failure.__cause__ = cause
+        if cause is not None:
+            failure.__cause__ = cause
         self._failure = failure
         self._arrivals.put(None)
 

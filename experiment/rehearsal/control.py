@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Callable
+from dataclasses import dataclass
 
-from experiment.apparatus.ports import Actuator, Played, Wanted, Waveform
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus.ports import Actuator, Played, Spectrum, Wanted
 from experiment.stimulus_record import Delivered
+from experiment.synthesis.spectra import Bins
 
 
 class SilentActuator:
@@ -23,7 +28,7 @@ class SilentActuator:
         return self._actuator.lead_ns
 
     def prepare(self, wanted: Wanted) -> Played:
-        return self._actuator.prepare(Waveform(np.zeros_like(wanted.waveform_m_s2)))
+        return self._actuator.prepare(_Silent(wanted))
 
     def aim(self, onset_ns: int) -> bool:
         return self._actuator.aim(onset_ns)
@@ -39,3 +44,26 @@ class SilentActuator:
 
     def close(self) -> None:
         self._actuator.close()
+
+
+@dataclass(frozen=True)
+class _Silent:
+    """Implements `Wanted`: as long as another, with as many bins, and all of it zero."""
+
+    like: Wanted
+
+    @property
+    def waveform_m_s2(self) -> NDArray[np.float64]:
+        return np.zeros_like(self.like.waveform_m_s2)
+
+    @property
+    def bins(self) -> Callable[[], Spectrum] | None:
+        of = self.like.bins
+        if of is None:
+            return None
+
+        def none() -> Bins:
+            like = of()
+            return Bins(np.zeros_like(like.coefficients), like.samples, like.rate_hz)
+
+        return none

@@ -68,7 +68,7 @@ class Sounding:
 
     @property
     def stimulus(self) -> Stimulus | None:
-        """What was prepared; None before the end of the gate. Its hash takes a while: ask after contact."""
+        """What was prepared; None before the end of the gate. It sums the waveform and hashes it: ask after contact."""
         if self._prepared is None:
             return None
         rendered, played = self._prepared

@@ -259,10 +259,11 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
 
 def bins_at(spectra: CrinkleSpectra, speed_mm_s: float, *, literal: bool = False) -> Bins:
     """What a stimulus is the sum of; arguments and errors as in `at_speed`."""
-    return _bins(spectra, at_speed(spectra, speed_mm_s=speed_mm_s, literal=literal))
+    return bins_of(spectra, at_speed(spectra, speed_mm_s=speed_mm_s, literal=literal))
 
 
-def _bins(spectra: CrinkleSpectra, at: SpectrumAtSpeed) -> Bins:
+def bins_of(spectra: CrinkleSpectra, at: SpectrumAtSpeed) -> Bins:
+    """A spectrum at a speed with what it takes to sum it."""
     return Bins(coefficients=at.coefficients, samples=spectra.samples, rate_hz=spectra.rate_hz)
 
 
@@ -290,5 +291,5 @@ def synthesise(
         floored_bins=wanted.floored_bins,
         extrapolated=wanted.extrapolated,
         dropped_bins=spectra.dropped(on),
-        bins=lambda: _bins(spectra, wanted),
+        bins=lambda: bins_of(spectra, wanted),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from math import inf
+from math import inf, isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -73,39 +73,42 @@ def drive(
                 f"{name}: got {limit}; allowed: a number above 0; correct the protocol or the rig file"
             )
     on = grid(samples=bins.samples, bins=bins.coefficients.size, rate_hz=bins.rate_hz, output_rate_hz=rate_hz)
-    coefficients = np.array(bins.coefficients[: on.carried], dtype=np.float64)
+    coefficients = finite(bins.coefficients, what="bins")[: on.carried].copy()
     coefficients[0] = 0.0
     at = _at_bins_of(response, bins.samples, bins.rate_hz, on.carried)
-    # With what rounding may add, and the coefficients that were taken for round-off.
+    # With what rounding may add.
     rounded = 1 + 2 * ROUND_OFF * on.count
-    scale, before = 1.0, None
+    scale = 1.0
+    before: tuple[Shaped, float] | None = None
     while True:
         shaped = shape_at(coefficients, at, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2, scale=scale)
-        over = _moved_m_s2(shaped, before, limit_m_s2 / rounded) * rounded / limit_m_s2
+        moved_m_s2 = _moved_m_s2(shaped, before, limit_m_s2 / rounded)
+        over = moved_m_s2 * rounded / limit_m_s2
         if over <= 1:
             voltages_v = inverse_on(shaped.coefficients_v, on)
             over = float(np.maximum(voltages_v.max(), -voltages_v.min())) / limit_v
             if over <= 1:
                 return voltages_v, shaped
         # A response that is not quite linear may need another round; each takes down by a thousandth at the least.
-        scale, before = scale / (over * 1.001), shaped
+        scale, before = scale / (over * 1.001), (shaped, moved_m_s2)
 
 
-def _moved_m_s2(shaped: Shaped, before: Shaped | None, limit_m_s2: float) -> float:
+def _moved_m_s2(shaped: Shaped, before: tuple[Shaped, float] | None, limit_m_s2: float) -> float:
     """What no magnitude of the acceleration passes: the first bound that is within the limit, the cheapest first.
 
     Args:
         shaped: what is driven.
-        before: the same, less taken down, if there was a round before: what it reached has only become less, but for
-            bins that something held back.
+        before: the round before, where more was asked, and what this function returned for it. Bins that nothing holds
+            back go down in proportion, and the others by less.
         limit_m_s2: of the acceleration.
     """
     with np.errstate(over="ignore"):
         bound_m_s2 = float(np.abs(shaped.reached_m_s2).sum())
     if bound_m_s2 > limit_m_s2 and before is not None:
-        part = shaped.scale / before.scale
-        bound_m_s2 = part * before.peak_m_s2 + float(np.abs(part * before.reached_m_s2 - shaped.reached_m_s2).sum())
-    return bound_m_s2 if bound_m_s2 <= limit_m_s2 else shaped.peak_m_s2
+        more, moved_m_s2 = before
+        part = shaped.scale / more.scale
+        bound_m_s2 = part * moved_m_s2 + float(np.abs(part * more.reached_m_s2 - shaped.reached_m_s2).sum())
+    return bound_m_s2 if bound_m_s2 <= limit_m_s2 and isfinite(bound_m_s2) else shaped.peak_m_s2
 
 
 @lru_cache(maxsize=4)

@@ -181,8 +181,13 @@ class Begun:
         if self.where is not None:
             return rows.stimulus(self.where, self.speed_mm_s)
         made = rows(self.speed_mm_s)
-        made.waveform_m_s2[: self.first_m_s2.size] = self.first_m_s2
-        return made
+
+        def summed() -> NDArray[np.float64]:
+            whole = made.summed()
+            whole[: self.first_m_s2.size] = self.first_m_s2
+            return whole
+
+        return replace(made, summed=summed)
 
 
 def outward_error(sounding: int) -> float:

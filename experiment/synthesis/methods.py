@@ -12,7 +12,6 @@ the actuator's driver shapes what it is given (`driving.drive`), from the bins t
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from math import log2, sqrt
 from typing import Protocol
 
@@ -20,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, at_speed, bins_at, synthesise
+from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, at_speed, bins_of, synthesise
 from experiment.synthesis.spectra import Grid, finite, transformable
 
 ROUNDING = float(np.finfo(np.float64).eps) / 2
@@ -151,7 +150,7 @@ class _PrintedSum:
             floored_bins=wanted.floored_bins,
             extrapolated=wanted.extrapolated,
             dropped_bins=self.spectra.dropped(on),
-            bins=partial(bins_at, self.spectra, speed_mm_s),
+            bins=lambda: bins_of(self.spectra, wanted),
         )
 
 

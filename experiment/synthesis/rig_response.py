@@ -86,7 +86,7 @@ class AtBins:
     Attributes:
         known: the bins within the table, K of N; nothing is known of the others.
         levels_v: 0 V and each level, shape (1 + L,).
-        curves: A(f, e) at these for each known bin, shape (1 + L, K): level by level, since each is looked at in turn.
+        curves: A(f, e) at these for each known bin, shape (1 + L, K).
     """
 
     known: NDArray[np.intp] | slice

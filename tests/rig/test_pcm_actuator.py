@@ -152,7 +152,7 @@ LOST = Shaping(
     wanted=arrays.arrays(np.float64, st.integers(1, 40), elements=st.floats(allow_nan=True, allow_infinity=True)),
     driven=st.floats(allow_nan=True, allow_infinity=True),
 )
-def test_a_device_of_volts_is_limited_before_shaping_and_after_it(wanted: np.ndarray, driven: float) -> None:
+def test_a_waveform_alone_is_limited_before_shaping_and_after_it(wanted: np.ndarray, driven: float) -> None:
     asked: list[np.ndarray] = []
     sent: list[bytes] = []
 

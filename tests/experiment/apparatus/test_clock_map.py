@@ -87,14 +87,16 @@ def test_after_5_s_the_error_is_below_a_tenth_of_a_millisecond(drift_ppm: float,
 
 
 @pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("pause_s", [0.004, 0.012])
 @pytest.mark.parametrize(
     ("drift_ppm", "early_us", "late_us"),
     [(200.0, 500, 100), (600.0, 600, 100), (2000.0, 1000, 100), (5000.0, 2000, 100), (20_000.0, 5000, 2500)],
 )
 def test_the_newest_sample_is_mapped_well_from_the_start_whatever_the_drift(
-    drift_ppm: float, early_us: float, late_us: float, sign: int
+    drift_ppm: float, early_us: float, late_us: float, sign: int, pause_s: float
 ) -> None:
-    reads = simulated(seed=4, drift_ppm=sign * drift_ppm, duration_s=70.0, stalls=((0.0, 0.031), (0.3, 0.031)))
+    stalls = ((0.0, 0.031), (0.3, 0.031))
+    reads = simulated(seed=4, drift_ppm=sign * drift_ppm, duration_s=70.0, pause_s=pause_s, stalls=stalls)
     mapped_ns = [s.map().session_ns(us) for s, us in zip(states(reads), reads.device_us.tolist(), strict=True)]
     error_us, at_s = np.abs(np.array(mapped_ns) - reads.true_ns) / 1e3, (reads.true_ns - START_NS) / 1e9
     assert error_us[at_s > 0.1].max() < early_us

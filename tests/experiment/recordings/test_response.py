@@ -15,7 +15,9 @@ from experiment.apparatus.ports import Waveform
 from experiment.apparatus.rig_panel import ActuatorRig, ShapingRig
 from experiment.errors import RecordingError, RigError
 from experiment.recordings.response import open_drive, read, write
+from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.rig_response import Response
+from experiment.synthesis.spectra import Bins
 
 GOOD = """\
 # bench 2, load 40 N
@@ -156,6 +158,25 @@ def test_a_drive_is_opened_from_a_rig_and_says_what_is_lost(written: Write) -> N
     assert lost.bounded_cost_m_s2 == pytest.approx(2.0 - reached)
     assert reached * (1 - 1e-12) <= voltages.peak_m_s2() <= 1.013 * reached
     assert (lost.saturated_cost_m_s2, lost.outside_cost_m_s2) == (0.0, 0.0)
+
+
+def test_shaping_asks_for_no_waveform_of_a_stimulus_whose_bins_are_known(written: Write) -> None:
+    summed: list[float] = []
+
+    def sum_up() -> np.ndarray:
+        summed.append(1.0)
+        return np.zeros(800)
+
+    path = written(GOOD)
+    drive = open_drive(path.parent, actuator(path), limit_m_s2=100.0)
+    assert drive is not None
+    bins = Bins(np.array([0.0, 0.0, 2.0]), samples=800, rate_hz=8000)
+    stimulus = Synthesised(sum_up, floored_bins=0, extrapolated=False, dropped_bins=0, bins=lambda: bins)
+    cosine = np.cos(2 * np.pi * (np.arange(800) + 0.5) / 800)
+    assert drive(stimulus).waveform_v == pytest.approx(0.5 * cosine, rel=1e-12, abs=1e-12)
+    assert summed == []
+    assert stimulus.waveform_m_s2 is stimulus.waveform_m_s2
+    assert summed == [1.0]
 
 
 def test_another_table_than_the_rig_names_is_refused(written: Write) -> None:

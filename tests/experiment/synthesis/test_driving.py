@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.driving import bins_of_waveform, drive
-from experiment.synthesis.rig_response import Response, accelerations
-from experiment.synthesis.shaping import Loss, Shaped, shape
+from experiment.synthesis.driving import _moved_m_s2, bins_of_waveform, drive
+from experiment.synthesis.rig_response import Response, accelerations, at_bins
+from experiment.synthesis.shaping import Loss, Shaped, shape, shape_at
 from experiment.synthesis.spectra import Bins, inverse, spectrum
 from tests.experiment.synthesis.measured import F_HZ, LEVELS_V, NO_LIMIT, NOTHING, TABLE, some_bins
 from tests.experiment.synthesis.resampled import resampled
@@ -191,3 +191,26 @@ def test_the_same_is_said_of_the_acceleration_at_any_rate() -> None:
         drive(some_bins(6), rate_hz=rate_hz, response=TABLE, gain_limit_v_per_m_s2=3.0)[1] for rate_hz in (5000, 48_000)
     )
     assert slow.peak_m_s2 == fast.peak_m_s2
+
+
+def test_bins_that_are_none_or_no_numbers_are_refused() -> None:
+    for coefficients, problem in (([], r"bins: got shape \(0,\)"), ([0.0, np.nan], "bins: got 1 NaN or infinite")):
+        with pytest.raises(SynthesisError, match=problem):
+            drive(
+                Bins(np.array(coefficients), samples=10, rate_hz=5000),
+                rate_hz=5000,
+                response=TABLE,
+                gain_limit_v_per_m_s2=1.0,
+            )
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0.05, 0.95))
+def test_the_round_before_bounds_what_moves_less_though_some_bins_go_down_by_less(seed: int, scale: float) -> None:
+    bins = some_bins(seed, samples=400, held=400)
+    asked = 20 * bins.coefficients
+    at = at_bins(TABLE, np.arange(400) * 5000 / 800)
+    more, less = (shape_at(asked, at, gain_limit_v_per_m_s2=3.0, scale=one) for one in (1.0, scale))
+    peak_m_s2 = float(np.abs(resampled(less.reached_m_s2, rate_hz=5000, output_rate_hz=200_000)).max())
+    bound_m_s2 = _moved_m_s2(less, (more, more.peak_m_s2), 0.999 * float(np.abs(less.reached_m_s2).sum()))
+    assert peak_m_s2 * (1 - 1e-12) <= bound_m_s2
+    assert more.saturated.bins > 0
