@@ -13,7 +13,18 @@ from numpy.typing import NDArray
 from analysis import numerics_oracle as oracle
 from analysis.numerics_invariants import BAND_HZ, BINS, OUTPUT_RATES_HZ, material, some
 from analysis.numerics_oracle import RATE_HZ, SPEEDS_MM_S
-from experiment.synthesis import crinkle, driving, engine, methods, noise, pruning, rig_response, shaping, spectra
+from experiment.synthesis import (
+    crinkle,
+    driving,
+    engine,
+    methods,
+    noise,
+    pruning,
+    rig_response,
+    shaping,
+    spectra,
+    stimulus,
+)
 from experiment.synthesis.first_block import FirstBlockFirst
 
 Call = Callable[[float], object]
@@ -133,8 +144,8 @@ def _of_crinkle() -> list[tuple[str, Call, dict[str, float]]]:
             EITHER,
         ),
         ("at_speed: speed_mm_s", lambda x: crinkle.at_speed(of, speed_mm_s=x), EITHER),
-        ("bins_at: speed_mm_s", lambda x: crinkle.bins_at(of, x), EITHER),
-        ("synthesise: speed_mm_s", lambda x: crinkle.synthesise(of, speed_mm_s=x, output_rate_hz=rate_hz), EITHER),
+        ("BinsAtSpeed: speed_mm_s", lambda x: stimulus.BinsAtSpeed(of, x)(), EITHER),
+        ("synthesise: speed_mm_s", lambda x: stimulus.synthesise(of, speed_mm_s=x, output_rate_hz=rate_hz), EITHER),
     ]
 
 

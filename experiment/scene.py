@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised
+    from experiment.synthesis.crinkle import CrinkleSpectra
     from experiment.synthesis.engine import Choice
     from experiment.synthesis.methods import Renderer
+    from experiment.synthesis.stimulus import Synthesised
 
 
 @dataclass(frozen=True)

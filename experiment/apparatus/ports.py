@@ -34,7 +34,7 @@ class Spectrum(Protocol):
 
 
 class Wanted(Protocol):
-    """A stimulus that an actuator is asked for (`synthesis.crinkle.Synthesised` is one)."""
+    """A stimulus that an actuator is asked for (`synthesis.stimulus.Synthesised` is one)."""
 
     @property
     def waveform_m_s2(self) -> NDArray[np.float64]:

@@ -34,9 +34,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, bins_at, foot_speed, synthesise
+from experiment.synthesis.crinkle import CrinkleSpectra, foot_speed
 from experiment.synthesis.methods import LEAST, ROUNDING, Estimate, held_bytes, rms, transform_error
 from experiment.synthesis.spectra import inverse_on
+from experiment.synthesis.stimulus import BinsAtSpeed, Synthesised, synthesise
 
 CANCELLATION = 8.0
 """Largest sum of the two terms' rms in extrapolation, as a multiple of the rms at the nearest measured speed; between
@@ -206,7 +207,7 @@ class BasisRenderer:
             floored_bins=0,
             extrapolated=where.extrapolated,
             dropped_bins=self.dropped_bins,
-            bins=partial(bins_at, self.spectra, speed_mm_s),
+            bins=BinsAtSpeed(self.spectra, speed_mm_s),
         )
 
 

@@ -1,4 +1,4 @@
-"""The crinkle of a material at any foot speed, from recordings at a few speeds: equations (2) to (5) of Okamoto et al.
+"""The crinkle of a material at any foot speed, from recordings at a few speeds: equations (2) to (4) of Okamoto et al.
 
 Two decisions where the paper leaves room or errs:
 
@@ -10,9 +10,7 @@ Two decisions where the paper leaves room or errs:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from math import ceil, inf
 from typing import Literal
 
@@ -20,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.spectra import Bins, Grid, finite, grid, inverse_on, spectrum, transformable
+from experiment.synthesis.spectra import Grid, finite, grid, spectrum
 
 Average = Literal["magnitude", "signed"]
 
@@ -93,6 +91,15 @@ class CrinkleSpectra:
         """Bins of the recordings that a grid cannot carry."""
         return max(0, self.samples - ceil(on.p / on.q))
 
+    def neighbours(self, speed_mm_s: float) -> tuple[int, int]:
+        """Places of two measured speeds: the lower of those that a speed lies between or beside, and the nearest.
+
+        Halfway the lower one counts as nearest; `at_speed` says how that is settled in float64.
+        """
+        v, speeds = speed_mm_s, self.speeds_mm_s
+        lower = min(max(int(np.searchsorted(speeds, v, side="right")) - 1, 0), speeds.size - 2)
+        return lower, lower if v - speeds[lower] <= speeds[lower + 1] - v else lower + 1
+
     @property
     def samples(self) -> int:
         """N of the recordings."""
@@ -112,30 +119,6 @@ class SpectrumAtSpeed:
     coefficients: NDArray[np.float64]
     floored_bins: int
     extrapolated: bool
-
-
-@dataclass(frozen=True)
-class Synthesised:
-    """A stimulus for one step of the foot.
-
-    Attributes:
-        summed: returns the sum of the bins at the output rate, m/s^2, shape (n,).
-        floored_bins: as in `SpectrumAtSpeed`.
-        extrapolated: as in `SpectrumAtSpeed`.
-        dropped_bins: bins of the recordings that the output rate cannot carry.
-        bins: returns what the waveform is the sum of; it costs some microseconds.
-    """
-
-    summed: Callable[[], NDArray[np.float64]]
-    floored_bins: int
-    extrapolated: bool
-    dropped_bins: int
-    bins: Callable[[], Bins]
-
-    @cached_property
-    def waveform_m_s2(self) -> NDArray[np.float64]:
-        """At the output rate, m/s^2, shape (n,); summed when it is first asked for. Raises as `inverse_on`."""
-        return self.summed()
 
 
 def rising(speeds_mm_s: ArrayLike) -> NDArray[np.float64]:
@@ -223,8 +206,7 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
     Source: Okamoto et al., equations (3) and (4).
     """
     v, speeds = foot_speed(speed_mm_s), spectra.speeds_mm_s
-    lower = min(max(int(np.searchsorted(speeds, v, side="right")) - 1, 0), speeds.size - 2)
-    nearest = lower if v - speeds[lower] <= speeds[lower + 1] - v else lower + 1
+    lower, nearest = spectra.neighbours(v)
     extrapolated = not speeds[0] <= v <= speeds[-1]
 
     def line(levels: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -254,42 +236,4 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
         coefficients=sounding * spectra.signs[nearest],
         floored_bins=int(floored),
         extrapolated=extrapolated,
-    )
-
-
-def bins_at(spectra: CrinkleSpectra, speed_mm_s: float, *, literal: bool = False) -> Bins:
-    """What a stimulus is the sum of; arguments and errors as in `at_speed`."""
-    return bins_of(spectra, at_speed(spectra, speed_mm_s=speed_mm_s, literal=literal))
-
-
-def bins_of(spectra: CrinkleSpectra, at: SpectrumAtSpeed) -> Bins:
-    """A spectrum at a speed with what it takes to sum it."""
-    return Bins(coefficients=at.coefficients, samples=spectra.samples, rate_hz=spectra.rate_hz)
-
-
-def synthesise(
-    spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int, literal: bool = False
-) -> Synthesised:
-    """The stimulus for one step: equations (3), (4) and (5), as long as the recordings were.
-
-    Args:
-        spectra: of one material, from `subtract`.
-        speed_mm_s: foot speed, mm/s, zero or more.
-        output_rate_hz: samples a second that the actuator expects, Hz.
-        literal: as in `at_speed`.
-
-    Raises:
-        SynthesisError: as `at_speed`, `grid` and `transformable`.
-
-    Source: Okamoto et al., section 3.1.
-    """
-    wanted = at_speed(spectra, speed_mm_s=speed_mm_s, literal=literal)
-    on = spectra.grid(output_rate_hz)
-    transformable(on)
-    return Synthesised(
-        summed=lambda: inverse_on(wanted.coefficients, on),
-        floored_bins=wanted.floored_bins,
-        extrapolated=wanted.extrapolated,
-        dropped_bins=spectra.dropped(on),
-        bins=lambda: bins_of(spectra, wanted),
     )

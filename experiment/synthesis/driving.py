@@ -75,7 +75,7 @@ def drive(
     on = grid(samples=bins.samples, bins=bins.coefficients.size, rate_hz=bins.rate_hz, output_rate_hz=rate_hz)
     coefficients = finite(bins.coefficients, what="bins")[: on.carried].copy()
     coefficients[0] = 0.0
-    at = _at_bins_of(response, bins.samples, bins.rate_hz, on.carried)
+    at = response_at(response, bins.samples, bins.rate_hz, on.carried)
     # With what rounding may add.
     rounded = 1 + 2 * ROUND_OFF * on.count
     scale = 1.0
@@ -112,6 +112,6 @@ def _moved_m_s2(shaped: Shaped, before: tuple[Shaped, float] | None, limit_m_s2:
 
 
 @lru_cache(maxsize=4)
-def _at_bins_of(response: Response, samples: int, rate_hz: int, bins: int) -> AtBins:
-    """A response at the first bins of recordings."""
+def response_at(response: Response, samples: int, rate_hz: int, bins: int) -> AtBins:
+    """A response at the first bins of recordings of so many samples; looked up once for all their spectra."""
     return at_bins(response, bin_frequencies_hz(bins=samples, rate_hz=rate_hz)[:bins])

@@ -30,9 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.synthesis.basis import Basis, BasisRenderer, Weight
-from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, at_speed
+from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
 from experiment.synthesis.methods import COSINE_ROUNDINGS, LEAST, ROUNDING, Estimate, cosines, printed_sum_error
 from experiment.synthesis.spectra import Grid
+from experiment.synthesis.stimulus import Synthesised
 
 FIRST_BLOCK = 64
 """Samples of the first block: 1.3 ms at 48 kHz."""

@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised, at_speed, bins_of, synthesise
+from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.spectra import Grid, finite, transformable
+from experiment.synthesis.stimulus import BinsAtSpeed, Synthesised, synthesise
 
 ROUNDING = float(np.finfo(np.float64).eps) / 2
 """u, the largest relative error of one rounding of a float64."""
@@ -133,7 +134,7 @@ class _PrintedSum:
     on: Grid
 
     def __call__(self, speed_mm_s: float) -> Synthesised:
-        wanted, on = at_speed(self.spectra, speed_mm_s=speed_mm_s), self.on
+        bins, on = BinsAtSpeed(self.spectra, speed_mm_s), self.on
 
         def summed() -> NDArray[np.float64]:
             samples = np.empty(on.count)
@@ -141,16 +142,16 @@ class _PrintedSum:
             for start in range(0, on.count, rows):
                 stop = min(start + rows, on.count)
                 terms = cosines(on, start=start, stop=stop)
-                terms *= wanted.coefficients[1 : on.carried]
+                terms *= bins.at.coefficients[1 : on.carried]
                 samples[start:stop] = terms.sum(axis=1)
             return samples
 
         return Synthesised(
             summed=summed,
-            floored_bins=wanted.floored_bins,
-            extrapolated=wanted.extrapolated,
+            floored_bins=bins.at.floored_bins,
+            extrapolated=bins.at.extrapolated,
             dropped_bins=self.spectra.dropped(on),
-            bins=lambda: bins_of(self.spectra, wanted),
+            bins=bins,
         )
 
 

@@ -18,7 +18,7 @@ from analysis.numerics_invariants import Case, Outcome, refused, settle
 from experiment import synthesis
 from experiment.apparatus.limiter import limit
 from experiment.errors import SynthesisError
-from experiment.synthesis import basis, crinkle, rig_response, shaping
+from experiment.synthesis import basis, crinkle, rig_response, shaping, stimulus
 from experiment.synthesis.basis import Weight
 from experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed
 from experiment.synthesis.engine import FASTEST_FIRST
@@ -121,7 +121,7 @@ def test_a_forgotten_floor_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     def wrong(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = False) -> SpectrumAtSpeed:
         return replace(right(spectra, speed_mm_s=speed_mm_s, literal=literal), floored_bins=0)
 
-    monkeypatch.setattr(crinkle, "at_speed", wrong)
+    monkeypatch.setattr(stimulus, "at_speed", wrong)
     assert "bins floored and dropped: (0, 0), not" in outcome("10000 mm/s").seen
 
 

@@ -11,10 +11,11 @@ import pytest
 from analysis import numerics_measured as measured
 from analysis.numerics_oracle import stimulus
 from analysis.numerics_timing import FULL, QUICK, Extent, Measured, Timed, timed, usual_length
-from experiment.synthesis.crinkle import CrinkleSpectra, Synthesised
+from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.engine import FASTEST_FIRST, methods
 from experiment.synthesis.methods import Estimate, InverseDct, PrintedSum, Renderer
 from experiment.synthesis.pruning import BandPruned
+from experiment.synthesis.stimulus import Synthesised
 
 TINY = Extent(
     lengths=(50, 60),

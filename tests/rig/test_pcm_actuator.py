@@ -28,8 +28,8 @@ from experiment.recordings.response import open_drive
 from experiment.rehearsal import response, takes
 from experiment.rehearsal.panel import Panel
 from experiment.stimulus_record import Driven, Shaping
-from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins, bin_frequencies_hz, spectrum
+from experiment.synthesis.stimulus import Synthesised
 
 RIG = ActuatorRig(driver="pcm-tcp", address="rehearsal", rate_hz=5000, full_scale_m_s2=64.0)
 

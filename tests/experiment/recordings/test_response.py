@@ -15,9 +15,9 @@ from experiment.apparatus.ports import Waveform
 from experiment.apparatus.rig_panel import ActuatorRig, ShapingRig
 from experiment.errors import RecordingError, RigError
 from experiment.recordings.response import open_drive, read, write
-from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.rig_response import Response
 from experiment.synthesis.spectra import Bins
+from experiment.synthesis.stimulus import Synthesised
 
 GOOD = """\
 # bench 2, load 40 N

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from experiment.errors import RecordingError, SessionError, SynthesisError
 from experiment.rehearsal.materials import SimulatedMaterials
 from experiment.rehearsal.observer import Observer, third_octaves
-from experiment.synthesis.crinkle import CrinkleSpectra, subtract, synthesise
+from experiment.synthesis.crinkle import CrinkleSpectra, subtract
+from experiment.synthesis.stimulus import synthesise
 from tests.reference.okamoto2012 import MATERIALS as IDS
 from tests.reference.okamoto2012 import TABLE_1, TABLE_2
 

@@ -25,8 +25,8 @@ from experiment.records import (
 from experiment.scene import Rendered
 from experiment.session import attempt, journal, places, runner
 from experiment.stimulus_record import Computed, Delivered
-from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins
+from experiment.synthesis.stimulus import Synthesised
 from tests.experiment.session.scripted import (
     START_NS,
     ScriptedActuator,

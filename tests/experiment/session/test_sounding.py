@@ -14,8 +14,8 @@ from experiment.clock import ManualClock
 from experiment.scene import Rendered
 from experiment.session.sounding import Sounder, Sounding
 from experiment.stimulus_record import Computed, Delivered
-from experiment.synthesis.crinkle import Synthesised
 from experiment.synthesis.spectra import Bins
+from experiment.synthesis.stimulus import Synthesised
 
 LEAD_NS = 10_000_000
 

@@ -1,4 +1,4 @@
-"""Equations (2) to (5) against naive transcriptions of the printed forms, then limits, floors and extremes."""
+"""Equations (2) to (4) against naive transcriptions of the printed forms, then limits, floors and extremes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract, synthesise
+from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract
+from experiment.synthesis.stimulus import synthesise
 
 SPEEDS = [50.0, 100.0, 200.0, 300.0]
 BETWEEN = [50.1, 75.0, 99.0, 130.0, 150.0, 151.0, 250.0, 299.9]
@@ -147,16 +148,6 @@ def test_takes_of_nothing_make_silence() -> None:
     nothing = np.zeros((4, 3, 5))
     s = subtract(speeds_mm_s=SPEEDS, rate_hz=5000, panel_object_takes=nothing, panel_takes=nothing)
     assert not synthesise(s, speed_mm_s=400.0, output_rate_hz=5000).waveform_m_s2.any()
-
-
-def test_the_stimulus_is_equation_5_of_the_spectrum_at_that_speed() -> None:
-    s = spectra_of(5)
-    made = synthesise(s, speed_mm_s=350.0, output_rate_hz=5000)
-    wanted, floored = naive_equation_3(s, 350.0, literal=False)
-    n = len(wanted)
-    expected = [sum(wanted[k] * cos(pi * k * (i + 0.5) / n) for k in range(1, n)) for i in range(n)]
-    np.testing.assert_allclose(made.waveform_m_s2, expected, rtol=0, atol=1e-12)
-    assert (made.floored_bins, made.extrapolated, made.dropped_bins) == (floored, True, 0)
 
 
 def test_signed_averaging_of_incoherent_takes_loses_about_sqrt_3() -> None:
