@@ -15,6 +15,7 @@ from analysis.numerics_invariants import BAND_HZ, BINS, OUTPUT_RATES_HZ, materia
 from analysis.numerics_oracle import RATE_HZ, SPEEDS_MM_S
 from experiment.synthesis import (
     crinkle,
+    driven_basis,
     driving,
     engine,
     methods,
@@ -188,6 +189,8 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     drive = partial(driving.drive, rate_hz=RATE_HZ, response=of)
     move = partial(rig_response.accelerations, response=of)
     within: Callable[..., object] = partial(drive, asked, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
+    prepare = partial(driven_basis.prepare, material(some()), rate_hz=RATE_HZ, response=of)
+    prepared = partial(prepare, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     unbounded = partial(shaping.shape, c, frequencies_hz=f, response=of)
     at = rig_response.at_bins(of, f)
     shape_at = partial(shaping.shape_at, at=at, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
@@ -230,6 +233,10 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
         ("drive: gain_limit_v_per_m_s2", lambda x: drive(asked, gain_limit_v_per_m_s2=x), EITHER),
         ("drive: limit_m_s2", lambda x: within(limit_m_s2=x), NO_LIMIT),
         ("drive: limit_v", lambda x: within(limit_v=x), NO_LIMIT),
+        ("drive: scale", lambda x: within(scale=x), EITHER),
+        ("prepare: gain_limit_v_per_m_s2", lambda x: prepare(gain_limit_v_per_m_s2=x), EITHER),
+        ("prepare: limit_m_s2", lambda x: prepared(limit_m_s2=x), NO_LIMIT),
+        ("prepare: limit_v", lambda x: prepared(limit_v=x), NO_LIMIT),
     ]
 
 

@@ -21,14 +21,18 @@ from analysis.numerics_inputs import (
     inputs,
     response,
 )
-from analysis.numerics_invariants import Case, Seen, refused
+from analysis.numerics_invariants import BINS, Case, Seen, material, refused
+from analysis.numerics_oracle import RATE_HZ, SPEEDS_MM_S
 from experiment.errors import PalpateError
-from experiment.synthesis import rig_response, shaping
+from experiment.synthesis import driven_basis, driving, rig_response, shaping
+from experiment.synthesis.stimulus import BinsAtSpeed
 
 Limit = Callable[[ArrayLike, float], tuple[NDArray[np.float64], int]]
 """The limiter: any samples and the largest magnitude that may pass -> samples within it, and how many were changed."""
 
 LIMIT_M_S2 = 20.0
+
+PREPARED = "volts prepared for a speed are those worked out at it, to 1e-12 of the largest"
 
 
 def cases(limit: Limit) -> list[Case]:
@@ -51,6 +55,10 @@ def _responses() -> list[Case]:
         Case("response", "1e300 m/s^2 in every bin", "the highest level, each bin counted once", _saturated),
         Case("response", "zeros", "no volts, nothing lost", partial(_quiet, 0.0)),
         Case("response", "denormals", "finite, below the lowest level", partial(_quiet, oracle.LEAST)),
+        Case("response", "prepared", PREPARED, lambda: _prepared(1.0, answers())),
+        Case("response", "prepared, a null at 300 Hz", PREPARED, lambda: _prepared(1.0, _with_a_null())),
+        Case("response", "prepared, 1e300 m/s^2 in every bin", PREPARED, lambda: _prepared(1e300, answers())),
+        Case("response", "prepared, denormals", PREPARED, lambda: _prepared(oracle.LEAST, answers())),
     ]
 
 
@@ -58,11 +66,36 @@ def _shaped(coefficients: NDArray[np.float64], by: rig_response.Response) -> sha
     return shaping.shape(coefficients, frequencies_hz=BINS_HZ, response=by, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
 
 
-def _null() -> Seen:
+def _with_a_null() -> NDArray[np.float64]:
     answered = answers()
     answered[np.argmin(np.abs(FREQUENCIES_HZ - 300.0))] = 0.0
+    return answered
+
+
+def _prepared(level_m_s2: float, answered: NDArray[np.float64]) -> Seen:
+    rng = np.random.default_rng(8)
+    of = material(level_m_s2 * np.ceil(rng.uniform(1.0, 9.0, (len(SPEEDS_MM_S), BINS))))
+    by = rig_response.Response(FREQUENCIES_HZ, LEVELS_V, answered)
+    gain_limit, off, held = GAIN_LIMIT_V_PER_M_S2, 0.0, 0
+    basis = driven_basis.prepare(of, rate_hz=RATE_HZ, response=by, gain_limit_v_per_m_s2=gain_limit)
+    feet_mm_s = np.linspace(SPEEDS_MM_S[0], driven_basis.FASTEST * SPEEDS_MM_S[-1], 37).tolist()
+    for v in feet_mm_s:
+        found, bins = basis(v), BinsAtSpeed(of, v)()
+        if found is None:
+            continue
+        held += 1
+        wanted_v, _ = driving.drive(bins, rate_hz=RATE_HZ, response=by, gain_limit_v_per_m_s2=gain_limit)
+        off = max(off, float(np.abs(found[0] - wanted_v).max() / np.abs(wanted_v).max()))
+    enough = held == len(feet_mm_s) or not 1e-300 < level_m_s2 < 1e300
+    return (
+        off <= 1e-12 and enough,
+        f"off by at most {off:.1g} of the largest; held at {held} of {len(feet_mm_s)} speeds",
+    )
+
+
+def _null() -> Seen:
     wanted = np.full(BINS_HZ.size, 0.05)
-    made = _shaped(wanted, rig_response.Response(FREQUENCIES_HZ, LEVELS_V, answered))
+    made = _shaped(wanted, rig_response.Response(FREQUENCIES_HZ, LEVELS_V, _with_a_null()))
     gains = np.abs(made.coefficients_v) / wanted
     holds = bool(np.all(gains <= GAIN_LIMIT_V_PER_M_S2 * (1 + 1e-15))) and made.bounded.bins > 0
     return holds, f"at most {gains.max():.3g} V per m/s^2; bins bounded: {made.bounded.bins}"

@@ -144,7 +144,7 @@ def plan(
     from experiment.errors import ScheduleError
     from experiment.protocol import load
     from experiment.protocol.shipped import shipped
-    from experiment.recordings.response import open_drive
+    from experiment.recordings.rig_drive import open_drive
 
     protocol = load.load(protocol_file)
     tasks = [one.id for one in protocol.tasks if task in (None, one.id)]

@@ -186,6 +186,11 @@ def prepare_stimuli(
     return render
 
 
+def examples(render: Render, scene: Scene, output_rate_hz: int) -> list[Synthesised]:
+    """A stimulus of each material that a scene holds, for what is to be prepared for their like."""
+    return [render(material, 0.0, output_rate_hz).stimulus for material in scene.materials]
+
+
 def masker_samples(*, protocol: Protocol, rate_hz: int, seconds: float) -> NDArray[np.float64]:
     """One round of the masker's noise: the same in every session, for a masker is no random draw of a study.
 

@@ -28,7 +28,7 @@ ALWAYS = ("tracker", "gate and contact", "limiter", "exposure account", "journal
 
 STIMULUS_MODULES = (
     "experiment.recordings.manifest",
-    "experiment.recordings.response",
+    "experiment.recordings.rig_drive",
     "experiment.synthesis.engine",
     "experiment.synthesis.driving",
     "experiment.apparatus.pcm_actuator",
@@ -152,18 +152,20 @@ def plan(*, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, record
 
 
 def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> tuple[Omission, ...]:
-    from experiment.recordings.response import open_drive
+    from experiment.recordings.rig_drive import open_drive
 
     virtual = scenes.Scene("", True, True, False, tuple(material.id for material in protocol.materials))
     load = partial(scenes.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
-    drive = partial(open_drive, rig_folder, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
-    driven, driven_kb = cost.measured(drive) if rig.actuator.shaping is not None else (None, None)
-    shaped = drive()
     imported, imported_kb = cost.import_cost(STIMULUS_MODULES)
     loaded, loaded_kb = cost.measured(load)
     prepare = partial(scenes.prepare_stimuli, load(), protocol=protocol, output_rates_hz=(rig.actuator.rate_hz,))
     prepared, prepared_kb = cost.measured(prepare)
     first, render = virtual.materials[0], prepare()
+    like = scenes.examples(render, virtual, rig.actuator.rate_hz)
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+    drive = partial(open_drive, rig_folder, rig.actuator, limit_m_s2=limit_m_s2, like=like)
+    driven, driven_kb = cost.measured(drive) if rig.actuator.shaping is not None else (None, None)
+    shaped = drive()
 
     def made(speed_mm_s: float) -> object:
         """What has to be there before contact: a device that takes volts waits for no waveform in m/s^2."""
@@ -174,7 +176,7 @@ def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> t
     nothing = "nothing: no stimulus is played, so not a bit of any record differs"
     return (
         Omission("parts", "synthesis engine: prepared stimuli of every material", prepared, prepared_kb, nothing),
-        Omission("parts", "frequency shaping: the rig's response table", driven, driven_kb, nothing),
+        Omission("parts", "frequency shaping: prepared voltages of every material", driven, driven_kb, nothing),
         Omission("parts", "actuator and its port", None, None, nothing),
         Omission("imports", ", ".join(STIMULUS_MODULES), imported, imported_kb, nothing),
         Omission("materials", f"spectra of {', '.join(virtual.materials)}", loaded, loaded_kb, nothing),

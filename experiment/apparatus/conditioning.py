@@ -70,7 +70,10 @@ class Conditioner:
     def _driven(self, voltages: Voltages, *, limited: int) -> tuple[NDArray[np.float32], Played]:
         bounded_v, limited_v = limit(voltages.waveform_v, self._full_scale)
         samples = self._scaled(bounded_v, self._full_scale)
-        driven = Driven(shaping=voltages.shaping, limited=limited_v, peak_v=self._peak(samples))
+
+        def driven() -> Driven:
+            return Driven(shaping=voltages.shaping(), limited=limited_v, peak_v=self._peak(samples))
+
         return samples, Played(samples=samples.size, limited=limited, peak_m_s2=voltages.peak_m_s2, driven=driven)
 
     def _highest(self, peak: float) -> np.float32:
@@ -80,7 +83,8 @@ class Conditioner:
 
     def _scaled(self, bounded: NDArray[np.float64], peak: float) -> NDArray[np.float32]:
         highest = self._highest(peak)
-        scaled = (bounded / self._full_scale).astype("<f4")
+        scaled = np.empty(bounded.shape, "<f4")
+        np.divide(bounded, self._full_scale, out=scaled, casting="same_kind")
         return np.clip(scaled, -highest, highest, out=scaled)
 
     def _peak(self, samples: NDArray[np.float32]) -> float:

@@ -25,7 +25,9 @@ up to 0.12 mm / v rms: 0.6 ms at 200 mm/s. Contact is never put more than `LATES
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from bisect import bisect_left
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,16 +81,7 @@ class Contact:
     given_us: int = field(compare=False)
 
 
-def _none_us() -> NDArray[np.int64]:
-    return np.empty(0, dtype=np.int64)
-
-
-def _none_mm() -> NDArray[np.float64]:
-    return np.empty(0)
-
-
-@dataclass(frozen=True)
-class GateState:
+class GateState(NamedTuple):
     """What was seen so far.
 
     Attributes:
@@ -99,8 +92,8 @@ class GateState:
         given: the gate that was given last for this passage.
     """
 
-    us: NDArray[np.int64] = field(default_factory=_none_us)
-    mm: NDArray[np.float64] = field(default_factory=_none_mm)
+    us: tuple[int, ...] = ()
+    mm: tuple[float, ...] = ()
     top_us: float | None = None
     bottom_us: float | None = None
     given: Gate | None = None
@@ -144,42 +137,43 @@ class GateDetector:
         Returns:
             The state for the next step, and what happened, in order.
         """
-        us = np.concatenate([state.us, samples.device_us])
-        mm = np.concatenate([state.mm, samples.height_mm])
-        first = max(state.us.size, 1)
-        above, below = mm[first - 1 : -1, None], mm[first:, None]
+        us, mm = state.us + tuple(samples.device_us.tolist()), state.mm + tuple(samples.height_mm.tolist())
         events: list[Gate | Contact] = []
-        for row, level in zip(*np.nonzero((above > self._levels_mm) & (below <= self._levels_mm)), strict=True):
-            state, event = self._crossed(state, us, mm, first + int(row), int(level))
-            if event is not None:
-                events.append(event)
-        if us.size:
-            keep = int(np.searchsorted(us, us[-1] - APPROACH_US))
-            us, mm = us[keep:], mm[keep:]
-        return replace(state, us=us, mm=mm), tuple(events)
+        # A read while a foot falls holds few samples: Python's loop over them is faster than numpy's calls.
+        for i in range(max(len(state.us), 1), len(us)):
+            above_mm, below_mm = mm[i - 1], mm[i]
+            if below_mm >= above_mm:
+                continue
+            for level, level_mm in enumerate(self._levels_mm):
+                if above_mm > level_mm >= below_mm:
+                    state, event = self._crossed(state, us, mm, i, level)
+                    if event is not None:
+                        events.append(event)
+        keep = bisect_left(us, us[-1] - APPROACH_US) if us else 0
+        return state._replace(us=us[keep:], mm=mm[keep:]), tuple(events)
 
     def _crossed(
-        self, state: GateState, us: NDArray[np.int64], mm: NDArray[np.float64], i: int, level: int
+        self, state: GateState, us: tuple[int, ...], mm: tuple[float, ...], i: int, level: int
     ) -> tuple[GateState, Gate | Contact | None]:
         """Sample `i` is the first at or below one of the levels."""
         if level == 0:
-            return replace(state, top_us=self._crossing_us(us, mm, i, level), bottom_us=None), None
+            return state._replace(top_us=self._crossing_us(us, mm, i, level), bottom_us=None), None
         if state.top_us is None:
             return state, None
         if level == 1:
-            return replace(state, bottom_us=self._crossing_us(us, mm, i, level)), None
+            return state._replace(bottom_us=self._crossing_us(us, mm, i, level)), None
         speed_mm_s = self.speed_mm_s(state)
         if level == 2 and speed_mm_s is not None and state.bottom_us is not None:
-            gate = Gate(state.top_us, state.bottom_us, speed_mm_s, int(us[i]))
-            return replace(state, given=gate), gate if gate != state.given else None
+            gate = Gate(state.top_us, state.bottom_us, speed_mm_s, us[i])
+            return state._replace(given=gate), gate if gate != state.given else None
         if level == 3 and state.given is not None:
-            contact = Contact(self._contact_us(us, mm, i, state.given.bottom_us), int(us[i]))
-            return replace(state, top_us=None, bottom_us=None, given=None), contact
+            contact = Contact(self._contact_us(np.array(us), np.array(mm), i, state.given.bottom_us), us[i])
+            return state._replace(top_us=None, bottom_us=None, given=None), contact
         return state, None
 
-    def _crossing_us(self, us: NDArray[np.int64], mm: NDArray[np.float64], i: int, level: int) -> float:
+    def _crossing_us(self, us: tuple[int, ...], mm: tuple[float, ...], i: int, level: int) -> float:
         part = (mm[i - 1] - self._levels_mm[level]) / (mm[i - 1] - mm[i])
-        return float(us[i - 1] + part * (us[i] - us[i - 1]))
+        return us[i - 1] + part * (us[i] - us[i - 1])
 
     def _contact_us(self, us: NDArray[np.int64], mm: NDArray[np.float64], i: int, bottom_us: float) -> float:
         contact_mm = self._step.contact_mm

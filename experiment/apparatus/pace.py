@@ -11,9 +11,9 @@ Until the first reading it counts as moving. What follows:
 
 - A foot that keeps above 20 mm/s, the least scale of the prediction, is read as if there were no rest, however its
   stream is cut into reads. A slower one may count as resting: in 12 ms it moves less than 0.24 mm.
-- A foot that falls from rest is seen at most one pause after its second millimetre, for the reference may have been
-  replaced within the first. One that reaches 400 mm/s at the gate's top, 30 mm below, has moved 1 mm after 27 ms and
-  2 mm after 39 ms: it is seen after 51 ms, 3.4 mm down, and reaches the gate after 150 ms.
+- A foot that falls from rest is seen at most one pause after it has fallen 2.5 mm: its reference may be half of one
+  below it, and be replaced within the first 1.5. One that reaches 400 mm/s at the gate's top, 30 mm below, has fallen
+  2.5 mm after 43 ms: it is seen after 55 ms, 4.1 mm down, and reaches the gate after 150 ms.
 - Above the highest calibrated point a foot seems to rest, however it moves. That point lies 5 mm or more above the
   gate: a foot of 400 mm/s that comes from there is seen 1.8 mm into the gate at the latest, and a gate is not given
   until 1 mm below its bottom.

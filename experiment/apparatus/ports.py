@@ -61,12 +61,12 @@ class Voltages:
 
     Attributes:
         waveform_v: V, shape (n,), at the device's rate.
-        shaping: what is lost.
+        shaping: returns what is lost. It may take a while, as may the next: ask after contact.
         peak_m_s2: returns what no magnitude of the acceleration passes that the response makes of it, m/s^2.
     """
 
     waveform_v: NDArray[np.float64]
-    shaping: Shaping
+    shaping: Callable[[], Shaping]
     peak_m_s2: Callable[[], float]
 
 
@@ -128,13 +128,13 @@ class Played:
         limited: how many the limiter changed; of volts in `driven`.
         peak_m_s2: returns the largest magnitude after the limiter, m/s^2; where the device takes volts, what none of
             the accelerations passes that its response makes of them. It may take a while: ask after contact.
-        driven: voltages, where the device takes volts.
+        driven: returns what became of it in volts, where the device takes them; likewise.
     """
 
     samples: int
     limited: int
     peak_m_s2: Callable[[], float]
-    driven: Driven | None = None
+    driven: Callable[[], Driven] | None = None
 
 
 class Actuator(Protocol):

@@ -20,7 +20,6 @@ from __future__ import annotations
 import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import groupby
 from math import sqrt
 from pathlib import Path
@@ -28,14 +27,9 @@ from pathlib import Path
 import numpy as np
 
 from experiment import files
-from experiment.apparatus.ports import Drive, Voltages, Wanted
-from experiment.apparatus.rig_panel import ActuatorRig, response_table
 from experiment.errors import RecordingError
 from experiment.recordings.columns import number
-from experiment.stimulus_record import Shaping
-from experiment.synthesis.driving import bins_of_waveform, drive
 from experiment.synthesis.rig_response import Response, not_rising
-from experiment.synthesis.spectra import Bins
 
 COLUMNS = ("frequency_hz", "drive_vrms", "acceleration_pp_m_s2")
 
@@ -61,7 +55,7 @@ def read(path: Path) -> Response:
         raise RecordingError(
             f"{path}: cannot be read ({error.strerror}); allowed: the response table of a rig; name another file"
         ) from error
-    return _response(path, content)
+    return parse(path, content)
 
 
 def write(path: Path, response: Response, *, comments: Sequence[str]) -> None:
@@ -87,55 +81,8 @@ def write(path: Path, response: Response, *, comments: Sequence[str]) -> None:
         ) from error
 
 
-def open_drive(folder: Path, actuator: ActuatorRig, *, limit_m_s2: float) -> Drive | None:
-    """What turns accelerations into voltages for the actuator of a rig; None for one that takes accelerations.
-
-    Args:
-        folder: which holds the rig file; the response table stands there.
-        actuator: of the rig.
-        limit_m_s2: the protocol's limit for the magnitude of the acceleration that is delivered, m/s^2.
-
-    Raises:
-        RigError: the table is not the one that the rig file names.
-        RecordingError: the table cannot be used.
-    """
-    shaping = actuator.shaping
-    if shaping is None:
-        return None
-    shaped = partial(
-        drive,
-        rate_hz=actuator.rate_hz,
-        response=_response(folder / shaping.response, response_table(folder, shaping)),
-        gain_limit_v_per_m_s2=shaping.gain_limit_v_per_m_s2,
-        limit_m_s2=limit_m_s2,
-        limit_v=shaping.full_scale_v,
-    )
-
-    def driven(wanted: Wanted) -> Voltages:
-        if wanted.bins is None:
-            asked = bins_of_waveform(wanted.waveform_m_s2, rate_hz=actuator.rate_hz)
-        else:
-            known = wanted.bins()
-            asked = Bins(known.coefficients, known.samples, known.rate_hz)
-        waveform_v, did = shaped(asked)
-        return Voltages(
-            waveform_v=waveform_v,
-            peak_m_s2=lambda: did.peak_m_s2,
-            shaping=Shaping(
-                saturated_bins=did.saturated.bins,
-                saturated_cost_m_s2=did.saturated.cost_m_s2,
-                outside_bins=did.outside.bins,
-                outside_cost_m_s2=did.outside.cost_m_s2,
-                bounded_bins=did.bounded.bins,
-                bounded_cost_m_s2=did.bounded.cost_m_s2,
-                scale=did.scale,
-            ),
-        )
-
-    return driven
-
-
-def _response(path: Path, content: bytes) -> Response:
+def parse(path: Path, content: bytes) -> Response:
+    """As `read`, of a table that was read from `path`."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -17,7 +17,7 @@ from experiment.console.port import Console
 from experiment.errors import Interrupted
 from experiment.protocol import load
 from experiment.protocol.models import Protocol
-from experiment.recordings.response import open_drive
+from experiment.recordings.rig_drive import open_drive
 from experiment.rehearsal.card_panel import CardPanel
 from experiment.rehearsal.control import SilentActuator
 from experiment.rehearsal.foot import Foot
@@ -127,7 +127,8 @@ def _rehearse_task(
             )
         if planned.actuator:
             limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-            drive = open_drive(job.dataset / "sourcedata", rig.actuator, limit_m_s2=limit_m_s2)
+            like = scene.examples(render, planned, rig.actuator.rate_hz) if render is not None else ()
+            drive = open_drive(job.dataset / "sourcedata", rig.actuator, limit_m_s2=limit_m_s2, like=like)
             if sound is not None and rig.actuator.driver == "audio":
                 panel = sound.panel
                 actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)

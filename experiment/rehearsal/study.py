@@ -21,7 +21,7 @@ from experiment.console.port import Console
 from experiment.errors import DatasetError
 from experiment.protocol import canonical, load
 from experiment.protocol.models import Protocol
-from experiment.recordings.response import open_drive
+from experiment.recordings.rig_drive import open_drive
 from experiment.rehearsal import processes
 from experiment.rehearsal import takes as simulated
 from experiment.rehearsal.participant import Tick

@@ -81,7 +81,7 @@ class Sounding:
             extrapolated=made.extrapolated,
             limited=played.limited,
             peak_m_s2=played.peak_m_s2(),
-            driven=played.driven,
+            driven=None if played.driven is None else played.driven(),
             computed=rendered.computed,
         )
 

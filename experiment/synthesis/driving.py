@@ -45,6 +45,7 @@ def drive(
     gain_limit_v_per_m_s2: float,
     limit_m_s2: float = inf,
     limit_v: float = inf,
+    scale: float = 1.0,
 ) -> tuple[NDArray[np.float64], Shaped]:
     """The voltages whose oscillations move the rig as a sum of bins asks: `shape`, then (7).
 
@@ -60,6 +61,7 @@ def drive(
         limit_m_s2: no magnitude of the acceleration that the voltages bring about is larger, at whatever time, above
             zero. The least waveform that is taken down lies as much below it as `highest` is too high.
         limit_v: no voltage is larger in magnitude, above zero.
+        scale: as in `shape`; it is lowered further where it has to be.
 
     Returns:
         V, shape (n,), n being the samples of a waveform made of the bins by (5); and what shaping did.
@@ -78,7 +80,6 @@ def drive(
     at = response_at(response, bins.samples, bins.rate_hz, on.carried)
     # With what rounding may add.
     rounded = 1 + 2 * ROUND_OFF * on.count
-    scale = 1.0
     before: tuple[Shaped, float] | None = None
     while True:
         shaped = shape_at(coefficients, at, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2, scale=scale)

@@ -19,12 +19,11 @@ class BinsAtSpeed:
 
     spectra: CrinkleSpectra
     speed_mm_s: float
-    literal: bool = False
 
     @cached_property
     def at(self) -> SpectrumAtSpeed:
         """C'_k(v), computed when it is first asked for."""
-        return at_speed(self.spectra, speed_mm_s=self.speed_mm_s, literal=self.literal)
+        return at_speed(self.spectra, speed_mm_s=self.speed_mm_s)
 
     def __call__(self) -> Bins:
         return Bins(self.at.coefficients, samples=self.spectra.samples, rate_hz=self.spectra.rate_hz)
@@ -54,23 +53,20 @@ class Synthesised:
         return self.summed()
 
 
-def synthesise(
-    spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int, literal: bool = False
-) -> Synthesised:
+def synthesise(spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int) -> Synthesised:
     """The stimulus for one step: equations (3), (4) and (5), as long as the recordings were.
 
     Args:
         spectra: of one material, from `subtract`.
         speed_mm_s: foot speed, mm/s, zero or more.
         output_rate_hz: samples a second that the actuator expects, Hz.
-        literal: as in `at_speed`.
 
     Raises:
         SynthesisError: as `at_speed`, `grid` and `transformable`.
 
     Source: Okamoto et al., section 3.1.
     """
-    bins = BinsAtSpeed(spectra, speed_mm_s, literal)
+    bins = BinsAtSpeed(spectra, speed_mm_s)
     on = spectra.grid(output_rate_hz)
     transformable(on)
     return Synthesised(

@@ -34,7 +34,7 @@ from experiment.apparatus.landing import LandingPredictor
 from experiment.clock import MonotonicClock
 from experiment.protocol import load
 from experiment.protocol.shipped import shipped
-from experiment.recordings.response import open_drive
+from experiment.recordings.rig_drive import open_drive
 from experiment.rehearsal import movement, study
 from experiment.rehearsal.foot import Foot
 from experiment.rehearsal.serial_line import SerialLine
@@ -88,12 +88,9 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
     rng = np.random.default_rng([seed, number])
     with ExitStack() as opened:
         landed.priority = opened.enter_context(priority.raised())
-        render = scene.open_stimuli(
-            scene=scene.plan(protocol=protocol, task_id="virtual"),
-            protocol=protocol,
-            recordings=folder / dataset.RECORDINGS,
-            output_rates_hz=(rig.actuator.rate_hz,),
-        )
+        planned, rate_hz = scene.plan(protocol=protocol, task_id="virtual"), rig.actuator.rate_hz
+        recordings = folder / dataset.RECORDINGS
+        render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
         line = opened.enter_context(SerialLine())
         powered_ns = clock.now_ns()
         foot = Foot(line, rig.tracker, real_time=True, rest_mm=REST_MM, noise_mm=NOISE_MM)
@@ -101,7 +98,8 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         tracker = opening.open_tracker(rig, clock=clock, port=line.url)
         opened.callback(tracker.close)
         sound = opened.enter_context(SimulatedSound(rig, protocol, clock))
-        drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
+        like = scene.examples(render, planned, rate_hz)
+        drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, like=like)
         actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
         opened.callback(actuator.close)
         parts = Watch(

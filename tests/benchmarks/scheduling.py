@@ -15,10 +15,10 @@ import sys
 import tempfile
 import threading
 import time
-from collections import deque
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from queue import SimpleQueue
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ from experiment.console.terminal import TerminalConsole
 from experiment.protocol import load
 from experiment.protocol.models import Step
 from experiment.protocol.shipped import shipped
-from experiment.recordings.response import open_drive
+from experiment.recordings.rig_drive import open_drive
 from experiment.rehearsal import movement, study
 from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.sound import SimulatedSound
@@ -73,35 +73,30 @@ def loaded(processes: int) -> Iterator[None]:
 
 
 class Replayed:
-    """Implements `Tracker`: one step in reads of 2 ms, from a thread of its own."""
+    """Implements `Tracker`: one step in reads of 2 ms from a thread of its own, handed over as by `SerialTracker`."""
 
     def __init__(self) -> None:
         self.counts = LinkCounts()
         self.clock_map: ClockMap | None = None
         self.read_ns = 0
         """When the newest read arrived."""
-        self._changed = threading.Condition()
-        self._arrived: deque[tuple[Samples, int]] = deque()
-        self._whole: Samples | None = None
+        self._arrived: SimpleQueue[tuple[Samples, int]] = SimpleQueue()
+        self._steps: SimpleQueue[Samples] = SimpleQueue()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def load(self, us: NDArray[np.int64], mm: NDArray[np.float64]) -> None:
         self.clock_map = ClockMap(int(us[0]), time.monotonic_ns())
         ends = np.arange(1, us.size + 1) * 12
-        with self._changed:
-            self._arrived.clear()
-            self._whole = Samples(us, mm, bytes(int(ends[-1])), ends, 0)
-            self._changed.notify_all()
+        self._arrived = SimpleQueue()
+        self._steps.put(Samples(us, mm, bytes(int(ends[-1])), ends, 0))
 
     def drain(self) -> None:
         pass
 
     def read(self) -> Samples:
-        with self._changed:
-            self._changed.wait_for(lambda: bool(self._arrived))
-            samples, self.read_ns = self._arrived.popleft()
-            return samples
+        samples, self.read_ns = self._arrived.get()
+        return samples
 
     def reconnect(self, timeout_s: float) -> None:
         pass
@@ -111,16 +106,12 @@ class Replayed:
 
     def _run(self) -> None:
         while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._whole is not None)
-                whole, self._whole = self._whole, None
-            while whole is not None and whole.device_us.size and self._whole is None:
+            whole, arrived = self._steps.get(), self._arrived
+            while whole.device_us.size and self._steps.empty():
                 piece, whole = whole.cut(min(2, whole.device_us.size))
                 if PACED_MM[0] <= piece.height_mm[0] <= PACED_MM[1]:
                     time.sleep(READ_S)
-                with self._changed:
-                    self._arrived.append((piece, time.perf_counter_ns()))
-                    self._changed.notify_all()
+                arrived.put((piece, time.perf_counter_ns()))
 
 
 class Timed:
@@ -190,7 +181,8 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
     rig = rigs.load(rig_file)
     rig = rig.model_copy(update={"actuator": rig.actuator.model_copy(update={"rate_hz": rate_hz})})
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-    drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2)
+    like = scene.examples(render, planned, rate_hz)
+    drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, like=like)
     with ExitStack() as opened:
         if rig.audio is None:
             panel = Panel(rig.actuator)
@@ -221,21 +213,19 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
 
 def handed_over_ms(messages: int) -> list[float]:
     """From one thread's notice to another's waking, one every `READ_S`, with nothing else to do."""
-    changed, sent, waited_ms = threading.Condition(), deque[int](), list[float]()
+    sent: SimpleQueue[int] = SimpleQueue()
 
     def send() -> None:
         for _ in range(messages):
             time.sleep(READ_S)
-            with changed:
-                sent.append(time.perf_counter_ns())
-                changed.notify_all()
+            sent.put(time.perf_counter_ns())
 
     sender = threading.Thread(target=send)
     sender.start()
-    while len(waited_ms) < messages:
-        with changed:
-            changed.wait_for(lambda: bool(sent))
-            waited_ms.append((time.perf_counter_ns() - sent.popleft()) / 1e6)
+    waited_ms = []
+    for _ in range(messages):
+        sent_ns = sent.get()
+        waited_ms.append((time.perf_counter_ns() - sent_ns) / 1e6)
     sender.join()
     return waited_ms
 

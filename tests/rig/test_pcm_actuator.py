@@ -24,7 +24,7 @@ from experiment.apparatus.rig_panel import ActuatorRig, ShapingRig
 from experiment.errors import ActuatorError
 from experiment.protocol import load
 from experiment.protocol.shipped import shipped
-from experiment.recordings.response import open_drive
+from experiment.recordings.rig_drive import open_drive
 from experiment.rehearsal import response, takes
 from experiment.rehearsal.panel import Panel
 from experiment.stimulus_record import Driven, Shaping
@@ -158,7 +158,9 @@ def test_a_waveform_alone_is_limited_before_shaping_and_after_it(wanted: np.ndar
 
     def drive(stimulus: Wanted) -> Voltages:
         asked.append(stimulus.waveform_m_s2)
-        return Voltages(np.full(wanted.size, driven), peak_m_s2=lambda: float(np.max(np.abs(asked[0]))), shaping=LOST)
+        return Voltages(
+            np.full(wanted.size, driven), peak_m_s2=lambda: float(np.max(np.abs(asked[0]))), shaping=lambda: LOST
+        )
 
     class Kept(PcmActuator):
         def _send(self, data: bytes, timeout_s: float) -> None:
@@ -172,9 +174,9 @@ def test_a_waveform_alone_is_limited_before_shaping_and_after_it(wanted: np.ndar
     assert volts.size == wanted.size
     assert np.max(np.abs(volts)) <= 9.0
     assert played.driven is not None
-    assert played.driven.shaping == LOST
-    assert played.driven.peak_v == np.max(np.abs(volts))
-    assert played.driven.limited == (0 if abs(driven) <= 9.0 else wanted.size)
+    assert played.driven().shaping == LOST
+    assert played.driven().peak_v == np.max(np.abs(volts))
+    assert played.driven().limited == (0 if abs(driven) <= 9.0 else wanted.size)
 
 
 def test_of_a_stimulus_whose_bins_are_known_no_waveform_is_asked_for() -> None:
@@ -191,14 +193,15 @@ def test_of_a_stimulus_whose_bins_are_known_no_waveform_is_asked_for() -> None:
 
     def drive(wanted: Wanted) -> Voltages:
         given.append(wanted)
-        return Voltages(np.array([3.0, -12.0]), peak_m_s2=lambda: 1.5, shaping=LOST)
+        return Voltages(np.array([3.0, -12.0]), peak_m_s2=lambda: 1.5, shaping=lambda: LOST)
 
     opened = PcmActuator("127.0.0.1:4711", rate_hz=5000, full_scale=9.0, limit_m_s2=20.0, drive=drive)
     asked = OfBins()
     played = opened.prepare(asked)
     assert given == [asked]
     assert (played.samples, played.limited, played.peak_m_s2()) == (2, 0, 1.5)
-    assert played.driven == Driven(shaping=LOST, limited=1, peak_v=9.0)
+    assert played.driven is not None
+    assert played.driven() == Driven(shaping=LOST, limited=1, peak_v=9.0)
 
 
 SHAPED = ActuatorRig(
@@ -250,9 +253,9 @@ def test_what_the_panel_delivers_through_its_response_is_what_was_asked(
     off = np.abs(delivered - asked)[tactile].sum() / np.abs(asked)[tactile].sum()
     assert off < DELIVERED_WITHIN
     assert played.driven is not None
-    assert played.limited == played.driven.limited == 0
-    assert 0 < played.driven.peak_v <= SHAPED.full_scale
-    lost = played.driven.shaping
+    assert played.limited == played.driven().limited == 0
+    assert 0 < played.driven().peak_v <= SHAPED.full_scale
+    lost = played.driven().shaping
     assert (lost.saturated_bins, lost.bounded_bins) == (0, 0)
     beyond = (frequencies_hz < 10) | (frequencies_hz > 600)
     assert lost.outside_cost_m_s2 == pytest.approx(np.abs(asked)[beyond].sum(), rel=1e-9)
@@ -387,4 +390,4 @@ def test_what_a_rig_in_volts_delivers_stays_within_the_limit_of_vibration(
     # the rig cannot reach the limit is the rig's affair; it is not silent.
     assert 0.3 * limit_m_s2 < np.abs(felt).max() <= 1.01 * limit_m_s2
     assert played.driven is not None
-    assert played.driven.limited == 0
+    assert played.driven().limited == 0

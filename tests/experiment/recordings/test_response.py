@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,13 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.ports import Waveform
-from experiment.apparatus.rig_panel import ActuatorRig, ShapingRig
-from experiment.errors import RecordingError, RigError
-from experiment.recordings.response import open_drive, read, write
+from experiment.errors import RecordingError
+from experiment.recordings.response import read, write
 from experiment.synthesis.rig_response import Response
-from experiment.synthesis.spectra import Bins
-from experiment.synthesis.stimulus import Synthesised
 
 GOOD = """\
 # bench 2, load 40 N
@@ -133,65 +128,3 @@ def test_whatever_a_file_holds_is_read_or_refused(tmp_path_factory: pytest.TempP
         except RecordingError as error:
             outcome = str(error)
         assert isinstance(outcome, Response) or "any.csv" in str(outcome)
-
-
-def actuator(path: Path, digest: str | None = None) -> ActuatorRig:
-    found = hashlib.sha256(path.read_bytes()).hexdigest()
-    shaping = ShapingRig(
-        response=path.name, response_sha256=digest or found, full_scale_v=9.0, gain_limit_v_per_m_s2=0.25
-    )
-    return ActuatorRig(driver="pcm-tcp", address="rehearsal", rate_hz=8000, shaping=shaping)
-
-
-def test_a_drive_is_opened_from_a_rig_and_says_what_is_lost(written: Write) -> None:
-    path = written(GOOD)
-    drive = open_drive(path.parent, actuator(path), limit_m_s2=100.0)
-    assert drive is not None
-    # Bin 2 of 800 at 8 kHz stands at 10 Hz: 2 m/s^2 take sqrt 2 V, and the limit allows 0.5 V.
-    cosine = np.cos(2 * np.pi * (np.arange(800) + 0.5) / 800)
-    voltages = drive(Waveform(2.0 * cosine))
-    lost = voltages.shaping
-    assert voltages.waveform_v == pytest.approx(0.5 * cosine, rel=1e-12, abs=1e-12)
-    # Through (0.1 Vrms, 0.25 m/s^2) and (1 Vrms, 2 m/s^2), 0.5 V reach this:
-    reached = 0.25 + (0.5 / 2**0.5 - 0.1) / 0.9 * 1.75
-    assert (lost.saturated_bins, lost.outside_bins, lost.bounded_bins) == (0, 0, 1)
-    assert lost.bounded_cost_m_s2 == pytest.approx(2.0 - reached)
-    assert reached * (1 - 1e-12) <= voltages.peak_m_s2() <= 1.013 * reached
-    assert (lost.saturated_cost_m_s2, lost.outside_cost_m_s2) == (0.0, 0.0)
-
-
-def test_shaping_asks_for_no_waveform_of_a_stimulus_whose_bins_are_known(written: Write) -> None:
-    summed: list[float] = []
-
-    def sum_up() -> np.ndarray:
-        summed.append(1.0)
-        return np.zeros(800)
-
-    path = written(GOOD)
-    drive = open_drive(path.parent, actuator(path), limit_m_s2=100.0)
-    assert drive is not None
-    bins = Bins(np.array([0.0, 0.0, 2.0]), samples=800, rate_hz=8000)
-    stimulus = Synthesised(sum_up, floored_bins=0, extrapolated=False, dropped_bins=0, bins=lambda: bins)
-    cosine = np.cos(2 * np.pi * (np.arange(800) + 0.5) / 800)
-    assert drive(stimulus).waveform_v == pytest.approx(0.5 * cosine, rel=1e-12, abs=1e-12)
-    assert summed == []
-    assert stimulus.waveform_m_s2 is stimulus.waveform_m_s2
-    assert summed == [1.0]
-
-
-def test_another_table_than_the_rig_names_is_refused(written: Write) -> None:
-    path = written(GOOD)
-    with pytest.raises(
-        RigError, match=r"response\.csv: got a table with sha256 .*; allowed: 000.*, as the rig file says"
-    ):
-        open_drive(path.parent, actuator(path, "0" * 64), limit_m_s2=100.0)
-
-
-def test_a_table_that_is_not_there_is_refused(written: Write, tmp_path: Path) -> None:
-    with pytest.raises(RigError, match=r"response\.csv: cannot be read \(No such file or directory\).*; restore it"):
-        open_drive(tmp_path / "elsewhere", actuator(written(GOOD)), limit_m_s2=100.0)
-
-
-def test_an_actuator_that_takes_accelerations_has_no_drive(tmp_path: Path) -> None:
-    plain = ActuatorRig(driver="pcm-tcp", address="rehearsal", rate_hz=8000, full_scale_m_s2=9.0)
-    assert open_drive(tmp_path, plain, limit_m_s2=100.0) is None

@@ -43,5 +43,3 @@ def test_bins_say_what_they_are_of_and_what_they_are() -> None:
     got = bins()
     np.testing.assert_array_equal(got.coefficients, at_speed(of, speed_mm_s=137.0).coefficients)
     assert (got.samples, got.rate_hz) == (12, 5000)
-    printed = BinsAtSpeed(of, 137.0, literal=True)()
-    np.testing.assert_array_equal(printed.coefficients, at_speed(of, speed_mm_s=137.0, literal=True).coefficients)
