@@ -48,7 +48,8 @@ WASTE = 0.01
 """A stimulus may be taken down by this part of it further than the limits ask."""
 
 MISSED = 1e-12
-"""Nothing is held where a weighted sum is off by this part of its peak: amplitudes may jump in less than a rounding."""
+"""Nothing is held where a weighted sum is off by this part of a piece's largest voltage: voltages may leap from one
+speed to the next that a float64 can tell."""
 
 MOST_BYTES = 2**25
 """Of waveforms, held for one material."""
@@ -186,7 +187,9 @@ class _Line:
         knots = [self._knot(part) for part in self.parts().tolist()]
         knots += [knot for low, high in pairwise(tuple(knots)) for knot in self._taken_down(low, high)]
         knots.sort(key=lambda knot: knot.part)
-        knots += [middle for low, high in pairwise(tuple(knots)) if (middle := self._gap(low, high)) is not None]
+        loudest_v = max(float(np.abs(knot.waveform_v).max()) for knot in knots if knot.waveform_v is not None)
+        gaps = (self._gap(low, high, loudest_v) for low, high in pairwise(tuple(knots)))
+        knots += [gap for gap in gaps if gap is not None]
         knots.sort(key=lambda knot: knot.part)
         return Piece(*self.ends_mm_s, tuple(knots))
 
@@ -216,7 +219,7 @@ class _Line:
             found.append(knot if knot.scale == scale else knot._replace(waveform_v=None))
         return found
 
-    def _gap(self, low: Knot, high: Knot) -> Knot | None:
+    def _gap(self, low: Knot, high: Knot, loudest_v: float) -> Knot | None:
         """A knot without a waveform between two neighbours whose middle their weighted sum misses."""
         part = (low.part + high.part) / 2
         found = _between(low, high, part)
@@ -224,7 +227,7 @@ class _Line:
             return None
         held_v, scale = found
         wanted_v, _ = self.whole(self._bins(part), scale=scale)
-        missed = np.abs(held_v - wanted_v).max() > MISSED * np.abs(wanted_v).max()
+        missed = np.abs(held_v - wanted_v).max() > MISSED * loudest_v
         wasted = scale < 1 and self.limited(self._bins(part))[1].scale * (1 - WASTE) > scale
         return Knot(part, scale, None) if missed or wasted else None
 

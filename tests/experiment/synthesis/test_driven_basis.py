@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from experiment.synthesis import driven_basis
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.driven_basis import FASTEST, WASTE, DrivenBasis
+from experiment.synthesis.driven_basis import FASTEST, MISSED, WASTE, DrivenBasis
 from experiment.synthesis.driving import drive
 from experiment.synthesis.rig_response import Response
 from experiment.synthesis.shaping import Shaped
@@ -79,22 +79,41 @@ def loudest_v(basis: DrivenBasis) -> float:
 @settings(deadline=None)
 @given(
     seed=st.integers(0, 10_000),
-    response=responses(),
-    gain_limit=st.floats(1e-4, 1e4) | st.just(NO_LIMIT),
+    gain_limit=st.floats(0.05, 10.0) | st.just(NO_LIMIT),
     level_m_s2=st.floats(1e-3, 1e3),
     parts=st.lists(st.floats(0, 1), min_size=3, max_size=8),
 )
 def test_any_speed_is_driven_as_worked_out_for_it(
-    seed: int, response: Response, gain_limit: float, level_m_s2: float, parts: list[float]
+    seed: int, gain_limit: float, level_m_s2: float, parts: list[float]
 ) -> None:
-    driven = Driven(material(seed, level_m_s2=level_m_s2), response, gain_limit=gain_limit)
+    driven = Driven(material(seed, level_m_s2=level_m_s2), gain_limit=gain_limit)
     basis = driven.basis
     for speed_mm_s in [within(driven.spectra.speeds_mm_s, part) for part in parts]:
         found = basis(speed_mm_s)
         assert found is not None
         held, scale = found
         assert scale == 1
-        np.testing.assert_allclose(held, driven.at(speed_mm_s)[0], rtol=0, atol=1e-12 * loudest_v(basis))
+        np.testing.assert_allclose(held, driven.at(speed_mm_s)[0], rtol=0, atol=2 * MISSED * loudest_v(basis))
+
+
+@settings(deadline=None)
+@given(
+    seed=st.integers(0, 10_000),
+    response=responses(),
+    gain_limit=st.floats(1e-4, 1e4) | st.just(NO_LIMIT),
+    level_m_s2=st.floats(1e-3, 1e3),
+    parts=st.lists(st.floats(0, 1), min_size=3, max_size=8),
+)
+def test_with_any_response_what_is_held_is_as_worked_out(
+    seed: int, response: Response, gain_limit: float, level_m_s2: float, parts: list[float]
+) -> None:
+    """Steps over six decades within one response: where a knot is not known well enough, nothing is held."""
+    driven = Driven(material(seed, level_m_s2=level_m_s2), response, gain_limit=gain_limit)
+    basis = driven.basis
+    for speed_mm_s in [within(driven.spectra.speeds_mm_s, part) for part in parts]:
+        if (found := basis(speed_mm_s)) is not None:
+            worked_out = driven.at(speed_mm_s)[0]
+            np.testing.assert_allclose(found[0], worked_out, rtol=0, atol=2 * MISSED * loudest_v(basis))
 
 
 @pytest.mark.parametrize("rate_hz", [1000, 1500, 48_000])
@@ -134,7 +153,7 @@ def test_what_is_held_keeps_the_limits_and_is_taken_down_hardly_more_than_need_b
             continue
         held, scale = found
         volts, did = driven.whole(speed_mm_s, scale=scale)
-        np.testing.assert_allclose(held, volts, rtol=0, atol=1e-12 * loudest_v(basis))
+        np.testing.assert_allclose(held, volts, rtol=0, atol=2 * MISSED * loudest_v(basis))
         assert np.abs(held).max() <= limit_v * (1 + 1e-12)
         looked_at = Grid(p=64 * 24, q=1, count=64 * 24, carried=24)
         assert np.abs(inverse_on(did.reached_m_s2, looked_at)).max() <= limit_m_s2 * (1 + 1e-12)
