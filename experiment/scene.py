@@ -186,9 +186,10 @@ def prepare_stimuli(
     return render
 
 
-def examples(render: Render, scene: Scene, output_rate_hz: int) -> list[Synthesised]:
+def examples(render: Render, scene: Scene, protocol: Protocol, output_rate_hz: int) -> list[Synthesised]:
     """A stimulus of each material that a scene holds, for what is to be prepared for their like."""
-    return [render(material, 0.0, output_rate_hz).stimulus for material in scene.materials]
+    speed_mm_s = protocol.synthesis.speeds_mm_s[0]
+    return [render(material, speed_mm_s, output_rate_hz).stimulus for material in scene.materials]
 
 
 def masker_samples(*, protocol: Protocol, rate_hz: int, seconds: float) -> NDArray[np.float64]:

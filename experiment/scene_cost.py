@@ -161,7 +161,7 @@ def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> t
     prepare = partial(scenes.prepare_stimuli, load(), protocol=protocol, output_rates_hz=(rig.actuator.rate_hz,))
     prepared, prepared_kb = cost.measured(prepare)
     first, render = virtual.materials[0], prepare()
-    like = scenes.examples(render, virtual, rig.actuator.rate_hz)
+    like = scenes.examples(render, virtual, protocol, rig.actuator.rate_hz)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     drive = partial(open_drive, rig_folder, rig.actuator, limit_m_s2=limit_m_s2, like=like)
     driven, driven_kb = cost.measured(drive) if rig.actuator.shaping is not None else (None, None)
@@ -176,7 +176,13 @@ def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> t
     nothing = "nothing: no stimulus is played, so not a bit of any record differs"
     return (
         Omission("parts", "synthesis engine: prepared stimuli of every material", prepared, prepared_kb, nothing),
-        Omission("parts", "frequency shaping: prepared voltages of every material", driven, driven_kb, nothing),
+        Omission(
+            "parts",
+            "frequency shaping: voltages of every material, prepared where they fit",
+            driven,
+            driven_kb,
+            nothing,
+        ),
         Omission("parts", "actuator and its port", None, None, nothing),
         Omission("imports", ", ".join(STIMULUS_MODULES), imported, imported_kb, nothing),
         Omission("materials", f"spectra of {', '.join(virtual.materials)}", loaded, loaded_kb, nothing),

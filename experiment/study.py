@@ -140,7 +140,7 @@ def run(
             from experiment.recordings.rig_drive import open_drive
 
             limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-            like = scene.examples(render, planned, rig.actuator.rate_hz) if render is not None else ()
+            like = scene.examples(render, planned, protocol, rig.actuator.rate_hz) if render is not None else ()
             drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, like=like)
             stream = sound.stream if sound is not None else None
             actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=stream)

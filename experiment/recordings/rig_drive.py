@@ -29,7 +29,8 @@ def open_drive(folder: Path, actuator: ActuatorRig, *, limit_m_s2: float, like: 
         actuator: of the rig.
         limit_m_s2: the protocol's limit for the magnitude of the acceleration that is delivered, m/s^2.
         like: a stimulus of each material that will be asked for, at any speed. What the voltages of their like need is
-            prepared here, so that they are there sooner.
+            prepared here, so that they are there sooner: of stimuli whose `bins` are `BinsAtSpeed` of the same spectra,
+            not of equal ones.
 
     Raises:
         RigError: the table is not the one that the rig file names.
@@ -104,5 +105,5 @@ class _RigDrive:
                 scale=lost.scale,
             )
 
-        # The bound on the peak may lie above it, and so above a limit that is known to hold.
+        # `highest` may lie above the peak, and so above a limit that is known to hold.
         return Voltages(waveform_v, shaping, peak_m_s2=lambda: min(did().peak_m_s2, self.limit_m_s2))

@@ -127,7 +127,7 @@ def _rehearse_task(
             )
         if planned.actuator:
             limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-            like = scene.examples(render, planned, rig.actuator.rate_hz) if render is not None else ()
+            like = scene.examples(render, planned, protocol, rig.actuator.rate_hz) if render is not None else ()
             drive = open_drive(job.dataset / "sourcedata", rig.actuator, limit_m_s2=limit_m_s2, like=like)
             if sound is not None and rig.actuator.driver == "audio":
                 panel = sound.panel

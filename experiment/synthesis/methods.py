@@ -6,7 +6,8 @@ there the divisor is at least the rms at the nearest measured speed. Rounding of
 most `denormal_error_m_s2`.
 
 Frequency shaping (7) is not linear in amplitude, so no method weights shaped waveforms: every method returns m/s^2, and
-the actuator's driver shapes what it is given (`driving.drive`), from the bins that come with it where it can.
+the actuator's driver shapes what it is given (`driving.drive`), from the bins that come with it where it can. What it
+weights itself, once a rig's response is known, is prepared in `driven_basis.py`.
 """
 
 from __future__ import annotations

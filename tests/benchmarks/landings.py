@@ -98,7 +98,7 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         tracker = opening.open_tracker(rig, clock=clock, port=line.url)
         opened.callback(tracker.close)
         sound = opened.enter_context(SimulatedSound(rig, protocol, clock))
-        like = scene.examples(render, planned, rate_hz)
+        like = scene.examples(render, planned, protocol, rate_hz)
         drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, like=like)
         actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
         opened.callback(actuator.close)

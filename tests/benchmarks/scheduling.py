@@ -181,7 +181,7 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
     rig = rigs.load(rig_file)
     rig = rig.model_copy(update={"actuator": rig.actuator.model_copy(update={"rate_hz": rate_hz})})
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-    like = scene.examples(render, planned, rate_hz)
+    like = scene.examples(render, planned, protocol, rate_hz)
     drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, like=like)
     with ExitStack() as opened:
         if rig.audio is None:

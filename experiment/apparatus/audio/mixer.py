@@ -71,7 +71,6 @@ class Mixer:
         self._kept = np.zeros((layout.kept_frames, layout.inputs), np.float32)
         self._ceilings = np.array(layout.ceilings, np.float32)
         self._floors = -self._ceilings
-        self._lowest_ceiling = float(self._ceilings.min())
         self._before = np.zeros((layout.block, layout.outputs), np.float32)
         self._changed = np.zeros((layout.block, layout.outputs), np.bool_)
         self._counting = np.arange(1, layout.block + 1, dtype=np.float32)
@@ -240,9 +239,11 @@ class Mixer:
 
     def _limit(self, outputs: Block) -> None:
         """Last before the device: no sample above its channel's ceiling, NaN to 0."""
-        if outputs.max() <= self._lowest_ceiling and outputs.min() >= -self._lowest_ceiling:
-            return
         before, changed = self._before[: len(outputs)], self._changed[: len(outputs)]
+        np.abs(outputs, out=before)
+        np.less_equal(before, self._ceilings, out=changed)
+        if changed.all():
+            return
         np.copyto(before, outputs)
         np.isnan(outputs, out=changed)
         np.copyto(outputs, 0, where=changed)
