@@ -48,6 +48,8 @@ from experiment.stimulus_record import Delivered
 STEPS = 2000
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
+CALIBRATING_TURNS = 1_000_000
+
 READ_S = 0.002
 PACED_MM = (4.0, 12.0)
 """Heights between which frames come as slowly as a foot falls; outside, as fast as they are taken."""
@@ -211,8 +213,20 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
     return actuator.waited_ms
 
 
-def handed_over_ms(messages: int) -> list[float]:
-    """From one thread's notice to another's waking, one every `READ_S`, with nothing else to do."""
+def handed_over_ms(messages: int, work_ms: float = 0.0) -> list[float]:
+    """From one thread's message, one every `READ_S`, to the end of another's work on it: a loop that does nothing.
+
+    Args:
+        messages: how many.
+        work_ms: how long the loop takes, as a rule. With the median of gate to scheduled it shows what the machine
+            makes of as much work that is not ours.
+    """
+    turns = 0
+    if work_ms:
+        begun_ns = time.perf_counter_ns()
+        for _ in range(CALIBRATING_TURNS):
+            pass
+        turns = round(work_ms * 1e6 * CALIBRATING_TURNS / (time.perf_counter_ns() - begun_ns))
     sent: SimpleQueue[int] = SimpleQueue()
 
     def send() -> None:
@@ -225,6 +239,8 @@ def handed_over_ms(messages: int) -> list[float]:
     waited_ms = []
     for _ in range(messages):
         sent_ns = sent.get()
+        for _ in range(turns):
+            pass
         waited_ms.append((time.perf_counter_ns() - sent_ns) / 1e6)
     sender.join()
     return waited_ms
@@ -249,8 +265,10 @@ def report(folder: Path, steps: int) -> None:
                 with priority.raised() as got:
                     in_session = gate_to_scheduled_ms(folder, rig_name, rate_hz, steps)
                     empty = handed_over_ms(steps)
+                    as_much = handed_over_ms(steps, work_ms=float(np.median(in_session)) - float(np.median(empty)))
                 spread(f"{how}, {load_name}, {got.partition(':')[0]}", in_session)
                 spread(f"  an empty message, {load_name}, {got.partition(':')[0]}", empty)
+                spread(f"  a message and an empty loop, {load_name}, {got.partition(':')[0]}", as_much)
 
 
 def main() -> None:
