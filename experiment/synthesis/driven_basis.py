@@ -46,9 +46,10 @@ from experiment.synthesis.spectra import Bins
 FASTEST = 1.5
 """Waveforms are held up to this multiple of the fastest measured speed: 450 mm/s in the study of Okamoto et al."""
 
-WASTE = 0.01
-"""A stimulus may be taken down by this part of it further than the limits ask: by about as much as the bound on its
-peak, `highest`, may be too high."""
+WASTE = 0.005
+"""In the middle between knots a stimulus may be taken down by this part of it further than the limits ask. Beside the
+middle it may be twice that, as far as a straight line can lie above a curve that bends upwards only: about as much as
+the bound on its peak, `highest`, may be too high."""
 
 MISSED = 1e-12
 """Nothing is held between knots where in the middle a weighted sum is off by this part of a piece's largest voltage; it
@@ -192,12 +193,12 @@ class _Line:
 
     def piece(self, bending: NDArray[np.float64]) -> Piece:
         knots = [self._knot(part) for part in bending.tolist()]
-        knots += [knot for low, high in pairwise(tuple(knots)) for knot in self._taken_down(low, high)]
+        knots += [knot for low, high in pairwise(knots) for knot in self._taken_down(low, high)]
         # Of two at one place the one without a waveform stays, and refuses.
         knots.sort(key=lambda knot: (knot.part, knot.waveform_v is None))
         knots = list({knot.part: knot for knot in knots}.values())
         loudest_v = max(float(np.abs(knot.waveform_v).max()) for knot in knots if knot.waveform_v is not None)
-        gaps = (self._gap(low, high, loudest_v) for low, high in pairwise(tuple(knots)))
+        gaps = (self._gap(low, high, loudest_v) for low, high in pairwise(knots))
         knots += [gap for gap in gaps if gap is not None]
         knots.sort(key=lambda knot: knot.part)
         return Piece(*self.ends_mm_s, tuple(knots))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,28 +12,7 @@ from hypothesis import strategies as st
 from experiment.errors import RecordingError
 from experiment.recordings.response import read, write
 from experiment.synthesis.rig_response import Response
-
-GOOD = """\
-# bench 2, load 40 N
-frequency_hz,drive_vrms,acceleration_pp_m_s2
-
-10,0.1,0.5
-10,1,4.0
-20, 0.1, 1.0
-20,1,8.0
-"""
-
-Write = Callable[[str], Path]
-
-
-@pytest.fixture
-def written(tmp_path: Path) -> Write:
-    def write_text(text: str) -> Path:
-        path = tmp_path / "response.csv"
-        path.write_text(text, "utf-8")
-        return path
-
-    return write_text
+from tests.experiment.recordings.tables import GOOD, Write
 
 
 def test_rms_and_peak_to_peak_become_amplitudes(written: Write) -> None:

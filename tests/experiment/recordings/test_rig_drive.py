@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,19 +19,7 @@ from experiment.synthesis.driving import drive
 from experiment.synthesis.methods import InverseDct, Renderer
 from experiment.synthesis.spectra import Bins, Grid, inverse_on
 from experiment.synthesis.stimulus import BinsAtSpeed, Synthesised
-from tests.experiment.recordings.test_response import GOOD
-
-Write = Callable[[str], Path]
-
-
-@pytest.fixture
-def written(tmp_path: Path) -> Write:
-    def write_text(text: str) -> Path:
-        path = tmp_path / "response.csv"
-        path.write_text(text, "utf-8")
-        return path
-
-    return write_text
+from tests.experiment.recordings.tables import GOOD, Write
 
 
 def actuator(path: Path, digest: str | None = None) -> ActuatorRig:

@@ -7,13 +7,13 @@ from math import inf
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from experiment.synthesis import driven_basis
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.driven_basis import FASTEST, MISSED, WASTE, DrivenBasis
+from experiment.synthesis.driven_basis import FASTEST, MISSED, DrivenBasis
 from experiment.synthesis.driving import drive
 from experiment.synthesis.rig_response import Response
 from experiment.synthesis.shaping import Shaped
@@ -149,6 +149,17 @@ def peak_m_s2(did: Shaped) -> float:
     limit_v=st.floats(0.5, 50.0),
     parts=st.lists(st.floats(0, 1), min_size=5, max_size=15),
 )
+@example(
+    # Two bins change places: the line is further above the curve beside the middle than in it.
+    seed=3030,
+    response=Response(
+        np.array([1.0, 22.0, 23.0]), np.array([183.0, 184.0]), np.array([[1.0, 2.0], [268.0, 269.0], [1.0, 2.0]])
+    ),
+    gain_limit=NO_LIMIT,
+    limit_m_s2=2.0,
+    limit_v=1.0,
+    parts=[0.5],
+)
 def test_what_is_held_keeps_the_limits_and_is_taken_down_hardly_more_than_need_be(
     seed: int, response: Response, gain_limit: float, limit_m_s2: float, limit_v: float, parts: list[float]
 ) -> None:
@@ -164,7 +175,7 @@ def test_what_is_held_keeps_the_limits_and_is_taken_down_hardly_more_than_need_b
         assert np.abs(held).max() <= limit_v * (1 + 1e-12)
         assert peak_m_s2(did) <= limit_m_s2 * (1 + 1e-12)
         # A bound on the peak that is too high by up to 1.3 % has `drive` take down more, or less, than the middle did.
-        assert scale >= 0.985 * (1 - WASTE) * driven.at(speed_mm_s)[1].scale
+        assert scale >= 0.985 * 0.99 * driven.at(speed_mm_s)[1].scale
 
 
 def test_a_bin_that_the_gain_holds_back_moves_no_further_than_the_limit_at_any_speed() -> None:
