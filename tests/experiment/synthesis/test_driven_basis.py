@@ -60,7 +60,9 @@ class Driven:
         return drive(bins, rate_hz=self.rate_hz, response=response, gain_limit_v_per_m_s2=gain_limit, **limits)
 
 
-def material(seed: int, *, bins: int = 24, level_m_s2: float = 3.0, speeds: tuple[float, ...] = (100.0, 200.0, 350.0)):
+def material(
+    seed: int, *, bins: int = 24, level_m_s2: float = 3.0, speeds: tuple[float, ...] = (100.0, 200.0, 350.0)
+) -> CrinkleSpectra:
     """Bins 20.8 Hz apart, from 0 to 479 Hz, of which a fifth is silent at one speed."""
     rng = np.random.default_rng(seed)
     amplitudes = level_m_s2 * rng.random((len(speeds), bins)) * (rng.random((len(speeds), bins)) < 0.8)
