@@ -22,7 +22,7 @@ import numpy as np
 from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
-from experiment.apparatus import priority
+from experiment.apparatus import cores, priority
 from experiment.apparatus.audio import devices
 from experiment.errors import AudioError
 
@@ -85,7 +85,7 @@ class SoundCard:
             else ["--no-realtime"]
         )
         try:
-            with devices.looking_anew():
+            with devices.looking_anew(), cores.elsewhere():
                 self._wiring = self._started([*command, *pace, "-n"], ["-d", "dummy", *arguments])
         except AudioError:
             self._tidy()
@@ -112,10 +112,11 @@ class SoundCard:
 
     def tap(self, output: int, *, seconds: float) -> Tap:
         """Listen to an output of the session's stream from now on; channels from 1."""
-        client = self._client("panel", wait=False)
-        if client is None:
-            raise AudioError("simulated sound card: its server has ended; start again")
-        return Tap(client, self._port("out", output), seconds)
+        with cores.elsewhere():
+            client = self._client("panel", wait=False)
+            if client is None:
+                raise AudioError("simulated sound card: its server has ended; start again")
+            return Tap(client, self._port("out", output), seconds)
 
     @contextmanager
     def held(self) -> Iterator[None]:

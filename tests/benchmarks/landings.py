@@ -1,8 +1,10 @@
-"""Onset at contact through the real parts: run `python -m tests.benchmarks.landings [STEPS [SESSIONS [SEED]]]`.
+"""Onset at contact through the real parts: run `python -m tests.benchmarks.landings [STEPS [SESSIONS [SEED [BUSY]]]]`.
 
 Feet step in real time behind a serial line; stimuli sound on a JACK server of the rehearsal's, and the loopback hears
 them. Of each step: how far the predicted contact, and the onset that was heard, are from where the simulated foot
-truly met the panel, both on the session's clock. So clock mapping, prediction and sound all stand in the figure.
+truly met the panel, both on the session's clock. So clock mapping, prediction and sound all stand in the figure. And
+how long after the arrival of the gate's frame the stimulus was scheduled, as trial records have it. BUSY processes do
+nothing but compute meanwhile.
 
 Once of all steps, and once of those that the session counts as delivered: a machine that stands still for a moment
 spoils a step, which is then known and done again. 2,000 steps take somewhat over half an hour; SESSIONS side by side,
@@ -27,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment import dataset, scene
-from experiment.apparatus import opening, priority
+from experiment.apparatus import cores, opening, priority
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.landing import LandingPredictor
@@ -42,6 +44,7 @@ from experiment.rehearsal.sound import SimulatedSound
 from experiment.session.feed import Feed
 from experiment.session.sounding import Sounder
 from experiment.session.step import Watch, WatchedStep, watch
+from tests.benchmarks.scheduling import loaded, spread
 
 STEPS, SESSIONS = 2000, 1
 REST_MM = 30.0
@@ -64,6 +67,7 @@ class Landed:
         predicted_ms: predicted less true contact.
         heard_ms: onset heard by the loopback less true contact; NaN where it was not delivered.
         requested_ms: onset heard less onset asked for; NaN likewise.
+        gate_to_scheduled_ms: of each stimulus that was scheduled at the gate.
         delivered: whether the session counts it so.
         reasons: why stimuli were not delivered or steps broke, and how often.
         priority: of the session.
@@ -73,6 +77,7 @@ class Landed:
     predicted_ms: list[float] = field(default_factory=list)
     heard_ms: list[float] = field(default_factory=list)
     requested_ms: list[float] = field(default_factory=list)
+    gate_to_scheduled_ms: list[float] = field(default_factory=list)
     delivered: list[bool] = field(default_factory=list)
     reasons: Counter[str] = field(default_factory=Counter)
     priority: str = ""
@@ -91,10 +96,11 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         planned, rate_hz = scene.plan(protocol=protocol, task_id="virtual"), rig.actuator.rate_hz
         recordings = folder / dataset.RECORDINGS
         render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
-        line = opened.enter_context(SerialLine())
-        powered_ns = clock.now_ns()
-        foot = Foot(line, rig.tracker, real_time=True, rest_mm=REST_MM, noise_mm=NOISE_MM)
-        opened.callback(foot.close)
+        with cores.elsewhere():
+            line = opened.enter_context(SerialLine())
+            powered_ns = clock.now_ns()
+            foot = Foot(line, rig.tracker, real_time=True, rest_mm=REST_MM, noise_mm=NOISE_MM)
+            opened.callback(foot.close)
         tracker = opening.open_tracker(rig, clock=clock, port=line.url)
         opened.callback(tracker.close)
         sound = opened.enter_context(SimulatedSound(rig, protocol, clock))
@@ -135,6 +141,8 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
             landed.heard_ms.append((heard_ns - true_ns) / 1e6)
             landed.requested_ms.append((heard_ns - delivered.requested_ns) / 1e6)
             landed.delivered.append(delivered.delivered)
+            if onset.gate_to_scheduled_ms is not None:
+                landed.gate_to_scheduled_ms.append(onset.gate_to_scheduled_ms)
     return landed
 
 
@@ -152,6 +160,7 @@ def main() -> None:
     steps = int(sys.argv[1]) if len(sys.argv) > 1 else STEPS
     sessions = int(sys.argv[2]) if len(sys.argv) > 2 else SESSIONS
     seed = int(sys.argv[3]) if len(sys.argv) > 3 else 0
+    busy = int(sys.argv[4]) if len(sys.argv) > 4 else 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "rehearsal"
         study.rehearse(
@@ -161,7 +170,7 @@ def main() -> None:
             participants=1,
             seed=3,
         )
-        with ProcessPoolExecutor(sessions, mp_context=multiprocessing.get_context("spawn")) as pool:
+        with loaded(busy), ProcessPoolExecutor(sessions, mp_context=multiprocessing.get_context("spawn")) as pool:
             shares = [steps // sessions + (number < steps % sessions) for number in range(sessions)]
             found = list(pool.map(session, [folder] * sessions, shares, range(sessions), [seed] * sessions))
     speeds = [speed for landed in found for speed in landed.speeds_mm_s]
@@ -178,6 +187,7 @@ def main() -> None:
             ("onset heard, less asked for", [one for landed in found for one in landed.requested_ms]),
         ):
             shown(name, errors_ms, speeds, some)
+    spread("gate to scheduled", [one for landed in found for one in landed.gate_to_scheduled_ms])
     for reason, count in sum((landed.reasons for landed in found), Counter()).most_common():
         print(f"  {count} x {reason}")
 

@@ -21,10 +21,12 @@ def test_the_callback_never_waits_for_ordinary_work_where_the_session_does_not(
 ) -> None:
     """Where the server was started in ordinary time, so are its clients' threads, and ours joins by itself."""
     ranks: list[tuple[int, int]] = []
+    stands: list[set[int]] = []
     fill = Mixer.fill
 
     def noted(self: Mixer, outputs: Block, inputs: Block) -> None:
         ranks.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
+        stands.append(os.sched_getaffinity(0))
         fill(self, outputs, inputs)
 
     monkeypatch.setattr(Mixer, "fill", noted)
@@ -36,8 +38,10 @@ def test_the_callback_never_waits_for_ordinary_work_where_the_session_does_not(
             opened.enter_context(sound.sound_card())
         stream = opened.enter_context(sound.stream())
         stream.wait(8 * sound.BLOCK)
-        session = os.sched_getparam(0).sched_priority
+        session, core = os.sched_getparam(0).sched_priority, os.sched_getaffinity(0)
     if got == "real time":
         assert all(policy in (os.SCHED_RR, os.SCHED_FIFO) and rank > session for policy, rank in ranks)
     else:
         assert {policy for policy, _ in ranks} == {os.SCHED_OTHER}
+    if len(core) == 1:
+        assert all(core.isdisjoint(where) for where in stands)

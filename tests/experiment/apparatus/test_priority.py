@@ -5,11 +5,13 @@ from __future__ import annotations
 import gc
 import os
 import sys
+import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from experiment.apparatus import priority
 
@@ -86,6 +88,20 @@ def test_it_is_given_back_when_a_session_fails() -> None:
     assert gc.get_freeze_count() == frozen == 0
 
 
+def test_linear_algebra_stays_in_the_thread_that_asks() -> None:
+    def threads() -> list[int]:
+        return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
+
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        with priority.raised():
+            within = threads()
+        after = threads()
+    assert before
+    assert set(within) == {1}
+    assert after == before
+
+
 def test_nothing_is_collected_while_undisturbed() -> None:
     seen: list[str] = []
 
@@ -120,6 +136,30 @@ Rank = tuple[int, int]
 
 RESET = os.SCHED_RESET_ON_FORK if sys.platform == "linux" else 0
 JUST_ABOVE = (os.SCHED_RR, priority.REAL_TIME + 1) if sys.platform == "linux" else (0, 0)
+
+
+def test_in_real_time_alone_the_session_keeps_to_a_core_and_what_joins_leaves_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    before = os.sched_getaffinity(0)
+    joined: list[set[int]] = []
+
+    def called(join: Callable[[], None]) -> None:
+        join()
+        joined.append(os.sched_getaffinity(0))
+
+    with priority.raised() as got:
+        within = os.sched_getaffinity(0)
+        thread = threading.Thread(target=called, args=(priority.joining(),))
+        thread.start()
+        thread.join()
+    assert os.sched_getaffinity(0) == before
+    if got == "real time" and len(before) > 1:
+        assert len(within) == 1
+        assert joined == [before - within]
+    else:
+        assert [within] == joined == [before]
 
 
 def in_a_thread(join: Callable[[], None], before: Rank | None = None) -> Rank:
