@@ -1,31 +1,35 @@
-"""How often the tracker's line is read: as a moving foot needs it, and less often while the foot rests.
+"""How often the tracker's line is read: as a falling foot needs it, and less often while the foot rests or rises.
 
 Waking up costs more than the frames that a read finds. After a read that found no backlog the thread pauses, 1.6 ms at
 1 kHz and 6 ms from 5 kHz on, and a sample is older by no more than that when it is read. Predictions bear it: at 5 kHz
 with 0.1 mm of noise their SD is 0.39 ms at a lead of 8 ms, against 0.30 ms where every sample is read at once.
 
-Most of a session the foot rests, above the panel or on it, and nothing waits for its samples: then the pause is 12 ms.
-The newest height of each read tells. The foot moves where it lies `MOVED_MM` or more from a reference, which it then
-replaces; a reference older than `REFERENCE_US` of device time is replaced too, and if the foot had not moved, it rests.
-Until the first reading it counts as moving. What follows:
+Most of a session the foot rests, above the panel or on it, or is lifted, and nothing waits for its samples: then the
+pause is 12 ms. The newest height of each read tells. A foot that lies `MOVED_MM` or more from a reference replaces it:
+below it falls, above it rises. A reference older than `REFERENCE_US` of device time is replaced too, and if the foot
+had not moved, it rests. Until the first reading it counts as falling. What follows:
 
-- A foot that keeps above 20 mm/s, the least scale of the prediction, is read as if there were no rest, however its
-  stream is cut into reads. A slower one may count as resting: in 12 ms it moves less than 0.24 mm.
+- A foot that falls faster than 20 mm/s, the least scale of the prediction, is read as if there were no rest, however
+  its stream is cut into reads. A slower one may count as resting: in 12 ms it moves less than 0.24 mm.
+- One that turns back above the panel counts as rising once it is a millimetre or more above its lowest reading. By then
+  the prediction knows, and its stimulus has been withdrawn.
+- One that turns to fall is seen at most one pause after it has fallen 3 mm below its highest reading.
 - A foot that falls from rest is seen at most one pause after it has fallen 2.5 mm: its reference may be half of one
   below it, and be replaced within the first 1.5. One that reaches 400 mm/s at the gate's top, 30 mm below, has fallen
   2.5 mm after 43 ms: it is seen after 55 ms, 4.1 mm down, and reaches the gate after 150 ms.
 - Above the highest calibrated point a foot seems to rest, however it moves. That point lies 5 mm or more above the
   gate: a foot of 400 mm/s that comes from there is seen 1.8 mm into the gate at the latest, and a gate is not given
   until 1 mm below its bottom.
-- A foot of 100 mm/s that stops on its way down counts as moving for 40 ms more, for its reference is 10 ms old at most.
-  If its stop is not plain by then, it is noticed 12 ms later at most.
+- A foot of 100 mm/s that stops on its way down counts as falling for 30 ms more: its reference is 10 ms old at most,
+  and the read that finds it a millimetre lower comes up to 6 ms later. If its stop is not plain by then, it is
+  noticed 12 ms later at most.
 - Samples of a resting foot wait for up to 12 ms, and for the system's own delay, until they are read: the first after
   arming, and the last of the 100 ms that are recorded after a contact, may come so much later.
 - The clock map gets eight reads in each of its shortest stretches, of which it keeps the one with the least delay.
 - A line has to hold what comes in a pause: 720 bytes at 5 kHz, where systems hold 4096 or more.
 - Silence is noticed as before: the reader waits as long, and the last frames before it are read within `SILENCE_PART`
   of it, which with the part that is spent waiting (serial_tracker.py) makes less than the whole; or, where that is
-  longer, within a moving foot's pause: at 5 kHz and 50 ms of silence allowed, 51 ms after the last frame.
+  longer, within a falling foot's pause: at 5 kHz and 50 ms of silence allowed, 51 ms after the last frame.
 """
 
 from __future__ import annotations
@@ -36,16 +40,16 @@ from experiment.apparatus.frames import FRAME_BYTES
 
 PAUSE_S = 0.5e-3
 PAUSE_PER_HZ_S = 1.1e-6
-"""Pause after a read of a moving foot, s, and how much longer it is for each Hz of the device's rate."""
+"""Pause after a read of a falling foot, s, and how much longer it is for each Hz of the device's rate."""
 
 LONGEST_PAUSE_S = 6e-3
 """It is never longer, s."""
 
-RESTING_PAUSE_S = 12e-3
-"""Pause after a read of a resting foot, s: half as many reads as with 6 ms, and the fastest foot is seen in time."""
+CALM_PAUSE_S = 12e-3
+"""Pause after any other read, s: half as many reads as with 6 ms, and the fastest foot is seen in time."""
 
 SILENCE_PART = 0.06
-"""That pause is at most this part of the silence allowed, but never shorter than a moving foot's."""
+"""That pause is at most this part of the silence allowed, but never shorter than a falling foot's."""
 
 MOVED_MM = 1.0
 """A height so far from the reference is a movement, mm: seven standard deviations of the difference between two
@@ -69,10 +73,10 @@ class Pause(NamedTuple):
 
 
 class Pauses(NamedTuple):
-    """The pauses for one device: after a read of a moving foot, and of a resting one."""
+    """The pauses for one device: after a read of a falling foot, and of one that rests or rises."""
 
-    moving: Pause
-    resting: Pause
+    falling: Pause
+    calm: Pause
 
 
 def pauses(*, rate_hz: int, stall_ms: int) -> Pauses:
@@ -82,9 +86,9 @@ def pauses(*, rate_hz: int, stall_ms: int) -> Pauses:
         rate_hz: frames a second.
         stall_ms: the silence allowed, ms.
     """
-    moving_s = min(PAUSE_S + rate_hz * PAUSE_PER_HZ_S, LONGEST_PAUSE_S)
-    resting_s = max(moving_s, min(RESTING_PAUSE_S, SILENCE_PART * stall_ms * 1e-3))
-    return Pauses(_pause(moving_s, rate_hz), _pause(resting_s, rate_hz))
+    falling_s = min(PAUSE_S + rate_hz * PAUSE_PER_HZ_S, LONGEST_PAUSE_S)
+    calm_s = max(falling_s, min(CALM_PAUSE_S, SILENCE_PART * stall_ms * 1e-3))
+    return Pauses(_pause(falling_s, rate_hz), _pause(calm_s, rate_hz))
 
 
 class Pace(NamedTuple):
@@ -93,22 +97,22 @@ class Pace(NamedTuple):
     Attributes:
         device_us: when the reference was read, device time, microseconds.
         height_mm: height of the reference, mm.
-        rests: whether the foot rests.
+        falls: whether the foot falls.
     """
 
     device_us: int
     height_mm: float
-    rests: bool
+    falls: bool
 
 
 def init(device_us: int, height_mm: float) -> Pace:
-    """After the first read: the foot counts as moving.
+    """After the first read: the foot counts as falling.
 
     Args:
         device_us: device time of its newest sample, microseconds.
         height_mm: height of that sample, mm.
     """
-    return Pace(device_us, height_mm, rests=False)
+    return Pace(device_us, height_mm, falls=True)
 
 
 def step(pace: Pace, device_us: int, height_mm: float) -> Pace:
@@ -120,9 +124,9 @@ def step(pace: Pace, device_us: int, height_mm: float) -> Pace:
         height_mm: height of that sample, mm.
     """
     if abs(height_mm - pace.height_mm) >= MOVED_MM:
-        return Pace(device_us, height_mm, rests=False)
+        return Pace(device_us, height_mm, falls=height_mm < pace.height_mm)
     if device_us - pace.device_us > REFERENCE_US:
-        return Pace(device_us, height_mm, rests=True)
+        return Pace(device_us, height_mm, falls=False)
     return pace
 
 

@@ -5,7 +5,7 @@ the system's small buffer loses a frame. Time comes from the device's counter; a
 that is (clock_map.py).
 
 Reading less often costs less: after a read that found no backlog the thread pauses, longer while the foot rests
-(pace.py).
+or rises (pace.py).
 
 What a read costs is the process waking up, and code that meets cold caches: so it makes few calls, and reader and
 thread share a queue and no condition. One thread at a time may read.
@@ -204,11 +204,11 @@ class SerialTracker:
             return None
 
     def _run(self) -> None:
-        pause = self._pauses.moving
+        pause = self._pauses.falling
         try:
             while not self._closing:
                 if self._queued_bytes - self._given_bytes + len(self._raw) >= self._most_bytes:
-                    _MACHINE.sleep_ns(self._pauses.resting.ns)
+                    _MACHINE.sleep_ns(self._pauses.calm.ns)
                     continue
                 # After a pause something has nearly always come.
                 taken = self._take()
@@ -217,8 +217,8 @@ class SerialTracker:
                 if not taken:
                     self._port.wait(self._slice_s)
                 elif taken <= pause.calm_bytes:
-                    rests = self._pace is not None and self._pace.rests
-                    pause = self._pauses.resting if rests else self._pauses.moving
+                    falls = self._pace is None or self._pace.falls
+                    pause = self._pauses.falling if falls else self._pauses.calm
                     _MACHINE.sleep_ns(pause.ns)
         except VANISHED as error:
             self._fail(self._gone(error), error)

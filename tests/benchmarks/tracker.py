@@ -4,10 +4,10 @@ Another process sends frames through a pseudo-terminal at a steady rate, each wi
 device clock, so that a sample's age when `read` returns is known. Its foot rests; or steps as in a rehearsal, a step
 every `EVERY_S` and rest between; or goes up and down at `SPEED_MM_S` without a stop. Its sensor has noise.
 
-For 1 and 5 kHz and each foot: the part of a core, which is the processor time of this
-whole process while it reads, reader and thread; reads a second, and what one costs; how old the newest and the oldest
-sample of a read are; the error of the clock map at the end; frames lost. A resting foot is read less often (pace.py),
-so that it costs less and its oldest samples are older.
+For 1 and 5 kHz and each foot: the part of a core, which is the processor time of this whole process while it reads,
+reader and thread, as a session does, at its priority and on its core; reads a second, and what one costs; how old the
+newest and the oldest sample of a read are; the error of the clock map at the end; frames lost. A foot that rests or
+rises is read less often (pace.py), so that it costs less and its oldest samples are older.
 
 Beside each stands what a bare loop took just before, which sleeps 4 ms and does nothing else: it says how slow the
 machine was then, for other work and the processor's own pace change every figure here.
@@ -30,6 +30,7 @@ from pathlib import Path
 
 import numpy as np
 
+from experiment.apparatus import cores, priority
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.frames import encode
 from experiment.apparatus.rig import TrackerRig
@@ -123,13 +124,19 @@ def signed_us(us: float) -> float:
 
 
 def read(rate_hz: int, foot: str) -> Run:
-    """Read for `SECONDS`."""
+    """Read for `SECONDS`, at the priority of a session and on its core."""
+    with priority.raised():
+        return read_raised(rate_hz, foot)
+
+
+def read_raised(rate_hz: int, foot: str) -> Run:
     bare_us = bare()
     device, port = pty.openpty()
     tty.setraw(port)
     tracker = SerialTracker(os.ttyname(port), settings(rate_hz), clock=Bare())
     code = f"from tests.benchmarks.tracker import send; send({device}, {rate_hz}, {foot!r})"
-    sender = subprocess.Popen([sys.executable, "-c", code], pass_fds=[device])
+    with cores.elsewhere():
+        sender = subprocess.Popen([sys.executable, "-c", code], pass_fds=[device])
     while tracker.clock_map is None:
         time.sleep(0.01)
     tracker.drain()

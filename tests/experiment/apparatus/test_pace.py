@@ -1,4 +1,4 @@
-"""How often a foot is read: moving or resting, whatever the cut of its stream into reads."""
+"""How often a foot is read: falling or not, whatever the cut of its stream into reads."""
 
 from __future__ import annotations
 
@@ -12,9 +12,15 @@ from hypothesis import strategies as st
 
 from experiment.apparatus import pace as paces
 from experiment.apparatus.frames import FRAME_BYTES
+from experiment.apparatus.gate import Gate
+from experiment.apparatus.landing import LandingPredictor
 from experiment.apparatus.pace import MOVED_MM, REFERENCE_US, Pace
+from experiment.protocol.models import Step
+from experiment.rehearsal import movement
 
 START_US = 7_000_000
+STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
+NOISE_MM = 0.1
 LONG_US = REFERENCE_US // 2
 """Reads come at most so far apart: twice the longest pause."""
 
@@ -35,16 +41,38 @@ def times_us(steps_us: list[int]) -> list[int]:
     return [START_US, *(START_US + np.cumsum(steps_us)).tolist()]
 
 
-def test_before_the_second_read_a_foot_counts_as_moving() -> None:
-    assert not paces.init(START_US, 0.0).rests
+def test_before_the_second_read_a_foot_counts_as_falling() -> None:
+    assert paces.init(START_US, 0.0).falls
 
 
-@given(cuts, st.floats(20.001, 1000), st.floats(-100, 100), st.sampled_from([1, -1]))
-def test_a_foot_above_20_mm_s_never_rests_however_its_stream_is_cut(
-    steps_us: list[int], speed_mm_s: float, from_mm: float, way: int
+@given(cuts, st.floats(20.001, 1000), st.floats(-100, 100))
+def test_a_foot_that_falls_faster_than_20_mm_s_is_seen_to_however_its_stream_is_cut(
+    steps_us: list[int], speed_mm_s: float, from_mm: float
 ) -> None:
     at_us = times_us(steps_us)
-    assert not any(s.rests for s in states([(us, from_mm + way * (us - START_US) * speed_mm_s / 1e6) for us in at_us]))
+    assert all(s.falls for s in states([(us, from_mm - (us - START_US) * speed_mm_s / 1e6) for us in at_us]))
+
+
+@given(cuts, st.floats(1, 1000), st.floats(-100, 100))
+def test_a_foot_that_rises_does_not_fall_from_its_first_millimetre_or_reference_on(
+    steps_us: list[int], speed_mm_s: float, from_mm: float
+) -> None:
+    at_us = times_us(steps_us)
+    reads = [(us, from_mm + (us - START_US) * speed_mm_s / 1e6) for us in at_us]
+    risen = [mm - from_mm >= MOVED_MM or us - START_US > REFERENCE_US for us, mm in reads]
+    assert [not state.falls for state in states(reads)] == risen
+
+
+@given(cuts, st.floats(0, 0.1), st.floats(1000, 10_000))
+def test_a_foot_that_turns_to_fall_does_so_once_it_is_3_mm_below_its_highest_reading(
+    steps_us: list[int], rises_s: float, a_mm_s2: float
+) -> None:
+    reads = [(us, -a_mm_s2 / 2 * ((us - START_US) / 1e6 - rises_s) ** 2) for us in times_us(steps_us)]
+    highest_mm = -np.inf
+    for state, (_, height_mm) in zip(states(reads), reads, strict=True):
+        highest_mm = max(highest_mm, height_mm)
+        if height_mm <= highest_mm - 3.0:
+            assert state.falls
 
 
 @given(cuts, st.floats(-100, 100), st.data())
@@ -54,31 +82,32 @@ def test_a_foot_that_keeps_within_a_millimetre_rests_from_its_second_reference_o
     at_us = times_us(steps_us)
     noise_mm = data.draw(st.lists(st.floats(-0.499, 0.499), min_size=len(at_us), max_size=len(at_us)))
     reads = [(us, about_mm + mm) for us, mm in zip(at_us, noise_mm, strict=True)]
-    rests = [state.rests for state in states(reads)]
+    rests = [not state.falls for state in states(reads)]
     assert rests == [us - START_US > REFERENCE_US for us in at_us]
 
 
 @given(cuts, st.floats(-0.499, 0.499), st.floats(1000, 10_000))
-def test_a_foot_that_falls_from_rest_moves_once_it_has_fallen_two_and_a_half_millimetres(
+def test_a_foot_that_falls_from_rest_does_so_once_it_has_fallen_two_and_a_half_millimetres(
     steps_us: list[int], reference_mm: float, a_mm_s2: float
 ) -> None:
-    state = Pace(START_US - REFERENCE_US, reference_mm, rests=True)
+    state = Pace(START_US - REFERENCE_US, reference_mm, falls=False)
     for us in times_us(steps_us):
         fallen_mm = a_mm_s2 / 2 * ((us - START_US) / 1e6) ** 2
         state = paces.step(state, us, -fallen_mm)
         if fallen_mm >= 2.5:
-            assert not state.rests
+            assert state.falls
 
 
 @given(heights)
-def test_it_moves_where_the_height_is_far_from_the_reference(moves: list[tuple[int, float]]) -> None:
+def test_it_falls_or_rises_where_the_height_is_far_from_the_reference(moves: list[tuple[int, float]]) -> None:
     reads = list(zip(np.cumsum([step_us for step_us, _ in moves]).tolist(), [mm for _, mm in moves], strict=True))
     for (before, after), (device_us, height_mm) in zip(pairwise(states(reads)), reads[1:], strict=True):
         if abs(height_mm - before.height_mm) >= MOVED_MM:
-            assert after == Pace(device_us, height_mm, rests=False)
+            assert after == Pace(device_us, height_mm, falls=height_mm < before.height_mm)
+        else:
+            assert after.falls == (before.falls and device_us - before.device_us <= REFERENCE_US)
         assert 0 <= device_us - after.device_us <= REFERENCE_US
         assert abs(height_mm - after.height_mm) < MOVED_MM
-        assert after.rests <= (before.rests or device_us - before.device_us > REFERENCE_US)
 
 
 @given(heights, st.data())
@@ -92,19 +121,19 @@ def test_reads_near_a_young_reference_change_nothing(moves: list[tuple[int, floa
 
 @given(st.integers(1000, 5000), st.integers(50, 200))
 def test_no_pause_is_above_its_bound(rate_hz: int, stall_ms: int) -> None:
-    moving, resting = paces.pauses(rate_hz=rate_hz, stall_ms=stall_ms)
-    assert 1.6e6 <= moving.ns <= 6e6
-    assert moving.ns <= resting.ns <= 12e6
-    assert resting.ns == moving.ns or resting.ns <= 0.06e6 * stall_ms + 1
+    falling, calm = paces.pauses(rate_hz=rate_hz, stall_ms=stall_ms)
+    assert 1.6e6 <= falling.ns <= 6e6
+    assert falling.ns <= calm.ns <= 12e6
+    assert calm.ns == falling.ns or calm.ns <= 0.06e6 * stall_ms + 1
 
 
 @pytest.mark.parametrize(
-    ("rate_hz", "stall_ms", "moving_ms", "resting_ms"),
+    ("rate_hz", "stall_ms", "falling_ms", "calm_ms"),
     [(1000, 200, 1.6, 12.0), (5000, 200, 6.0, 12.0), (1000, 50, 1.6, 3.0), (5000, 50, 6.0, 6.0), (5000, 150, 6.0, 9.0)],
 )
-def test_the_pauses_of_a_rig(rate_hz: int, stall_ms: int, moving_ms: float, resting_ms: float) -> None:
+def test_the_pauses_of_a_rig(rate_hz: int, stall_ms: int, falling_ms: float, calm_ms: float) -> None:
     pauses = paces.pauses(rate_hz=rate_hz, stall_ms=stall_ms)
-    assert (pauses.moving.ns / 1e6, pauses.resting.ns / 1e6) == pytest.approx((moving_ms, resting_ms), abs=1e-5)
+    assert (pauses.falling.ns / 1e6, pauses.calm.ns / 1e6) == pytest.approx((falling_ms, calm_ms), abs=1e-5)
 
 
 @given(st.integers(1000, 5000), st.integers(50, 200))
@@ -112,3 +141,29 @@ def test_what_a_pause_brings_is_no_backlog_and_three_times_that_is(rate_hz: int,
     for pause in paces.pauses(rate_hz=rate_hz, stall_ms=stall_ms):
         brought = pause.ns * 1e-9 * rate_hz
         assert brought + 1 < pause.calm_bytes / FRAME_BYTES < 3 * brought + 3
+
+
+@pytest.mark.parametrize("rate_hz", [1000, 5000])
+@pytest.mark.parametrize("seed", range(20))
+def test_a_foot_that_turned_back_is_read_often_until_the_prediction_knows(rate_hz: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    foot = movement.trajectory(rng, float(rng.uniform(50, 400)), hesitation="turn")
+    us = np.arange(int(foot.gate_top_us) - 100_000, int(foot.duration_us), 1_000_000 // rate_hz)
+    mm = foot.at(us) + rng.normal(0, NOISE_MM, us.size)
+    predictor, gate = (
+        LandingPredictor(STEP, noise_mm=NOISE_MM),
+        Gate(foot.gate_top_us, foot.gate_bottom_us, foot.speed_mm_s, 0),
+    )
+    falling, pace = predictor.init(), None
+    pause_us = paces.pauses(rate_hz=rate_hz, stall_ms=200).falling.ns / 1e3
+    read_us = 0.0
+    for at_us, height_mm in zip(us.tolist(), mm.tolist(), strict=True):
+        falling = predictor.step(falling, at_us, height_mm)
+        if at_us < read_us:
+            continue
+        read_us = at_us + pause_us
+        pace = paces.init(at_us, height_mm) if pace is None else paces.step(pace, at_us, height_mm)
+        if height_mm < STEP.gate_bottom_mm and predictor.hesitates(falling, gate):
+            return
+        assert pace.falls or height_mm > STEP.gate_bottom_mm
+    raise AssertionError("it never turned back")
