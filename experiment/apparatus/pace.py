@@ -6,25 +6,27 @@ with 0.1 mm of noise their SD is 0.39 ms at a lead of 8 ms, against 0.30 ms wher
 
 Most of a session the foot rests, above the panel or on it, or is lifted, and nothing waits for its samples: then the
 pause is 12 ms. The newest height of each read tells. A foot that lies `MOVED_MM` or more from a reference replaces it:
-below it falls, above it rises. A reference older than `REFERENCE_US` of device time is replaced too, and if the foot
-had not moved, it rests. Until the first reading it counts as falling. What follows:
+below it falls, above it rises; a falling one must lie `RISEN_MM` above it. A reference older than `REFERENCE_US` of
+device time is replaced too, and if the foot had not moved, it rests. Until the first reading it counts as falling. What
+follows:
 
-- A foot that falls faster than 20 mm/s, the least scale of the prediction, is read as if there were no rest, however
-  its stream is cut into reads. A slower one may count as resting: in 12 ms it moves less than 0.24 mm.
-- One that turns back above the panel counts as rising once it is a millimetre or more above its lowest reading. By then
-  the prediction knows, and its stimulus has been withdrawn.
-- One that turns to fall is seen at most one pause after it has fallen 3 mm below its highest reading.
-- A foot that falls from rest is seen at most one pause after it has fallen 2.5 mm: its reference may be half of one
-  below it, and be replaced within the first 1.5. One that reaches 400 mm/s at the gate's top, 30 mm below, has fallen
-  2.5 mm after 43 ms: it is seen after 55 ms, 4.1 mm down, and reaches the gate after 150 ms.
+- A foot that falls faster than 20 mm/s, the least scale of the prediction, is read as if there were no rest once it is
+  seen to, however its stream is cut into reads. A slower one may count as resting: in 12 ms it moves less than 0.24 mm.
+- One that turns back above the panel counts as rising 3 mm or more above its lowest reading, and by then the prediction
+  knows.
+- One that turns to fall, and then falls faster than 20 mm/s, is seen at most one pause after it has fallen 3 mm below
+  its highest reading. That may be late for a passage that begins within the gate, never for one that begins above it.
+- A foot that falls from rest, faster than 20 mm/s, is seen at most one pause after it has fallen 2.5 mm: its reference
+  may be half of one below it, and be replaced within the first 1.5. One that reaches 400 mm/s at the gate's top, 30 mm
+  below, has fallen 2.5 mm after 43 ms: it is seen after 55 ms, 4.1 mm down, and reaches the gate after 150 ms.
 - Above the highest calibrated point a foot seems to rest, however it moves. That point lies 5 mm or more above the
   gate: a foot of 400 mm/s that comes from there is seen 1.8 mm into the gate at the latest, and a gate is not given
   until 1 mm below its bottom.
-- A foot of 100 mm/s that stops on its way down counts as falling for 30 ms more: its reference is 10 ms old at most,
-  and the read that finds it a millimetre lower comes up to 6 ms later. If its stop is not plain by then, it is
+- A foot of 100 mm/s that stops on its way down counts as falling for 34 ms more or longer: its reference is 10 ms old
+  at most, and the read that finds it a millimetre lower comes up to 6 ms later. If its stop is not plain by then, it is
   noticed 12 ms later at most.
-- Samples of a resting foot wait for up to 12 ms, and for the system's own delay, until they are read: the first after
-  arming, and the last of the 100 ms that are recorded after a contact, may come so much later.
+- Samples of a foot that rests or rises wait for up to 12 ms, and for the system's own delay, until they are read: the
+  first after arming, and the last of the 100 ms that are recorded after a contact, may come so much later.
 - The clock map gets eight reads in each of its shortest stretches, of which it keeps the one with the least delay.
 - A line has to hold what comes in a pause: 720 bytes at 5 kHz, where systems hold 4096 or more.
 - Silence is noticed as before: the reader waits as long, and the last frames before it are read within `SILENCE_PART`
@@ -54,6 +56,10 @@ SILENCE_PART = 0.06
 MOVED_MM = 1.0
 """A height so far from the reference is a movement, mm: seven standard deviations of the difference between two
 readings of a noisy sensor (0.1 mm)."""
+
+RISEN_MM = 3.0
+"""A foot that fell has to be so far above the reference to rise, mm: a noisier sensor does not make it rise, and one
+that turned back is read often until the prediction knows."""
 
 REFERENCE_US = 50_000
 """How long a reference lasts, device time, microseconds."""
@@ -123,8 +129,9 @@ def step(pace: Pace, device_us: int, height_mm: float) -> Pace:
         device_us: device time of its newest sample, microseconds; later than any before.
         height_mm: height of that sample, mm.
     """
-    if abs(height_mm - pace.height_mm) >= MOVED_MM:
-        return Pace(device_us, height_mm, falls=height_mm < pace.height_mm)
+    moved_mm = height_mm - pace.height_mm
+    if moved_mm <= -MOVED_MM or moved_mm >= (RISEN_MM if pace.falls else MOVED_MM):
+        return Pace(device_us, height_mm, falls=moved_mm < 0)
     if device_us - pace.device_us > REFERENCE_US:
         return Pace(device_us, height_mm, falls=False)
     return pace

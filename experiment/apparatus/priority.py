@@ -7,18 +7,18 @@ it is: a session works at any priority, and says which it has.
 
 Of the threads that a library starts some inherit that, and some are ordinary all the same. One that runs our code takes
 part (`joining`), one step above: the session would wait for an ordinary thread whenever that holds the interpreter, and
-a thread on the session's own step would wait for its turn behind it. In real time the session keeps to one core, and
-what joins leaves it (cores.py).
+a thread on the session's own step would wait for its turn behind it. In real time the session keeps to a core of its
+own where there is one (cores.py).
 
 A real-time thread that never rests must not lock the machine. The kernel leaves ordinary work a twentieth of each core
 (`sched_rt_runtime_us`); where that has been switched off, no real-time priority is taken.
 
-Linear algebra stays in the thread that asks for it: the library's own threads are ordinary, and a session that waits
-for them does so at full speed, for as long as other work keeps them from their turn. The product of two vectors of
-48,000 samples took up to 0.2 s.
+Linear algebra stays in the thread that asks for it: the threads of numpy's and scipy's libraries are ordinary, and a
+session that waits for them does so at full speed, for as long as other work keeps them from their turn. The product of
+two vectors of 48,000 samples took up to 0.2 s.
 
-From then on the process keeps the memory that arrays give back: otherwise each stimulus would have a page fault for
-every 4 kB of every array that it passes through.
+From the first session on the process keeps the memory that arrays give back: otherwise each stimulus would have a page
+fault for every 4 kB of every array that it passes through.
 """
 
 from __future__ import annotations
@@ -56,11 +56,14 @@ PERIOD = THROTTLE.with_name("sched_rt_period_us")
 def raised() -> Iterator[str]:
     """Raise the calling thread, and with it what it starts meanwhile; it is lowered again at the end.
 
-    What there is of objects is kept out of further collections meanwhile, so that each takes less time.
+    In real time it keeps to one core meanwhile, where that can be had. Linear algebra uses no further threads. What
+    there is of objects is kept out of further collections, so that each takes less time.
 
     Yields:
         The priority in force, in words; where more could be had, how.
     """
+    import scipy.linalg  # noqa: F401  # What is not loaded yet cannot be limited.
+
     gc.collect()
     gc.freeze()
     try:
@@ -83,13 +86,11 @@ def is_real_time() -> bool:
 def joining() -> Callable[[], None]:
     """What a thread that a library starts calls to run just above the one that asks here, if that runs in real time.
 
-    Where the system allows no step above, it runs beside it. A thread that stands higher already stays so. It leaves
-    the core of the session.
+    Where the system allows no step above, it runs beside it. A thread that stands higher already stays where it is.
     """
-    real_time, leave = is_real_time(), cores.leaving()
+    real_time = is_real_time()
 
     def join() -> None:
-        leave()
         for level in (REAL_TIME, REAL_TIME + 1):
             if real_time and _real_time_level() < level:
                 with suppress(PermissionError):
@@ -125,8 +126,8 @@ if sys.platform == "linux":
         policy, parameters, nice = os.sched_getscheduler(0), os.sched_getparam(0), os.getpriority(os.PRIO_PROCESS, 0)
         try:
             got = _raise(nice)
-            with cores.kept() if is_real_time() else nullcontext():
-                yield got
+            with cores.kept() if is_real_time() else nullcontext() as core:
+                yield got if core is None else f"{got}, on core {core} alone"
         finally:
             _lower(policy, parameters, nice)
 

@@ -8,7 +8,8 @@ Reading less often costs less: after a read that found no backlog the thread pau
 or rises (pace.py).
 
 What a read costs is the process waking up, and code that meets cold caches: so it makes few calls, and reader and
-thread share a queue and no condition. One thread at a time may read.
+thread share a queue and no condition. One thread at a time may read. In a session it runs just above the session's, so
+that no computation keeps it from the line.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from experiment.apparatus import clock_map as clock_maps
 from experiment.apparatus import pace as paces
+from experiment.apparatus import priority
 from experiment.apparatus.clock_map import ClockMap, ClockState
 from experiment.apparatus.frames import FRAME_BYTES, Decoder
 from experiment.apparatus.pace import Pace
@@ -29,6 +31,8 @@ from experiment.clock import Clock, MonotonicClock
 from experiment.errors import TrackerError, TrackerStopped
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from experiment.apparatus.rig import TrackerRig
 
 SLICES = 4
@@ -181,7 +185,7 @@ class SerialTracker:
         self._failure: Exception | None = None
         self._closing = False
         self._forget()
-        self._thread = threading.Thread(target=self._run, name="tracker", daemon=True)
+        self._thread = threading.Thread(target=self._run, args=(priority.joining(),), name="tracker", daemon=True)
         self._thread.start()
 
     def _forget(self) -> None:
@@ -203,7 +207,8 @@ class SerialTracker:
         except Empty:
             return None
 
-    def _run(self) -> None:
+    def _run(self, join: Callable[[], None]) -> None:
+        join()
         pause = self._pauses.falling
         try:
             while not self._closing:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment.apparatus import cores
 from experiment.apparatus.frames import encode
 from experiment.apparatus.rig import TrackerRig
 from experiment.clock import Clock, MonotonicClock
@@ -110,7 +111,8 @@ class Foot:
         self._full = False
         self._last: _Step | None = None
         self._thread = threading.Thread(target=self._run, args=(real_time,), name="foot", daemon=True)
-        self._thread.start()
+        with cores.elsewhere():
+            self._thread.start()
 
     def trajectory(
         self, rng: np.random.Generator, speed_mm_s: float, hesitation: Hesitation | None = None

@@ -12,6 +12,7 @@ import threading
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment.apparatus import cores
 from experiment.apparatus.rig_panel import ActuatorRig
 from experiment.rehearsal import response
 
@@ -36,7 +37,8 @@ class Panel:
         self._closing = False
         self._stimuli: queue.SimpleQueue[NDArray[np.float64]] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._listen, name="panel", daemon=True)
-        self._thread.start()
+        with cores.elsewhere():
+            self._thread.start()
 
     def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
         """The next stimulus that was delivered and not felt yet.

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from experiment import dataset, scene, study
-from experiment.apparatus import cores, opening, priority
+from experiment.apparatus import opening, priority
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Actuator
@@ -103,11 +103,10 @@ def _rehearse_task(
     )
     with ExitStack() as opened:
         got = opened.enter_context(priority.raised()) if job.real_time else ""
-        with cores.elsewhere():
-            line = opened.enter_context(SerialLine())
-            powered_ns = clock.now_ns()
-            foot = Foot(line, rig.tracker, real_time=job.real_time)
-            opened.callback(foot.close)
+        line = opened.enter_context(SerialLine())
+        powered_ns = clock.now_ns()
+        foot = Foot(line, rig.tracker, real_time=job.real_time)
+        opened.callback(foot.close)
         # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
         known = None if job.real_time else ClockMap(anchor_us=0, anchor_ns=powered_ns)
         contact_mm = protocol.step.contact_mm

@@ -85,7 +85,7 @@ class SoundCard:
             else ["--no-realtime"]
         )
         try:
-            with devices.looking_anew(), cores.elsewhere():
+            with cores.elsewhere(), devices.looking_anew():
                 self._wiring = self._started([*command, *pace, "-n"], ["-d", "dummy", *arguments])
         except AudioError:
             self._tidy()

@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment import dataset, scene
-from experiment.apparatus import cores, opening, priority
+from experiment.apparatus import opening, priority
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.landing import LandingPredictor
@@ -96,11 +96,10 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         planned, rate_hz = scene.plan(protocol=protocol, task_id="virtual"), rig.actuator.rate_hz
         recordings = folder / dataset.RECORDINGS
         render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
-        with cores.elsewhere():
-            line = opened.enter_context(SerialLine())
-            powered_ns = clock.now_ns()
-            foot = Foot(line, rig.tracker, real_time=True, rest_mm=REST_MM, noise_mm=NOISE_MM)
-            opened.callback(foot.close)
+        line = opened.enter_context(SerialLine())
+        powered_ns = clock.now_ns()
+        foot = Foot(line, rig.tracker, real_time=True, rest_mm=REST_MM, noise_mm=NOISE_MM)
+        opened.callback(foot.close)
         tracker = opening.open_tracker(rig, clock=clock, port=line.url)
         opened.callback(tracker.close)
         sound = opened.enter_context(SimulatedSound(rig, protocol, clock))
@@ -187,7 +186,9 @@ def main() -> None:
             ("onset heard, less asked for", [one for landed in found for one in landed.requested_ms]),
         ):
             shown(name, errors_ms, speeds, some)
-    spread("gate to scheduled", [one for landed in found for one in landed.gate_to_scheduled_ms])
+    gate_to_scheduled_ms = [one for landed in found for one in landed.gate_to_scheduled_ms]
+    if gate_to_scheduled_ms:
+        spread("gate to scheduled", gate_to_scheduled_ms)
     for reason, count in sum((landed.reasons for landed in found), Counter()).most_common():
         print(f"  {count} x {reason}")
 

@@ -84,6 +84,7 @@ class Replayed:
         """When the newest read arrived."""
         self._arrived: SimpleQueue[tuple[Samples, int]] = SimpleQueue()
         self._steps: SimpleQueue[Samples] = SimpleQueue()
+        self._join = priority.joining()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -107,6 +108,7 @@ class Replayed:
         pass
 
     def _run(self) -> None:
+        self._join()
         while True:
             whole, arrived = self._steps.get(), self._arrived
             while whole.device_us.size and self._steps.empty():
@@ -229,7 +231,10 @@ def handed_over_ms(messages: int, work_ms: float = 0.0) -> list[float]:
         turns = round(work_ms * 1e6 * CALIBRATING_TURNS / (time.perf_counter_ns() - begun_ns))
     sent: SimpleQueue[int] = SimpleQueue()
 
+    join = priority.joining()
+
     def send() -> None:
+        join()
         for _ in range(messages):
             time.sleep(READ_S)
             sent.put(time.perf_counter_ns())

@@ -22,7 +22,7 @@ def test_the_callback_never_waits_for_ordinary_work_where_the_session_does_not(
     """Where the server was started in ordinary time, so are its clients' threads, and ours joins by itself."""
     ranks: list[tuple[int, int]] = []
     stands: list[set[int]] = []
-    fill = Mixer.fill
+    fill, before = Mixer.fill, os.sched_getaffinity(0)
 
     def noted(self: Mixer, outputs: Block, inputs: Block) -> None:
         ranks.append((os.sched_getscheduler(0), os.sched_getparam(0).sched_priority))
@@ -39,9 +39,9 @@ def test_the_callback_never_waits_for_ordinary_work_where_the_session_does_not(
         stream = opened.enter_context(sound.stream())
         stream.wait(8 * sound.BLOCK)
         session, core = os.sched_getparam(0).sched_priority, os.sched_getaffinity(0)
-    if got == "real time":
+    if got.startswith("real time"):
         assert all(policy in (os.SCHED_RR, os.SCHED_FIFO) and rank > session for policy, rank in ranks)
     else:
         assert {policy for policy, _ in ranks} == {os.SCHED_OTHER}
-    if len(core) == 1:
+    if core != before:
         assert all(core.isdisjoint(where) for where in stands)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus import priority
+from experiment.apparatus import cores, priority
 from experiment.apparatus.audio import devices
 from experiment.apparatus.audio.cues import Block, Cue, Loop
 from experiment.apparatus.audio.mixer import Layout, Mixer
@@ -110,12 +110,15 @@ class AudioStream:
         self._timeline = Timeline(rate_hz=settings.rate_hz, block=settings.block)
         self._xruns = 0
         self._broken: Exception | None = None
-        self._join: Callable[[], None] | None = priority.joining()
-        sounddevice = devices.library()
-        self._abort = sounddevice.CallbackAbort
-        number = devices.find(host_api=settings.host_api, name=settings.device, inputs=settings.inputs, outputs=outputs)
+        self._settling: tuple[Callable[[], object], ...] = (priority.joining(), cores.leaving())
+        """What the callback's thread does first."""
         self._switch_s = sys.getswitchinterval()
-        with devices.explained(settings.device):
+        with cores.elsewhere(), devices.explained(settings.device):
+            sounddevice = devices.library()
+            self._abort = sounddevice.CallbackAbort
+            number = devices.find(
+                host_api=settings.host_api, name=settings.device, inputs=settings.inputs, outputs=outputs
+            )
             self._stream = sounddevice.Stream(
                 device=(number, number),
                 channels=(settings.inputs, outputs),
@@ -126,7 +129,7 @@ class AudioStream:
                 callback=self._called,
             )
         try:
-            with devices.explained(settings.device):
+            with cores.elsewhere(), devices.explained(settings.device):
                 self._stream.start()
             sys.setswitchinterval(min(SWITCH_S, self._switch_s))
             self.wait(2 * settings.block)
@@ -242,9 +245,9 @@ class AudioStream:
 
     def _called(self, inputs: Block, outputs: Block, _frames: int, _time: object, status: Any) -> None:
         try:
-            if self._join is not None:
-                self._join()
-                self._join = None
+            for settle in self._settling:
+                settle()
+            self._settling = ()
             self._timeline.note(self._mixer.frame, self._clock.now_ns())
             if status:
                 self._xruns += 1

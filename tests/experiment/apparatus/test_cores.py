@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
-import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -18,33 +18,40 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="palpate keeps t
 
 
 class Machine:
-    """Where each thread may run; one begins where the thread that made the machine is."""
+    """Where the thread may run: at first anywhere."""
 
     def __init__(self, count: int) -> None:
-        self.all = frozenset(range(count))
-        self.threads: dict[int, frozenset[int]] = {}
+        self.all = self.here = frozenset(range(count))
+        self.closed: set[int] = set()
+        """Cores that the system lets nobody go to."""
 
     def get(self, _who: int) -> frozenset[int]:
-        return self.threads.get(threading.get_ident(), self.all)
+        return self.here
 
     def set(self, _who: int, wanted: frozenset[int]) -> None:
-        assert wanted, "the kernel refuses none"
-        assert wanted <= self.all
-        self.threads[threading.get_ident()] = frozenset(wanted)
+        if not wanted or wanted & self.closed:
+            raise OSError(errno.EINVAL, "Invalid argument")
+        self.here = frozenset(wanted)
 
     @property
-    def here(self) -> frozenset[int]:
-        return self.get(0)
+    def beside(self) -> frozenset[int]:
+        """Where what is started elsewhere runs."""
+        with cores.elsewhere():
+            return self.here
 
 
 Made = Callable[[int], Machine]
 
 
-@pytest.fixture
-def machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Made:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+@pytest.fixture(autouse=True)
+def alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Other sessions on this machine hold no core of these tests."""
+    monkeypatch.setattr(cores, "HELD", f"\0{tmp_path}-{{}}"[-100:] if False else f"\0{abs(hash(tmp_path))}-{{}}")
     monkeypatch.setattr(cores, "FREQUENCY", str(tmp_path / "khz-{}"))
 
+
+@pytest.fixture
+def machine(monkeypatch: pytest.MonkeyPatch) -> Made:
     def made(count: int) -> Machine:
         simulated = Machine(count)
         monkeypatch.setattr(os, "sched_getaffinity", simulated.get)
@@ -54,50 +61,39 @@ def machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Made:
     return made
 
 
-def in_a_thread(machine: Machine, call: Callable[[], None]) -> frozenset[int]:
-    """Where a thread is after a call."""
-    seen: list[frozenset[int]] = []
-
-    def called() -> None:
-        call()
-        seen.append(machine.here)
-
-    thread = threading.Thread(target=called)
+def started(first: Callable[[], object] = lambda: None) -> set[int]:
+    """Where a thread runs that is started here, once it has made a call."""
+    seen: list[set[int]] = []
+    thread = threading.Thread(target=lambda: (first(), seen.append(os.sched_getaffinity(0))))
     thread.start()
     thread.join()
     return seen[0]
 
 
-def test_the_kernel_holds_it_and_what_is_started_inherits_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+def test_the_kernel_holds_it_and_what_is_started_inherits_it() -> None:
     before = os.sched_getaffinity(0)
-    inherited: list[set[int]] = []
-    with cores.kept():
-        within = os.sched_getaffinity(0)
-        thread = threading.Thread(target=lambda: inherited.append(os.sched_getaffinity(0)))
-        thread.start()
-        thread.join()
+    with cores.kept() as core:
+        within, inherited = os.sched_getaffinity(0), started()
         with cores.elsewhere():
-            beside = os.sched_getaffinity(0)
+            beside = started()
         assert os.sched_getaffinity(0) == within
     assert os.sched_getaffinity(0) == before
-    assert inherited == [within]
+    assert inherited == within
     if len(before) > 1:
-        assert len(within) == 1
+        assert within == {core}
         assert beside == before - within
     else:
+        assert core is None
         assert within == beside == before
 
 
 def test_of_equal_cores_it_is_the_last_and_the_others_are_left(machine: Made) -> None:
     here = machine(4)
-    with cores.kept():
+    with cores.kept() as core:
+        assert here.here == {core} == {3}
+        assert here.beside == {0, 1, 2}
         assert here.here == {3}
-        assert in_a_thread(here, cores.leaving()) == {0, 1, 2}
-        with cores.elsewhere():
-            assert here.here == {0, 1, 2}
-        assert here.here == {3}
-    assert here.here == here.all
+    assert here.here == here.beside == here.all
 
 
 def test_of_unequal_cores_it_is_the_fastest(machine: Made, tmp_path: Path) -> None:
@@ -113,7 +109,7 @@ def test_only_cores_that_the_user_left_it_are_taken(machine: Made) -> None:
     here.set(0, frozenset({1, 4, 5}))
     with cores.kept():
         assert here.here == {5}
-        assert in_a_thread(here, cores.leaving()) == {1, 4}
+        assert here.beside == {1, 4}
     assert here.here == {1, 4, 5}
 
 
@@ -121,44 +117,60 @@ def test_sessions_side_by_side_keep_to_different_cores_and_the_last_goes_anywher
     here = machine(3)
     with ExitStack() as opened:
 
-        def begin() -> frozenset[int]:
-            here.set(0, here.all)
-            opened.enter_context(cores.kept())
-            return here.here
+        def begin() -> tuple[int | None, frozenset[int]]:
+            here.here = here.all
+            return opened.enter_context(cores.kept()), here.here
 
-        assert [begin() for _ in range(3)] == [{2}, {1}, {0, 1, 2}]
-    with cores.kept():
-        assert here.here == {2}
+        assert [begin() for _ in range(3)] == [(2, {2}), (1, {1}), (None, here.all)]
+    with cores.kept() as core:
+        assert core == 2
 
 
-def test_a_session_on_the_only_core_leaves_none_and_stays(machine: Made) -> None:
+def test_a_session_within_a_session_keeps_to_its_core_and_leaves_the_same(machine: Made) -> None:
+    here = machine(4)
+    with cores.kept(), cores.kept() as inner:
+        assert inner is None
+        assert here.here == {3}
+        assert here.beside == {0, 1, 2}
+
+
+def test_a_core_that_the_system_closes_is_not_taken(machine: Made) -> None:
+    here = machine(4)
+    here.closed = {3}
+    with cores.kept() as core:
+        assert core == 2
+    here.closed = {1, 2, 3}
+    with cores.kept() as core:
+        assert core is None
+
+
+def test_on_the_only_core_nothing_moves(machine: Made) -> None:
     here = machine(1)
-    with cores.kept(), cores.elsewhere():
-        assert here.here == {0}
-        assert in_a_thread(here, cores.leaving()) == {0}
+    with cores.kept() as core:
+        assert core is None
+        assert here.here == here.beside == {0}
 
 
 def test_outside_a_session_nothing_moves(machine: Made) -> None:
     here = machine(4)
-    with cores.elsewhere():
-        assert here.here == here.all
-    assert in_a_thread(here, cores.leaving()) == here.all
+    cores.leaving()()
+    assert here.here == here.beside == here.all
+
+
+def test_a_thread_that_was_there_before_leaves_the_core() -> None:
+    before = os.sched_getaffinity(0)
+    with cores.kept():
+        within, leave = os.sched_getaffinity(0), cores.leaving()
+    assert started(leave) == (before if within == before else before - within)
 
 
 def test_it_is_given_back_when_a_session_fails(machine: Made) -> None:
     here = machine(4)
     with pytest.raises(KeyboardInterrupt), cores.kept():
-        raise KeyboardInterrupt
-    assert here.here == here.all
-    with cores.kept():
+        with pytest.raises(ValueError, match="a start"), cores.elsewhere():
+            raise ValueError("a start")
         assert here.here == {3}
-
-
-def test_where_nobody_can_tell_who_keeps_to_it_no_core_is_taken(
-    machine: Made, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    here = machine(4)
-    (tmp_path / "file").touch()
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "file" / "folder"))
-    with cores.kept():
-        assert here.here == here.all
+        raise KeyboardInterrupt
+    assert here.here == here.beside == here.all
+    with cores.kept() as core:
+        assert core == 3

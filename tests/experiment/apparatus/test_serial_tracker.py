@@ -280,8 +280,8 @@ def paused_ms(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 def test_a_foot_that_rests_or_rises_is_read_less_often_until_it_falls(scripted: Open, paused_ms: list[float]) -> None:
     _, port = scripted([])
-    # 25 counts are 0.6 mm, 50 are 1.2 mm; each read ends 20 ms after the one before.
-    for i, counts in enumerate([200, 200, 200, 225, 225, 175, 225, 175, 175, 175, 175, 0]):
+    # 25 counts are 0.6 mm, 50 are 1.2 mm, 150 are 3.7 mm; each read ends 20 ms after the one before.
+    for i, counts in enumerate([200, 200, 200, 225, 225, 175, 325, 175, 175, 175, 175, 0]):
         port.arrive(encode(i, 20_000 * i, counts))
     expected = [1.6, 1.6, 1.6, 3.0, 3.0, 1.6, 3.0, 1.6, 1.6, 1.6, 3.0]
     assert paused_ms[:11] == pytest.approx(expected, abs=1e-5)

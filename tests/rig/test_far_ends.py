@@ -1,0 +1,37 @@
+"""What simulates a laboratory takes nothing of the core that a session keeps to."""
+
+from __future__ import annotations
+
+import os
+import sys
+import threading
+from contextlib import ExitStack
+
+import pytest
+
+from experiment.apparatus import cores
+from experiment.apparatus import rig as rigs
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal.foot import Foot
+from experiment.rehearsal.panel import Panel
+from experiment.rehearsal.serial_line import SerialLine
+from tests.rig import sound
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="palpate keeps to a core on Linux alone")
+def test_the_far_ends_run_on_the_cores_that_the_session_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cores, "HELD", f"\0palpate-test-{os.getpid()}-{{}}")
+    rig = rigs.load(shipped("rigs/rehearsal.toml"))
+    before = os.sched_getaffinity(0)
+    with ExitStack() as opened:
+        opened.enter_context(cores.kept())
+        card = opened.enter_context(sound.sound_card())
+        foot = Foot(opened.enter_context(SerialLine()), rig.tracker, real_time=True)
+        opened.callback(foot.close)
+        panel = Panel(rig.actuator)
+        opened.callback(panel.close)
+        within = os.sched_getaffinity(0)
+        ends = [thread.native_id for thread in threading.enumerate() if thread.name in ("foot", "panel")]
+        stand = [os.sched_getaffinity(end) for end in (*ends, card._server.pid) if end is not None]
+    assert len(stand) == 3
+    assert stand == [before - within or before] * 3
