@@ -13,9 +13,9 @@ own where there is one (cores.py).
 A real-time thread that never rests must not lock the machine. The kernel leaves ordinary work a twentieth of each core
 (`sched_rt_runtime_us`); where that has been switched off, no real-time priority is taken.
 
-Linear algebra stays in the thread that asks for it: the threads of numpy's and scipy's libraries are ordinary, and a
-session that waits for them does so at full speed, for as long as other work keeps them from their turn. The product of
-two vectors of 48,000 samples took up to 0.2 s.
+Linear algebra stays in the thread that asks for it: the threads of numpy's library are ordinary, and a session that
+waits for them does so at full speed, for as long as other work keeps them from their turn. The product of two vectors
+of 48,000 samples took up to 0.2 s.
 
 From the first session on the process keeps the memory that arrays give back: otherwise each stimulus would have a page
 fault for every 4 kB of every array that it passes through.
@@ -62,8 +62,6 @@ def raised() -> Iterator[str]:
     Yields:
         The priority in force, in words; where more could be had, how.
     """
-    import scipy.linalg  # noqa: F401  # What is not loaded yet cannot be limited.
-
     gc.collect()
     gc.freeze()
     try:
