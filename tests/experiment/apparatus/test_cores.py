@@ -46,7 +46,7 @@ Made = Callable[[int], Machine]
 @pytest.fixture(autouse=True)
 def alone(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Other sessions on this machine hold no core of these tests."""
-    monkeypatch.setattr(cores, "HELD", f"\0{tmp_path}-{{}}"[-100:] if False else f"\0{abs(hash(tmp_path))}-{{}}")
+    monkeypatch.setattr(cores, "HELD", f"\0palpate-test-{os.getpid()}-{tmp_path.name}-{{}}")
     monkeypatch.setattr(cores, "FREQUENCY", str(tmp_path / "khz-{}"))
 
 

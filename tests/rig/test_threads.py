@@ -1,4 +1,4 @@
-"""What simulates a laboratory takes nothing of the core that a session keeps to."""
+"""Where the threads of a session, and of the laboratory that is simulated for it, run."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ from contextlib import ExitStack
 
 import pytest
 
-from experiment.apparatus import cores
+from experiment.apparatus import cores, priority
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.serial_tracker import SerialTracker
 from experiment.protocol.shipped import shipped
 from experiment.rehearsal.foot import Foot
 from experiment.rehearsal.panel import Panel
@@ -35,3 +36,21 @@ def test_the_far_ends_run_on_the_cores_that_the_session_leaves(monkeypatch: pyte
         stand = [os.sched_getaffinity(end) for end in (*ends, card._server.pid) if end is not None]
     assert len(stand) == 3
     assert stand == [before - within or before] * 3
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")
+def test_the_thread_that_reads_the_tracker_runs_just_above_the_session_and_on_its_core() -> None:
+    rig = rigs.load(shipped("rigs/rehearsal.toml"))
+    with ExitStack() as opened:
+        opened.enter_context(priority.raised())
+        line = opened.enter_context(SerialLine())
+        foot = Foot(line, rig.tracker, real_time=True)
+        opened.callback(foot.close)
+        tracker = SerialTracker(line.url, rig.tracker)
+        opened.callback(tracker.close)
+        tracker.read()
+        [reader] = [thread.native_id for thread in threading.enumerate() if thread.name == "tracker"]
+        assert reader is not None
+        assert os.sched_getaffinity(reader) == os.sched_getaffinity(0)
+        above = priority.is_real_time()
+        assert os.sched_getparam(reader).sched_priority == os.sched_getparam(0).sched_priority + above
