@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.rig_panel import ActuatorRig
+from experiment.errors import AudioError
 from experiment.rehearsal import response
-from experiment.rehearsal.sound_card import Tap
+from experiment.rehearsal.tap import Tap
 
 QUIET_S = 0.03
 """Zeros that end a stimulus, s."""
@@ -28,7 +29,7 @@ class CardPanel:
     """What the foot feels, as `Panel` does it for a raw PCM port."""
 
     def __init__(self, tap: Tap, actuator: ActuatorRig) -> None:
-        """Begin with what is carried from now on.
+        """Begin with what was carried from the moment of tapping on.
 
         Args:
             tap: on the actuator's channel.
@@ -37,7 +38,7 @@ class CardPanel:
         self._tap = tap
         self._actuator = actuator
         self._quiet = round(QUIET_S * actuator.rate_hz)
-        self._at = tap.count
+        self._at = 0
 
     def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
         """The next stimulus that was delivered and not felt yet.
@@ -48,14 +49,20 @@ class CardPanel:
         Returns:
             Acceleration, m/s^2, shape (n,), at the actuator's rate; None if nothing came, or it is not over yet and
             `timeout_s` is 0.
+
+        Raises:
+            AudioError: nothing is carried any more, not even silence, or one sounds on and on.
         """
         ends = time.monotonic() + timeout_s
         while True:
             found, begun = self._next()
             if found is not None:
                 return self._moved(found.astype(np.float64))
-            if not timeout_s or (not begun and time.monotonic() > ends):
+            late_s = time.monotonic() - ends
+            if not timeout_s or (late_s > 0 and not begun):
                 return None
+            if late_s > LONGEST_S:
+                raise AudioError(f"simulated sound card: a stimulus did not end within {LONGEST_S:g} s; start again")
             time.sleep(_LOOK_S)
 
     def close(self) -> None:
@@ -64,12 +71,10 @@ class CardPanel:
 
     def _next(self) -> tuple[NDArray[np.float32] | None, bool]:
         """A stimulus that is over, if there is one; and whether one has begun."""
-        count = self._tap.count
-        self._at = max(self._at, count - self._tap.kept)
-        carried = self._tap.heard(self._at, count)
+        self._at, carried = self._tap.since(self._at)
         sounding = np.flatnonzero(carried)
         if not sounding.size:
-            self._at = count
+            self._at += len(carried)
             return None, False
         gaps = np.flatnonzero(np.diff(sounding) > self._quiet)
         last = int(sounding[gaps[0]] if gaps.size else sounding[-1])

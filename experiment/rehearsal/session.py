@@ -130,7 +130,7 @@ def _rehearse_task(
             like = scene.examples(render, planned, protocol, rig.actuator.rate_hz) if render is not None else ()
             drive = open_drive(job.dataset / "sourcedata", rig.actuator, limit_m_s2=limit_m_s2, like=like)
             if sound is not None and rig.actuator.driver == "audio":
-                panel = sound.panel
+                panel = sound.panel()
                 actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
             else:
                 panel = Panel(rig.actuator)

@@ -15,9 +15,10 @@ from experiment.session.sound import open_sound
 
 
 class SimulatedSound:
-    """The card, the session's stream on it, its masker, and the panel on the actuator's channel; all until it is left.
+    """The card, the session's stream on it and its masker; all until it is left.
 
-    The card is wired as a rig is: the actuator's channel goes to the panel, and back into the loopback.
+    The card is wired as a rig is: the actuator's channel goes back into the loopback, and to the panel where a task has
+    one.
     """
 
     def __init__(self, rig: Rig, protocol: Protocol, clock: Clock, *, dose_before: float = 0.0) -> None:
@@ -43,17 +44,26 @@ class SimulatedSound:
             self.stream, self.masker = sound.stream, sound.masker
             for entry in range(1, channels.inputs + 1):
                 self.card.disconnect(entry)
-            self.loopback = channels.loopback
-            if self.loopback is not None:
-                self.card.connect(channels.actuator, self.loopback)
-            self.panel = CardPanel(self.card.tap(channels.actuator, seconds=LONGEST_S), rig.actuator)
-            opened.callback(self.panel.close)
+            self._channels = channels
+            self.connect_loopback()
+            self._actuator = rig.actuator
             self._opened = opened.pop_all()
 
+    def panel(self) -> CardPanel:
+        """The panel on the actuator's channel, from now on. Raises `AudioError`."""
+        panel = CardPanel(self.card.tap(self._channels.actuator, seconds=LONGEST_S), self._actuator)
+        self._opened.callback(panel.close)
+        return panel
+
+    def connect_loopback(self) -> None:
+        """Lay the loopback's cable, where the rig has one."""
+        if self._channels.loopback is not None:
+            self.card.connect(self._channels.actuator, self._channels.loopback)
+
     def disconnect_loopback(self) -> None:
-        """Pull the loopback's cable: for tests of what a rig does then; no rehearsal pulls it."""
-        if self.loopback is not None:
-            self.card.disconnect(self.loopback)
+        """Pull it: for tests of what a rig does then; no rehearsal pulls it."""
+        if self._channels.loopback is not None:
+            self.card.disconnect(self._channels.loopback)
 
     def __enter__(self) -> SimulatedSound:
         return self

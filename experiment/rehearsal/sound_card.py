@@ -18,13 +18,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 from filelock import FileLock, Timeout
-from numpy.typing import NDArray
 
 from experiment.apparatus import cores, priority
 from experiment.apparatus.audio import devices
 from experiment.errors import AudioError
+from experiment.rehearsal.tap import Tap
 
 HOST_API = "JACK Audio Connection Kit"
 """Where PortAudio has the simulated card: for tests that open a stream without a rig file, which says it otherwise."""
@@ -87,7 +86,7 @@ class SoundCard:
         try:
             with cores.elsewhere(), devices.looking_anew():
                 self._wiring = self._started([*command, *pace, "-n"], ["-d", "dummy", *arguments])
-        except AudioError:
+        except BaseException:
             self._tidy()
             raise
 
@@ -111,12 +110,13 @@ class SoundCard:
             self._wired(self._wiring.disconnect, source, port)
 
     def tap(self, output: int, *, seconds: float) -> Tap:
-        """Listen to an output of the session's stream from now on; channels from 1."""
+        """Listen to an output of the session's stream from now on; channels from 1.
+
+        Raises:
+            AudioError: there is no such channel, no stream is open, or the server has ended.
+        """
         with cores.elsewhere():
-            client = self._client("panel", wait=False)
-            if client is None:
-                raise AudioError("simulated sound card: its server has ended; start again")
-            return Tap(client, self._port("out", output), seconds)
+            return Tap(self._name, self._port("out", output).name, seconds=seconds)
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -150,26 +150,28 @@ class SoundCard:
                     [*before, name, *after], stdout=file, stderr=file, stdin=subprocess.DEVNULL, start_new_session=True
                 )
             self._name, os.environ[_SERVER] = name, name
-            client = self._client("wiring", wait=True)
+            client = None
+            try:
+                client = self._client()
+            finally:
+                if client is None:
+                    self._stop()
+                    place.release()
             if client is not None:
                 self._place = place
                 return client
-            self._stop()
-            place.release()
             said = " ".join(log.read_text("utf-8", "replace").strip().splitlines()[-1:])
         raise AudioError(
             f"simulated sound card: JACK did not start ({said}); see that jackd runs on this machine, then start again"
         )
 
-    def _client(self, name: str, *, wait: bool) -> Any:
-        """A client of the server; None where it has ended, or with `wait` is not ready in time."""
-        ends = time.monotonic() + (READY_S if wait else 0)
-        while self._server.poll() is None:
+    def _client(self) -> Any:
+        """A client of the server, with which cables are laid; None where it has ended, or is not ready in time."""
+        ends = time.monotonic() + READY_S
+        while self._server.poll() is None and time.monotonic() < ends:
             try:
-                return self._jack.Client(name, servername=self._name, no_start_server=True)
+                return self._jack.Client("wiring", servername=self._name, no_start_server=True)
             except self._jack.JackError:
-                if time.monotonic() > ends:
-                    break
                 time.sleep(0.02)
         return None
 
@@ -206,47 +208,6 @@ class SoundCard:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-class Tap:
-    """What one output carries, kept from the moment of tapping on."""
-
-    def __init__(self, client: Any, port: Any, seconds: float) -> None:
-        self._client = client
-        self._port = client.inports.register("in")
-        self._kept = np.zeros(round(seconds * client.samplerate), np.float32)
-        self._count = 0
-        client.set_process_callback(self._called)
-        client.activate()
-        client.connect(port, self._port)
-
-    @property
-    def kept(self) -> int:
-        """How many of the last samples are kept."""
-        return len(self._kept)
-
-    @property
-    def count(self) -> int:
-        """Samples heard so far."""
-        return self._count
-
-    def heard(self, first: int, end: int) -> NDArray[np.float32]:
-        """Samples `first` to `end`, counted from the moment of tapping; of those no longer kept, none."""
-        first = max(first, self._count - len(self._kept))
-        return self._kept[np.arange(first, min(end, self._count)) % len(self._kept)]
-
-    def close(self) -> None:
-        """Listen no more."""
-        self._client.deactivate()
-        self._client.close()
-
-    def _called(self, frames: int) -> None:
-        block = self._port.get_array()
-        at = self._count % len(self._kept)
-        until_end = min(frames, len(self._kept) - at)
-        self._kept[at : at + until_end] = block[:until_end]
-        self._kept[: frames - until_end] = block[until_end:]
-        self._count += frames
 
 
 def _jack() -> ModuleType:

@@ -21,7 +21,8 @@ import time
 import jack
 import numpy as np
 
-from experiment.rehearsal.sound_card import DEVICE, HOST_API, SoundCard, Tap
+from experiment.rehearsal.sound_card import DEVICE, HOST_API, SoundCard
+from experiment.rehearsal.tap import Tap
 
 RATE_HZ = 48_000
 BLOCK = 256
@@ -109,9 +110,10 @@ print(json.dumps({{"asked": offsets, "said": {{}}, "cpu_s": time.process_time()}
 
 def tapped(seconds: float) -> Tap:
     """Hear whatever plays on the card's first output."""
-    client = jack.Client("tap", servername=os.environ["JACK_DEFAULT_SERVER"], no_start_server=True)
-    [source] = client.get_all_connections("system:playback_1")
-    return Tap(client, source, seconds)
+    server = os.environ["JACK_DEFAULT_SERVER"]
+    with jack.Client("wiring", servername=server, no_start_server=True) as client:
+        [source] = client.get_all_connections("system:playback_1")
+        return Tap(server, source.name, seconds=seconds)
 
 
 def measure(engine: str, starts: int, *, loaded: bool, busy: bool, exact: bool) -> str:
@@ -136,7 +138,7 @@ def measure(engine: str, starts: int, *, loaded: bool, busy: bool, exact: bool) 
         took_s = time.perf_counter() - begun
         result = json.loads(said.splitlines()[-1])
         time.sleep(0.2)
-        heard = tap.heard(0, tap.count) != 0
+        heard = tap.since(0)[1] != 0
         tap.close()
     finally:
         for each in load:

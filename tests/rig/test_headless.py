@@ -10,13 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus.rig import Rig
-from experiment.clock import Clock
 from experiment.errors import DatasetError
-from experiment.protocol.models import Protocol
 from experiment.protocol.shipped import shipped
 from experiment.records import FootStep, MaskerSet, Redo, Zeroed
 from experiment.rehearsal import session, study
+from experiment.rehearsal.card_panel import CardPanel
 from experiment.rehearsal.sound import SimulatedSound
 from experiment.session import journal
 from tests.rig import sound
@@ -98,23 +96,24 @@ def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
     class Pulled(SimulatedSound):
         """The loopback's cable is out for the first two stimuli of the task with stimuli."""
 
-        def __init__(self, rig: Rig, protocol: Protocol, clock: Clock, *, dose_before: float = 0.0) -> None:
-            super().__init__(rig, protocol, clock, dose_before=dose_before)
+        def panel(self) -> CardPanel:
+            opened = super().panel()
             if pulled:
-                return
+                return opened
             self.disconnect_loopback()
-            feel = self.panel.felt
+            feel = opened.felt
 
             def felt(timeout_s: float) -> object:
                 stimulus = feel(timeout_s)
                 if stimulus is not None:
                     pulled.append("felt")
-                if len(pulled) == 2 and self.loopback is not None:
-                    self.card.connect(rig.audio.channels.actuator if rig.audio else 0, self.loopback)
+                if len(pulled) == 2:
+                    self.connect_loopback()
                     pulled.append("plugged in")
                 return stimulus
 
-            monkeypatch.setattr(self.panel, "felt", felt)
+            monkeypatch.setattr(opened, "felt", felt)
+            return opened
 
     monkeypatch.setattr(session, "SimulatedSound", Pulled)
     root = rehearsed(tmp_path)

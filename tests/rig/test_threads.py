@@ -27,15 +27,18 @@ def test_the_far_ends_run_on_the_cores_that_the_session_leaves(monkeypatch: pyte
     with ExitStack() as opened:
         opened.enter_context(cores.kept())
         card = opened.enter_context(sound.sound_card())
+        opened.enter_context(sound.stream())
+        tap = card.tap(1, seconds=1.0)
+        opened.callback(tap.close)
         foot = Foot(opened.enter_context(SerialLine()), rig.tracker, real_time=True)
         opened.callback(foot.close)
         panel = Panel(rig.actuator)
         opened.callback(panel.close)
         within = os.sched_getaffinity(0)
         ends = [thread.native_id for thread in threading.enumerate() if thread.name in ("foot", "panel")]
-        stand = [os.sched_getaffinity(end) for end in (*ends, card._server.pid) if end is not None]
-    assert len(stand) == 3
-    assert stand == [before - within or before] * 3
+        stand = [os.sched_getaffinity(end) for end in (*ends, card._server.pid, tap._listener.pid) if end is not None]
+    assert len(stand) == 4
+    assert stand == [before - within or before] * 4
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")

@@ -1,0 +1,77 @@
+"""What a tap keeps of a stream without end, and what it makes of a listener that fails."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiment.errors import AudioError
+from experiment.rehearsal import tap
+from experiment.rehearsal.tap import Kept, Tap
+
+KEPT = 20
+
+
+@given(
+    blocks=st.lists(st.integers(0, KEPT), max_size=30),
+    first=st.integers(0, 400),
+    spare=st.integers(KEPT, 2 * KEPT),
+)
+def test_the_last_samples_are_kept_and_told_with_their_number(blocks: list[int], first: int, spare: int) -> None:
+    kept, whole = Kept(KEPT, spare=spare), np.arange(sum(blocks), dtype=np.float32)
+    for block in np.split(whole, np.cumsum(blocks)[:-1]) if blocks else []:
+        kept.add(block)
+    begin, samples = kept.since(first)
+    assert begin == max(first, whole.size - KEPT)
+    assert np.array_equal(samples, whole[begin:])
+
+
+def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, does: str) -> Tap:
+    """A tap whose listener is a shell script."""
+    script = tmp_path / "listener"
+    script.write_text(f"#!/bin/sh\n{does}\n")
+    script.chmod(0o755)
+    monkeypatch.setattr(sys, "executable", str(script))
+    return Tap("server", "port", seconds=1.0)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the listener is a shell script")
+@pytest.mark.parametrize(
+    ("does", "told"),
+    [
+        ("exit 1", r"has ended \(no word\); start again"),
+        ("echo no such port", r"has ended \(no such port\); start again"),
+        ("exec sleep 60", r"has ended \(timed out\); start again"),
+    ],
+)
+def test_a_listener_that_does_not_begin_is_told_of(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, does: str, told: str
+) -> None:
+    monkeypatch.setattr(tap, "PATIENCE_S", 0.5)
+    with pytest.raises(AudioError, match=told):
+        scripted(monkeypatch, tmp_path, does)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the listener is a shell script")
+@pytest.mark.parametrize(
+    ("answers", "told"),
+    [
+        ("printf '0 25\\n'; head -c 48 /dev/zero", r"12 of 25 samples came"),
+        ("printf '0 25\\n'; head -c 50 /dev/zero", r"multiple of element size"),
+        ("echo nonsense", r"invalid literal"),
+        ("exec sleep 60", r"timed out"),
+    ],
+)
+def test_an_answer_that_is_cut_off_or_does_not_come_is_told_of(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answers: str, told: str
+) -> None:
+    monkeypatch.setattr(tap, "PATIENCE_S", 0.5)
+    listened = scripted(monkeypatch, tmp_path, f"echo listening; read asked; {answers}")
+    with pytest.raises(AudioError, match=rf"what listens to it has ended \(.*{told}.*\); start again"):
+        listened.since(0)
+    listened.close()

@@ -1,0 +1,121 @@
+"""What listens to the simulated sound card, in a process of its own."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiment.apparatus.audio.cues import AT_ONCE
+from experiment.errors import AudioError
+from experiment.rehearsal.sound_card import SoundCard
+from experiment.rehearsal.tap import Tap
+from tests.rig import sound
+
+SERVES = """
+from experiment.rehearsal.sound_card import SoundCard
+from experiment.rehearsal.tap import Tap
+card = SoundCard(rate_hz=48_000, block=256, inputs=1, outputs=1)
+tap = Tap(card._name, "system:capture_1", seconds=1.0)
+print(card._folder.name, card._name, tap._listener.pid, flush=True)
+input()
+"""
+
+
+@contextmanager
+def killed() -> Iterator[tuple[str, int]]:
+    """The name of another process's server, and the number of that one's listener; in the end the process is killed."""
+    with subprocess.Popen([sys.executable, "-c", SERVES], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as serves:
+        assert serves.stdout is not None
+        folder, name, listener = serves.stdout.readline().decode().split()
+        try:
+            yield name, int(listener)
+        finally:
+            serves.kill()
+            shutil.rmtree(folder)
+
+
+def asked_until(seconds: float, tap: Tap) -> None:
+    ends = time.monotonic() + seconds
+    while time.monotonic() < ends:
+        tap.since(0)
+        time.sleep(0.01)
+
+
+def lives(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.fixture
+def card() -> Iterator[SoundCard]:
+    with sound.sound_card() as opened:
+        yield opened
+
+
+def test_it_hears_every_sample_of_its_output_and_of_no_other(card: SoundCard) -> None:
+    wave = np.random.default_rng(0).uniform(-1, 1, 5000).astype(np.float32)
+    with sound.stream() as stream:
+        taps = card.tap(2, seconds=30.0), card.tap(3, seconds=30.0)
+        cue = stream.schedule(wave, channel=1, frame=AT_ONCE)
+        while not cue.done:
+            stream.wait(stream.next_frame + 1)
+        stream.wait(stream.next_frame + 2 * sound.BLOCK)
+        (first, heard), (_, other) = (tap.since(0) for tap in taps)
+        for tap in taps:
+            tap.close()
+    begin = int(np.flatnonzero(heard)[0])
+    assert first == 0
+    assert np.array_equal(heard[begin : begin + wave.size], wave)
+    assert np.count_nonzero(heard) == np.count_nonzero(wave)
+    assert other.size
+    assert not other.any()
+
+
+def test_one_that_has_ended_is_told_of_and_can_be_closed(card: SoundCard) -> None:
+    tap = Tap(card._name, "system:capture_1", seconds=1.0)
+    os.kill(tap._listener.pid, signal.SIGKILL)
+    with pytest.raises(AudioError, match="what listens to it has ended"):
+        tap.since(0)
+    tap.close()
+
+
+@pytest.mark.usefixtures("card")
+def test_one_whose_server_has_ended_does_not_go_on_answering() -> None:
+    with killed() as (server, _):
+        tap = Tap(server, "system:capture_1", seconds=1.0)
+        tap.since(0)
+    with pytest.raises(AudioError, match="what listens to it has ended"):
+        asked_until(10.0, tap)
+    tap.close()
+
+
+def test_nothing_listens_to_a_server_that_is_not_there() -> None:
+    with pytest.raises(AudioError, match=r"what listens to it has ended .*panel.*; start again"):
+        Tap("palpate-none", "PortAudio:out_1", seconds=1.0)
+
+
+def test_nothing_listens_to_an_output_that_is_not_there(card: SoundCard) -> None:
+    with pytest.raises(AudioError, match=r"what listens to it has ended .*PortAudio:out_9.*; start again"):
+        Tap(card._name, "PortAudio:out_9", seconds=1.0)
+
+
+@pytest.mark.usefixtures("card")
+def test_it_ends_with_the_session_that_listens_however_that_ends() -> None:
+    with killed() as (_, listener):
+        assert lives(listener)
+    ends = time.monotonic() + 10
+    while lives(listener) and time.monotonic() < ends:
+        time.sleep(0.01)
+    assert not lives(listener)
