@@ -19,7 +19,7 @@ from experiment.console.port import Console
 from experiment.errors import TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import Answer, AnyEntry, Header, PlannedTrial, Redo, Trace, TrackerOpened, Zeroed
-from experiment.session import answers
+from experiment.session import answers, interrupts
 from experiment.session.entries import Armed, entry
 from experiment.session.feed import Feed
 from experiment.session.masking import KEYS, Masking
@@ -139,12 +139,13 @@ class Attempts:
             # No step had begun: nothing is on file of it, and the same attempt is armed again.
             self._outage = str(stopped)
             return Event.LOST
-        seen = watch(self._watch, planned.presented)
-        # Whatever went wrong, the step is put on disk first: it may have been felt.
-        parted = self._parted(seen)
-        if parted is not None:
-            seen = _by(parted.clock, seen)
-        self._write(entry(armed, seen, self._keep(seen.raw)))
+        # Whatever goes wrong, the step is put on disk first: it may have been felt.
+        with interrupts.held() as interrupt:
+            seen = watch(self._watch, planned.presented, interrupt.let_through)
+            parted = self._parted(seen)
+            if parted is not None:
+                seen = _by(parted.clock, seen)
+            self._write(entry(armed, seen, self._keep(seen.raw)))
         if isinstance(seen, BrokenStep):
             self._broken = seen
             if failed := seen.failed or (parted and parted.error):

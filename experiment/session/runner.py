@@ -10,7 +10,7 @@ from experiment.apparatus import opening
 from experiment.errors import JournalError, PalpateError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import AnyEntry, Footer, Header, Phase, Redo, Resumed
-from experiment.session import journal
+from experiment.session import interrupts, journal
 from experiment.session.attempt import Attempts, Devices
 from experiment.session.masking import Masking
 from experiment.session.places import foot_path, journal_path, rig_path
@@ -104,20 +104,19 @@ class _Session:
             self._devices.clock.now_ns() + int(self._protocol.exposure.session_min * 60e9) - spent_ns(contents)
         )
         try:
-            self._begin(contents)
-            if self._masking is not None:
-                self._masking.choose(self._protocol.masker.criterion, self._done.masker_db_a)
-            if pause := self._trials():
-                return self._end("paused", pause)
-            self._follow(Event.EXHAUSTED)
-            return self._end("complete")
-        except PalpateError as error:
-            self._follow(Event.FAIL)
-            self._end("error", str(error))
-            raise
-        except KeyboardInterrupt:
-            self._follow(Event.PAUSE)
-            return self._end("paused", "interrupted at the keyboard")
+            try:
+                self._begin(contents)
+                if self._masking is not None:
+                    self._masking.choose(self._protocol.masker.criterion, self._done.masker_db_a)
+                pause = self._trials()
+            except PalpateError as error:
+                self._follow(Event.FAIL)
+                self._end("error", str(error))
+                raise
+            except KeyboardInterrupt:
+                pause = "interrupted at the keyboard"
+            self._follow(Event.PAUSE if pause else Event.EXHAUSTED)
+            return self._end("paused" if pause else "complete", pause)
         finally:
             self._foot.close()
             self._journal.close()
@@ -128,15 +127,14 @@ class _Session:
         while self._done.remaining:
             planned = self._done.remaining[0]
             if pause := self._why_not(planned.trial, begun):
-                self._follow(Event.PAUSE)
                 return pause
             begun[planned.trial] += 1
             event = self._attempts.run(planned, self._done.attempts.get(planned.trial, 0) + 1)
             if event not in (Event.BROKEN_OFF, Event.LOST):
                 self._follow(Event.STEPPED)
-            self._follow(event)
             if event is Event.PAUSE:
                 return "by the experimenter"
+            self._follow(event)
             if event is Event.LOST and (pause := self._wait_for_tracker()):
                 return pause
         return ""
@@ -161,7 +159,6 @@ class _Session:
         try:
             self._devices.tracker.reconnect(wait_s)
         except TrackerStopped as stopped:
-            self._follow(Event.PAUSE)
             return str(stopped)
         self._attempts.reconnected()
         self._follow(Event.FOUND)
@@ -181,10 +178,11 @@ class _Session:
         footer = Footer(reason=reason, detail=detail, answered=len(self._done.answered))
         # After an interrupt in the middle of a write only a new reading of the journal may add to it.
         accepts = self._journal.accepts
-        if self._masking is not None:
-            self._masking.end(note=accepts)
-        if accepts:
-            self._journal.append(footer)
+        with interrupts.held():
+            if self._masking is not None:
+                self._masking.end(note=accepts)
+            if accepts:
+                self._journal.append(footer)
         return footer
 
     def _begin(self, contents: journal.Contents) -> None:

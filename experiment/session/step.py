@@ -9,7 +9,9 @@ its stimulus withdrawn, and the step ends.
 from __future__ import annotations
 
 from collections import deque
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.gate import Contact, Gate, GateDetector
@@ -22,6 +24,9 @@ from experiment.session.feed import Feed
 from experiment.session.sounding import Sounder, Sounding
 from experiment.session.taken import Taken
 from experiment.stimulus_record import Onset, Stimulus
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 TAIL_US = 100_000
 """How long the foot is recorded after contact, so that the landing is on file."""
@@ -94,12 +99,15 @@ class BrokenStep:
     link: LinkCounts
 
 
-def watch(parts: Watch, material: str) -> WatchedStep | BrokenStep:
+def watch(
+    parts: Watch, material: str, waiting: Callable[[], AbstractContextManager[None]] = nullcontext
+) -> WatchedStep | BrokenStep:
     """Wait for a step, and have its stimulus sound when the foot lands.
 
     Args:
         parts: what it is watched with.
         material: what is presented.
+        waiting: entered while the foot has not landed.
 
     Raises:
         TrackerError: the tracker's device restarted.
@@ -110,7 +118,8 @@ def watch(parts: Watch, material: str) -> WatchedStep | BrokenStep:
     step = _Step(parts, material)
     try:
         with undisturbed():
-            reason = step.fall()
+            with waiting():
+                reason = step.fall()
             return step.broken(reason) if reason else step.land()
     except TrackerStopped as stopped:
         return step.broken(str(stopped), stopped=stopped)

@@ -1,0 +1,144 @@
+"""Ctrl-C that waits until what was felt is on file."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from experiment.apparatus.samples import Samples
+from experiment.protocol.models import Protocol
+from experiment.records import Footer, FootStep
+from experiment.session import interrupts, journal
+from experiment.session.attempt import Attempts
+from tests.experiment.session.bench import bench, entries, header
+
+INTERRUPTED = Footer(reason="paused", detail="interrupted at the keyboard", answered=0)
+
+
+@pytest.fixture(autouse=True)
+def keyboard() -> Iterator[None]:
+    """As a program has it that was started at a terminal."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    assert signal.signal(signal.SIGINT, before) is signal.default_int_handler
+
+
+def press() -> None:
+    signal.raise_signal(signal.SIGINT)
+
+
+def test_it_waits_until_the_end() -> None:
+    done = []
+    with pytest.raises(KeyboardInterrupt), interrupts.held():
+        press()
+        press()
+        done.append("the rest")
+    assert done
+
+
+def test_it_is_let_through_at_once_and_a_second_one_waits() -> None:
+    done = []
+    with pytest.raises(KeyboardInterrupt), interrupts.held() as held:
+        with pytest.raises(KeyboardInterrupt), held.let_through():
+            press()
+        press()
+        done.append("the rest")
+    assert done
+
+
+def test_one_that_waits_is_let_through() -> None:
+    with interrupts.held() as held:
+        press()
+        with pytest.raises(KeyboardInterrupt), held.let_through():
+            pytest.fail("the interrupt still waits")
+
+
+def test_what_went_wrong_meanwhile_is_told_first() -> None:
+    with pytest.raises(ValueError, match="wrong"), interrupts.held():
+        press()
+        raise ValueError("wrong")
+
+
+def test_somebody_elses_handler_and_other_threads_are_left_alone() -> None:
+    pressed: list[int] = []
+
+    def somebody(number: int, _: object) -> None:
+        pressed.append(number)
+
+    signal.signal(signal.SIGINT, somebody)
+    with interrupts.held():
+        press()
+    assert signal.signal(signal.SIGINT, signal.default_int_handler) is somebody
+    assert pressed == [signal.SIGINT]
+
+    def hold() -> None:
+        with interrupts.held():
+            pressed.append(0)
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    thread.join()
+    assert pressed == [signal.SIGINT, 0]
+
+
+def test_a_foot_that_is_waited_for_is_interrupted_at_once(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+    read = one.tracker.read
+
+    def pressing() -> Samples:
+        press()
+        return read()
+
+    one.tracker.read = pressing  # type: ignore[method-assign]
+    assert one.run(protocol, header("virtual"), tmp_path) == INTERRUPTED
+    assert not any(isinstance(entry, FootStep) for entry in entries(tmp_path, "virtual"))
+
+
+@pytest.mark.parametrize("while_kept", [True, False])
+def test_a_step_that_was_felt_is_on_file_before_the_session_pauses(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, while_kept: bool
+) -> None:
+    keep, append = Attempts._keep, journal.Journal.append
+
+    def keeping(self: Attempts, raw: bytes) -> object:
+        press()
+        return keep(self, raw)
+
+    def appending(self: journal.Journal, entry: object) -> int:
+        if isinstance(entry, FootStep):
+            press()
+        return append(self, entry)  # type: ignore[arg-type]
+
+    with monkeypatch.context() as patched:
+        if while_kept:
+            patched.setattr(Attempts, "_keep", keeping)
+        else:
+            patched.setattr(journal.Journal, "append", appending)
+        assert bench("c").run(protocol, header("virtual"), tmp_path) == INTERRUPTED
+    *_, step, footer = entries(tmp_path, "virtual")
+    assert footer == INTERRUPTED
+    assert isinstance(step, FootStep)
+    assert (step.trial, step.attempt) == (1, 1)
+    second = bench("cpt")
+    assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
+    assert second.console.armed == [(1, 2), (2, 1), (3, 1)]
+
+
+def test_the_last_line_is_on_file_before_a_session_that_is_complete_is_interrupted(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    append = journal.Journal.append
+
+    def appending(self: journal.Journal, entry: object) -> int:
+        if isinstance(entry, Footer):
+            press()
+        return append(self, entry)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(journal.Journal, "append", appending)
+    with pytest.raises(KeyboardInterrupt):
+        bench("cpt").run(protocol, header("virtual"), tmp_path)
+    assert entries(tmp_path, "virtual")[-1] == Footer(reason="complete", answered=3)
