@@ -12,13 +12,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 WINDOW = 64
 """Callbacks that the line rests on."""
 
 IN_A_ROW = 4
 """Late callbacks in a row that make a gap: fewer are a slow machine."""
+
+NONE_NS = 2**63 - 1
+"""Offset of a callback that has not come, ns."""
 
 KEPT = 8192
 """Callbacks whose lateness is remembered: 22 s of blocks of 128 frames at 48 kHz, longer than any stimulus."""
@@ -59,6 +61,9 @@ class Timeline:
         self._frames = np.zeros(KEPT, np.int64)
         self._offsets_ns = np.zeros(KEPT, np.int64)
         self._line = np.zeros(KEPT, np.int64)
+        # Offsets of the last callbacks on the line that holds now, and the lowest of them.
+        self._window_ns = np.full(WINDOW, NONE_NS)
+        self._origin_ns = NONE_NS
         self._late = 0
         self._count_and_gaps = (0, 0)
 
@@ -71,18 +76,20 @@ class Timeline:
         """
         count, gaps = self._count_and_gaps
         offset_ns = now_ns - int(frame * self._ns_per_frame)
-        if count and offset_ns - self._origin_ns() > self._quarter_block_ns:
-            self._late += 1
-        else:
-            self._late = 0
+        self._late = self._late + 1 if offset_ns - self._origin_ns > self._quarter_block_ns else 0
         place = count % KEPT
         self._frames[place], self._offsets_ns[place], self._line[place] = frame, offset_ns, gaps
+        self._window_ns[count % WINDOW] = offset_ns
         count += 1
         if self._late == IN_A_ROW:
             gaps += 1
             self._late = 0
+            self._window_ns.fill(NONE_NS)
             for back in range(1, IN_A_ROW + 1):
-                self._line[(count - back) % KEPT] = gaps
+                place = (count - back) % KEPT
+                self._line[place] = gaps
+                self._window_ns[(count - back) % WINDOW] = self._offsets_ns[place]
+        self._origin_ns = int(self._window_ns.min())
         self._count_and_gaps = count, gaps
 
     @property
@@ -102,20 +109,12 @@ class Timeline:
 
     def frame_at(self, t_ns: int) -> int:
         """The frame nearest to a session time."""
-        return round((t_ns - self._origin_ns()) / self._ns_per_frame)
+        return round((t_ns - self._origin_ns) / self._ns_per_frame)
 
     def fit(self) -> Fit:
         """How well the last callbacks kept to it."""
-        window = self._window()
-        late_ms = (window - window.min()) / 1e6
-        return Fit(float(np.median(late_ms)), float(np.percentile(late_ms, 95)), float(late_ms.max()))
-
-    def _window(self) -> NDArray[np.int64]:
-        """Offsets of the last callbacks on the line that holds now."""
         count, gaps = self._count_and_gaps
         places = np.arange(max(count - WINDOW, 0), count) % KEPT
-        held: NDArray[np.int64] = self._offsets_ns[places[self._line[places] == gaps]]
-        return held
-
-    def _origin_ns(self) -> int:
-        return int(self._window().min())
+        window = self._offsets_ns[places[self._line[places] == gaps]]
+        late_ms = (window - window.min()) / 1e6
+        return Fit(float(np.median(late_ms)), float(np.percentile(late_ms, 95)), float(late_ms.max()))

@@ -7,6 +7,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from experiment.apparatus.audio import timeline
 from experiment.apparatus.audio.timeline import IN_A_ROW, WINDOW, Timeline
@@ -36,6 +38,14 @@ def test_late_callbacks_do_not_move_it() -> None:
     assert line.frame_at(line.ns_of(frame)) == frame
     assert line.gaps == 0
     assert line.fit().median_ms == pytest.approx(0.2 * np.log(2), abs=0.1)
+
+
+@given(late_us=st.lists(st.integers(0, 1300), min_size=1, max_size=3 * WINDOW), frame=st.integers(-(10**6), 10**6))
+def test_it_rests_on_the_earliest_of_the_last_callbacks(late_us: list[int], frame: int) -> None:
+    line = ran(np.array(late_us) / 1e3)
+    origin_ns = START_NS + min(late_us[-WINDOW:]) * 1000
+    assert line.frame_at(round(origin_ns + frame * PERIOD_NS / BLOCK)) == frame
+    assert abs(line.ns_of(len(late_us) * BLOCK) - origin_ns - len(late_us) * PERIOD_NS) <= 2
 
 
 @pytest.mark.parametrize("drift", [-100e-6, 100e-6])
