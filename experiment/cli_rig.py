@@ -43,7 +43,7 @@ def devices(
         typer.echo(f"  {device.port}  {device.description}  {device.identity}".rstrip() + held)
     if not serial:
         typer.echo("  none")
-    typer.echo("Audio devices, as audio.host_api and audio.device name them:")
+    typer.echo("Audio devices, as audio.host_api and audio.device name them (a held one shows fewer channels):")
     for card in audio:
         typer.echo(
             f'  host_api = "{card.host_api}"  device = "{card.name}"  inputs {card.inputs}, outputs {card.outputs}, '

@@ -107,7 +107,7 @@ def test_devices_are_listed_as_a_rig_file_names_them(palpate: Palpate) -> None:
         ({"host_api": "ASIO"}, r"audio device 'system' of ASIO: got no device of this name"),
         ({"outputs": 9}, r"got 4 outputs and 2 inputs; allowed: at least 9 and 2, as audio\.channels"),
         ({"inputs": 3}, r"got 4 outputs and 2 inputs; allowed: at least 4 and 3"),
-        ({"rate_hz": 44_100}, r"Invalid sample rate.*: it does not run at this rate; set the device to it, or correct"),
+        ({"rate_hz": 44_100}, r"Invalid sample rate.*: it does not run at 44100 Hz; set the device to it, or correct"),
     ],
     ids=["device", "host API", "outputs", "inputs", "rate"],
 )

@@ -98,7 +98,7 @@ def test_an_old_calibration_of_the_tracker(line: SerialLine, refusal: Run, tmp_p
     ("changed", "said"),
     [
         ({"actuator": "9"}, "got 4 outputs and 2 inputs; allowed: at least 9 and 2"),
-        ({"rate_hz": "44100"}, "it does not run at this rate"),
+        ({"rate_hz": "44100"}, "it does not run at 44100 Hz"),
         ({"device": '"hw:9"'}, "got no device of this name"),
         ({"calibration_days": "1"}, "audio.latency: got a calibration of"),
     ],

@@ -11,7 +11,7 @@ from experiment.errors import AudioError
 
 _REMEDIES = (
     ("unavailable", "another program holds it, or it was pulled out; close that program, then start again"),
-    ("sample rate", "it does not run at this rate; set the device to it, or correct audio.rate_hz in the rig file"),
+    ("sample rate", "it does not run at {rate_hz} Hz; set the device to it, or correct audio.rate_hz in the rig file"),
     ("channels", "it has fewer channels; correct audio.channels in the rig file"),
 )
 """What PortAudio's message holds, and what that means to an experimenter."""
@@ -106,11 +106,12 @@ def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
 
 
 @contextmanager
-def explained(name: str) -> Iterator[None]:
+def explained(name: str, *, rate_hz: int) -> Iterator[None]:
     """Turn an error of PortAudio into one that an experimenter understands.
 
     Args:
         name: of the device.
+        rate_hz: asked of it.
     """
     sounddevice = library()
     try:
@@ -118,4 +119,4 @@ def explained(name: str) -> Iterator[None]:
     except (sounddevice.PortAudioError, ValueError) as error:
         said = str(error)
         remedy = next((text for sign, text in _REMEDIES if sign in said.lower()), "see to the device and its server")
-        raise AudioError(f"audio device '{name}': {said}: {remedy}") from error
+        raise AudioError(f"audio device '{name}': {said}: {remedy.format(rate_hz=rate_hz)}") from error

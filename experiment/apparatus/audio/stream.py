@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -113,7 +113,7 @@ class AudioStream:
         self._settling: tuple[Callable[[], object], ...] = (priority.joining(), cores.leaving())
         """What the callback's thread does first."""
         self._switch_s = sys.getswitchinterval()
-        with cores.elsewhere(), devices.explained(settings.device):
+        with cores.elsewhere(), self._explained():
             sounddevice = devices.library()
             self._abort = sounddevice.CallbackAbort
             number = devices.find(
@@ -129,7 +129,7 @@ class AudioStream:
                 callback=self._called,
             )
         try:
-            with cores.elsewhere(), devices.explained(settings.device):
+            with cores.elsewhere(), self._explained():
                 self._stream.start()
             sys.setswitchinterval(min(SWITCH_S, self._switch_s))
             self.wait(2 * settings.block)
@@ -240,7 +240,7 @@ class AudioStream:
                 loop.wanted = 0.0
                 self.wait(self._mixer.frame + round(FADE_S * self.rate_hz) + 2 * self._settings.block)
         finally:
-            with devices.explained(self._settings.device):
+            with self._explained():
                 self._stream.close()
 
     def _called(self, inputs: Block, outputs: Block, _frames: int, _time: object, status: Any) -> None:
@@ -256,6 +256,9 @@ class AudioStream:
             outputs.fill(0)
             self._broken = error
             raise self._abort from error
+
+    def _explained(self) -> AbstractContextManager[None]:
+        return devices.explained(self._settings.device, rate_hz=self._settings.rate_hz)
 
     def _check(self) -> None:
         if self._broken is not None:
