@@ -173,7 +173,7 @@ def run(
         )
         try:
             footer = runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=root)
-        except PalpateError as ended:
+        except (PalpateError, KeyboardInterrupt) as ended:
             # No device is kept, and no priority, while files are written.
             opened.close()
             try:

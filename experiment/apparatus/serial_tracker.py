@@ -283,8 +283,7 @@ class SerialTracker:
 
     def _gone(self, error: Exception) -> TrackerStopped:
         return TrackerStopped(
-            f"tracker at {self._name}: the port has gone ({reason(error)}); "
-            "plug the device in again, then resume the session"
+            f"tracker at {self._name}: the port has gone ({reason(error)}); plug the device in again, then go on"
         )
 
     def _silent(self) -> TrackerStopped:
@@ -295,5 +294,5 @@ class SerialTracker:
             )
         return TrackerStopped(
             f"tracker at {self._name}: no frame for {self._settings.stall_ms} ms; "
-            "see that the device is powered, connected and sampling, then resume the session"
+            "see that the device is powered, connected and sampling, then go on"
         )

@@ -51,7 +51,7 @@ class CardPanel:
             `timeout_s` is 0.
 
         Raises:
-            AudioError: nothing is carried any more, not even silence, or one sounds on and on.
+            AudioError: one that has begun does not end, or nobody listens to the card any more.
         """
         ends = time.monotonic() + timeout_s
         while True:

@@ -31,6 +31,8 @@ SPARE_S = 1.0
 
 _LISTENING = b"listening\n"
 
+_SAMPLE_BYTES = np.float32().nbytes
+
 
 class Tap:
     """What one output carries, kept from the moment of tapping on."""
@@ -62,10 +64,9 @@ class Tap:
         try:
             said = self._line.readline()
         except OSError as error:
-            said = str(error).encode()
+            raise self._failed(str(error)) from error
         if said != _LISTENING:
-            self.close()
-            raise _ended(said.decode("utf-8", "replace").strip())
+            raise self._failed(said.decode("utf-8", "replace"))
 
     def since(self, first: int) -> tuple[int, NDArray[np.float32]]:
         """What was heard from a sample on.
@@ -82,13 +83,13 @@ class Tap:
         try:
             self._line.write(b"%d\n" % first)
             self._line.flush()
-            first, count = (int(number) for number in self._line.readline().split())
-            samples = np.frombuffer(self._line.read(count * np.float32().nbytes), np.float32)
-        except (OSError, ValueError) as error:
-            raise _ended(str(error)) from error
-        if samples.size != count:
-            raise _ended(f"{samples.size} of {count} samples came")
-        return first, samples
+            begin, _, count = self._line.readline().partition(b" ")
+            told = self._line.read(int(count or 0) * _SAMPLE_BYTES)
+        except OSError as error:
+            raise self._failed(str(error)) from error
+        if not count or len(told) != int(count) * _SAMPLE_BYTES:
+            raise self._failed("its answer was cut off")
+        return int(begin), np.frombuffer(told, np.float32)
 
     def close(self) -> None:
         """Listen no more."""
@@ -99,6 +100,12 @@ class Tap:
         except subprocess.TimeoutExpired:  # The server stands still.
             self._listener.kill()
             self._listener.wait()
+
+    def _failed(self, why: str) -> AudioError:
+        self._listener.kill()
+        self.close()
+        said = why.strip() or "without a word"
+        return AudioError(f"simulated sound card: what listens to it has ended ({said}); start again")
 
 
 class Kept:
@@ -155,10 +162,6 @@ def listen(server: str, output: str, seconds: float, told: BinaryIO) -> None:
             told.write(b"%d %d\n" % (first, samples.size))
             told.write(samples.tobytes())
             told.flush()
-
-
-def _ended(why: str) -> AudioError:
-    return AudioError(f"simulated sound card: what listens to it has ended ({why or 'no word'}); start again")
 
 
 if __name__ == "__main__":

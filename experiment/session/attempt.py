@@ -146,14 +146,12 @@ class Attempts:
             if parted is not None:
                 seen = _by(parted.clock, seen)
             self._write(entry(armed, seen, self._keep(seen.raw)))
+            if failed := (isinstance(seen, BrokenStep) and seen.failed) or (parted and parted.error):
+                raise failed
         if isinstance(seen, BrokenStep):
             self._broken = seen
-            if failed := seen.failed or (parted and parted.error):
-                raise failed
             self._outage = seen.reason if seen.stopped else ""
             return Event.LOST if seen.stopped else Event.BROKEN_OFF
-        if parted is not None:
-            raise parted.error
         heard = seen.onset.delivered if seen.onset is not None else None
         if heard is not None:
             self._undelivered = 0 if heard.delivered else self._undelivered + 1

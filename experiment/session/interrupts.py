@@ -7,38 +7,48 @@ from __future__ import annotations
 
 import signal
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+
+PATIENCE_S = 5.0
+"""A key pressed again so long after the first is raised at once, s: what it waits for may never end."""
 
 
 class Held:
     """An interrupt that waits."""
 
     def __init__(self) -> None:
-        self.pressed = False
-        """Whether one waits."""
+        self._pressed_s: float | None = None
         self._through = False
+
+    @property
+    def pressed(self) -> bool:
+        """Whether one waits."""
+        return self._pressed_s is not None
 
     @contextmanager
     def let_through(self) -> Iterator[None]:
         """One that comes meanwhile, or waits already, is raised at once; a second one waits again."""
         self._through = True
         try:
-            self._raise()
+            if self.pressed:
+                self._raise()
             yield
         finally:
             self._through = False
 
     def come(self, *_: object) -> None:
         """The key was pressed."""
-        self.pressed = True
-        if self._through:
+        now_s = time.monotonic()
+        if self._pressed_s is None:
+            self._pressed_s = now_s
+        if self._through or now_s - self._pressed_s > PATIENCE_S:
             self._raise()
 
     def _raise(self) -> None:
-        if self.pressed:
-            self.pressed = self._through = False
-            raise KeyboardInterrupt
+        self._pressed_s, self._through = None, False
+        raise KeyboardInterrupt
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO, Literal
 
@@ -41,6 +42,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
         SessionLocked: another runner holds the participant.
         JournalError: the journal is broken, or belongs to another session.
         PalpateError: a part failed; the footer says so, and the session can be resumed.
+        KeyboardInterrupt: Ctrl-C while the footer was written; it is on disk.
     """
     path = journal_path(dataset, header.participant, header.task)
     with journal.locked(path.parent, header.participant):
@@ -111,7 +113,9 @@ class _Session:
                 pause = self._trials()
             except PalpateError as error:
                 self._follow(Event.FAIL)
-                self._end("error", str(error))
+                # It has ended as it is; whoever presses the key meanwhile wants no more.
+                with suppress(KeyboardInterrupt):
+                    self._end("error", str(error))
                 raise
             except KeyboardInterrupt:
                 pause = "interrupted at the keyboard"

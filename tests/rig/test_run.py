@@ -7,6 +7,7 @@ import gzip
 import json
 import re
 import shutil
+import signal
 from collections.abc import Callable, Iterator
 from datetime import date, timedelta
 from pathlib import Path
@@ -18,6 +19,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.serial_tracker import SerialTracker
 from experiment.protocol import load
 from experiment.protocol.shipped import shipped
+from experiment.records import AnyEntry, Footer
 from experiment.rehearsal import takes as simulated
 from experiment.rehearsal.foot import Faults, Foot
 from experiment.rehearsal.movement import trajectory
@@ -173,7 +175,7 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
         "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
     )
     assert (code, err) == (0, "")
-    assert "plug the device in again, then resume the session. The session waits for 300 s; nothing is lost." in out
+    assert "plug the device in again, then go on. The session waits for 300 s; nothing is lost." in out
     assert "The tracker is back; the trial is armed again." in out
     assert "The session is complete: 4 answers." in out
     folder = Path("dataset") / "sourcedata" / "sub-01"
@@ -272,3 +274,31 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
     assert [float(np.median(after)) for after in landed] == pytest.approx([0.0] * 4, abs=0.1)
     code, told, _ = palpate("journal", path)
     assert len(re.findall(r"zeroed: the foot rests at [+-]\d\.\d\d mm from contact, spread 0\.\d\d mm", told)) == 2
+
+
+@pytest.mark.parametrize("task", ["real"])
+@pytest.mark.usefixtures("laboratory")
+def test_ctrl_c_while_the_last_line_is_written_leaves_the_tables_of_a_complete_session(
+    task: str, monkeypatch: pytest.MonkeyPatch, palpate: Palpate
+) -> None:
+    typed, append = iter(["c", "", "a", "", "n", "", "t", ""]), journal.Journal.append
+
+    def appending(self: journal.Journal, entry: AnyEntry) -> int:
+        if isinstance(entry, Footer):
+            signal.raise_signal(signal.SIGINT)
+        return append(self, entry)
+
+    def ask(prompt: str) -> str:
+        return next(typed) if "Key" in prompt or "confirms" in prompt else ""
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    monkeypatch.setattr(journal.Journal, "append", appending)
+    monkeypatch.setattr("builtins.input", ask)
+    where = ["--rig", "rig.toml", "--dataset", "dataset"]
+    code, _, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
+    signal.signal(signal.SIGINT, before)
+    assert (code, err) == (130, "palpate: interrupted; call it again to go on or begin anew\n")
+    path = Path("dataset") / "sourcedata" / "sub-01" / f"sub-01_task-{task}_journal.jsonl"
+    assert journal.read(path).entries[-1] == Footer(reason="complete", answered=4)
+    events = (Path("dataset") / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").read_text()
+    assert events.count("PARTICIPANT") == 4

@@ -45,7 +45,8 @@ class Timeline:
     """Kept by the callback through `note`, read by the session's thread.
 
     They share no lock: the callback publishes how many callbacks and gaps there are together and last, and a reader
-    takes both at once. Of what a reader then looks at, the callback changes at most the line of the last three.
+    takes both at once. Of what a reader then looks at, the callback changes at most the line of the last three. The
+    line that holds now is published by itself, for `frame_at`, which takes nothing else.
     """
 
     def __init__(self, *, rate_hz: float, block: int) -> None:

@@ -218,7 +218,7 @@ def test_a_port_that_vanishes_is_an_error_with_a_remedy(scripted: Open, error: E
     tracker, _ = scripted([frames(0, 1), error])
     tracker.read()
     for act in (tracker.read, tracker.drain):
-        with pytest.raises(TrackerStopped, match=r"the port has gone \(.*\); plug the device in again, then resume"):
+        with pytest.raises(TrackerStopped, match=r"the port has gone \(.*\); plug the device in again, then go on"):
             act()
 
 

@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 from experiment.apparatus.samples import Samples
+from experiment.errors import AudioError
 from experiment.protocol.models import Protocol
 from experiment.records import Footer, FootStep
 from experiment.session import interrupts, journal
 from experiment.session.attempt import Attempts
-from tests.experiment.session.bench import bench, entries, header
+from tests.experiment.session.bench import bench, entries, felt_and_on_file, header
 
 INTERRUPTED = Footer(reason="paused", detail="interrupted at the keyboard", answered=0)
 
@@ -55,6 +56,13 @@ def test_one_that_waits_is_let_through() -> None:
         press()
         with pytest.raises(KeyboardInterrupt), held.let_through():
             pytest.fail("the interrupt still waits")
+
+
+def test_one_that_is_pressed_again_much_later_no_longer_waits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(interrupts, "PATIENCE_S", -1.0)
+    with interrupts.held(), pytest.raises(KeyboardInterrupt):
+        press()
+        pytest.fail("the interrupt still waits")
 
 
 def test_what_went_wrong_meanwhile_is_told_first() -> None:
@@ -98,11 +106,14 @@ def test_a_foot_that_is_waited_for_is_interrupted_at_once(protocol: Protocol, tm
     assert not any(isinstance(entry, FootStep) for entry in entries(tmp_path, "virtual"))
 
 
-@pytest.mark.parametrize("while_kept", [True, False])
+@pytest.mark.parametrize("where", ["stimulus", "frames", "entry"])
 def test_a_step_that_was_felt_is_on_file_before_the_session_pauses(
-    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, while_kept: bool
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
-    keep, append = Attempts._keep, journal.Journal.append
+    one, keep, append = bench("c"), Attempts._keep, journal.Journal.append
+
+    def delivering(_: int) -> None:
+        press()
 
     def keeping(self: Attempts, raw: bytes) -> object:
         press()
@@ -114,11 +125,13 @@ def test_a_step_that_was_felt_is_on_file_before_the_session_pauses(
         return append(self, entry)  # type: ignore[arg-type]
 
     with monkeypatch.context() as patched:
-        if while_kept:
+        if where == "stimulus":
+            patched.setattr(one.actuator, "delivered", delivering)
+        elif where == "frames":
             patched.setattr(Attempts, "_keep", keeping)
         else:
             patched.setattr(journal.Journal, "append", appending)
-        assert bench("c").run(protocol, header("virtual"), tmp_path) == INTERRUPTED
+        assert one.run(protocol, header("virtual"), tmp_path) == INTERRUPTED
     *_, step, footer = entries(tmp_path, "virtual")
     assert footer == INTERRUPTED
     assert isinstance(step, FootStep)
@@ -126,6 +139,23 @@ def test_a_step_that_was_felt_is_on_file_before_the_session_pauses(
     second = bench("cpt")
     assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
     assert second.console.armed == [(1, 2), (2, 1), (3, 1)]
+
+
+def test_what_failed_after_contact_is_told_and_not_the_key(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = bench("c")
+
+    def failing(_: int) -> None:
+        press()
+        raise AudioError("the stream has stopped")
+
+    monkeypatch.setattr(one.actuator, "delivered", failing)
+    with pytest.raises(AudioError, match="the stream has stopped"):
+        one.run(protocol, header("virtual"), tmp_path)
+    *_, broken, footer = entries(tmp_path, "virtual")
+    assert footer == Footer(reason="error", detail="the stream has stopped", answered=0)
+    felt_and_on_file(broken, "the stream has stopped", tmp_path)
 
 
 def test_the_last_line_is_on_file_before_a_session_that_is_complete_is_interrupted(
