@@ -130,7 +130,8 @@ class SoundCard:
     def close(self) -> None:
         """Stop the server. Streams and taps must be closed before."""
         with devices.looking_anew():
-            self._wiring.close()
+            if self._server.poll() is None:
+                self._wiring.close()
             self._stop()
             self._tidy()
 

@@ -104,8 +104,8 @@ class Tap:
     def _failed(self, why: str) -> AudioError:
         self._listener.kill()
         self.close()
-        said = why.strip() or "without a word"
-        return AudioError(f"simulated sound card: what listens to it has ended ({said}); start again")
+        said = f" ({why.strip()})" if why.strip() else ""
+        return AudioError(f"simulated sound card: what listens to it has ended{said}; start again")
 
 
 class Kept:

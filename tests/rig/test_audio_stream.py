@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from collections.abc import Iterator
 
 import numpy as np
@@ -156,3 +158,21 @@ def test_stimuli_and_loop_are_mixed_on_one_clock(looped: AudioStream) -> None:
     for shift in (50, 150):
         expected[shift : shift + 300] += stimulus
     assert np.allclose(heard, expected, rtol=0, atol=2**-24)
+
+
+LOSES_ITS_SERVER = """
+from tests.rig import sound
+with sound.sound_card() as card, sound.stream() as stream:
+    stream.wait(stream.next_frame + 1)
+    card._server.kill()
+    card._server.wait()
+print("closed")
+"""
+
+
+@pytest.mark.usefixtures("card")
+def test_a_process_whose_server_has_gone_closes_and_ends() -> None:
+    ended = subprocess.run(
+        [sys.executable, "-c", LOSES_ITS_SERVER], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (ended.returncode, ended.stdout) == (0, "closed\n"), ended.stderr

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import atexit
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from experiment.errors import AudioError
+
+CLOSE_S = 5.0
+"""How long a device may take to close, s."""
+
+_left_alone = False
+"""Whether PortAudio still waits for a stream that was to be closed."""
 
 _REMEDIES = (
     ("unavailable", "another program holds it, or it was pulled out; close that program, then start again"),
@@ -44,12 +52,43 @@ def library() -> Any:
     return sounddevice
 
 
+def close(stream: Any) -> None:
+    """Close a stream of this process.
+
+    PortAudio waits for ten minutes to close one whose JACK server has gone, and would do so again as the process ends.
+    So after `CLOSE_S` it is left alone, for good.
+
+    Args:
+        stream: of `library`.
+    """
+    global _left_alone
+    failed: list[Exception] = []
+
+    def closing() -> None:
+        try:
+            stream.close()
+        except Exception as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=closing, name="closing", daemon=True)
+    thread.start()
+    thread.join(CLOSE_S)
+    if thread.is_alive():
+        _left_alone = True
+        atexit.unregister(library()._exit_handler)
+    elif failed:
+        raise failed[0]
+
+
 @contextmanager
 def looking_anew() -> Iterator[None]:
     """Have PortAudio look for devices again afterwards; by itself it looks once. No stream may be open in this process.
 
     An audio server is started or stopped inside: PortAudio must have left a server that goes.
     """
+    if _left_alone:
+        yield
+        return
     sounddevice = library()
     sounddevice._terminate()
     try:

@@ -241,7 +241,7 @@ class AudioStream:
                 self.wait(self._mixer.frame + round(FADE_S * self.rate_hz) + 2 * self._settings.block)
         finally:
             with self._explained():
-                self._stream.close()
+                devices.close(self._stream)
 
     def _called(self, inputs: Block, outputs: Block, _frames: int, _time: object, status: Any) -> None:
         try:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import atexit
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -109,3 +111,18 @@ def test_a_stream_that_cannot_fade_is_closed_nevertheless(library: Library, erro
     with pytest.raises(type(error)):
         stream.close()
     assert let_go(library)
+
+
+def test_a_device_that_does_not_close_is_left_alone(library: Library, monkeypatch: pytest.MonkeyPatch) -> None:
+    ends, called = threading.Event(), []
+    offered = devices.library()
+    offered._exit_handler, offered._terminate = (lambda: called.append("exit")), (lambda: called.append("terminate"))
+    monkeypatch.setattr(devices, "CLOSE_S", 0.05)
+    monkeypatch.setattr(devices, "_left_alone", False)
+    monkeypatch.setattr(library, "close", ends.wait)
+    unregistered: list[object] = []
+    monkeypatch.setattr(atexit, "unregister", unregistered.append)
+    AudioStream(SETTINGS, MonotonicClock()).close()
+    with devices.looking_anew():
+        ends.set()
+    assert (unregistered, called) == ([offered._exit_handler], [])
