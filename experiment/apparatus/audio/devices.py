@@ -56,12 +56,15 @@ def close(stream: Any) -> None:
     """Close a stream of this process.
 
     PortAudio waits for ten minutes to close one whose JACK server has gone, and would do so again as the process ends.
-    So after `CLOSE_S` it is left alone, for good.
+    So a stream that has stopped by itself is left alone after `CLOSE_S`, for good.
 
     Args:
         stream: of `library`.
     """
     global _left_alone
+    if stream.active:
+        stream.close()
+        return
     failed: list[Exception] = []
 
     def closing() -> None:

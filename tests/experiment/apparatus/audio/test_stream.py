@@ -113,7 +113,9 @@ def test_a_stream_that_cannot_fade_is_closed_nevertheless(library: Library, erro
     assert let_go(library)
 
 
-def test_a_device_that_does_not_close_is_left_alone(library: Library, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_that_has_stopped_and_does_not_close_is_left_alone(
+    library: Library, monkeypatch: pytest.MonkeyPatch
+) -> None:
     ends, called = threading.Event(), []
     offered = devices.library()
     offered._exit_handler, offered._terminate = (lambda: called.append("exit")), (lambda: called.append("terminate"))
@@ -122,7 +124,17 @@ def test_a_device_that_does_not_close_is_left_alone(library: Library, monkeypatc
     monkeypatch.setattr(library, "close", ends.wait)
     unregistered: list[object] = []
     monkeypatch.setattr(atexit, "unregister", unregistered.append)
-    AudioStream(SETTINGS, MonotonicClock()).close()
+    stream = AudioStream(SETTINGS, MonotonicClock())
+    library.active = False
+    stream.close()
     with devices.looking_anew():
         ends.set()
     assert (unregistered, called) == ([offered._exit_handler], [])
+
+
+def test_a_device_that_has_stopped_and_fails_to_close_is_told_of(library: Library) -> None:
+    stream = AudioStream(SETTINGS, MonotonicClock())
+    library.active, library.unclosed = False, PortAudioError("cannot close")
+    with pytest.raises(AudioError, match="cannot close"):
+        stream.close()
+    assert let_go(library)
