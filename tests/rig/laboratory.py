@@ -1,4 +1,4 @@
-"""Rig files of a laboratory whose devices the tests provide."""
+"""A laboratory whose devices the tests provide, and its rig files."""
 
 from __future__ import annotations
 
@@ -7,10 +7,20 @@ import shutil
 from datetime import date
 from pathlib import Path
 
+import numpy as np
+
+from experiment.apparatus import rig as rigs
 from experiment.protocol.shipped import shipped
+from experiment.rehearsal.foot import Faults, Foot
+from experiment.rehearsal.movement import trajectory
+from experiment.rehearsal.panel import Panel
+from experiment.rehearsal.serial_line import SerialLine
 
 NOISE_MM = 0.1
 """The tracker's noise that they state, mm."""
+
+SPEED_MM_S = 200.0
+"""Of the foot, through the gate."""
 
 
 def write_rig(folder: Path, name: str, **changed: str) -> Path:
@@ -27,3 +37,33 @@ def write_rig(folder: Path, name: str, **changed: str) -> Path:
     path = folder / "rig.toml"
     path.write_text(text, "utf-8")
     return path
+
+
+class Laboratory:
+    """What stands there: a panel, and a line to a foot that steps when the tracker is drained, as it is when armed."""
+
+    def __init__(self, panel: Panel, line: SerialLine) -> None:
+        self.panel = panel
+        self.line = line
+        self.settings = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+        self.steps = 0
+        self.resting = False
+        """The foot does not step when the tracker is drained next: it rests on the panel."""
+        self.faults: dict[int, Faults] = {}
+        """What goes wrong, by the step's number from 1."""
+        self.power()
+
+    def power(self, sole_mm: float = 0.0) -> None:
+        """The device begins to send, its clock at zero."""
+        self.foot = Foot(self.line, self.settings, real_time=True, sole_mm=sole_mm)
+
+    def drained(self) -> None:
+        """The tracker listens anew."""
+        if not self.resting:
+            self.step()
+        self.resting = False
+
+    def step(self) -> None:
+        self.steps += 1
+        step = trajectory(np.random.default_rng(3), SPEED_MM_S, hesitation="none")
+        self.foot.step(step, 0, self.faults.get(self.steps))

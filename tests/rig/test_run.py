@@ -21,45 +21,12 @@ from experiment.protocol import load
 from experiment.protocol.shipped import shipped
 from experiment.records import AnyEntry, Footer
 from experiment.rehearsal import takes as simulated
-from experiment.rehearsal.foot import Faults, Foot
-from experiment.rehearsal.movement import trajectory
+from experiment.rehearsal.foot import Faults
 from experiment.rehearsal.panel import Panel
 from experiment.rehearsal.serial_line import SerialLine
 from experiment.session import journal
 from tests.conftest import Palpate
-from tests.rig.laboratory import NOISE_MM
-
-SPEED_MM_S = 200.0
-
-
-class Laboratory:
-    """What stands there: a panel, and a line to a foot that steps when the tracker is drained, as it is when armed."""
-
-    def __init__(self, panel: Panel, line: SerialLine) -> None:
-        self.panel = panel
-        self.line = line
-        self.settings = rigs.load(shipped("rigs/rehearsal.toml")).tracker
-        self.steps = 0
-        self.resting = False
-        """The foot does not step when the tracker is drained next: it rests on the panel."""
-        self.faults: dict[int, Faults] = {}
-        """What goes wrong, by the step's number from 1."""
-        self.power()
-
-    def power(self, sole_mm: float = 0.0) -> None:
-        """The device begins to send, its clock at zero."""
-        self.foot = Foot(self.line, self.settings, real_time=True, sole_mm=sole_mm)
-
-    def drained(self) -> None:
-        """The tracker listens anew."""
-        if not self.resting:
-            self.step()
-        self.resting = False
-
-    def step(self) -> None:
-        self.steps += 1
-        step = trajectory(np.random.default_rng(3), SPEED_MM_S, hesitation="none")
-        self.foot.step(step, 0, self.faults.get(self.steps))
+from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory
 
 
 @pytest.fixture

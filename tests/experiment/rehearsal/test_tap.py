@@ -40,6 +40,9 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, does: str) -> Tap:
     return Tap("server", "port", seconds=1.0)
 
 
+BEGINS = "echo listening; read asked; "
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="the listener is a shell script")
 @pytest.mark.parametrize(
     ("does", "patience_s", "told"),
@@ -47,31 +50,15 @@ def scripted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, does: str) -> Tap:
         ("exit 1", 30.0, ""),
         ("echo no such port", 30.0, r" \(no such port\)"),
         ("exec sleep 60", 0.1, r" \(timed out\)"),
+        (BEGINS + "printf '0 25\\n'; head -c 48 /dev/zero", 30.0, r" \(its answer was cut off\)"),
+        (BEGINS + "printf '0 25\\n'; head -c 50 /dev/zero", 30.0, r" \(its answer was cut off\)"),
+        (BEGINS + "exit 1", 30.0, r" \(its answer was cut off\)"),
+        (BEGINS + "exec sleep 60", 3.0, r" \(timed out\)"),
     ],
 )
-def test_a_listener_that_does_not_begin_is_told_of(
+def test_a_listener_that_does_not_begin_or_answer_is_told_of(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, does: str, patience_s: float, told: str
 ) -> None:
     monkeypatch.setattr(tap, "PATIENCE_S", patience_s)
     with pytest.raises(AudioError, match=rf"what listens to it has ended{told}; start again"):
-        scripted(monkeypatch, tmp_path, does)
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="the listener is a shell script")
-@pytest.mark.parametrize(
-    ("answers", "patience_s", "told"),
-    [
-        ("printf '0 25\\n'; head -c 48 /dev/zero", 30.0, r" \(its answer was cut off\)"),
-        ("printf '0 25\\n'; head -c 50 /dev/zero", 30.0, r" \(its answer was cut off\)"),
-        ("exit 1", 30.0, r" \(its answer was cut off\)"),
-        ("exec sleep 60", 3.0, r" \(timed out\)"),
-    ],
-)
-def test_an_answer_that_is_cut_off_or_does_not_come_is_told_of(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, answers: str, patience_s: float, told: str
-) -> None:
-    monkeypatch.setattr(tap, "PATIENCE_S", patience_s)
-    listened = scripted(monkeypatch, tmp_path, f"echo listening; read asked; {answers}")
-    with pytest.raises(AudioError, match=rf"what listens to it has ended{told}; start again"):
-        listened.since(0)
-    listened.close()
+        scripted(monkeypatch, tmp_path, does).since(0)
