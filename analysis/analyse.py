@@ -11,26 +11,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis import documents, published, report
-from analysis.anova import Anova
-from analysis.comparison import Comparison, compare
-from analysis.course import Course
-from analysis.dissimilarities import NONE as NO_DISSIMILARITIES
-from analysis.dissimilarities import from_file
-from analysis.dissimilarities import printed as printed_dissimilarities
-from analysis.exclusions import nothing_left
-from analysis.methods import METHODS
-from analysis.output import DERIVATIVES, MANIFEST, check, publish
-from analysis.pooling import read_pooled
-from analysis.results import Results, TaskResult, compute
-from analysis.sections import sections
-from analysis.study import Study
-from analysis.tables import WIDTH, Section, text
+from analysis import published
+from analysis.audit.comparison import Comparison, compare
+from analysis.documents import page
+from analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
+from analysis.documents.tables import WIDTH, Section, text
+from analysis.identification.results import Results, TaskResult, compute
+from analysis.identification.time_course import Course
+from analysis.reading.dissimilarities import NONE as NO_DISSIMILARITIES
+from analysis.reading.dissimilarities import from_file
+from analysis.reading.dissimilarities import printed as printed_dissimilarities
+from analysis.reading.exclusions import nothing_left
+from analysis.reading.pooling import read_pooled
+from analysis.reading.study import Study
+from analysis.report.methods import METHODS
+from analysis.report.sections import sections
+from analysis.statistics.anova import Anova
 from experiment.errors import DatasetError
-from experiment.event_columns import NO_ANSWER
+from experiment.records.events import NO_ANSWER
 
 if TYPE_CHECKING:
-    from analysis.figures import Sheet
+    from analysis.documents.drawing import Sheet
 
 REPORT = "report.html"
 
@@ -82,7 +83,7 @@ def analyse(
         datasets: BIDS datasets made by palpate.
         out: folder of the results; `derivatives/palpate` in the dataset by default, where there is one.
         figures: whether to draw the figures, which takes most of the time.
-        dissimilarities: CSV file, see `analysis.dissimilarities.from_file`; the published ones by default.
+        dissimilarities: CSV file, see `analysis.reading.dissimilarities.from_file`; the published ones by default.
 
     Raises:
         DatasetError: for a dataset or file that cannot be read, datasets that do not go together or have no trial left,
@@ -127,17 +128,15 @@ def _content(
     title = study.name.removeprefix(f"{study.label}: ")
     drawn: tuple[Sheet, ...] = ()
     if figures:
-        from analysis.sheets import sheets
+        from analysis.report.figures import sheets
 
         drawn = sheets(results, study.label)
-        files |= documents.drawings(drawn, "figures/")
+        files |= page.drawings(drawn, "figures/")
     drawings = {one.name: files[f"figures/{one.name}.svg"] for one in drawn}
-    files |= documents.tables((*parts, _counts(results)), study.label, "tables/")
+    files |= page.tables((*parts, _counts(results)), study.label, "tables/")
     numbers = _numbers(study, results, comparison)
     files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
-    files[REPORT] = report.html(
-        title, study.label, software, parts, drawings, documents.captions(drawn, METHODS)
-    ).encode()
+    files[REPORT] = page.html(title, study.label, software, parts, drawings, page.captions(drawn, METHODS)).encode()
     files.update(_bids(study, software))
     return files
 

@@ -13,12 +13,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from analysis.confusion import confusion
-from analysis.dataset import MISSING
-from analysis.output import check, publish
-from analysis.pooling import read_pooled
-from analysis.study import Study
-from experiment.event_columns import NO_ANSWER
+from analysis.documents.output import check, publish
+from analysis.identification.confusion import confusion
+from analysis.reading.dataset import MISSING
+from analysis.reading.pooling import read_pooled
+from analysis.reading.study import Study
+from experiment.records.events import NO_ANSWER
 
 LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated or reconstructed", "text")
 PARTICIPANT = ("participant", "label of the participant", "text")

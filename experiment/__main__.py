@@ -8,7 +8,7 @@ import sys
 def main() -> None:
     """Entry point of the command."""
     try:
-        from experiment.cli import main as command
+        from experiment.cli.app import main as command
 
         command()
     except KeyboardInterrupt:

@@ -58,12 +58,12 @@ Palpate = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def palpate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Palpate:
     """The command, in this process."""
-    from experiment import __main__ as start
+    from experiment import __main__
 
     def call(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
         with pytest.raises(SystemExit) as end:
-            start.main()
+            __main__.main()
         out, err = capsys.readouterr()
         return int(end.value.code or 0), out, err
 
@@ -73,8 +73,8 @@ def palpate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
 @pytest.fixture
 def seed_for() -> Callable[[Path, str], int]:
     """A seed under which participant 01 of a protocol does a task first."""
-    from experiment import roster
-    from experiment.protocol import load
+    from experiment.settings import load
+    from experiment.study import roster
 
     def find(protocol_file: Path, task: str) -> int:
         protocol = load.load(protocol_file)

@@ -35,7 +35,7 @@ def test_a_trial_flows_one_way(repository_root: Path) -> None:
 def test_help_imports_nothing_heavy(repository_root: Path, command: list[str]) -> None:
     code = f"""
 import sys
-from experiment.cli import app
+from experiment.cli.app import app
 try:
     app({command!r})
 except SystemExit as end:
@@ -63,7 +63,7 @@ def test_style(repository_root: Path, tool: list[str]) -> None:
 def test_every_command_has_help_with_an_example() -> None:
     import typer
 
-    from experiment.cli import app
+    from experiment.cli.app import app
 
     group = typer.main.get_command(app)
     assert isinstance(group, typer.core.TyperGroup)

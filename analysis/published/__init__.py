@@ -8,7 +8,6 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from analysis.granularity import Scale
 from analysis.published.numbers import (
     PrintedCell,
     PrintedChoices,
@@ -22,6 +21,7 @@ from analysis.published.numbers import (
     PrintedTable,
     PrintedTask,
     Published,
+    Scale,
 )
 from analysis.published.printed import Printed, as_printed
 from experiment.errors import ProtocolError, PublishedError
@@ -70,7 +70,7 @@ def read(path: Path) -> Published:
         PublishedError: with every problem of the file at once.
     """
     from analysis.published.models import Document
-    from experiment.protocol import load as files
+    from experiment.settings import load as files
 
     try:
         document = files.read(path, Document)

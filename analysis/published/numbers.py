@@ -6,8 +6,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 
-from analysis.granularity import Scale
 from analysis.published.printed import Printed
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The values that one participant can have: multiples of 1 / `items` from `low` to `high`; None: no end."""
+
+    items: int
+    low: int | None = 0
+    high: int | None = 1
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.samples import LinkCounts, Samples
-from experiment.stimulus_record import Delivered, Driven, Shaping
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
+from experiment.records.stimulus import Delivered, Driven, Shaping
 
 
 class Spectrum(Protocol):

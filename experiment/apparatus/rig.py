@@ -4,6 +4,10 @@ A sensor's reading becomes a height by straight lines between the calibrated poi
 reading beyond the outermost points stands for the height of the nearest one. `check` therefore asks for points
 so far beyond gate and panel that a reading held at either end can decide neither a crossing nor a contact, and that
 the noise of a foot at rest on the panel stays inside, and for as much further as zeroing may move heights.
+
+The panel's own devices in a rig file: what shakes it, and what measures it.
+
+The audio device in a rig file: its channels, what was calibrated and when, and what counts as delivered.
 """
 
 from __future__ import annotations
@@ -14,20 +18,273 @@ from datetime import date
 from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, cast
 
 import numpy as np
 import rfc8785
 from numpy.typing import NDArray
 from pydantic import Field
 
-from experiment.apparatus.frames import FRAME_BYTES
-from experiment.apparatus.rig_audio import AudioRig
-from experiment.apparatus.rig_panel import REHEARSAL, AccelerometerRig, ActuatorRig
+from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
-from experiment.protocol import load as files
 from experiment.protocol.models import Confined, Name, Step, Text
 from experiment.protocol.rules import Broken, Rules
+from experiment.settings import load as files
+
+REHEARSAL = "rehearsal"
+"""Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
+
+
+Address = Annotated[
+    str,
+    Field(
+        pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
+        description="host:port, such as 127.0.0.1:4711",
+    ),
+]
+
+
+def _port_rules(table: Any) -> Iterator[Broken]:
+    address = table.get("address")
+    port = address.rpartition(":")[2] if isinstance(address, str) else ""
+    if port.isdecimal() and not 1 <= int(port) <= 65535:
+        yield Broken(("address",), "host:port with a port from 1 to 65535")
+
+
+def _actuator_rules(table: Any) -> Iterator[Broken]:
+    yield from _port_rules(table)
+    driver, address = table.get("driver"), table.get("address")
+    if driver == "pcm-tcp" and address is None:
+        yield Broken(("address",), "host:port of its server, such as 127.0.0.1:4711")
+    elif driver == "audio" and address is not None:
+        yield Broken(("address",), "no address with driver 'audio': [audio] names the device")
+    takes = [key for key in ("full_scale_m_s2", "shaping") if table.get(key) is not None]
+    if len(takes) != 1:
+        yield Broken(
+            ("full_scale_m_s2",),
+            "this key for a device that takes accelerations, the table [actuator.shaping] for one that takes volts; "
+            "exactly one of them",
+        )
+
+
+class ShapingRig(Confined):
+    """How a device that takes volts moves the panel, as measured: frequency shaping (Okamoto et al., equation (7)).
+
+    `response` is a table of `apparatus/panel/response_table.py`, in the folder of the rig file; its hash stands here,
+    so that the rig's own hash names one measurement. No bin of a stimulus takes more than `gain_limit_v_per_m_s2`:
+    near a null of the response the voltage would grow without bound.
+    """
+
+    response: Annotated[
+        str, Field(pattern=r"^[^/\\\s]+\.csv$", description="the name of a .csv file in the folder of the rig file")
+    ]
+    response_sha256: Annotated[
+        str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints them")
+    ]
+    full_scale_v: Annotated[float, Field(gt=0, le=1000)]
+    gain_limit_v_per_m_s2: Annotated[float, Field(gt=0, le=1000)]
+
+
+class ActuatorRig(Confined):
+    """What shakes the panel: a raw PCM port of its own, or a channel of the rig's audio device.
+
+    A device that takes accelerations has `full_scale_m_s2`, one that takes volts has `shaping` with `full_scale_v`.
+    Samples go out divided by it, so that 1.0 is the device's full scale.
+    """
+
+    RULES: ClassVar[Rules] = _actuator_rules
+
+    driver: Literal["pcm-tcp", "audio"]
+    address: Address | None = None
+    rate_hz: Annotated[int, Field(ge=1000, le=192_000)]
+    full_scale_m_s2: Annotated[float, Field(gt=0, le=1000)] | None = None
+    shaping: ShapingRig | None = None
+
+    @property
+    def full_scale(self) -> float:
+        """What a sample of 1.0 is: V where there is `shaping`, else m/s^2."""
+        if self.shaping is not None:
+            return self.shaping.full_scale_v
+        # The rules refuse a rig with neither.
+        return cast("float", self.full_scale_m_s2)
+
+
+def _accelerometer_rules(table: Any) -> Iterator[Broken]:
+    yield from _port_rules(table)
+    full_scale, trigger = table.get("full_scale_m_s2"), table.get("trigger_m_s2")
+    if isinstance(full_scale, int | float) and isinstance(trigger, int | float) and trigger >= full_scale:
+        yield Broken(("trigger_m_s2",), f"less than full_scale_m_s2 ({full_scale})")
+
+
+class AccelerometerRig(Confined):
+    """What measures the panel while takes are recorded; a sample of 1.0 stands for `full_scale_m_s2`.
+
+    A take begins where a magnitude reaches `trigger_m_s2`: above the noise of the panel at rest, below what matters.
+    """
+
+    RULES: ClassVar[Rules] = _accelerometer_rules
+
+    driver: Literal["pcm-tcp"]
+    address: Address
+    rate_hz: Annotated[int, Field(ge=100, le=192_000)]
+    full_scale_m_s2: Annotated[float, Field(gt=0, le=10_000)]
+    trigger_m_s2: Annotated[float, Field(gt=0)]
+
+
+def response_table(folder: Path, shaping: ShapingRig) -> bytes:
+    """The response table that a rig file names, as it stands on disk.
+
+    Args:
+        folder: which holds the rig file.
+        shaping: of the rig.
+
+    Raises:
+        RigError: it cannot be read, or is not the one whose hash the rig file states.
+    """
+    path = folder / shaping.response
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise RigError(
+            f"{path}: cannot be read ({error.strerror}); allowed: the response table of the rig file; restore it"
+        ) from error
+    digest = hashlib.sha256(content).hexdigest()
+    if digest != shaping.response_sha256:
+        raise RigError(
+            f"{path}: got a table with sha256 {digest}; allowed: {shaping.response_sha256}, as the rig file says; "
+            "restore the table, or write its sha256 into the rig file after measuring anew"
+        )
+    return content
+
+
+Channel = Annotated[int, Field(ge=1, le=256, description="a channel, from 1 as on the device")]
+Days = Annotated[int, Field(ge=1, le=3650)]
+
+
+def _channel_rules(table: Any) -> Iterator[Broken]:
+    headphones, actuator = table.get("headphones"), table.get("actuator")
+    if isinstance(headphones, list | tuple):
+        if len(set(map(str, headphones))) < len(headphones):
+            yield Broken(("headphones",), "each channel once")
+        if actuator in headphones:
+            yield Broken(("actuator",), "a channel of its own: the headphones have this one")
+    if table.get("microphone") is not None and table.get("microphone") == table.get("loopback"):
+        yield Broken(("loopback",), "a channel of its own: the microphone has this one")
+
+
+class AudioChannels(Confined):
+    """Which channel of the device is what. `microphone` and `loopback` are inputs; the others outputs.
+
+    `loopback` hears what the actuator's amplifier is given: a cable from its output, or a divider behind the amplifier.
+    """
+
+    RULES: ClassVar[Rules] = _channel_rules
+
+    headphones: Annotated[tuple[Channel, ...], Field(min_length=1, max_length=8)]
+    actuator: Channel
+    microphone: Channel | None = None
+    loopback: Channel | None = None
+
+    @property
+    def outputs(self) -> int:
+        """Outputs to open."""
+        return max(*self.headphones, self.actuator)
+
+    @property
+    def inputs(self) -> int:
+        """Inputs to open."""
+        return max(self.microphone or 1, self.loopback or 1)
+
+
+class HeadphonesRig(Confined):
+    """How loud the headphones are, as measured at the ear.
+
+    `full_scale_db_a` is the level of pink noise whose rms is full scale (a sample of 1.0), in dB(A): play pink noise
+    at a known lower level, measure, and add how far below full scale it was.
+    """
+
+    full_scale_db_a: Annotated[float, Field(ge=40, le=160)]
+    calibrated_on: date
+    calibration_days: Days
+
+
+class LatencyRig(Confined):
+    """How late the device is, as `palpate calibrate audio` measures it by loopback.
+
+    A frame leaves the output `output_ms` after the stream took it, and what reaches an input is handed over `input_ms`
+    later. Their sum is measured; how it divides is what the driver says. `loopback_gain` is what a sample of 1.0
+    comes back as.
+    """
+
+    output_ms: Annotated[float, Field(ge=0, le=1000)]
+    input_ms: Annotated[float, Field(ge=0, le=1000)]
+    loopback_gain: Annotated[float, Field(gt=0, le=1000)]
+    calibrated_on: date
+    calibration_days: Days
+
+
+class DeliveredRig(Confined):
+    """What a stimulus heard by loopback may differ from the intended one and still count as delivered.
+
+    `onset_ms`: how early or late, against when it was asked for; `contact_ms`: the same against contact, so that the
+    error of the prediction counts, and not asked where it is left out; `gain_db`: how much louder or softer;
+    `residual_db`: power of what neither delay nor gain explains, relative to the intended waveform; of an intended
+    silence the loudest sample, relative to full scale.
+    """
+
+    onset_ms: Annotated[float, Field(gt=0, le=100)]
+    contact_ms: Annotated[float, Field(gt=0, le=100)] | None = None
+    gain_db: Annotated[float, Field(gt=0, le=20)]
+    residual_db: Annotated[float, Field(ge=-200, lt=0)]
+
+
+class AudioRig(Confined):
+    """The one audio device of a session: masker, stimulus, microphone and loopback on one sample clock.
+
+    `host_api` and `device` are as `palpate devices` lists them. `block` is the frames of a period; with JACK that of
+    the server.
+    """
+
+    host_api: Text
+    device: Text
+    rate_hz: Annotated[int, Field(ge=8000, le=192_000)]
+    block: Annotated[int, Field(ge=16, le=8192)]
+    channels: AudioChannels
+    headphones: HeadphonesRig
+    latency: LatencyRig
+    delivered: DeliveredRig
+
+
+def check_calibrations(audio: AudioRig, today: date) -> None:
+    """Refuse calibrations that are too old.
+
+    Raises:
+        RigError: a calibration is older than the rig allows, or was made after today.
+    """
+    check_latency(audio, today)
+    check_headphones(audio, today)
+
+
+def check_latency(audio: AudioRig, today: date) -> None:
+    """The same for what `palpate calibrate audio` measures."""
+    made, days = audio.latency.calibrated_on, audio.latency.calibration_days
+    _check_age("latency", made, days, today, "run `palpate calibrate audio`")
+
+
+def check_headphones(audio: AudioRig, today: date) -> None:
+    """The same for the level of the headphones."""
+    made, days = audio.headphones.calibrated_on, audio.headphones.calibration_days
+    _check_age("headphones", made, days, today, "measure the headphones' level anew")
+
+
+def _check_age(table: str, made: date, days: int, today: date, remedy: str) -> None:
+    age = (today - made).days
+    if not 0 <= age <= days:
+        raise RigError(
+            f"audio.{table}: got a calibration of {made}, {age} days old on {today}; allowed: 0 to {days} days; "
+            f"{remedy}, and put the result into the rig file"
+        )
+
 
 FRAMES = "palpate-frames"
 """The tracker's driver unless a rig names another."""

@@ -12,7 +12,7 @@ from datetime import date
 from itertools import pairwise
 from typing import Any
 
-from experiment.event_columns import NO_ANSWER
+from experiment.records.events import NO_ANSWER
 
 Table = Mapping[str, Any]
 Path = tuple[str | int, ...]

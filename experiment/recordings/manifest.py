@@ -1,6 +1,6 @@
 """Recordings of materials on disk, read: one float WAV a take, and a `manifest.toml` that says what each is.
 
-`writing.py` writes them:
+`store.py` writes them:
 
 ```toml
 format = 1
@@ -36,10 +36,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from experiment.errors import ProtocolError, RecordingError
-from experiment.protocol import load as load_protocol
-from experiment.protocol.locate import locate
 from experiment.protocol.models import Confined, Synthesis
-from experiment.recordings.wav import wav_samples
+from experiment.recordings.readers import wav_samples
+from experiment.settings import load as load_protocol
+from experiment.settings.problems import locate
 
 MANIFEST = "manifest.toml"
 

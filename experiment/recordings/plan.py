@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiment.errors import RecordingError
-from experiment.protocol import canonical
+from experiment.protocol import approval
 from experiment.protocol.models import Protocol
 
 SLOWEST_MM_S = 10.0
@@ -99,7 +99,7 @@ def plan(
         raise RecordingError(f"takes: got {count}; allowed: 1 to 100; give another number")
     return Plan(
         source=source,
-        protocol_sha256=canonical.sha256(protocol),
+        protocol_sha256=approval.sha256(protocol),
         rig_sha256=rig_sha256,
         simulated=simulated,
         materials=tuple(material.id for material in protocol.materials),

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy import fft, optimize, signal
 
 from experiment.errors import RecordingError
-from experiment.recordings.files import Recording, read
+from experiment.recordings.readers import Recording, read
 
 PROMINENCE = 0.1
 MOST_PEAKS = 10

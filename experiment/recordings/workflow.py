@@ -16,16 +16,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol as Port
 
-from experiment.apparatus import calibration, opening
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.gate import Contact, Gate, GateDetector
 from experiment.apparatus.ports import Accelerometer, Rester, Tracker, Window
-from experiment.apparatus.zeroing import ZeroedTracker
+from experiment.apparatus.tracker import calibration
+from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import Clock, MonotonicClock, day
 from experiment.errors import RecordingError
-from experiment.protocol import load
-from experiment.recordings import partial
+from experiment.recordings import store
 from experiment.recordings.plan import Condition, Plan, plan
+from experiment.settings import load
 
 SPEED_TOLERANCE = 0.10
 """A step is on target when its speed is within this part of it: less than half the way to the next recorded speed."""
@@ -162,7 +163,7 @@ def record_on_rig(
         speeds_mm_s=speeds_mm_s,
         takes=takes,
     )
-    partial.check(out, planned)
+    store.check(out, planned)
     accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.synthesis.rate_hz, clock=clock)
     try:
         tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.step.contact_mm)
@@ -206,9 +207,9 @@ def record(
         RecordingError: see `partial.check`; or the accelerometer failed.
         TrackerError: the tracker failed.
     """
-    with partial.begun(planned, out) as folder:
+    with store.begun(planned, out) as folder:
         _walk(planned, folder, tracker, accelerometer, detector, console, clock)
-        return partial.publish(planned, out, note=note)
+        return store.publish(planned, out, note=note)
 
 
 def _walk(
@@ -223,7 +224,7 @@ def _walk(
     """Record every take that is not in the folder yet."""
     conditions = planned.conditions()
     for place, condition in enumerate(conditions):
-        path = partial.take_path(folder, place)
+        path = store.take_path(folder, place)
         if path.exists():
             continue
         console.place(condition, done=place, total=len(conditions))
@@ -238,7 +239,7 @@ def _walk(
             kept = console.keeps(step) and step.window is not None
             if kept and step.window is not None:
                 zero = tracker.zero if isinstance(tracker, ZeroedTracker) else None
-                partial.keep(path, step.window, step.achieved_mm_s, zero)
+                store.keep(path, step.window, step.achieved_mm_s, zero)
 
 
 def _landing(tracker: Tracker, detector: GateDetector, clock: Clock) -> Landing:

@@ -1,33 +1,98 @@
-"""REHEARSAL of one participant: opens the ports of each task, with the simulated world at their far ends."""
+"""REHEARSAL of one participant: opens the ports of each task, with the simulated world at their far ends.
+
+REHEARSAL: the control condition, an actuator that plays silence whatever it is asked for.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from experiment import dataset, scene, study
-from experiment.apparatus import opening, priority
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment import storage
+from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.ports import Actuator
+from experiment.apparatus.panel.conditioning import open_drive
+from experiment.apparatus.ports import Actuator, Played, Spectrum, Wanted
+from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import ManualClock, MonotonicClock
-from experiment.console.port import Console
+from experiment.dataset import build
+from experiment.desk.port import Console
 from experiment.errors import Interrupted
-from experiment.protocol import load
 from experiment.protocol.models import Protocol
-from experiment.recordings.rig_drive import open_drive
-from experiment.rehearsal.card_panel import CardPanel
-from experiment.rehearsal.control import SilentActuator
-from experiment.rehearsal.foot import Foot
-from experiment.rehearsal.materials import SimulatedMaterials
-from experiment.rehearsal.panel import Panel
-from experiment.rehearsal.participant import SimulatedParticipant, Tick
-from experiment.rehearsal.serial_line import SerialLine
-from experiment.rehearsal.sound import SimulatedSound
-from experiment.session import attempt, journal, places, runner
-from experiment.session import sound as sounds
+from experiment.records import journal
+from experiment.records.stimulus import Delivered
+from experiment.rehearsal.footstep.foot import Foot
+from experiment.rehearsal.footstep.materials import SimulatedMaterials
+from experiment.rehearsal.footstep.panel import CardPanel, Panel
+from experiment.rehearsal.footstep.participant import SimulatedParticipant, Tick
+from experiment.rehearsal.wires.serial_line import SerialLine
+from experiment.rehearsal.wires.sound_card import SimulatedSound
+from experiment.session import attempt, masker, run, runner, scene
+from experiment.settings import load
+from experiment.synthesis.spectra import Bins
+
+
+class SilentActuator:
+    """Implements `Actuator` on top of another one: as many samples, all zero."""
+
+    def __init__(self, actuator: Actuator) -> None:
+        self._actuator = actuator
+
+    @property
+    def rate_hz(self) -> int:
+        return self._actuator.rate_hz
+
+    @property
+    def lead_ns(self) -> int:
+        return self._actuator.lead_ns
+
+    def prepare(self, wanted: Wanted) -> Played:
+        return self._actuator.prepare(_Silent(wanted))
+
+    def aim(self, onset_ns: int) -> bool:
+        return self._actuator.aim(onset_ns)
+
+    def landed(self, contact_ns: int) -> None:
+        self._actuator.landed(contact_ns)
+
+    def withdraw(self) -> bool:
+        return self._actuator.withdraw()
+
+    def delivered(self, contact_ns: int) -> Delivered | None:
+        return self._actuator.delivered(contact_ns)
+
+    def close(self) -> None:
+        self._actuator.close()
+
+
+@dataclass(frozen=True)
+class _Silent:
+    """Implements `Wanted`: as long as another, with as many bins, and all of it zero."""
+
+    like: Wanted
+
+    @property
+    def waveform_m_s2(self) -> NDArray[np.float64]:
+        return np.zeros_like(self.like.waveform_m_s2)
+
+    @property
+    def bins(self) -> Callable[[], Spectrum] | None:
+        of = self.like.bins
+        if of is None:
+            return None
+
+        def none() -> Bins:
+            like = of()
+            return Bins(np.zeros_like(like.coefficients), like.samples, like.rate_hz)
+
+        return none
+
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 """When simulated time begins, so that the same seed writes the same files."""
@@ -90,19 +155,19 @@ def _rehearse_task(
 ) -> None:
     planned = scene.plan(protocol=protocol, task_id=task_id)
     clock = MonotonicClock() if job.real_time else ManualClock(_simulated_now_ns(job, task_id, position))
-    header = study.header(
+    header = run.header(
         protocol=protocol,
         rig=rig,
         participant=job.participant,
         task_id=task_id,
         position=position,
         seed=job.seed,
-        recordings=job.dataset / dataset.RECORDINGS if planned.synthesis else None,
+        recordings=job.dataset / build.RECORDINGS if planned.synthesis else None,
         rehearsal=True,
         clock=clock,
     )
     with ExitStack() as opened:
-        got = opened.enter_context(priority.raised()) if job.real_time else ""
+        got = opened.enter_context(host.raised()) if job.real_time else ""
         line = opened.enter_context(SerialLine())
         powered_ns = clock.now_ns()
         foot = Foot(line, rig.tracker, real_time=job.real_time)
@@ -114,13 +179,13 @@ def _rehearse_task(
         opened.callback(tracker.close)
         sound: SimulatedSound | None = None
         if rig.audio is not None:
-            dose = sounds.dose_before(job.dataset, protocol, job.participant, clock)
+            dose = masker.dose_before(job.dataset, protocol, job.participant, clock)
             sound = opened.enter_context(SimulatedSound(rig, protocol, clock, dose_before=dose))
         panel: Panel | CardPanel | None = None
         actuator: Actuator | None = None
         render: scene.Render | None = None
         if planned.synthesis:
-            recordings = job.dataset / dataset.RECORDINGS
+            recordings = job.dataset / build.RECORDINGS
             rates_hz = (rig.actuator.rate_hz,)
             render = scene.open_stimuli(
                 scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=rates_hz
@@ -173,6 +238,6 @@ def _rehearse_task(
 
 def _simulated_now_ns(job: Job, task_id: str, position: int) -> int:
     """Where simulated time stands: after the journal's last entry, or at the task's start."""
-    path = places.journal_path(job.dataset, job.participant, task_id)
+    path = storage.journal_path(job.dataset, job.participant, task_id)
     lines = journal.read(path).lines if path.exists() else ()
     return lines[-1].t_ns if lines else SIMULATED_START_NS + (position - 1) * TASK_NS

@@ -14,20 +14,23 @@ from typing import Literal
 
 from filelock import FileLock, Timeout
 
-from experiment import dataset, roster
+from experiment import storage
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.console.port import Console
+from experiment.apparatus.panel.conditioning import open_drive
+from experiment.dataset import build
+from experiment.desk.port import Console
 from experiment.errors import DatasetError
-from experiment.protocol import canonical, load
+from experiment.protocol import approval
 from experiment.protocol.models import Protocol
-from experiment.recordings.rig_drive import open_drive
-from experiment.rehearsal import processes
-from experiment.rehearsal import takes as simulated
-from experiment.rehearsal.participant import Tick
+from experiment.records import journal
+from experiment.records.progress import progress
+from experiment.rehearsal import pool
+from experiment.rehearsal.footstep import recorded_takes
+from experiment.rehearsal.footstep.participant import Tick
 from experiment.rehearsal.session import Job, rehearse_participant
-from experiment.session import journal, places
-from experiment.session.resume import progress
+from experiment.settings import load
+from experiment.study import roster
 
 PLAN = "rehearsal.json"
 """Beside the journals; a folder without it is no rehearsal's and is never written to."""
@@ -124,7 +127,7 @@ def rehearse(
     if out is None:
         out = Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}"
     out = out.resolve()
-    plan = Plan("REHEARSAL", canonical.sha256(protocol), rigs.sha256(rig), count, seed, control, real_time)
+    plan = Plan("REHEARSAL", approval.sha256(protocol), rigs.sha256(rig), count, seed, control, real_time)
     allocations = roster.allocate(protocol, seed)[:count]
     todo = [Job(out, one.participant, one.tasks, seed, control, real_time) for one in allocations]
     with ExitStack() as refused:
@@ -136,8 +139,8 @@ def rehearse(
             for job in todo:
                 rehearse_participant(job, tick, screen)
         else:
-            processes.rehearse(todo, jobs, tick)
-    dataset.build(out)
+            pool.rehearse(todo, jobs, tick)
+    build.build(out)
     return out
 
 
@@ -145,7 +148,7 @@ def _remaining(out: Path, protocol: Protocol, job: Job) -> int:
     """How many answers of one participant are not on disk yet."""
     left = 0
     for task in job.tasks:
-        path = places.journal_path(out, job.participant, task)
+        path = storage.journal_path(out, job.participant, task)
         entries = journal.read_if_begun(path).entries
         trials = len(protocol.materials) * protocol.task(task).repetitions
         left += len(progress(entries).remaining) if entries else trials
@@ -193,7 +196,7 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
         made = True
         yield
     except BaseException:
-        if made and not any(path.stat().st_size for path in dataset.journals(out)):
+        if made and not any(path.stat().st_size for path in build.journals(out)):
             shutil.rmtree(out, ignore_errors=True)
         if was_there:
             out.mkdir(exist_ok=True)
@@ -232,7 +235,7 @@ def _fill(partial: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Non
     shutil.copyfile(protocol_file, source / "protocol.toml")
     opening.keep(rig_file, source / "rig.toml")
     protocol = load.load(source / "protocol.toml")
-    simulated.make_recordings(partial / dataset.RECORDINGS, protocol=protocol, seed=plan.seed)
+    recorded_takes.make_recordings(partial / build.RECORDINGS, protocol=protocol, seed=plan.seed)
     (source / PLAN).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")
 
 

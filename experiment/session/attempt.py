@@ -1,4 +1,9 @@
-"""One attempt at one trial: lay out, arm, watch the step, put it on disk, ask, and put the answer on disk."""
+"""One attempt at one trial: lay out, arm, watch the step, put it on disk, ask, and put the answer on disk.
+
+The keys with which the experimenter logs what the participant said.
+
+The states of a session and the one table of what may follow what.
+"""
 
 from __future__ import annotations
 
@@ -6,26 +11,109 @@ import hashlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import BinaryIO
 
-from experiment import scene as scenes
-from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.gate import GateDetector
-from experiment.apparatus.landing import NOISE_MM, LandingPredictor
 from experiment.apparatus.ports import Actuator, Masker, Tracker
-from experiment.apparatus.zeroing import ZeroedTracker
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.gate import GateDetector
+from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
+from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import Clock, lasted_ms
-from experiment.console.port import Console
-from experiment.errors import TrackerError, TrackerStopped
+from experiment.desk.port import Console
+from experiment.errors import SessionError, TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records import Answer, AnyEntry, Header, PlannedTrial, Redo, Trace, TrackerOpened, Zeroed
-from experiment.session import answers, interrupts
-from experiment.session.entries import Armed, entry
-from experiment.session.feed import Feed
-from experiment.session.masking import KEYS, Masking
-from experiment.session.sounding import Sounder
-from experiment.session.states import Event
-from experiment.session.step import BrokenStep, Watch, WatchedStep, watch
+from experiment.records.entries import Answer, AnyEntry, Header, PlannedTrial, Redo, Trace, TrackerOpened, Zeroed
+from experiment.session import interrupts, scene
+from experiment.session.footstep.stimulus import Sounder
+from experiment.session.footstep.watch import Armed, BrokenStep, Feed, Watch, WatchedStep, entry, watch
+from experiment.session.masker import KEYS, Masking
+
+
+def keys(protocol: Protocol) -> dict[str, str]:
+    """What each key stands for, as the experimenter reads it: answers first, then what the session understands."""
+    spoken = {m.key: m.id + (f" ('{m.spoken[0]}')" if m.spoken[0] != m.id else "") for m in protocol.materials}
+    return spoken | {
+        protocol.answers.no_answer_key: "no answer",
+        protocol.answers.redo_key: "do this trial again",
+        protocol.answers.pause_key: "pause",
+    }
+
+
+def material_of(protocol: Protocol, key: str) -> str | None:
+    """The material that `key` names; None for the key of no answer.
+
+    Raises:
+        KeyError: the key names no answer.
+    """
+    if key == protocol.answers.no_answer_key:
+        return None
+    return {m.key: m.id for m in protocol.materials}[key]
+
+
+class State(StrEnum):
+    """Where a session stands; `WAITING` is for a tracker that stopped."""
+
+    READY = "ready"
+    FAMILIARISING = "familiarising"
+    ARMED = "armed"
+    WAITING = "waiting"
+    ANSWERING = "answering"
+    COMPLETE = "complete"
+    PAUSED = "paused"
+    FAILED = "failed"
+
+
+class Event(StrEnum):
+    """What happens to a session."""
+
+    BEGIN = "begin"
+    RESUME = "resume"
+    FAMILIARISED = "familiarised"
+    STEPPED = "stepped"
+    BROKEN_OFF = "broken-off"
+    LOST = "lost"
+    FOUND = "found"
+    ANSWERED = "answered"
+    REDONE = "redone"
+    EXHAUSTED = "exhausted"
+    PAUSE = "pause"
+    FAIL = "fail"
+
+
+TRANSITIONS: dict[tuple[State, Event], State] = {
+    (State.READY, Event.BEGIN): State.FAMILIARISING,
+    (State.READY, Event.RESUME): State.ARMED,
+    (State.READY, Event.PAUSE): State.PAUSED,
+    (State.READY, Event.FAIL): State.FAILED,
+    (State.FAMILIARISING, Event.FAMILIARISED): State.ARMED,
+    (State.FAMILIARISING, Event.PAUSE): State.PAUSED,
+    (State.FAMILIARISING, Event.FAIL): State.FAILED,
+    (State.ARMED, Event.STEPPED): State.ANSWERING,
+    (State.ARMED, Event.BROKEN_OFF): State.ARMED,
+    (State.ARMED, Event.LOST): State.WAITING,
+    (State.ARMED, Event.EXHAUSTED): State.COMPLETE,
+    (State.ARMED, Event.PAUSE): State.PAUSED,
+    (State.ARMED, Event.FAIL): State.FAILED,
+    (State.WAITING, Event.FOUND): State.ARMED,
+    (State.WAITING, Event.PAUSE): State.PAUSED,
+    (State.WAITING, Event.FAIL): State.FAILED,
+    (State.ANSWERING, Event.ANSWERED): State.ARMED,
+    (State.ANSWERING, Event.REDONE): State.ARMED,
+    (State.ANSWERING, Event.PAUSE): State.PAUSED,
+    (State.ANSWERING, Event.FAIL): State.FAILED,
+}
+"""Every transition there is; `COMPLETE`, `PAUSED` and `FAILED` end a runner."""
+
+
+def follow(state: State, event: Event) -> State:
+    """The state after `event`. Raises `SessionError` for a transition that the table does not hold."""
+    try:
+        return TRANSITIONS[state, event]
+    except KeyError:
+        allowed = ", ".join(e for s, e in TRANSITIONS if s is state) or "nothing: the session has ended"
+        raise SessionError(f"a session that is {state} got {event}; allowed: {allowed}") from None
+
 
 RECONNECT_S = 300.0
 """How long a session with a participant in the room waits for a tracker that stopped, s."""
@@ -58,7 +146,7 @@ class Devices:
     tracker_port: str
     noise_mm: float | None
     actuator: Actuator | None
-    render: scenes.Render | None
+    render: scene.Render | None
     console: Console
     clock: Clock
     masker: Masker | None
@@ -99,12 +187,12 @@ class Attempts:
         """
         self._protocol = protocol
         self._trials = len(header.order)
-        self._scene = scenes.plan(protocol=protocol, task_id=header.task)
+        self._scene = scene.plan(protocol=protocol, task_id=header.task)
         self._devices = devices
         self._write = write
         self._foot = foot
         self._masking = masking
-        self._keys = answers.keys(protocol) | (KEYS if masking is not None else {})
+        self._keys = keys(protocol) | (KEYS if masking is not None else {})
         self._feed = Feed(devices.tracker)
         noise_mm = NOISE_MM if devices.noise_mm is None else devices.noise_mm
         self._watch = Watch(
@@ -216,7 +304,7 @@ class Attempts:
             self._write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
             return Event.PAUSE if pauses else Event.REDONE
         self._answered_ns = devices.clock.now_ns()
-        answered = answers.material_of(self._protocol, key)
+        answered = material_of(self._protocol, key)
         self._write(
             Answer(
                 trial=planned.trial,

@@ -10,13 +10,13 @@ from typing import BinaryIO, Literal
 from experiment.apparatus import opening
 from experiment.errors import JournalError, PalpateError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records import AnyEntry, Footer, Header, Phase, Redo, Resumed
-from experiment.session import interrupts, journal
-from experiment.session.attempt import Attempts, Devices
-from experiment.session.masking import Masking
-from experiment.session.places import foot_path, journal_path, rig_path
-from experiment.session.resume import Progress, progress, spent_ns
-from experiment.session.states import Event, State, follow
+from experiment.records import journal
+from experiment.records.entries import AnyEntry, Footer, Header, Phase, Redo, Resumed
+from experiment.records.progress import Progress, progress, spent_ns
+from experiment.session import interrupts
+from experiment.session.attempt import Attempts, Devices, Event, State, follow
+from experiment.session.masker import Masking
+from experiment.storage import foot_path, journal_path, rig_path
 
 MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""

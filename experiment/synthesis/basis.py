@@ -35,9 +35,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.synthesis.crinkle import CrinkleSpectra, foot_speed
-from experiment.synthesis.methods import LEAST, ROUNDING, Estimate, held_bytes, rms, transform_error
 from experiment.synthesis.spectra import inverse_on
-from experiment.synthesis.stimulus import BinsAtSpeed, Synthesised, synthesise
+from experiment.synthesis.waveforms import (
+    LEAST,
+    ROUNDING,
+    BinsAtSpeed,
+    Estimate,
+    Synthesised,
+    held_bytes,
+    rms,
+    synthesise,
+    transform_error,
+)
 
 CANCELLATION = 8.0
 """Largest sum of the two terms' rms in extrapolation, as a multiple of the rms at the nearest measured speed; between

@@ -14,8 +14,8 @@ from experiment.errors import SynthesisError
 from experiment.synthesis.basis import Basis
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.first_block import FirstBlockFirst
-from experiment.synthesis.methods import Estimate, InverseDct, Method, PrintedSum, Renderer
 from experiment.synthesis.pruning import BandPruned
+from experiment.synthesis.waveforms import Estimate, InverseDct, Method, PrintedSum, Renderer
 
 EXACT = 1e-12
 """Relative error below which a method counts as exact."""
@@ -79,7 +79,7 @@ def choose(
     Args:
         spectra: of one material.
         output_rate_hz: samples a second that the actuator expects, Hz.
-        allowed_relative_error: largest relative error that the scene allows, as `methods.py` defines it.
+        allowed_relative_error: largest relative error that the scene allows, as `waveforms.py` defines it.
         allowed_memory_bytes: largest size of the prepared renderer, bytes.
         band_hz: what actuator and skin can pass, Hz; None considers no pruning.
 

@@ -31,9 +31,16 @@ from numpy.typing import NDArray
 
 from experiment.synthesis.basis import Basis, BasisRenderer, Weight
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from experiment.synthesis.methods import COSINE_ROUNDINGS, LEAST, ROUNDING, Estimate, cosines, printed_sum_error
 from experiment.synthesis.spectra import Grid
-from experiment.synthesis.stimulus import Synthesised
+from experiment.synthesis.waveforms import (
+    COSINE_ROUNDINGS,
+    LEAST,
+    ROUNDING,
+    Estimate,
+    Synthesised,
+    cosines,
+    printed_sum_error,
+)
 
 FIRST_BLOCK = 64
 """Samples of the first block: 1.3 ms at 48 kHz."""

@@ -6,7 +6,7 @@ over all speeds is found from the measured amplitudes:
 - between two measured speeds it is a ratio of two quadratics, whose largest value has a closed form;
 - beyond them a rising bin goes on and any other falls at most to zero. So what is left out is at most its rising bins
   on their lines and the others as last measured, and what sounds is at least all rising bins on their lines (and, for
-  the relative error of `methods.py`, at least the rms last measured). Again a ratio of two quadratics.
+  the relative error of `waveforms.py`, at least the rms last measured). Again a ratio of two quadratics.
 
 What pruning saves is memory for spectra and cosines, and terms of the printed sum. A weighted sum of basis waveforms
 and an inverse DCT take as long as before.
@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from experiment.synthesis.methods import Estimate, Method, Renderer, rms
 from experiment.synthesis.spectra import Grid, bin_frequencies_hz
+from experiment.synthesis.waveforms import Estimate, Method, Renderer, rms
 
 SLACK = 1e-9
 """Relative rounding of the share that is left out."""

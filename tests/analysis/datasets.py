@@ -5,14 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from experiment.dataset_files import (
-    DatasetText,
-    Origin,
-    TaskText,
-    write_description,
-    write_events,
-    write_participants,
-)
+from experiment.dataset.bids import DatasetText, Origin, TaskText, write_description, write_events, write_participants
 
 MATERIALS = ("glass", "sand", "snow")
 

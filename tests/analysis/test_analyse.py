@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from analysis.analyse import Analysis, analyse
-from experiment.dataset_files import LABELS
+from experiment.dataset.bids import LABELS
 from experiment.errors import DatasetError
 from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis.dataset import read
 from analysis.export import DICTIONARY, export, files
-from experiment.dataset_files import LABELS
+from analysis.reading.dataset import read
+from experiment.dataset.bids import LABELS
 from experiment.errors import DatasetError
 from tests.analysis.datasets import balanced, trial, write_dataset
 from tests.conftest import Palpate

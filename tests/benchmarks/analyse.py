@@ -18,8 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment import counts_file, reconstruction
-from experiment.dataset_files import DatasetText, TaskText, write_description, write_events, write_participants
+from experiment.dataset import reconstruction
+from experiment.dataset import reconstruction as counts_file
+from experiment.dataset.bids import DatasetText, TaskText, write_description, write_events, write_participants
 
 ROOT = Path(__file__).parents[2]
 PARTICIPANTS, REPETITIONS, RUNS = 1000, 10, 5

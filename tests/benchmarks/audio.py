@@ -21,8 +21,8 @@ import time
 import jack
 import numpy as np
 
-from experiment.rehearsal.sound_card import DEVICE, HOST_API, SoundCard
-from experiment.rehearsal.tap import Tap
+from experiment.rehearsal.wires.listener import Tap
+from experiment.rehearsal.wires.sound_card import DEVICE, HOST_API, SoundCard
 
 RATE_HZ = 48_000
 BLOCK = 256

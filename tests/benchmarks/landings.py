@@ -28,22 +28,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment import dataset, scene
-from experiment.apparatus import opening, priority
+from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.gate import GateDetector
-from experiment.apparatus.landing import LandingPredictor
+from experiment.apparatus.panel.conditioning import open_drive
+from experiment.apparatus.tracker.gate import GateDetector
+from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.clock import MonotonicClock
-from experiment.protocol import load
+from experiment.dataset import build
 from experiment.protocol.shipped import shipped
-from experiment.recordings.rig_drive import open_drive
-from experiment.rehearsal import movement, study
-from experiment.rehearsal.foot import Foot
-from experiment.rehearsal.serial_line import SerialLine
-from experiment.rehearsal.sound import SimulatedSound
-from experiment.session.feed import Feed
-from experiment.session.sounding import Sounder
-from experiment.session.step import Watch, WatchedStep, watch
+from experiment.rehearsal import study
+from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep.foot import Foot
+from experiment.rehearsal.wires.serial_line import SerialLine
+from experiment.rehearsal.wires.sound_card import SimulatedSound
+from experiment.session import scene
+from experiment.session.footstep.stimulus import Sounder
+from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
+from experiment.settings import load
 from tests.benchmarks.scheduling import loaded, spread
 
 STEPS, SESSIONS = 2000, 1
@@ -92,9 +93,9 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     rng = np.random.default_rng([seed, number])
     with ExitStack() as opened:
-        landed.priority = opened.enter_context(priority.raised())
+        landed.priority = opened.enter_context(host.raised())
         planned, rate_hz = scene.plan(protocol=protocol, task_id="virtual"), rig.actuator.rate_hz
-        recordings = folder / dataset.RECORDINGS
+        recordings = folder / build.RECORDINGS
         render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
         line = opened.enter_context(SerialLine())
         powered_ns = clock.now_ns()

@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.landing import LandingPredictor
+from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal import movement, study
-from experiment.rehearsal.participant import SimulatedParticipant
+from experiment.rehearsal import study
+from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep.participant import SimulatedParticipant
 from tests.benchmarks.scheduling import STEP, STEPS, loaded, report, spread
 
 LEADS_MS = (5.0, 10.0, 12.0, 15.0, 20.0)

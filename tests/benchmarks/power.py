@@ -33,13 +33,14 @@ from statsmodels.stats.anova import anova_lm
 from statsmodels.stats.oneway import anova_oneway
 from statsmodels.stats.weightstats import DescrStatsW
 
-from analysis import choice_models, planned_tests, power, published
-from analysis.choice_models import ChoiceModel
-from analysis.planned_tests import Design
-from analysis.power import Chunk
-from experiment.protocol import load
+from analysis import published
+from analysis.power import choice_models, planned_tests, simulate
+from analysis.power.choice_models import ChoiceModel
+from analysis.power.planned_tests import Design
+from analysis.power.simulate import Chunk
 from experiment.protocol.models import PlannedTest
 from experiment.protocol.shipped import shipped
+from experiment.settings import load
 
 Floats = NDArray[np.float64]
 
@@ -175,7 +176,7 @@ def differences(theirs: Sequence[float], mine: Sequence[float]) -> Floats:
 def vectorised(chunks: list[Chunk]) -> None:
     """Simulate and test every chunk."""
     for chunk in chunks:
-        power.simulate(chunk)
+        simulate.simulate(chunk)
 
 
 def in_turns(calls: dict[str, Callable[[], object]]) -> dict[str, list[float]]:
@@ -213,8 +214,8 @@ def main() -> None:
                 f"not defined; largest difference {np.nanmax(every):.1e}"
             )
         chunks = [
-            Chunk(planned, model, "model", 15, number, power.CHUNK_STUDIES, 1)
-            for number in range(VECTORISED // power.CHUNK_STUDIES)
+            Chunk(planned, model, "model", 15, number, simulate.CHUNK_STUDIES, 1)
+            for number in range(VECTORISED // simulate.CHUNK_STUDIES)
         ]
 
         def loop_of(by: ByName, planned: Design = planned, icc: bool = bool(tests)) -> None:

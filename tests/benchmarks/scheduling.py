@@ -23,27 +23,28 @@ from queue import SimpleQueue
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment import dataset, scene
-from experiment.apparatus import opening, priority
+from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.gate import Contact, Gate, GateDetector, GateState
-from experiment.apparatus.landing import LandingPredictor
+from experiment.apparatus.panel.conditioning import open_drive
 from experiment.apparatus.ports import Actuator, Played, Wanted
-from experiment.apparatus.samples import LinkCounts, Samples
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
+from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState
+from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.clock import MonotonicClock
-from experiment.console.terminal import TerminalConsole
-from experiment.protocol import load
+from experiment.dataset import build
+from experiment.desk.terminal import TerminalConsole
 from experiment.protocol.models import Step
 from experiment.protocol.shipped import shipped
-from experiment.recordings.rig_drive import open_drive
-from experiment.rehearsal import movement, study
-from experiment.rehearsal.panel import Panel
-from experiment.rehearsal.sound import SimulatedSound
-from experiment.session.feed import Feed
-from experiment.session.sounding import Sounder
-from experiment.session.step import Watch, watch
-from experiment.stimulus_record import Delivered
+from experiment.records.stimulus import Delivered
+from experiment.rehearsal import study
+from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep.panel import Panel
+from experiment.rehearsal.wires.sound_card import SimulatedSound
+from experiment.session import scene
+from experiment.session.footstep.stimulus import Sounder
+from experiment.session.footstep.watch import Feed, Watch, watch
+from experiment.settings import load
 
 STEPS = 2000
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
@@ -84,7 +85,7 @@ class Replayed:
         """When the newest read arrived."""
         self._arrived: SimpleQueue[tuple[Samples, int]] = SimpleQueue()
         self._steps: SimpleQueue[Samples] = SimpleQueue()
-        self._join = priority.joining()
+        self._join = host.joining()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
@@ -179,7 +180,7 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
     """From the arrival of the frame that showed the foot below the gate to its stimulus aimed, for many steps."""
     protocol = load.load(shipped("okamoto2012.toml"))
     planned = scene.plan(protocol=protocol, task_id="virtual")
-    recordings = folder / "rehearsal" / dataset.RECORDINGS
+    recordings = folder / "rehearsal" / build.RECORDINGS
     render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
     rig_file, clock, tracker = shipped(f"rigs/{rig_name}.toml"), MonotonicClock(), Replayed()
     rig = rigs.load(rig_file)
@@ -231,7 +232,7 @@ def handed_over_ms(messages: int, work_ms: float = 0.0) -> list[float]:
         turns = round(work_ms * 1e6 * CALIBRATING_TURNS / (time.perf_counter_ns() - begun_ns))
     sent: SimpleQueue[int] = SimpleQueue()
 
-    join = priority.joining()
+    join = host.joining()
 
     def send() -> None:
         join()
@@ -267,7 +268,7 @@ def report(folder: Path, steps: int) -> None:
         for load_name, hogs in (("idle", 0), (f"{cores} cores loaded", cores)):
             with loaded(hogs):
                 spread(f"{how}, {load_name}, ordinary", gate_to_scheduled_ms(folder, rig_name, rate_hz, steps))
-                with priority.raised() as got:
+                with host.raised() as got:
                     in_session = gate_to_scheduled_ms(folder, rig_name, rate_hz, steps)
                     empty = handed_over_ms(steps)
                     as_much = handed_over_ms(steps, work_ms=float(np.median(in_session)) - float(np.median(empty)))

@@ -21,7 +21,7 @@ from experiment.synthesis.basis import Basis
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.engine import EXACT, FASTEST_FIRST
 from experiment.synthesis.first_block import FIRST_BLOCK, FirstBlockFirst
-from experiment.synthesis.methods import PrintedSum, Renderer
+from experiment.synthesis.waveforms import PrintedSum, Renderer
 
 OUTPUT_RATE_HZ = 48_000
 SPEEDS_MM_S = np.array([50.0, 100.0, 200.0, 300.0])

@@ -30,14 +30,13 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment.apparatus import cores, priority
+from experiment.apparatus import host
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.frames import encode
 from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.samples import Samples
-from experiment.apparatus.serial_tracker import SerialTracker
-from experiment.rehearsal import movement
-from experiment.rehearsal.participant import SPEED_MEDIAN_MM_S
+from experiment.apparatus.tracker.frames import Samples, encode
+from experiment.apparatus.tracker.serial_tracker import SerialTracker
+from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep.participant import SPEED_MEDIAN_MM_S
 
 RATES_HZ = (1000, 5000)
 FEET = ("rests", "steps", "moves")
@@ -125,7 +124,7 @@ def signed_us(us: float) -> float:
 
 def read(rate_hz: int, foot: str) -> Run:
     """Read for `SECONDS`, at the priority of a session and on its core."""
-    with priority.raised():
+    with host.raised():
         return read_raised(rate_hz, foot)
 
 
@@ -135,7 +134,7 @@ def read_raised(rate_hz: int, foot: str) -> Run:
     tty.setraw(port)
     tracker = SerialTracker(os.ttyname(port), settings(rate_hz), clock=Bare())
     code = f"from tests.benchmarks.tracker import send; send({device}, {rate_hz}, {foot!r})"
-    with cores.elsewhere():
+    with host.elsewhere():
         sender = subprocess.Popen([sys.executable, "-c", code], pass_fds=[device])
     while tracker.clock_map is None:
         time.sleep(0.01)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment import files
+from experiment import storage
 
 
 def test_a_file_is_on_disk_before_it_has_its_name_and_its_folder_after(
@@ -28,7 +28,7 @@ def test_a_file_is_on_disk_before_it_has_its_name_and_its_folder_after(
 
     monkeypatch.setattr(os, "fsync", synced)
     monkeypatch.setattr(Path, "replace", replaced)
-    files.write(path, b"whole")
+    storage.write(path, b"whole")
     assert steps[:3] == [("sync", False), ("replace", 5), ("sync", True)]
     assert path.read_bytes() == b"whole"
 
@@ -41,10 +41,10 @@ def test_a_write_that_fails_leaves_the_old_file_alone(tmp_path: Path, monkeypatc
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(OSError, match="No space"):
-        files.write(tmp_path / "file", b"new")
+        storage.write(tmp_path / "file", b"new")
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("file", b"old")]
 
 
 def test_anyone_may_read_what_was_written(tmp_path: Path) -> None:
-    files.write(tmp_path / "file", b"")
+    storage.write(tmp_path / "file", b"")
     assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644

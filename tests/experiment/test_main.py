@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment import __main__ as start
+from experiment import __main__
 
 
 def interrupt_import_of(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -28,7 +28,7 @@ def interrupt_import_of(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("module", "arguments"),
     [
-        ("experiment.cli", ["--help"]),
+        ("experiment.cli.app", ["--help"]),
         ("experiment.rehearsal", ["record", "PROTOCOL", "--simulated", "--out", "OUT"]),
         ("analysis", ["validate", "OUT"]),
         ("experiment.protocol", ["check", "PROTOCOL"]),
@@ -46,7 +46,7 @@ def test_an_interrupt_while_modules_load_is_one_line(
     monkeypatch.setattr("sys.argv", ["palpate", *(paths.get(one, one) for one in arguments)])
     interrupt_import_of(module, monkeypatch)
     with pytest.raises(SystemExit) as end:
-        start.main()
+        __main__.main()
     assert end.value.code == 130
     (line,) = capsys.readouterr().err.splitlines()
     assert re.fullmatch(r"palpate: (the recording was )?interrupted; .* go(es)? on .*", line)
@@ -57,6 +57,6 @@ def test_other_ends_are_left_alone(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     for arguments, code in ((["--version"], 0), (["no-such-command"], 2), (["check", "no-such-file.toml"], 2)):
         monkeypatch.setattr("sys.argv", ["palpate", *arguments])
         with pytest.raises(SystemExit) as end:
-            start.main()
+            __main__.main()
         assert (end.value.code or 0) == code
     assert "interrupted" not in capsys.readouterr().err

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from experiment.protocol.shipped import shipped
 from experiment.rehearsal import study
-from experiment.rehearsal.participant import SimulatedParticipant
+from experiment.rehearsal.footstep.participant import SimulatedParticipant
 
 PARTICIPANTS = 2
 

@@ -16,14 +16,14 @@ from contextlib import contextmanager
 from itertools import count
 from typing import Any
 
-from experiment import cli_progress
-from experiment.console.port import Console
-from experiment.rehearsal import processes
+from experiment.cli import options
+from experiment.desk.port import Console
+from experiment.rehearsal import pool
 from experiment.rehearsal.session import Job
 
 HALT = 30
 
-rehearse_participant, progress, wait = processes.rehearse_participant, cli_progress.progress, processes.wait
+rehearse_participant, progress, wait = pool.rehearse_participant, options.progress, pool.wait
 given, enough = count(1), threading.Event()
 
 
@@ -67,12 +67,12 @@ def signalling(number: int) -> Callable[..., object]:
 
 
 if __name__ in ("__main__", "__mp_main__"):
-    processes.rehearse_participant = halting
+    pool.rehearse_participant = halting
 
 if __name__ == "__main__":
-    from experiment import cli
+    from experiment.cli import app
 
-    processes.wait = signalling(int(sys.argv[1]))  # type: ignore[assignment]
-    cli_progress.progress = counting(int(sys.argv[2]))  # type: ignore[assignment]
+    pool.wait = signalling(int(sys.argv[1]))  # type: ignore[assignment]
+    options.progress = counting(int(sys.argv[2]))  # type: ignore[assignment]
     sys.argv[1:] = sys.argv[3:]
-    cli.main()
+    app.main()

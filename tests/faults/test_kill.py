@@ -10,11 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from experiment import roster, schedule
-from experiment.protocol import load
+from experiment import storage
 from experiment.protocol.shipped import shipped
-from experiment.records import Answer, Footer, Redo
-from experiment.session import journal, places
+from experiment.records import journal
+from experiment.records.entries import Answer, Footer, Redo
+from experiment.settings import load
+from experiment.study import roster, schedule
 
 KILLS = 200
 
@@ -49,7 +50,7 @@ def test_every_confirmed_answer_is_on_disk_once_and_every_order_is_the_planned_o
         answered = {}
         for who in roster.allocate(protocol, one["seed"])[:2]:
             for task in who.tasks:
-                entries = journal.read(places.journal_path(Path(one["out"]), who.participant, task)).entries
+                entries = journal.read(storage.journal_path(Path(one["out"]), who.participant, task)).entries
                 redone = {(e.trial, e.attempt) for e in entries if isinstance(e, Redo)}
                 counted = [e for e in entries if isinstance(e, Answer)]
                 assert not redone & {(e.trial, e.attempt) for e in counted}

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from experiment.session import journal
-from experiment.session.resume import progress
+from experiment.records import journal
+from experiment.records.progress import progress
 from tests.faults.signalled import HALT
 
 ANSWERS, TRIALS = 40, 480

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from analysis.published import spectra
-from experiment.rehearsal import takes
+from analysis.reading import dissimilarities
+from experiment.rehearsal.footstep import recorded_takes
 from tests.reference.okamoto2012 import MATERIALS, TABLE_1, TABLE_2, TABLE_3
 
 
@@ -31,7 +31,7 @@ def test_dissimilarities_are_those_of_the_reference_file(shared: Path) -> None:
 
 
 def test_both_packages_ship_table_3_as_printed() -> None:
-    assert dict(takes.TABLE_3) == TABLE_3
-    assert {pair: one.value for pair, one in spectra.load().pairs.items()} == {
+    assert dict(recorded_takes.TABLE_3) == TABLE_3
+    assert {pair: one.value for pair, one in dissimilarities.load().pairs.items()} == {
         frozenset(pair): value for pair, value in TABLE_3.items()
     }

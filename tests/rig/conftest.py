@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus import rig as rigs
+from experiment.apparatus import rig
 from experiment.apparatus.rig import TrackerRig
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal.serial_line import SerialLine
+from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig.laboratory import NOISE_MM
 from tests.rig.rehearsed import rehearse
 
@@ -28,7 +28,7 @@ def line() -> Iterator[SerialLine]:
 @pytest.fixture(scope="module")
 def settings() -> TrackerRig:
     """The tracker of the rehearsal's rig, as noisy as the tests' foot."""
-    tracker = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+    tracker = rig.load(shipped("rigs/rehearsal.toml")).tracker
     return tracker.model_copy(update={"noise_mm": NOISE_MM})
 
 

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment.apparatus import rig as rigs
+from experiment.apparatus import rig
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal.foot import Faults, Foot
-from experiment.rehearsal.movement import trajectory
-from experiment.rehearsal.panel import Panel
-from experiment.rehearsal.serial_line import SerialLine
+from experiment.rehearsal.footstep.foot import Faults, Foot
+from experiment.rehearsal.footstep.movement import trajectory
+from experiment.rehearsal.footstep.panel import Panel
+from experiment.rehearsal.wires.serial_line import SerialLine
 
 NOISE_MM = 0.1
 """The tracker's noise that they state, mm."""
@@ -45,7 +45,7 @@ class Laboratory:
     def __init__(self, panel: Panel, line: SerialLine) -> None:
         self.panel = panel
         self.line = line
-        self.settings = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+        self.settings = rig.load(shipped("rigs/rehearsal.toml")).tracker
         self.steps = 0
         self.resting = False
         """The foot does not step when the tracker is drained next: it rests on the panel."""

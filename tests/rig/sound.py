@@ -11,7 +11,7 @@ import pytest
 
 from experiment.apparatus.audio.stream import AudioStream, StreamSettings
 from experiment.clock import MonotonicClock
-from experiment.rehearsal.sound_card import DEVICE, HOST_API, SoundCard
+from experiment.rehearsal.wires.sound_card import DEVICE, HOST_API, SoundCard
 
 RATE_HZ = 48_000
 BLOCK = 256

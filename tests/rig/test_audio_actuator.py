@@ -8,17 +8,18 @@ from datetime import date, timedelta
 import numpy as np
 import pytest
 
-from experiment.apparatus import opening, opening_audio
+from experiment.apparatus import opening
+from experiment.apparatus import opening as opening_audio
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.audio.cues import AT_ONCE
+from experiment.apparatus.audio.mixer import AT_ONCE
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.ports import Actuator, Waveform
 from experiment.apparatus.rig import Rig
 from experiment.clock import MonotonicClock
 from experiment.errors import ActuatorError, RigError
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal.card_panel import CardPanel
-from experiment.rehearsal.sound_card import DEVICE, SoundCard
+from experiment.rehearsal.footstep.panel import CardPanel
+from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.rig import sound
 
 CLOCK = MonotonicClock()

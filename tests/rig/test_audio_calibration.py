@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.audio import calibration, delivered, devices
+from experiment.apparatus import rig
+from experiment.apparatus.audio import actuator, calibration, devices
 from experiment.apparatus.audio.stream import AudioStream, StreamSettings
 from experiment.clock import MonotonicClock
 from experiment.errors import AudioError, RigError
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal.sound_card import DEVICE, HOST_API, SoundCard
+from experiment.rehearsal.wires.sound_card import DEVICE, HOST_API, SoundCard
 from tests.conftest import Palpate
 from tests.rig import sound
 
@@ -37,7 +37,7 @@ def test_calibration_finds_the_way_round_and_writes_the_rig(palpate: Palpate, tm
     code, out, err = palpate("calibrate", "audio", "--rig", rig_file, "--out", tmp_path / "new.toml", "--probes", 5)
     assert (code, err) == (0, "SIMULATED: a sound card of software, not a device\n"), err
     assert "5 probes: round trip 256 frames, spread 0; gain 1, spread 0.00 dB" in out
-    found, shipped_rig = rigs.load(tmp_path / "new.toml").audio, rigs.load(shipped("rigs/headless.toml")).audio
+    found, shipped_rig = rig.load(tmp_path / "new.toml").audio, rig.load(shipped("rigs/headless.toml")).audio
     assert found is not None
     assert shipped_rig is not None
     today = found.latency.calibrated_on
@@ -134,7 +134,7 @@ def test_pulseaudio_carries_a_stream_too(
         opened.wait(opened.next_frame + 24_000)
         cue = opened.schedule(wave, channel=0, frame=opened.next_frame + 4096)
         # Its way round is long and not always the same, and under load it tears: found, but not to the sample.
-        found = delivered.align(opened.kept(cue.frame, 144_000)[:, 0], wave, gain=1.0)
+        found = actuator.align(opened.kept(cue.frame, 144_000)[:, 0], wave, gain=1.0)
     finally:
         opened.close()
     assert cue.started == cue.frame

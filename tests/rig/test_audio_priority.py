@@ -8,9 +8,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from experiment.apparatus import priority
-from experiment.apparatus.audio.cues import Block
-from experiment.apparatus.audio.mixer import Mixer
+from experiment.apparatus import host
+from experiment.apparatus.audio.mixer import Block, Mixer
 from tests.rig import sound
 
 
@@ -33,7 +32,7 @@ def test_the_callback_never_waits_for_ordinary_work_where_the_session_does_not(
     with ExitStack() as opened:
         if not server_too:
             opened.enter_context(sound.sound_card())
-        got = opened.enter_context(priority.raised())
+        got = opened.enter_context(host.raised())
         if server_too:
             opened.enter_context(sound.sound_card())
         stream = opened.enter_context(sound.stream())

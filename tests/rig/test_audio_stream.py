@@ -9,11 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from experiment.apparatus.audio.cues import AT_ONCE, Cue
+from experiment.apparatus.audio.mixer import AT_ONCE, Cue
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.clock import MonotonicClock
 from experiment.errors import AudioError
-from experiment.rehearsal.sound_card import SoundCard
+from experiment.rehearsal.wires.sound_card import SoundCard
 from tests.rig import sound
 
 

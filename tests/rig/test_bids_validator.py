@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from analysis.analyse import analyse
-from experiment.dataset_files import PhysioColumn, beh_path, write_physio
+from experiment.dataset.bids import PhysioColumn, beh_path, write_physio
 from tests.analysis.datasets import balanced, trial, write_dataset
 
 UNFILLED = {"JSON_KEY_RECOMMENDED", "SIDECAR_KEY_RECOMMENDED", "TOO_FEW_AUTHORS"}

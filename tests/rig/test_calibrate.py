@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus import serial_devices
-from experiment.apparatus.frames import encode
+from experiment.apparatus import rig
+from experiment.apparatus.tracker import serial_port
+from experiment.apparatus.tracker.frames import encode
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal.serial_line import SerialLine
+from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 
 NOISE_MM = 0.05
@@ -31,7 +31,7 @@ class Sensor:
     def __init__(self, line: SerialLine) -> None:
         self.mm = 0.0
         self._line = line
-        self._truth = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+        self._truth = rig.load(shipped("rigs/rehearsal.toml")).tracker
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._send)
         self._thread.start()
@@ -77,8 +77,8 @@ def test_a_calibration_finds_the_sensor_and_writes_a_new_rig_file(
     code, out, err = palpate("calibrate", "tracker", *where, "--points=-5,0,10,20,50,100", "--days", "30")
     assert (code, err) == (0, "")
     assert "It reaches past the gate (20 mm) and the panel (0 mm)." in out
-    made = rigs.load(tmp_path / "new.toml").tracker
-    truth = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+    made = rig.load(tmp_path / "new.toml").tracker
+    truth = rig.load(shipped("rigs/rehearsal.toml")).tracker
     assert [p.mm for p in made.calibration] == [p.mm for p in truth.calibration]
     # The last point lies at the converter's end, which cuts off half of the noise.
     assert [p.counts for p in made.calibration] == pytest.approx([p.counts for p in truth.calibration], abs=2)
@@ -120,9 +120,9 @@ def test_devices_are_listed(palpate: Palpate) -> None:
     code, out, err = palpate("devices")
     assert (code, err) == (0, "")
     assert out.startswith("Serial ports, as tracker.port names them:\n")
-    assert all(device.port in out for device in serial_devices.devices())
+    assert all(device.port in out for device in serial_port.devices())
     found = json.loads(palpate("devices", "--json")[1])
-    assert [device["port"] for device in found["serial"]] == [device.port for device in serial_devices.devices()]
+    assert [device["port"] for device in found["serial"]] == [device.port for device in serial_port.devices()]
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").is_dir(), reason="only Linux tells who holds a port")
@@ -140,7 +140,7 @@ def test_who_holds_a_port_is_named() -> None:
         )
         assert holder.stdout is not None
         holder.stdout.readline()
-        assert any(held.endswith(f"({holder.pid})") for held in serial_devices.holders(line.url))
-        assert all(not held.endswith(f"({os.getpid()})") for held in serial_devices.holders(line.url))
+        assert any(held.endswith(f"({holder.pid})") for held in serial_port.holders(line.url))
+        assert all(not held.endswith(f"({os.getpid()})") for held in serial_port.holders(line.url))
         holder.communicate()
-        assert serial_devices.holders(line.url) == ()
+        assert serial_port.holders(line.url) == ()

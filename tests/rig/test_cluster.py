@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis import workers
+from analysis.power import workers
 from experiment.errors import PowerError
 from experiment.protocol.shipped import shipped
 from tests.conftest import Palpate

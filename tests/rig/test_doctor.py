@@ -14,19 +14,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiment import doctor
-from experiment.apparatus import priority
+from experiment.apparatus import host
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.doctor import doctor, machine
+from experiment.apparatus.doctor import machine as disk
+from experiment.apparatus.doctor import tracker as tracker_checks
+from experiment.apparatus.doctor.tracker import Heard
 from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.serial_tracker import SerialTracker
-from experiment.checks import disk, machine
-from experiment.checks import tracker as tracker_checks
-from experiment.checks.tracker import Heard
+from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.clock import MonotonicClock
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal.foot import Faults, Foot
-from experiment.rehearsal.panel import Panel
-from experiment.rehearsal.serial_line import SerialLine
+from experiment.rehearsal.footstep.foot import Faults, Foot
+from experiment.rehearsal.footstep.panel import Panel
+from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 from tests.rig.laboratory import write_rig
 from tests.rig.verdicts import LOAD, red, verdicts
@@ -114,7 +114,7 @@ def test_what_is_timed_is_timed_at_the_priority_of_a_session(
         return os.sched_getscheduler(0), os.getpriority(os.PRIO_PROCESS, 0)
 
     before = standing()
-    with priority.raised() as got:
+    with host.raised() as got:
         session = standing()
     seen: list[tuple[int, int]] = []
 
@@ -135,7 +135,7 @@ def test_what_is_timed_is_timed_at_the_priority_of_a_session(
 
 
 BROKEN = """
-from experiment.apparatus.samples import LinkCounts
+from experiment.apparatus.tracker.frames import LinkCounts
 
 class Tracker:
     counts, clock_map = LinkCounts(), None

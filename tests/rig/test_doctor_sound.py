@@ -11,15 +11,14 @@ from typing import Any
 
 import pytest
 
-from experiment.apparatus import opening_audio
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.rig_audio import AudioRig
-from experiment.checks import audio as audio_checks
+from experiment.apparatus.doctor import audio
+from experiment.apparatus.rig import AudioRig, TrackerRig
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal.foot import Foot
-from experiment.rehearsal.serial_line import SerialLine
+from experiment.rehearsal.footstep.foot import Foot
+from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 from tests.rig import sound
 from tests.rig.laboratory import write_rig
@@ -65,14 +64,14 @@ def wired() -> Iterator[AudioStream]:
 def test_a_loopback_that_answers_otherwise_than_calibrated_is_red() -> None:
     with wired() as stream:
         found = {
-            name: {check.name: check.verdict for check in audio_checks.loopback(stream, rig)}
+            name: {check.name: check.verdict for check in audio.loopback(stream, rig)}
             for name, rig in (
                 ("as calibrated", streamed()),
                 ("late", streamed(output_ms=256 / 48 - 2.1)),
                 ("loud", streamed(loopback_gain=0.85)),
             )
         }
-        unheard = audio_checks.loopback(
+        unheard = audio.loopback(
             stream, STREAMED.model_copy(update={"channels": STREAMED.channels.model_copy(update={"loopback": None})})
         )
     good = {"loopback latency": "green", "loopback level": "green", "loopback residual": "green"}
@@ -87,7 +86,7 @@ def test_a_loopback_that_answers_otherwise_than_calibrated_is_red() -> None:
 def test_a_loopback_whose_cable_was_pulled_is_red() -> None:
     with sound.sound_card() as card, sound.stream() as stream:
         card.disconnect(2)
-        [found] = audio_checks.loopback(stream, streamed())
+        [found] = audio.loopback(stream, streamed())
     assert (found.verdict, "was not heard on input 2" in found.measured) == ("red", True)
     assert found.remedy.startswith("lay the loopback's cable")
 
@@ -95,11 +94,11 @@ def test_a_loopback_whose_cable_was_pulled_is_red() -> None:
 def test_a_running_stream_is_watched_and_one_whose_server_hangs_is_red() -> None:
     with sound.sound_card() as card, sound.stream() as stream:
         since = stream.health
-        found = audio_checks.steady(stream, streamed(), since=since, exact=True)
+        found = audio.steady(stream, streamed(), since=since, exact=True)
         watched = stream.health.frames - since.frames
         with card.held():
-            [hanging] = audio_checks.steady(stream, streamed(), since=stream.health, exact=True)
-    assert watched >= audio_checks.RUN_S * sound.RATE_HZ
+            [hanging] = audio.steady(stream, streamed(), since=stream.health, exact=True)
+    assert watched >= audio.RUN_S * sound.RATE_HZ
     assert [check.name for check in found] == ["audio stream", "audio timeline"]
     assert (hanging.verdict, "see that the device is plugged in" in hanging.remedy) == ("red", True)
 
@@ -142,7 +141,7 @@ def test_a_laboratorys_card_is_green_and_an_old_calibration_red(
     files = re.sub(r"calibrated_on = \S+", f"calibrated_on = {date.today()}", files)
     rig.write_text(f"{files}[audio.latency]{latency}", "utf-8")
     foot = Foot(line, settings, real_time=True)
-    probing: Callable[..., AudioStream] = opening_audio.open_probing
+    probing: Callable[..., AudioStream] = opening.open_probing
     with sound.sound_card() as card:
 
         def laid(*given: Any, **named: Any) -> AudioStream:
@@ -151,7 +150,7 @@ def test_a_laboratorys_card_is_green_and_an_old_calibration_red(
             card.connect(3, 2)
             return opened
 
-        monkeypatch.setattr(opening_audio, "open_probing", laid)
+        monkeypatch.setattr(opening, "open_probing", laid)
         code, out, _ = palpate("doctor", "--rig", rig, "--json", "--dataset", tmp_path)
     foot.close()
     found = verdicts(out)

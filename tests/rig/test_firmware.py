@@ -13,13 +13,13 @@ import pytest
 from numpy.typing import NDArray
 
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.gate import Contact, Gate, GateDetector
 from experiment.apparatus.rig import CalibrationPoint, TrackerRig
-from experiment.apparatus.samples import LinkCounts, Samples
-from experiment.apparatus.serial_tracker import SerialTracker
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
+from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.errors import TrackerStopped
 from experiment.protocol.models import Step
-from experiment.rehearsal import movement
+from experiment.rehearsal.footstep import movement
 from tests.rig import board
 from tests.rig.board import Board, Events
 

@@ -12,11 +12,11 @@ import pytest
 
 from experiment.errors import DatasetError
 from experiment.protocol.shipped import shipped
-from experiment.records import FootStep, MaskerSet, Redo, Zeroed
+from experiment.records import journal
+from experiment.records.entries import FootStep, MaskerSet, Redo, Zeroed
 from experiment.rehearsal import session, study
-from experiment.rehearsal.card_panel import CardPanel
-from experiment.rehearsal.sound import SimulatedSound
-from experiment.session import journal
+from experiment.rehearsal.footstep.panel import CardPanel
+from experiment.rehearsal.wires.sound_card import SimulatedSound
 from tests.rig import sound
 
 

@@ -11,16 +11,15 @@ import pytest
 
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.frames import Decoder
-from experiment.apparatus.gate import Contact, Gate, GateDetector
 from experiment.apparatus.rig import Rig
-from experiment.apparatus.samples import Samples
+from experiment.apparatus.tracker.frames import Decoder, Samples
+from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from experiment.clock import MonotonicClock
 from experiment.errors import RigError, TrackerStopped
 from experiment.protocol.models import Step
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal import movement
-from experiment.rehearsal.serial_line import SerialLine
+from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.wires.serial_line import SerialLine
 
 SPEED_MM_S = 180.0
 

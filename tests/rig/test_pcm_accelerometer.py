@@ -10,13 +10,13 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from experiment.apparatus import pcm_accelerometer
-from experiment.apparatus.pcm_accelerometer import PcmAccelerometer
+from experiment.apparatus.panel import pcm_accelerometer
+from experiment.apparatus.panel.pcm_accelerometer import PcmAccelerometer
 from experiment.apparatus.ports import Heard
-from experiment.apparatus.rig_panel import AccelerometerRig
+from experiment.apparatus.rig import AccelerometerRig
 from experiment.clock import Clock, ManualClock
 from experiment.errors import RecordingError
-from experiment.rehearsal.sensor import Sensor
+from experiment.rehearsal.footstep.recorder import Sensor
 
 RIG = AccelerometerRig(driver="pcm-tcp", address="rehearsal", rate_hz=1000, full_scale_m_s2=64.0, trigger_m_s2=0.5)
 BEFORE = round(pcm_accelerometer.BEFORE_S * RIG.rate_hz)

@@ -15,21 +15,23 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from experiment import scene
-from experiment.apparatus import opening, pcm_actuator
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.pcm_actuator import PcmActuator
+from experiment.apparatus.panel import pcm_actuator
+from experiment.apparatus.panel.conditioning import open_drive
+from experiment.apparatus.panel.pcm_actuator import PcmActuator
 from experiment.apparatus.ports import Actuator, Played, Voltages, Wanted, Waveform
-from experiment.apparatus.rig_panel import ActuatorRig, ShapingRig
+from experiment.apparatus.rig import ActuatorRig, ShapingRig
 from experiment.errors import ActuatorError
-from experiment.protocol import load
 from experiment.protocol.shipped import shipped
-from experiment.recordings.rig_drive import open_drive
-from experiment.rehearsal import response, takes
-from experiment.rehearsal.panel import Panel
-from experiment.stimulus_record import Driven, Shaping
+from experiment.records.stimulus import Driven, Shaping
+from experiment.rehearsal.footstep import panel as response
+from experiment.rehearsal.footstep import recorded_takes
+from experiment.rehearsal.footstep.panel import Panel
+from experiment.session import scene
+from experiment.settings import load
 from experiment.synthesis.spectra import Bins, bin_frequencies_hz, spectrum
-from experiment.synthesis.stimulus import Synthesised
+from experiment.synthesis.waveforms import Synthesised
 
 RIG = ActuatorRig(driver="pcm-tcp", address="rehearsal", rate_hz=5000, full_scale_m_s2=64.0)
 
@@ -222,7 +224,7 @@ def stimuli(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, float], 
     """Stimuli of the simulated materials, which stand as far apart as Table 3 says, at the rate of `SHAPED`."""
     protocol = load.load(shipped("okamoto2012.toml"))
     recordings = tmp_path_factory.mktemp("recordings") / "simulated"
-    takes.make_recordings(recordings, protocol=protocol, seed=1)
+    recorded_takes.make_recordings(recordings, protocol=protocol, seed=1)
     planned = scene.plan(protocol=protocol, task_id="virtual")
     render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings)
     return lambda material, speed_mm_s: render(material, speed_mm_s, SHAPED.rate_hz).stimulus

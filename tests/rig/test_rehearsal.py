@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from experiment import storage
 from experiment.apparatus import rig as rigs
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal.foot import Faults, Foot
-from experiment.rehearsal.movement import Trajectory
-from experiment.rehearsal.participant import SimulatedParticipant
-from experiment.session import journal, places
+from experiment.records import journal
+from experiment.rehearsal.footstep.foot import Faults, Foot
+from experiment.rehearsal.footstep.movement import Trajectory
+from experiment.rehearsal.footstep.participant import SimulatedParticipant
 from tests.reference.okamoto2012 import MATERIALS, TABLE_1, TABLE_2
 from tests.rig.rehearsed import counted, rehearse
 
@@ -85,7 +86,7 @@ def test_steps_that_broke_off_stand_in_the_events_with_their_reason(one: Path) -
 
 
 def test_contact_was_predicted_in_every_virtual_trial(one: Path) -> None:
-    entries = journal.read(places.journal_path(one, "01", "virtual")).entries
+    entries = journal.read(storage.journal_path(one, "01", "virtual")).entries
     onsets = [entry.onset for entry in entries if entry.kind == "step"]
     errors_ms = [onset.prediction_error_ms for onset in onsets if onset and onset.prediction_error_ms is not None]
     assert len(errors_ms) == len(onsets) == 40
@@ -95,7 +96,7 @@ def test_contact_was_predicted_in_every_virtual_trial(one: Path) -> None:
 
 
 def test_simulated_time_claims_no_durations(one: Path) -> None:
-    steps = [e for e in journal.read(places.journal_path(one, "01", "virtual")).entries if e.kind == "step"]
+    steps = [e for e in journal.read(storage.journal_path(one, "01", "virtual")).entries if e.kind == "step"]
     assert {step.dead_time_ms for step in steps} == {None}
     assert {step.onset.gate_to_scheduled_ms for step in steps if step.onset} == {None}
     (row, *_) = counted(one, "virtual")
@@ -127,8 +128,8 @@ def test_every_file_says_rehearsal(one: Path) -> None:
 
 
 def test_stimuli_were_shaped_by_the_table_that_is_kept_beside_the_journal(one: Path) -> None:
-    path = places.journal_path(one, "01", "virtual")
-    rig = rigs.load(places.rig_path(path))
+    path = storage.journal_path(one, "01", "virtual")
+    rig = rigs.load(storage.rig_path(path))
     assert rig.actuator.shaping is not None
     kept = path.with_name(rig.actuator.shaping.response)
     assert kept.read_bytes() == shipped("rigs/rehearsal-response.csv").read_bytes()

@@ -8,14 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from experiment import dataset
+from experiment import storage
 from experiment.apparatus import opening
+from experiment.dataset import build
 from experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
 from experiment.protocol.shipped import shipped
+from experiment.records import journal
 from experiment.rehearsal import session, study
-from experiment.rehearsal.foot import Faults, Foot
-from experiment.rehearsal.movement import Trajectory
-from experiment.session import journal, places
+from experiment.rehearsal.footstep.foot import Faults, Foot
+from experiment.rehearsal.footstep.movement import Trajectory
 from tests.rig.rehearsed import counted, rehearse
 
 
@@ -136,7 +137,7 @@ def test_a_rehearsal_that_fails_after_its_first_session_began_is_kept(
     monkeypatch.setattr(Foot, "step", interrupted)
     with pytest.raises(Interrupted):
         rehearse(tmp_path / "rehearsal")
-    assert journal.read(places.journal_path(tmp_path / "rehearsal", "01", "virtual")).lines
+    assert journal.read(storage.journal_path(tmp_path / "rehearsal", "01", "virtual")).lines
 
 
 def interrupted(*_: object) -> None:
@@ -146,7 +147,7 @@ def interrupted(*_: object) -> None:
 def test_a_broken_journal_is_refused_and_nothing_is_overwritten(tmp_path: Path, one: Path) -> None:
     root = tmp_path / "rehearsal"
     shutil.copytree(one, root)
-    path = places.journal_path(root, "01", "virtual")
+    path = storage.journal_path(root, "01", "virtual")
     lines = path.read_bytes().splitlines(keepends=True)
     path.write_bytes(b"".join(lines[:5] + lines[6:]))
     before = path.read_bytes()
@@ -158,10 +159,10 @@ def test_a_broken_journal_is_refused_and_nothing_is_overwritten(tmp_path: Path, 
 def test_a_truncated_journal_is_refused_and_nothing_is_overwritten(tmp_path: Path, one: Path) -> None:
     root = tmp_path / "rehearsal"
     shutil.copytree(one, root)
-    path = places.journal_path(root, "01", "virtual")
+    path = storage.journal_path(root, "01", "virtual")
     path.write_bytes(path.read_bytes()[:-2000])
     before = path.read_bytes()
-    for call in (lambda: rehearse(root), lambda: dataset.build(root)):
+    for call in (lambda: rehearse(root), lambda: build.build(root)):
         with pytest.raises(JournalError, match=r"is truncated: it had .* restore the journal from a backup"):
             call()
     assert path.read_bytes() == before
@@ -170,7 +171,7 @@ def test_a_truncated_journal_is_refused_and_nothing_is_overwritten(tmp_path: Pat
 def test_a_missing_journal_is_refused(tmp_path: Path, one: Path) -> None:
     root = tmp_path / "rehearsal"
     shutil.copytree(one, root)
-    places.journal_path(root, "01", "real").unlink()
+    storage.journal_path(root, "01", "real").unlink()
     with pytest.raises(JournalError, match=r"the journal is missing: it had \d+ lines; restore it from a backup"):
         rehearse(root)
 
@@ -193,19 +194,19 @@ def test_a_broken_copy_of_the_protocol_is_named(tmp_path: Path, one: Path, jobs:
 def test_a_journal_without_a_header_is_left_out_of_the_dataset(tmp_path: Path, one: Path) -> None:
     root = tmp_path / "rehearsal"
     shutil.copytree(one, root)
-    unborn = places.journal_path(root, "02", "virtual")
+    unborn = storage.journal_path(root, "02", "virtual")
     unborn.parent.mkdir()
     unborn.write_bytes(b'{"n":0,"t_ns":9')
-    dataset.build(root)
+    build.build(root)
     assert not (root / "sub-02").exists()
 
 
 def test_a_foot_trace_that_was_changed_is_refused(tmp_path: Path, one: Path) -> None:
     root = tmp_path / "rehearsal"
     shutil.copytree(one, root)
-    path = places.foot_path(places.journal_path(root, "01", "real"))
+    path = storage.foot_path(storage.journal_path(root, "01", "real"))
     data = bytearray(path.read_bytes())
     data[1000] ^= 1
     path.write_bytes(data)
     with pytest.raises(DatasetError, match="are not those that the journal names; restore the file"):
-        dataset.build(root)
+        build.build(root)

@@ -16,15 +16,15 @@ import numpy as np
 import pytest
 
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.serial_tracker import SerialTracker
-from experiment.protocol import load
+from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.protocol.shipped import shipped
-from experiment.records import AnyEntry, Footer
-from experiment.rehearsal import takes as simulated
-from experiment.rehearsal.foot import Faults
-from experiment.rehearsal.panel import Panel
-from experiment.rehearsal.serial_line import SerialLine
-from experiment.session import journal
+from experiment.records import journal
+from experiment.records.entries import AnyEntry, Footer
+from experiment.rehearsal.footstep import recorded_takes
+from experiment.rehearsal.footstep.foot import Faults
+from experiment.rehearsal.footstep.panel import Panel
+from experiment.rehearsal.wires.serial_line import SerialLine
+from experiment.settings import load
 from tests.conftest import Palpate
 from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory
 
@@ -79,7 +79,7 @@ def test_a_session_from_the_experimenters_chair(
 ) -> None:
     protocol = load.load(tmp_path / "study.toml")
     recordings = tmp_path / "recordings"
-    manifest = simulated.make_recordings(recordings, protocol=protocol, seed=1)
+    manifest = recorded_takes.make_recordings(recordings, protocol=protocol, seed=1)
     where = ["--rig", "rig.toml", "--dataset", "dataset", "--recordings", recordings]
     if task == "virtual":
         code, _, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)

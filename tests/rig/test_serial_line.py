@@ -11,19 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.frames import Decoder, encode
-from experiment.apparatus.gate import Contact, Gate, GateDetector
+from experiment.apparatus import rig
 from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.samples import LinkCounts, Samples
-from experiment.apparatus.serial_tracker import SerialTracker
+from experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples, encode
+from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.clock import ManualClock
 from experiment.errors import TrackerError, TrackerStopped
 from experiment.protocol.models import Step
-from experiment.rehearsal import movement
-from experiment.rehearsal.foot import Faults, Foot
-from experiment.rehearsal.movement import Trajectory
-from experiment.rehearsal.serial_line import Kind, SerialLine, UnpluggedError
+from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep.foot import Faults, Foot
+from experiment.rehearsal.footstep.movement import Trajectory
+from experiment.rehearsal.wires.serial_line import Kind, SerialLine, UnpluggedError
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
@@ -39,7 +38,7 @@ def line(request: pytest.FixtureRequest) -> Iterator[SerialLine]:
 
 @pytest.fixture(scope="session")
 def settings(repository_root: Path) -> TrackerRig:
-    return rigs.load(repository_root / "protocols" / "rigs" / "rehearsal.toml").tracker
+    return rig.load(repository_root / "protocols" / "rigs" / "rehearsal.toml").tracker
 
 
 @pytest.fixture

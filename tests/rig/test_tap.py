@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus.audio.cues import AT_ONCE
+from experiment.apparatus.audio.mixer import AT_ONCE
 from experiment.errors import AudioError
-from experiment.rehearsal.sound_card import SoundCard
-from experiment.rehearsal.tap import Tap
+from experiment.rehearsal.wires.listener import Tap
+from experiment.rehearsal.wires.sound_card import SoundCard
 from tests.rig import sound
 
 SERVES = """
-from experiment.rehearsal.sound_card import SoundCard
-from experiment.rehearsal.tap import Tap
+from experiment.rehearsal.wires.sound_card import SoundCard
+from experiment.rehearsal.wires.listener import Tap
 card = SoundCard(rate_hz=48_000, block=256, inputs=1, outputs=1)
 tap = Tap(card._name, "system:capture_1", seconds=1.0)
 print(card._folder.name, card._name, tap._listener.pid, flush=True)

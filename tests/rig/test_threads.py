@@ -9,23 +9,23 @@ from contextlib import ExitStack
 
 import pytest
 
-from experiment.apparatus import cores, priority
+from experiment.apparatus import host
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.serial_tracker import SerialTracker
+from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.protocol.shipped import shipped
-from experiment.rehearsal.foot import Foot
-from experiment.rehearsal.panel import Panel
-from experiment.rehearsal.serial_line import SerialLine
+from experiment.rehearsal.footstep.foot import Foot
+from experiment.rehearsal.footstep.panel import Panel
+from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig import sound
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="palpate keeps to a core on Linux alone")
 def test_the_far_ends_run_on_the_cores_that_the_session_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cores, "HELD", f"\0palpate-test-{os.getpid()}-{{}}")
+    monkeypatch.setattr(host, "HELD", f"\0palpate-test-{os.getpid()}-{{}}")
     rig = rigs.load(shipped("rigs/rehearsal.toml"))
     before = os.sched_getaffinity(0)
     with ExitStack() as opened:
-        opened.enter_context(cores.kept())
+        opened.enter_context(host.kept())
         card = opened.enter_context(sound.sound_card())
         opened.enter_context(sound.stream())
         tap = card.tap(1, seconds=1.0)
@@ -45,7 +45,7 @@ def test_the_far_ends_run_on_the_cores_that_the_session_leaves(monkeypatch: pyte
 def test_the_thread_that_reads_the_tracker_runs_just_above_the_session_and_on_its_core() -> None:
     rig = rigs.load(shipped("rigs/rehearsal.toml"))
     with ExitStack() as opened:
-        opened.enter_context(priority.raised())
+        opened.enter_context(host.raised())
         line = opened.enter_context(SerialLine())
         foot = Foot(line, rig.tracker, real_time=True)
         opened.callback(foot.close)
@@ -55,5 +55,5 @@ def test_the_thread_that_reads_the_tracker_runs_just_above_the_session_and_on_it
         [reader] = [thread.native_id for thread in threading.enumerate() if thread.name == "tracker"]
         assert reader is not None
         assert os.sched_getaffinity(reader) == os.sched_getaffinity(0)
-        above = priority.is_real_time()
+        above = host.is_real_time()
         assert os.sched_getparam(reader).sched_priority == os.sched_getparam(0).sched_priority + above

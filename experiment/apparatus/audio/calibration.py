@@ -10,9 +10,9 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
-from experiment.apparatus.audio import delivered
+from experiment.apparatus.audio import actuator
 from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.rig_audio import AudioRig
+from experiment.apparatus.rig import AudioRig
 from experiment.errors import AudioError, RigError
 
 SWEEP_S = 0.05
@@ -106,7 +106,7 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
     for number in range(1, probes + 1):
         cue = stream.schedule(wave, channel=output - 1, frame=stream.next_frame + 4 * stream.lead_frames)
         heard = stream.kept(cue.frame, wave.size + reach)[:, entry - 1]
-        found = delivered.align(heard, wave, gain=1.0)
+        found = actuator.align(heard, wave, gain=1.0)
         if cue.started is None or found is None:
             raise AudioError(
                 f"audio calibration: probe {number} of {probes} on output {output} was not heard on input {entry}; "

@@ -4,21 +4,111 @@ One loop plays from the beginning of a session to its end, so that it neither st
 ten seconds, and its end goes over into its beginning. Levels change in ramps. What the headphones bring to the ear is
 known from their calibration; no level is above the protocol's limit, and each moment of it counts towards the dose of
 the day.
+
+Levels in dB(A), and the dose of a day: pure functions.
+
+The dose is that of Directive 2003/10/EC, articles 2 and 3: levels are referred to eight hours, equal energy (3 dB more
+in half the time), and the lower exposure action value of 80 dB(A) is a dose of 1.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.audio import sound_level
-from experiment.apparatus.audio.cues import Block
+from experiment.apparatus.audio.mixer import Block
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.ports import MaskerExposure
 from experiment.clock import Clock
 from experiment.errors import AudioError
+
+REFERENCE_S = 8 * 3600.0
+"""Working day that levels are referred to, s."""
+
+ACTION_DB_A = 80.0
+"""Lower exposure action value of the daily level, dB(A)."""
+
+AUDIBLE_HZ = 20.0
+"""Pink noise of a calibration reaches from here to half the sampling rate, as `synthesis.noise` makes it."""
+
+_POLES_HZ = (20.598997, 107.65265, 737.86223, 12194.217)
+"""Of the weighting: IEC 61672-1, annex E."""
+
+
+def a_weighting_db(*, frequency_hz: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """A-weighting of IEC 61672-1, equation (E.6), relative to 1 kHz.
+
+    Args:
+        frequency_hz: above 0, shape (n,).
+
+    Returns:
+        dB, shape (n,).
+    """
+    return _unnormalised_db(np.asarray(frequency_hz, np.float64)) - float(_unnormalised_db(np.array([1000.0]))[0])
+
+
+def _unnormalised_db(f: NDArray[np.float64]) -> NDArray[np.float64]:
+    f1, f2, f3, f4 = _POLES_HZ
+    response = f4**2 * f**4 / ((f**2 + f1**2) * np.sqrt((f**2 + f2**2) * (f**2 + f3**2)) * (f**2 + f4**2))
+    level_db: NDArray[np.float64] = 20 * np.log10(response)
+    return level_db
+
+
+def a_weighted_db(*, frequency_hz: NDArray[np.floating[Any]], power: NDArray[np.floating[Any]]) -> float:
+    """A-weighted level of a sound relative to its unweighted level.
+
+    Args:
+        frequency_hz: above 0, shape (n,).
+        power: at these frequencies, any unit, shape (n,).
+
+    Returns:
+        dB.
+    """
+    weights = 10 ** (a_weighting_db(frequency_hz=frequency_hz) / 10)
+    return float(10 * np.log10(np.sum(weights * power) / np.sum(power)))
+
+
+def pink_weighted_db(*, rate_hz: int) -> float:
+    """`weighted_db` of pink noise from `AUDIBLE_HZ` to half a sampling rate, dB.
+
+    Args:
+        rate_hz: sampling rate, Hz.
+    """
+    f = np.arange(AUDIBLE_HZ, rate_hz / 2, 0.5)
+    return a_weighted_db(frequency_hz=f, power=1 / f)
+
+
+def dose(*, level_db_a: float, duration_s: float) -> float:
+    """Part of a day's dose that a steady level uses up; doses add.
+
+    Args:
+        level_db_a: dB(A).
+        duration_s: s, not negative.
+    """
+    return float(duration_s / REFERENCE_S * 10 ** ((level_db_a - ACTION_DB_A) / 10))
+
+
+def daily_level_db_a(*, dose: float) -> float:
+    """Daily exposure level L_EX,8h of a dose, dB(A); -inf for none.
+
+    Args:
+        dose: sum over the day, 1 being 80 dB(A) for eight hours.
+    """
+    return ACTION_DB_A + 10 * float(np.log10(dose)) if dose > 0 else -np.inf
+
+
+def left_s(*, dose: float, level_db_a: float) -> float:
+    """How long a level may go on until the day's dose is 1, s.
+
+    Args:
+        dose: used up already.
+        level_db_a: dB(A).
+    """
+    return float(max(1 - dose, 0) * REFERENCE_S / 10 ** ((level_db_a - ACTION_DB_A) / 10))
+
 
 ROUND_S = 10.0
 """Length of a round, s: nobody hears a repetition that far away."""
@@ -67,8 +157,8 @@ def masker_noise(
     """
     power = np.abs(np.fft.rfft(samples)[1:]) ** 2
     f = np.arange(1, power.size + 1) * rate_hz / samples.size
-    weighted_db = sound_level.weighted_db(frequency_hz=f, power=power)
-    full_scale_db_a = pink_full_scale_db_a + weighted_db - sound_level.pink_weighted_db(rate_hz=rate_hz)
+    weighted_db = a_weighted_db(frequency_hz=f, power=power)
+    full_scale_db_a = pink_full_scale_db_a + weighted_db - pink_weighted_db(rate_hz=rate_hz)
     unclipped_db_a = full_scale_db_a - 20 * float(np.log10(np.max(np.abs(samples))))
     loudest_db_a = min(limit_db_a, unclipped_db_a)
     if loudest_db_a < SOFTEST_DB_A:
@@ -79,7 +169,7 @@ def masker_noise(
     return MaskerNoise(samples.astype(np.float32), full_scale_db_a, loudest_db_a)
 
 
-class Masker:
+class AudioMasker:
     """Noise on some channels of a stream, at a level in dB(A)."""
 
     def __init__(
@@ -147,12 +237,12 @@ class Masker:
         """What it has done to the ears until now."""
         self._account()
         level = self._level_db_a
-        daily = sound_level.daily_level_db_a(dose=self._dose)
+        daily = daily_level_db_a(dose=self._dose)
         return MaskerExposure(
             level_db_a=level,
             dose=self._dose,
             daily_level_db_a=daily if np.isfinite(daily) else None,
-            left_s=None if level is None else sound_level.left_s(dose=self._dose, level_db_a=level),
+            left_s=None if level is None else left_s(dose=self._dose, level_db_a=level),
         )
 
     def _go(self, level_db_a: float) -> float:
@@ -162,7 +252,7 @@ class Masker:
         if self._dose >= 1:
             self.stop()
             raise AudioError(
-                f"masker: got a dose of {self._dose:.2f} for today; allowed: 1, which is {sound_level.ACTION_DB_A:g} "
+                f"masker: got a dose of {self._dose:.2f} for today; allowed: 1, which is {ACTION_DB_A:g} "
                 "dB(A) for eight hours; go on another day"
             )
         bounded = min(max(level_db_a, SOFTEST_DB_A), self.limit_db_a)
@@ -174,5 +264,5 @@ class Masker:
         now_ns = self._clock.now_ns()
         if self._level_db_a is not None:
             lasted_s = (now_ns - self._since_ns) / 1e9
-            self._dose += sound_level.dose(level_db_a=self._level_db_a, duration_s=lasted_s)
+            self._dose += dose(level_db_a=self._level_db_a, duration_s=lasted_s)
         self._since_ns = now_ns

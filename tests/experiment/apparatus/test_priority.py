@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from experiment.apparatus import cores, priority
+from experiment.apparatus import host
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")
 
@@ -28,7 +28,7 @@ def standing() -> tuple[int, int]:
 def test_what_it_says_is_what_the_kernel_holds_and_it_is_given_back() -> None:
     before = standing()
     inherited: list[tuple[int, int]] = []
-    with priority.raised() as got:
+    with host.raised() as got:
         within = standing()
         thread = threading.Thread(target=lambda: inherited.append(standing()))
         thread.start()
@@ -49,9 +49,9 @@ def test_without_the_right_to_real_time_it_is_made_less_nice(monkeypatch: pytest
     asked: list[int] = []
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "setpriority", lambda _which, _who, nice: asked.append(nice))
-    with priority.raised() as got:
+    with host.raised() as got:
         pass
-    assert asked == [priority.LEAST_NICE]
+    assert asked == [host.LEAST_NICE]
     assert got.startswith("nice -20: the system allows no more; for real time add the user to the group audio")
 
 
@@ -59,7 +59,7 @@ def test_without_any_right_it_stays_as_it_is_and_says_how_to_get_more(monkeypatc
     before = standing()
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "setpriority", refuse)
-    with priority.raised() as got:
+    with host.raised() as got:
         assert standing() == before
     assert got.startswith("ordinary: the system allows no more; for real time add the user to the group audio")
 
@@ -72,16 +72,16 @@ def test_no_real_time_where_the_kernel_would_let_it_lock_the_machine(
     if content is not None:
         throttle.write_text(content)
     (tmp_path / "sched_rt_period_us").write_text("1000000\n")
-    monkeypatch.setattr(priority, "THROTTLE", throttle)
-    monkeypatch.setattr(priority, "PERIOD", tmp_path / "sched_rt_period_us")
-    with priority.raised() as got:
+    monkeypatch.setattr(host, "THROTTLE", throttle)
+    monkeypatch.setattr(host, "PERIOD", tmp_path / "sched_rt_period_us")
+    with host.raised() as got:
         assert os.sched_getscheduler(0) == os.SCHED_OTHER
     assert not got.startswith("real time")
 
 
 def test_it_is_given_back_when_a_session_fails() -> None:
     before, frozen = standing(), gc.get_freeze_count()
-    with pytest.raises(KeyboardInterrupt), priority.raised():
+    with pytest.raises(KeyboardInterrupt), host.raised():
         raise KeyboardInterrupt
     assert standing() == before
     assert gc.get_freeze_count() == frozen == 0
@@ -93,7 +93,7 @@ def test_linear_algebra_stays_in_the_thread_that_asks() -> None:
 
     with threadpool_limits(2, user_api="blas"):
         before = threads()
-        with priority.raised():
+        with host.raised():
             within = threads()
         after = threads()
     assert before
@@ -109,7 +109,7 @@ def test_nothing_is_collected_while_undisturbed() -> None:
 
     gc.callbacks.append(watch)
     try:
-        with priority.undisturbed():
+        with host.undisturbed():
             kept = [[] for _ in range(100_000)]
             assert not seen
         assert len(kept) == 100_000
@@ -123,7 +123,7 @@ def test_nothing_is_collected_while_undisturbed() -> None:
 def test_collection_that_was_off_stays_off() -> None:
     gc.disable()
     try:
-        with priority.undisturbed():
+        with host.undisturbed():
             pass
         assert not gc.isenabled()
     finally:
@@ -134,13 +134,13 @@ Rank = tuple[int, int]
 """Policy and real-time priority."""
 
 RESET = os.SCHED_RESET_ON_FORK if sys.platform == "linux" else 0
-JUST_ABOVE = (os.SCHED_RR, priority.REAL_TIME + 1) if sys.platform == "linux" else (0, 0)
+JUST_ABOVE = (os.SCHED_RR, host.REAL_TIME + 1) if sys.platform == "linux" else (0, 0)
 
 
 def test_in_real_time_alone_the_session_keeps_to_a_core_and_says_which(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cores, "HELD", f"\0palpate-test-{os.getpid()}-{{}}")
+    monkeypatch.setattr(host, "HELD", f"\0palpate-test-{os.getpid()}-{{}}")
     before = os.sched_getaffinity(0)
-    with priority.raised() as got:
+    with host.raised() as got:
         within = os.sched_getaffinity(0)
     assert os.sched_getaffinity(0) == before
     if got.startswith("real time") and len(before) > 1:
@@ -168,10 +168,10 @@ def in_a_thread(join: Callable[[], None], before: Rank | None = None) -> Rank:
 
 @pytest.fixture
 def joining() -> Callable[[], None]:
-    with priority.raised() as got:
+    with host.raised() as got:
         if not got.startswith("real time"):
             pytest.skip("the system allows no real time")
-        return priority.joining()
+        return host.joining()
 
 
 def test_a_thread_that_is_ordinary_joins_just_above_the_session(joining: Callable[[], None]) -> None:
@@ -179,10 +179,10 @@ def test_a_thread_that_is_ordinary_joins_just_above_the_session(joining: Callabl
 
 
 def test_a_thread_that_inherits_the_priority_of_the_session_goes_above_it() -> None:
-    with priority.raised() as got:
+    with host.raised() as got:
         if not got.startswith("real time"):
             pytest.skip("the system allows no real time")
-        assert in_a_thread(priority.joining()) == JUST_ABOVE
+        assert in_a_thread(host.joining()) == JUST_ABOVE
 
 
 @pytest.mark.parametrize("policy", ["SCHED_FIFO", "SCHED_RR"])
@@ -198,14 +198,14 @@ def test_where_no_step_above_is_allowed_it_runs_beside_the_session(
     set_before = os.sched_setscheduler
 
     def at_most_the_lowest(who: int, policy: int, parameters: os.sched_param) -> None:
-        if parameters.sched_priority > priority.REAL_TIME:
+        if parameters.sched_priority > host.REAL_TIME:
             refuse()
         set_before(who, policy, parameters)
 
     monkeypatch.setattr(os, "sched_setscheduler", at_most_the_lowest)
-    assert in_a_thread(joining) == (os.SCHED_RR, priority.REAL_TIME)
+    assert in_a_thread(joining) == (os.SCHED_RR, host.REAL_TIME)
 
 
 def test_beside_an_ordinary_session_a_thread_stays_ordinary() -> None:
     before = os.sched_getscheduler(0), 0
-    assert in_a_thread(priority.joining()) == before
+    assert in_a_thread(host.joining()) == before

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from experiment.protocol import load
-from experiment.protocol.canonical import canonical, sha256
+from experiment.protocol.approval import canonical, sha256
 from experiment.protocol.models import Protocol
+from experiment.settings import load
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, protocol
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from experiment.protocol import load
 from experiment.protocol.models import Protocol
+from experiment.settings import load
 from tests.experiment.protocol.small import OKAMOTO2012
 
 

@@ -10,7 +10,7 @@ from typing import Any, Literal, get_args, get_origin
 import pytest
 from pydantic import BaseModel
 
-from experiment.protocol.canonical import sha256
+from experiment.protocol.approval import sha256
 from experiment.protocol.models import Protocol
 from experiment.protocol.page import page
 from tests.experiment.protocol.small import changed, document, leaves, okamoto2012, protocol

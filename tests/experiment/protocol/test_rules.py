@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from experiment.protocol import problems
 from experiment.protocol.models import ExclusionRule, Familiarisation, Order, PlannedTest, Protocol, Step, Synthesis
+from experiment.settings import problems
 from tests.experiment.protocol.small import changed, document
 
 SLOW = {"id": "slow", "when": "speed-below", "limit": 30, "action": "exclude-trial", "reason": "x"}

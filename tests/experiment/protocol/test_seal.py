@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.errors import ProtocolError
-from experiment.protocol import seal
-from experiment.protocol.canonical import sha256
+from experiment.protocol import approval
+from experiment.protocol.approval import sha256
 from experiment.protocol.models import Protocol
 from tests.experiment.protocol.small import SMALL, changed, document, protocol
 
@@ -37,22 +37,22 @@ def other() -> Protocol:
 
 
 def test_a_sealed_protocol_may_run(file: Path) -> None:
-    written = seal.write(file, protocol(), **APPROVAL)
-    assert written == seal.Seal(protocol_sha256=sha256(protocol()), **APPROVAL)
-    assert seal.verify(file, protocol(), date(2020, 6, 1)) == written
+    written = approval.write(file, protocol(), **APPROVAL)
+    assert written == approval.Seal(protocol_sha256=sha256(protocol()), **APPROVAL)
+    assert approval.verify(file, protocol(), date(2020, 6, 1)) == written
     assert sorted(path.name for path in file.parent.iterdir()) == ["small.seal.toml", "small.toml"]
 
 
 def test_the_seal_is_readable_as_it_stands(file: Path) -> None:
-    seal.write(file, protocol(), **APPROVAL)
+    approval.write(file, protocol(), **APPROVAL)
     stated = tomllib.loads((file.parent / "small.seal.toml").read_text(encoding="utf-8"))
     assert stated == {"protocol_sha256": sha256(protocol()), **APPROVAL}
 
 
 @pytest.mark.parametrize("day", [date(2020, 2, 1), date(2021, 2, 1)])
 def test_first_and_last_day_are_approved(file: Path, day: date) -> None:
-    seal.write(file, protocol(), **APPROVAL)
-    assert seal.verify(file, protocol(), day).expires_on == date(2021, 2, 1)
+    approval.write(file, protocol(), **APPROVAL)
+    assert approval.verify(file, protocol(), day).expires_on == date(2021, 2, 1)
 
 
 @pytest.mark.parametrize(
@@ -63,28 +63,28 @@ def test_first_and_last_day_are_approved(file: Path, day: date) -> None:
     ],
 )
 def test_other_days_are_refused(file: Path, day: date, match: str) -> None:
-    seal.write(file, protocol(), **APPROVAL)
+    approval.write(file, protocol(), **APPROVAL)
     with pytest.raises(ProtocolError, match=match):
-        seal.verify(file, protocol(), day)
+        approval.verify(file, protocol(), day)
 
 
 def test_an_unsealed_protocol_is_refused(file: Path) -> None:
     with pytest.raises(
         ProtocolError, match=r"small\.seal\.toml: 1 error\n.*no seal; .*have it approved, then seal it \(palpate seal\)"
     ):
-        seal.verify(file, protocol(), date(2020, 6, 1))
+        approval.verify(file, protocol(), date(2020, 6, 1))
 
 
 def test_a_protocol_changed_since_is_refused(file: Path) -> None:
-    seal.write(file, protocol(), **APPROVAL)
+    approval.write(file, protocol(), **APPROVAL)
     with pytest.raises(ProtocolError, match=r"the hash of small\.toml .*changed after its approval"):
-        seal.verify(file, other(), date(2020, 6, 1))
+        approval.verify(file, other(), date(2020, 6, 1))
 
 
 def test_changed_and_expired_are_reported_together(file: Path) -> None:
-    seal.write(file, protocol(), **APPROVAL)
+    approval.write(file, protocol(), **APPROVAL)
     with pytest.raises(ProtocolError) as caught:
-        seal.verify(file, other(), date(2022, 1, 1))
+        approval.verify(file, other(), date(2022, 1, 1))
     assert [problem.path for problem in caught.value.problems] == ["protocol_sha256", "expires_on"]
 
 
@@ -92,7 +92,7 @@ def test_an_approval_that_contradicts_the_protocol_is_refused(file: Path) -> Non
     with pytest.raises(
         ProtocolError, match="expires_on: got '2021-02-02'; allowed: '2021-02-01', as the protocol's own"
     ):
-        seal.write(file, protocol(), **{**APPROVAL, "expires_on": date(2021, 2, 2)})
+        approval.write(file, protocol(), **{**APPROVAL, "expires_on": date(2021, 2, 2)})
     assert not (file.parent / "small.seal.toml").exists()
 
 
@@ -106,34 +106,34 @@ def test_an_approval_that_contradicts_the_protocol_is_refused(file: Path) -> Non
 )
 def test_an_incomplete_approval_is_refused(file: Path, field: str, value: object, match: str) -> None:
     with pytest.raises(ProtocolError, match=match):
-        seal.write(file, protocol(), **{**APPROVAL, field: value})
+        approval.write(file, protocol(), **{**APPROVAL, field: value})
     assert not (file.parent / "small.seal.toml").exists()
 
 
 @pytest.mark.parametrize("replace", [False, True])
 def test_the_seal_of_the_same_protocol_is_never_overwritten(file: Path, replace: bool) -> None:
-    seal.write(file, protocol(), **APPROVAL)
+    approval.write(file, protocol(), **APPROVAL)
     before = (file.parent / "small.seal.toml").read_bytes()
     with pytest.raises(ProtocolError, match="sealed already; to seal it anew, move that file away"):
-        seal.write(file, protocol(), **{**APPROVAL, "approval_number": "2020-18"}, replace=replace)
+        approval.write(file, protocol(), **{**APPROVAL, "approval_number": "2020-18"}, replace=replace)
     assert (file.parent / "small.seal.toml").read_bytes() == before
 
 
 def test_the_seal_of_another_form_is_replaced_on_request_alone(file: Path) -> None:
-    seal.write(file, protocol(), **APPROVAL)
+    approval.write(file, protocol(), **APPROVAL)
     with pytest.raises(ProtocolError, match=r"replace it \(--replace\)"):
-        seal.write(file, other(), **APPROVAL)
-    assert seal.verify(file, protocol(), date(2020, 6, 1))
-    seal.write(file, other(), **APPROVAL, replace=True)
-    assert seal.verify(file, other(), date(2020, 6, 1)).protocol_sha256 == sha256(other())
+        approval.write(file, other(), **APPROVAL)
+    assert approval.verify(file, protocol(), date(2020, 6, 1))
+    approval.write(file, other(), **APPROVAL, replace=True)
+    assert approval.verify(file, other(), date(2020, 6, 1)).protocol_sha256 == sha256(other())
 
 
 def test_a_damaged_seal_is_refused_and_kept(file: Path) -> None:
     path = file.parent / "small.seal.toml"
     path.write_text("protocol_sha256 = 'abc'\nboard = 3\n", encoding="utf-8")
     for attempt in (
-        lambda: seal.verify(file, protocol(), date(2020, 6, 1)),
-        lambda: seal.write(file, protocol(), **APPROVAL, replace=True),
+        lambda: approval.verify(file, protocol(), date(2020, 6, 1)),
+        lambda: approval.write(file, protocol(), **APPROVAL, replace=True),
     ):
         with pytest.raises(ProtocolError, match="line 1: protocol_sha256: got 'abc'; allowed: 64 hexadecimal digits"):
             attempt()
@@ -143,5 +143,5 @@ def test_a_damaged_seal_is_refused_and_kept(file: Path) -> None:
 @given(st.text(st.characters(codec="utf-8")).map(lambda text: "B" + text))
 def test_any_name_of_a_board_survives_the_file(tmp_path_factory: pytest.TempPathFactory, board: str) -> None:
     file = tmp_path_factory.mktemp("sealed") / "small.toml"
-    seal.write(file, protocol(), **{**APPROVAL, "board": board})
-    assert seal.verify(file, protocol(), date(2020, 6, 1)).board == board
+    approval.write(file, protocol(), **{**APPROVAL, "board": board})
+    assert approval.verify(file, protocol(), date(2020, 6, 1)).board == board

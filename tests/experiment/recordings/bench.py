@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus.gate import GateDetector
 from experiment.apparatus.ports import Heard, Tracker, Window
-from experiment.apparatus.samples import LinkCounts, Samples
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
+from experiment.apparatus.tracker.gate import GateDetector
 from experiment.clock import ManualClock
 from experiment.protocol.models import Step
 from experiment.recordings import workflow

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 from experiment.errors import RecordingError
-from experiment.recordings.files import read
+from experiment.recordings.readers import read
 
 ON_DISK = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 SAMPLES = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30)

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.errors import RecordingError
-from experiment.recordings.files import Recording
+from experiment.recordings.readers import Recording
 from experiment.recordings.spectrum import AmplitudeSpectrum, amplitude_spectrum, of_file, plot
 
 

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import opening, serial_tracker
+from experiment.apparatus import opening
 from experiment.apparatus.ports import Tracker, Window
-from experiment.apparatus.samples import Samples
+from experiment.apparatus.tracker import serial_tracker
+from experiment.apparatus.tracker.frames import Samples
 from experiment.clock import ManualClock
-from experiment.console.takes import TerminalTakes
+from experiment.desk.terminal import TerminalTakes
 from experiment.errors import PalpateError, RecordingError, RigError
 from experiment.recordings import manifest, workflow
 from experiment.recordings.plan import Plan

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus.zeroing import ZeroedTracker
-from experiment.console.takes import TerminalTakes
+from experiment.apparatus.tracker.zeroing import ZeroedTracker
+from experiment.desk.terminal import TerminalTakes
 from experiment.errors import RecordingError, TrackerStopped
-from experiment.recordings import manifest, partial
+from experiment.recordings import manifest, store
 from tests.experiment.recordings.bench import PLAN, World, Worn, good, interrupted, names, record
 from tests.experiment.session.scripted import rest_samples
 
@@ -42,7 +42,7 @@ def test_a_stop_while_the_whole_is_written_leaves_every_take(tmp_path: Path, mon
         (directory / "000_panel_100_1.wav").write_bytes(b"half")
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(partial, "write", fails)
+    monkeypatch.setattr(store, "write", fails)
     with pytest.raises(OSError, match="No space"):
         record(World(good()), tmp_path / "set")
     assert not (tmp_path / "set").exists()
@@ -85,7 +85,7 @@ def test_takes_without_their_plan_are_refused_and_left_alone(tmp_path: Path) -> 
 
 def test_two_at_once_are_refused_and_the_first_goes_on(tmp_path: Path) -> None:
     with (
-        partial.begun(PLAN, tmp_path / "set"),
+        store.begun(PLAN, tmp_path / "set"),
         pytest.raises(RecordingError, match=r"another palpate record is under way for .*set; allowed: one; end it"),
     ):
         record(World(good()), tmp_path / "set")

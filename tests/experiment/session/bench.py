@@ -8,32 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus.foreign import ForeignTracker
+from experiment import storage
 from experiment.apparatus.ports import Masker
-from experiment.apparatus.samples import Samples
-from experiment.apparatus.zeroing import ZeroedTracker
+from experiment.apparatus.tracker.frames import Samples
+from experiment.apparatus.tracker.guarded import ForeignTracker
+from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError
 from experiment.protocol.models import Protocol
 from experiment.protocol.shipped import shipped
-from experiment.records import (
-    BrokenOff,
-    Footer,
-    Header,
-    PlannedTrial,
-)
-from experiment.scene import Rendered
-from experiment.session import attempt, journal, places, runner
-from experiment.stimulus_record import Computed, Delivered
+from experiment.records import journal
+from experiment.records.entries import BrokenOff, Footer, Header, PlannedTrial
+from experiment.records.stimulus import Computed, Delivered
+from experiment.session import attempt, runner
+from experiment.session.scene import Rendered
 from experiment.synthesis.spectra import Bins
-from experiment.synthesis.stimulus import Synthesised
-from tests.experiment.session.scripted import (
-    START_NS,
-    ScriptedActuator,
-    ScriptedConsole,
-    ScriptedTracker,
-    step_samples,
-)
+from experiment.synthesis.waveforms import Synthesised
+from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole, ScriptedTracker, step_samples
 
 HEADER = Header(
     study="s",
@@ -123,7 +114,7 @@ def bench(keys: str, steps: list[Samples | PalpateError] | None = None, lost: tu
 
 
 def entries(dataset: Path, task: str) -> tuple[object, ...]:
-    return journal.read(places.journal_path(dataset, "01", task)).entries
+    return journal.read(storage.journal_path(dataset, "01", task)).entries
 
 
 def felt_and_on_file(broken: object, reason: str, dataset: Path) -> None:
@@ -132,4 +123,4 @@ def felt_and_on_file(broken: object, reason: str, dataset: Path) -> None:
     assert (broken.trial, broken.attempt, broken.felt, broken.reason) == (1, 1, True, reason)
     assert broken.speed_mm_s == pytest.approx(100.0, rel=1e-9)
     assert broken.trace.length == broken.link.received == 401
-    assert places.foot_path(places.journal_path(dataset, "01", "virtual")).stat().st_size == 401
+    assert storage.foot_path(storage.journal_path(dataset, "01", "virtual")).stat().st_size == 401

@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.clock_map import ClockMap
 from experiment.apparatus.ports import Played, Wanted
-from experiment.apparatus.samples import LinkCounts, Samples
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerStopped
-from experiment.stimulus_record import Delivered
+from experiment.records.stimulus import Delivered
 
 START_NS = 10**18
 

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus.samples import Samples
+from experiment.apparatus.tracker.frames import Samples
 from experiment.errors import AudioError
 from experiment.protocol.models import Protocol
-from experiment.records import Footer, FootStep
-from experiment.session import interrupts, journal
+from experiment.records import journal
+from experiment.records.entries import Footer, FootStep
+from experiment.session import interrupts
 from experiment.session.attempt import Attempts
 from tests.experiment.session.bench import bench, entries, felt_and_on_file, header
 

@@ -8,14 +8,16 @@ from pathlib import Path
 
 import pytest
 
+from experiment import storage
 from experiment.apparatus.ports import MaskerExposure
 from experiment.clock import ManualClock
 from experiment.errors import AudioError
 from experiment.protocol.models import Protocol
-from experiment.records import Footer, MaskerSet, Phase
-from experiment.session import journal, masking, places
-from experiment.session.journal import Contents, Line
-from experiment.session.masking import FIRST_DB_A, STEP_DB, Masking
+from experiment.records import journal
+from experiment.records.entries import Footer, MaskerSet, Phase
+from experiment.records.journal import Contents, Line
+from experiment.session import masker as masking
+from experiment.session.masker import FIRST_DB_A, STEP_DB, Masking
 from tests.experiment.session.bench import Bench, bench, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
@@ -58,7 +60,7 @@ def masked(one: Bench, levels: str, limit_db_a: float = 60.0) -> Bench:
 
 
 def levels(dataset: Path) -> list[float | None]:
-    entries = journal.read(places.journal_path(dataset, "01", "real")).entries
+    entries = journal.read(storage.journal_path(dataset, "01", "real")).entries
     return [entry.level_db_a for entry in entries if isinstance(entry, MaskerSet)]
 
 
@@ -75,7 +77,7 @@ def test_the_level_is_chosen_before_the_first_trial_and_every_change_is_journale
         None,
     ]
     assert one.console.armed[0] == (1, 1)
-    kinds = [entry.kind for entry in journal.read(places.journal_path(tmp_path, "01", "real")).entries]
+    kinds = [entry.kind for entry in journal.read(storage.journal_path(tmp_path, "01", "real")).entries]
     assert kinds.index("masker") < kinds.index("step")
     assert kinds[-2:] == ["masker", "footer"]
 
@@ -112,7 +114,7 @@ def test_a_dose_that_is_used_up_ends_the_session(protocol: Protocol, tmp_path: P
     one.masker.start = used_up  # type: ignore[method-assign]
     with pytest.raises(AudioError, match="go on another day"):
         one.run(protocol, header("real"), tmp_path)
-    footer = journal.read(places.journal_path(tmp_path, "01", "real")).entries[-1]
+    footer = journal.read(storage.journal_path(tmp_path, "01", "real")).entries[-1]
     assert isinstance(footer, Footer)
     assert footer.reason == "error"
 
@@ -124,7 +126,7 @@ def test_a_dose_that_is_used_up_between_trials_pauses_the_session(protocol: Prot
 
     def spent() -> MaskerExposure:
         answered = sum(
-            entry.kind == "answer" for entry in journal.read(places.journal_path(tmp_path, "01", "real")).entries
+            entry.kind == "answer" for entry in journal.read(storage.journal_path(tmp_path, "01", "real")).entries
         )
         return replace(begun(), dose=1.0) if answered == 2 else begun()
 

@@ -7,34 +7,15 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
+from experiment import storage
 from experiment.clock import ManualClock
 from experiment.errors import JournalError
 from experiment.protocol.models import Protocol
-from experiment.records import (
-    Answer,
-    Footer,
-    FootStep,
-    Header,
-    Phase,
-    Redo,
-    Resumed,
-    TrackerOpened,
-)
-from experiment.session import journal, places, story
-from experiment.stimulus_record import Stimulus
-from tests.experiment.session.bench import (
-    COMPUTED,
-    ORDER,
-    bench,
-    entries,
-    header,
-)
-from tests.experiment.session.scripted import (
-    START_NS,
-    ScriptedConsole,
-    ScriptedTracker,
-    step_samples,
-)
+from experiment.records import journal, transcript
+from experiment.records.entries import Answer, Footer, FootStep, Header, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.stimulus import Stimulus
+from tests.experiment.session.bench import COMPUTED, ORDER, bench, entries, header
+from tests.experiment.session.scripted import START_NS, ScriptedConsole, ScriptedTracker, step_samples
 
 
 def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
@@ -101,7 +82,7 @@ def test_response_time_runs_from_contact_in_device_time(protocol: Protocol, tmp_
 
 def test_the_raw_frames_of_every_step_are_kept_up_to_the_end_of_the_tail(protocol: Protocol, tmp_path: Path) -> None:
     bench("cpt").run(protocol, header("real"), tmp_path)
-    path = places.foot_path(places.journal_path(tmp_path, "01", "real"))
+    path = storage.foot_path(storage.journal_path(tmp_path, "01", "real"))
     steps = [e for e in entries(tmp_path, "real") if isinstance(e, FootStep)]
     # One byte a sample at 1 kHz: 30 mm at 100, 200, 300 mm/s, then 100 ms of tail; the scripted foot rests for 200.
     assert [step.trace.length for step in steps] == [401, 251, 201]
@@ -145,7 +126,7 @@ def test_the_dead_time_after_an_answer_is_journaled_without_the_laying_out(
     assert [(step.trial, step.attempt) for step in steps] == [(1, 1), (2, 1), (2, 2), (3, 1)]
     # None came before the first, and what came before the third was no answer.
     assert [step.dead_time_ms for step in steps] == [None, 5.0, None, 5.0]
-    said = story.text(journal.read(places.journal_path(tmp_path, "01", task)))
+    said = transcript.text(journal.read(storage.journal_path(tmp_path, "01", task)))
     assert said.count("; armed 5.0 ms after the answer before") == 2
 
 
@@ -229,7 +210,7 @@ def test_a_trial_that_no_step_satisfies_does_not_go_on_for_ever(protocol: Protoc
 
 def test_a_complete_session_is_left_as_it_is(protocol: Protocol, tmp_path: Path) -> None:
     bench("cpt").run(protocol, header("real"), tmp_path)
-    path = places.journal_path(tmp_path, "01", "real")
+    path = storage.journal_path(tmp_path, "01", "real")
     before = path.read_bytes()
     again = bench("")
     assert again.run(protocol, header("real"), tmp_path).reason == "complete"
@@ -251,7 +232,7 @@ def test_a_session_goes_on_only_as_it_was_begun(
 
 def test_a_torn_line_is_reported_on_screen_and_in_the_journal(protocol: Protocol, tmp_path: Path) -> None:
     bench("cq").run(protocol, header("real"), tmp_path)
-    path = places.journal_path(tmp_path, "01", "real")
+    path = storage.journal_path(tmp_path, "01", "real")
     path.write_bytes(path.read_bytes() + b'{"n":9,"t_')
     second = bench("pt")
     second.run(protocol, header("real"), tmp_path)

@@ -7,33 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus.clock_map import ClockMap
-from experiment.apparatus.foreign import ForeignTracker
-from experiment.apparatus.samples import Samples
-from experiment.apparatus.zeroing import ZeroedTracker
+from experiment import storage
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import Samples
+from experiment.apparatus.tracker.guarded import ForeignTracker
+from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records import (
-    BrokenOff,
-    Footer,
-    FootStep,
-    Phase,
-    TrackerOpened,
-    Zeroed,
-)
-from experiment.session import places
-from tests.experiment.session.bench import (
-    ORDER,
-    bench,
-    entries,
-    header,
-)
-from tests.experiment.session.scripted import (
-    ScriptedTracker,
-    rest_samples,
-    step_samples,
-)
+from experiment.records.entries import BrokenOff, Footer, FootStep, Phase, TrackerOpened, Zeroed
+from tests.experiment.session.bench import ORDER, bench, entries, header
+from tests.experiment.session.scripted import ScriptedTracker, rest_samples, step_samples
 
 
 def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol, tmp_path: Path) -> None:
@@ -235,4 +219,4 @@ def test_a_step_that_was_felt_is_on_file_when_a_foreign_tracker_fails_in_every_p
     assert broken.clock is not None
     assert broken.clock.anchor_us == 2_000_000
     assert broken.trace.length == broken.link.received == 310
-    assert places.foot_path(places.journal_path(tmp_path, "01", "virtual")).stat().st_size == 310
+    assert storage.foot_path(storage.journal_path(tmp_path, "01", "virtual")).stat().st_size == 310

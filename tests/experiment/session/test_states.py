@@ -7,7 +7,7 @@ import itertools
 import pytest
 
 from experiment.errors import SessionError
-from experiment.session.states import TRANSITIONS, Event, State, follow
+from experiment.session.attempt import TRANSITIONS, Event, State, follow
 
 ENDS = {State.COMPLETE, State.PAUSED, State.FAILED}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import strategies as st
 
-from experiment.synthesis.rig_response import Response
+from experiment.synthesis.response import Response
 from experiment.synthesis.shaping import Loss
 from experiment.synthesis.spectra import Bins
 

@@ -1,6 +1,6 @@
 """Equations (3) to (5) transcribed, (3) and (4) in whole numbers and (5) in extended precision: the suite's oracle.
 
-It shares no line with `analysis/numerics_oracle.py`, the product's, so that each can judge the other.
+It shares no line with `analysis/numerics/oracle.py`, the product's, so that each can judge the other.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.first_block import FirstBlockRenderer
-from experiment.synthesis.methods import Method, denormal_error_m_s2
+from experiment.synthesis.waveforms import Method, denormal_error_m_s2
 
 Extended = NDArray[np.longdouble]
 

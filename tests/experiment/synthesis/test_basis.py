@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from experiment.synthesis.basis import CANCELLATION, Basis, BasisRenderer
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.spectra import inverse, spectrum
-from experiment.synthesis.stimulus import synthesise
+from experiment.synthesis.waveforms import synthesise
 
 SPEEDS = np.array([50.0, 100.0, 200.0, 300.0])
 

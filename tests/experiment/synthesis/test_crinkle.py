@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
 from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract
-from experiment.synthesis.stimulus import synthesise
+from experiment.synthesis.waveforms import synthesise
 
 SPEEDS = [50.0, 100.0, 200.0, 300.0]
 BETWEEN = [50.1, 75.0, 99.0, 130.0, 150.0, 151.0, 250.0, 299.9]

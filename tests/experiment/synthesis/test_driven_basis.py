@@ -11,14 +11,13 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from experiment.synthesis import driven_basis
+from experiment.synthesis import voltages
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.driven_basis import FASTEST, MISSED, DrivenBasis
-from experiment.synthesis.driving import drive
-from experiment.synthesis.rig_response import Response
-from experiment.synthesis.shaping import Shaped
+from experiment.synthesis.response import Response
+from experiment.synthesis.shaping import Shaped, drive
 from experiment.synthesis.spectra import Grid, inverse_on
-from experiment.synthesis.stimulus import BinsAtSpeed
+from experiment.synthesis.voltages import FASTEST, MISSED, DrivenBasis
+from experiment.synthesis.waveforms import BinsAtSpeed
 from tests.experiment.synthesis.measured import NO_LIMIT, TABLE, responses
 
 RATE_HZ = 1000
@@ -37,7 +36,7 @@ class Driven:
 
     @property
     def basis(self) -> DrivenBasis:
-        return driven_basis.prepare(
+        return voltages.prepare(
             self.spectra,
             rate_hz=self.rate_hz,
             response=self.response,
@@ -282,10 +281,10 @@ def test_a_limit_of_the_gain_bends_too() -> None:
 def test_too_many_knots_are_not_held(monkeypatch: pytest.MonkeyPatch) -> None:
     driven = Driven(material(5))
     held = driven.basis.nbytes
-    monkeypatch.setattr(driven_basis, "MOST_BYTES", held - 1)
+    monkeypatch.setattr(voltages, "MOST_BYTES", held - 1)
     assert driven.basis.nbytes == 0
     assert driven.basis(150.0) is None
-    monkeypatch.setattr(driven_basis, "MOST_BYTES", held)
+    monkeypatch.setattr(voltages, "MOST_BYTES", held)
     assert driven.basis.nbytes == held
 
 

@@ -10,9 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.driving import _moved_m_s2, bins_of_waveform, drive
-from experiment.synthesis.rig_response import Response, accelerations, at_bins
-from experiment.synthesis.shaping import Loss, Shaped, shape, shape_at
+from experiment.synthesis.response import Response, accelerations, at_bins
+from experiment.synthesis.shaping import Loss, Shaped, _moved_m_s2, bins_of_waveform, drive, shape, shape_at
 from experiment.synthesis.spectra import Bins, inverse, spectrum
 from tests.experiment.synthesis.measured import F_HZ, LEVELS_V, NO_LIMIT, NOTHING, TABLE, some_bins
 from tests.experiment.synthesis.resampled import resampled

@@ -8,7 +8,7 @@ import pytest
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.first_block import FIRST_BLOCK, STRIDE, FirstBlockFirst
 from experiment.synthesis.pruning import BandPruned
-from experiment.synthesis.stimulus import synthesise
+from experiment.synthesis.waveforms import synthesise
 from tests.experiment.synthesis.oracle import exact, random_spectra
 
 SPEEDS = np.array([50.0, 100.0, 200.0, 300.0])

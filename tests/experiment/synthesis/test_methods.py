@@ -10,8 +10,8 @@ from experiment.errors import SynthesisError
 from experiment.synthesis.basis import Basis
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.engine import EXACT, FASTEST_FIRST, methods
-from experiment.synthesis.methods import Method, PrintedSum, cosines, rms
 from experiment.synthesis.spectra import grid
+from experiment.synthesis.waveforms import Method, PrintedSum, cosines, rms
 from tests.experiment.synthesis.oracle import exact, random_spectra, spectrum_at, worst_excess
 from tests.experiment.synthesis.resampled import resampled
 
@@ -96,7 +96,7 @@ def test_a_stimulus_is_the_sum_of_the_bins_that_it_names(method: Method, v: floa
 def test_a_printed_sum_of_several_chunks_is_the_sum_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     s = of(extreme()["odd"])
     whole = PrintedSum().prepare(s, output_rate_hz=480)(120.0).waveform_m_s2
-    monkeypatch.setattr("experiment.synthesis.methods.CHUNK_BYTES", 500)
+    monkeypatch.setattr("experiment.synthesis.waveforms.CHUNK_BYTES", 500)
     np.testing.assert_array_equal(PrintedSum().prepare(s, output_rate_hz=480)(120.0).waveform_m_s2, whole)
 
 

@@ -11,8 +11,8 @@ from experiment.errors import SynthesisError
 from experiment.synthesis.basis import Basis
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.first_block import FirstBlockFirst
-from experiment.synthesis.methods import InverseDct, PrintedSum
 from experiment.synthesis.pruning import BandPruned, largest_share, loudest_outside, prune
+from experiment.synthesis.waveforms import InverseDct, PrintedSum
 from tests.experiment.synthesis.oracle import random_spectra, spectrum_at
 
 BAND_HZ = (2.0, 15.0)

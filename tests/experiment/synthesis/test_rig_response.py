@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.rig_response import Response, accelerations, not_rising
+from experiment.synthesis.response import Response, accelerations, not_rising
 from tests.experiment.synthesis.measured import TABLE
 
 

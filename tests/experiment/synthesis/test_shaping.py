@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.rig_response import Response, accelerations
+from experiment.synthesis.response import Response, accelerations
 from experiment.synthesis.shaping import Loss, shape
 from experiment.synthesis.spectra import inverse
 from tests.experiment.synthesis.measured import F_HZ, LEVELS_V, MEASURED, NO_LIMIT, NOTHING, TABLE, responses

@@ -7,7 +7,7 @@ from math import cos, pi
 import numpy as np
 
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from experiment.synthesis.stimulus import BinsAtSpeed, synthesise
+from experiment.synthesis.waveforms import BinsAtSpeed, synthesise
 
 
 def drawn(seed: int, *, bins: int = 12) -> CrinkleSpectra:

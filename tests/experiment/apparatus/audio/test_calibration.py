@@ -7,13 +7,13 @@ from dataclasses import replace
 
 import pytest
 
-from experiment.apparatus import rig as rigs
+from experiment.apparatus import rig
 from experiment.apparatus.audio import calibration
 from experiment.apparatus.audio.calibration import Loopback
 from experiment.errors import AudioError
 from experiment.protocol.shipped import shipped
 
-AUDIO = rigs.load(shipped("rigs/headless.toml")).audio
+AUDIO = rig.load(shipped("rigs/headless.toml")).audio
 assert AUDIO is not None
 assert (AUDIO.delivered.onset_ms, AUDIO.delivered.gain_db, AUDIO.delivered.residual_db) == (2.0, 1.0, -20.0)
 GOOD = Loopback(

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment.apparatus.audio.delivered import LEAST_DB, Alignment, Tolerance, align, objection, silence_objection
+from experiment.apparatus.audio.actuator import LEAST_DB, Alignment, Tolerance, align, objection, silence_objection
 
 TOLERANCE = Tolerance(onset_ms=1.0, contact_ms=5.0, gain_db=1.0, residual_db=-20.0)
 

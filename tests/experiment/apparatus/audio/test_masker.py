@@ -10,17 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal, stats
 
-from experiment import scene
-from experiment.apparatus.audio import sound_level
-from experiment.apparatus.audio.cues import Block, Loop
-from experiment.apparatus.audio.masker import ROUND_S, SOFTEST_DB_A, Masker, MaskerNoise, masker_noise
-from experiment.apparatus.audio.mixer import Layout, Mixer
+from experiment.apparatus.audio import masker as sound_level
+from experiment.apparatus.audio.masker import ROUND_S, SOFTEST_DB_A, AudioMasker, MaskerNoise, masker_noise
+from experiment.apparatus.audio.mixer import Block, Layout, Loop, Mixer
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.clock import ManualClock
 from experiment.errors import AudioError
-from experiment.protocol import load
 from experiment.protocol.models import Protocol
 from experiment.protocol.shipped import shipped
+from experiment.session import scene
+from experiment.settings import load
 
 RATE_HZ = 48_000
 FULL_SCALE_DB_A = 100.0
@@ -62,9 +61,9 @@ def pink() -> MaskerNoise:
     return made()
 
 
-def started(noise: MaskerNoise, *, dose_before: float = 0.0) -> tuple[Masker, LoopOnly, ManualClock]:
+def started(noise: MaskerNoise, *, dose_before: float = 0.0) -> tuple[AudioMasker, LoopOnly, ManualClock]:
     stream, clock = LoopOnly(), ManualClock(10**18)
-    masker = Masker(cast("AudioStream", stream), noise, channels=(1, 2), clock=clock, dose_before=dose_before)
+    masker = AudioMasker(cast("AudioStream", stream), noise, channels=(1, 2), clock=clock, dose_before=dose_before)
     return masker, stream, clock
 
 

@@ -11,10 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from experiment.apparatus.audio import cues as queued
 from experiment.apparatus.audio import mixer as mixing
-from experiment.apparatus.audio.cues import AT_ONCE, Cue, Loop
-from experiment.apparatus.audio.mixer import SLOTS, Layout, Mixer
+from experiment.apparatus.audio import mixer as queued
+from experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, Cue, Layout, Loop, Mixer
 from experiment.errors import AudioError
 from tests.experiment.apparatus.audio import interleaved
 

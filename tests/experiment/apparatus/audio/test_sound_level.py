@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.audio import sound_level
+from experiment.apparatus.audio import masker
 
 PRINTED_DB = {
     # IEC 61672-1:2013, table 3: nominal frequency, A-weighting. The exact frequency of band n is 1000 * 10^(n/10) Hz.
@@ -19,16 +19,16 @@ PRINTED_DB = {
 @pytest.mark.parametrize(("band", "printed_db"), PRINTED_DB.items())
 def test_weighting_is_that_of_the_printed_table(band: int, printed_db: float) -> None:
     frequency_hz = np.array([1000.0 * 10 ** (band / 10)])
-    assert sound_level.a_weighting_db(frequency_hz=frequency_hz)[0] == pytest.approx(printed_db, abs=0.051)
+    assert masker.a_weighting_db(frequency_hz=frequency_hz)[0] == pytest.approx(printed_db, abs=0.051)
 
 
 def test_a_tone_of_1_khz_weighs_nothing_and_pink_noise_what_its_octaves_weigh() -> None:
-    assert sound_level.weighted_db(frequency_hz=np.array([1000.0]), power=np.array([3.0])) == pytest.approx(0)
+    assert masker.a_weighted_db(frequency_hz=np.array([1000.0]), power=np.array([3.0])) == pytest.approx(0)
     # Pink noise is equal in every third of an octave: the printed weights of all thirds from 20 Hz to 20 kHz, by power.
     thirds = [-50.5, -44.7, -39.4, -34.6, -30.2, -26.2, -22.5, -19.1, -16.1, -13.4, -10.9, -8.6, -6.6, -4.8, -3.2, -1.9]
     thirds += [-0.8, 0.0, 0.6, 1.0, 1.2, 1.3, 1.2, 1.0, 0.5, -0.1, -1.1, -2.5, -4.3, -6.6, -9.3]
     printed = 10 * np.log10(np.mean(10 ** (np.array(thirds) / 10)))
-    assert sound_level.pink_weighted_db(rate_hz=44_100) == pytest.approx(printed, abs=0.1)
+    assert masker.pink_weighted_db(rate_hz=44_100) == pytest.approx(printed, abs=0.1)
 
 
 @pytest.mark.parametrize(
@@ -37,17 +37,17 @@ def test_a_tone_of_1_khz_weighs_nothing_and_pink_noise_what_its_octaves_weigh() 
     [(80, 8, 80), (85, 8, 85), (87, 8, 87), (83, 4, 80), (86, 2, 80), (70, 8, 70), (80, 4, 77)],
 )
 def test_the_daily_level_is_that_of_equal_energy(level_db_a: float, hours: float, daily_db_a: float) -> None:
-    used = sound_level.dose(level_db_a=level_db_a, duration_s=3600 * hours)
+    used = masker.dose(level_db_a=level_db_a, duration_s=3600 * hours)
     # 3 dB is 10 lg 2 = 3.0103 dB in the standard's own rounding.
-    assert sound_level.daily_level_db_a(dose=used) == pytest.approx(daily_db_a, abs=0.025)
+    assert masker.daily_level_db_a(dose=used) == pytest.approx(daily_db_a, abs=0.025)
 
 
 def test_no_sound_is_no_dose() -> None:
-    assert sound_level.daily_level_db_a(dose=0) == -np.inf
+    assert masker.daily_level_db_a(dose=0) == -np.inf
 
 
 @given(level_db_a=st.floats(30, 120), used=st.floats(0, 2))
 def test_what_is_left_uses_up_the_dose_exactly(level_db_a: float, used: float) -> None:
-    left_s = sound_level.left_s(dose=used, level_db_a=level_db_a)
-    total = used + sound_level.dose(level_db_a=level_db_a, duration_s=left_s)
+    left_s = masker.left_s(dose=used, level_db_a=level_db_a)
+    total = used + masker.dose(level_db_a=level_db_a, duration_s=left_s)
     assert total == pytest.approx(max(used, 1.0), rel=1e-9)

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.audio import timeline
-from experiment.apparatus.audio.timeline import IN_A_ROW, WINDOW, Timeline
+from experiment.apparatus.audio import stream
+from experiment.apparatus.audio.stream import IN_A_ROW, WINDOW, Timeline
 from tests.experiment.apparatus.audio import interleaved
 
 RATE_HZ, BLOCK = 48_000, 256
@@ -110,7 +110,7 @@ def test_whoever_reads_while_a_gap_is_found_reads_the_line_before_it_or_the_one_
         read.extend((line.ns_of(100 * BLOCK), line.ns_of(102 * BLOCK) - round(2 * PERIOD_NS)))
         assert line.frame_at(BEFORE) in (100 * BLOCK, 100 * BLOCK - round(LOST_MS / 1e3 * RATE_HZ))
 
-    interleaved.points((timeline,), lambda: goes_on(line, range(103, 104)), look)
+    interleaved.points((stream,), lambda: goes_on(line, range(103, 104)), look)
     assert line.gaps == 1
     assert all(min(abs(each - BEFORE), abs(each - AFTER)) <= 2 for each in read)
     assert abs(read[0] - BEFORE) <= 2
@@ -123,12 +123,12 @@ def test_a_gap_that_is_found_while_somebody_reads_leaves_something_to_read(
     reader: Callable[[Timeline], object], callbacks: range
 ) -> None:
     still = about_to_find_a_gap()
-    for point in range(interleaved.points((timeline,), lambda: reader(still), lambda _: None)):
+    for point in range(interleaved.points((stream,), lambda: reader(still), lambda _: None)):
         line = about_to_find_a_gap()
 
         def meanwhile(at: int, line: Timeline = line, point: int = point) -> None:
             if at == point:
                 goes_on(line, callbacks)
 
-        interleaved.points((timeline,), partial(reader, line), meanwhile)
+        interleaved.points((stream,), partial(reader, line), meanwhile)
         assert line.gaps == 1

@@ -1,0 +1,368 @@
+"""What a printed number is held against: the other numbers in print, or a dataset.
+
+Both give the same things: the values that a mean, a standard deviation, a t or an F can have. From a dataset each is
+one value; from print it is all that rounding or truncation, and counting in whole answers, leave open.
+
+A dataset as what printed numbers are held against: every number is one value.
+
+The other numbers in print as what printed numbers are held against: what rounding, truncation and counting leave.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import Literal, Protocol
+
+from analysis.audit.granularity import Moments, moments, neighbours, on_scale, totals
+from analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
+from analysis.audit.verdicts import Verdict
+from analysis.identification.results import Results
+from analysis.published import Printed, PrintedCell, PrintedF, PrintedT, Published
+from analysis.published.numbers import Scale
+from analysis.published.printed import Span, point
+from analysis.statistics.anova import TYPES
+from analysis.statistics.exact import mean, sum_of_squares
+
+Misreading = Literal["the population SD", "the standard error"]
+"""What may be printed in the place of an SD."""
+
+NO_STEPS = "the steps of the values are not known: any mean and SD can be"
+
+
+@dataclass(frozen=True)
+class Known:
+    """The values that something can have; none of them where `statement` says why."""
+
+    values: tuple[Span, ...] = ()
+    statement: str = ""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The means and variances that n participants can have; none where `statement` says why.
+
+    `every` are those beside them that the cell's mean allows, for a standard deviation that does not fit.
+    """
+
+    n: int
+    moments: tuple[Moments, ...] = ()
+    every: tuple[Moments, ...] = ()
+    statement: str = ""
+
+
+@dataclass(frozen=True)
+class Variances:
+    """F of one effect, its degrees of freedom, and the number of values behind it.
+
+    `f` are those of each way to share out what unequal numbers leave to more than one effect, by its name: one alone
+    where all give the same.
+    """
+
+    f: Mapping[str, Span] = field(default_factory=dict)
+    df: tuple[int, int] | None = None
+    values: int = 0
+    statement: str = ""
+
+
+class Evidence(Protocol):
+    """What printed numbers are held against."""
+
+    missing: Verdict
+    """Verdict on a number that this says nothing about."""
+    refuted: Verdict
+    """Verdict on a mean or SD that it does not allow."""
+
+    sd_in_doubt: bool
+    """Whether a printed SD that a test does not follow from may be what is wrong, not the test."""
+
+    def misreading(self, cell: PrintedCell) -> Misreading | None:
+        """What the cell's printed SD is read as, if not as an SD."""
+
+    def sd_stands(self, cell: PrintedCell) -> bool:
+        """Whether the cell can have its printed SD, all else aside."""
+
+    def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:
+        """What else the cell can be, if its printed SD is none."""
+
+    def mean(self, cell: PrintedCell) -> Known:
+        """What the cell's mean can be."""
+
+    def sample(self, cell: PrintedCell) -> Sample:
+        """What the cell's mean and variance can be."""
+
+    def tested(self, test: PrintedT) -> Sample:
+        """The same for what a t-test is of."""
+
+    def variances(self, printed: PrintedF) -> Variances:
+        """F, of the pair of materials or of the effect that it is printed for."""
+
+
+def by_type(*found: Span) -> dict[str, Span]:
+    """F of types I, II and III, those that are the same together."""
+    kinds: dict[Span, list[str]] = {}
+    for kind, f in zip(TYPES, found, strict=True):
+        same = next((one for one in kinds if math.isclose(one.low, f.low) and math.isclose(one.high, f.high)), f)
+        kinds.setdefault(same, []).append(kind)
+    return {f"type{'s' * (len(same) > 1)} {' and '.join(same)}": f for f, same in kinds.items()}
+
+
+class FromResults:
+    """A dataset: every number is one value."""
+
+    missing: Verdict = "not in this dataset"
+    refuted: Verdict = "differs"
+    sd_in_doubt = False
+
+    def __init__(self, results: Results) -> None:
+        self._results = results
+
+    def misreading(self, cell: PrintedCell) -> None:
+        """None: the dataset tells what it is."""
+
+    def sd_stands(self, cell: PrintedCell) -> bool:
+        """Whether the dataset gives it."""
+        sd = cell.sd
+        return sd is None or any(sd.either.squared().meets(one.variance) for one in self.sample(cell).moments)
+
+    def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:  # noqa: ARG002
+        """Nothing beside the dataset."""
+        return ()
+
+    def mean(self, cell: PrintedCell) -> Known:
+        """The cell's mean ratio."""
+        values = self._ratios(cell.task, cell.presented, cell.answered)
+        return Known((point(mean(values)),)) if values else Known()
+
+    def sample(self, cell: PrintedCell) -> Sample:
+        """The cell's mean and variance."""
+        return _measured(self._ratios(cell.task, cell.presented, cell.answered))
+
+    def tested(self, test: PrintedT) -> Sample:
+        """The material's correct answers, with the reason where t is not defined."""
+        found = _measured(self._ratios(test.task, test.material, test.material))
+        result = self._results.task(test.task)
+        known = result is not None and test.material in result.confusion.materials
+        if result is None or not known:
+            return found
+        statement = result.test(test.material).result.statement
+        return Sample(found.n, statement=statement) if statement else found
+
+    def variances(self, printed: PrintedF) -> Variances:
+        """The ANOVA that was computed."""
+        if printed.task is None:
+            tables = self._results.two_way
+            anova, statement = (tables[-1] if tables else None), self._results.two_way_statement
+        else:
+            fitting = [t for t in self._results.pairs if (t.task, set(t.pair)) == (printed.task, set(printed.subject))]
+            anova, statement = (fitting[0].anova, fitting[0].statement) if fitting else (None, "")
+        if anova is None:
+            return Variances(statement=statement)
+        line = anova.effects[0] if printed.task else anova.effect(printed.subject[0])
+        everything = sum(one.df for one in anova.effects) + anova.residual.df + 1
+        df = line.df, anova.residual.df
+        if line.f is None:
+            return Variances({}, df, everything, anova.statement)
+        if printed.task:
+            return Variances({"": point(Fraction(line.f))}, df, everything)
+        _, second, third = (table.effect(printed.subject[0]).f or 0.0 for table in self._results.two_way)
+        first = float(self._between(printed.subject[0]).low) / df[0] / anova.residual.ms
+        return Variances(by_type(*(point(Fraction(one)) for one in (first, second, third))), df, everything)
+
+    def _between(self, effect: str) -> Span:
+        """Sum of squares of the effect alone, the first to enter."""
+        values: dict[str, list[Fraction]] = {}
+        for task in self._results.tasks:
+            for material in task.confusion.materials:
+                level = task.task.id if effect == "task" else material
+                values.setdefault(level, []).extend(self._ratios(task.task.id, material, material))
+        return between([Margin(len(level), point(mean(level))) for level in values.values()])
+
+    def _ratios(self, task: str, presented: str, answered: str) -> list[Fraction]:
+        result = self._results.task(task)
+        if result is None or not {presented, answered} <= set(result.confusion.materials):
+            return []
+        index = result.confusion.materials.index
+        return list(result.confusion.ratios(index(presented), index(answered)).values())
+
+
+def _measured(values: Sequence[Fraction]) -> Sample:
+    n = len(values)
+    if n < 2:
+        return Sample(n)
+    only = (Moments(n, point(mean(values)), point(sum_of_squares(values) / (n - 1))),)
+    return Sample(n, only, only)
+
+
+TOO_MANY = "so many counts give it that counting says nothing"
+NO_CELL = "neither mean nor SD is printed"
+NO_SD = "no SD is printed"
+MANY = 20_000
+"""Means and variances of one cell beyond which counting them says no more than the printed numbers do."""
+
+AROUND = 10
+"""Units of the last digit around a printed SD in which its alternatives are looked for first."""
+
+
+MISREADINGS: Mapping[Misreading, Callable[[int], Fraction]] = {
+    "the population SD": lambda n: Fraction(n, n - 1),
+    "the standard error": lambda n: Fraction(n),
+}
+"""By what its square is multiplied to give the variance of n values."""
+
+Key = tuple[str, str, str]
+"""Task, material presented, answer."""
+
+
+class FromPrint:
+    """The other numbers in print.
+
+    `misread` are the cells whose printed SD is read as something else.
+    """
+
+    missing: Verdict = "cannot be decided"
+    refuted: Verdict = "impossible"
+    sd_in_doubt = True
+
+    def __init__(self, published: Published, misread: Mapping[Key, Misreading] | None = None) -> None:
+        self._published = published
+        self._misread = dict(misread or {})
+        self._tables = {cell.key: cell for cell in published.tables()}
+        self._found: dict[Key, Sample] = {}
+
+    def misreading(self, cell: PrintedCell) -> Misreading | None:
+        """What the cell's printed SD is read as, if not as an SD."""
+        return self._misread.get(cell.key)
+
+    def sd_stands(self, cell: PrintedCell) -> bool:
+        """Whether whole counts give the printed SD, or are not known."""
+        n = self._n(cell.task)
+        if n is None or n < 2 or cell.sd is None or cell.scale is None:
+            return True
+        return self._counted(cell, n, cell.scale, cell.sd.either.squared()) != ()
+
+    def reading(self, cells: Iterable[PrintedCell], misreading: Misreading) -> FromPrint | None:
+        """The same with the SDs of cells read as something else; None where no values have such means and SDs."""
+        found = FromPrint(self._published, self._misread | {cell.key: misreading for cell in cells})
+        return found if all(found.sample(cell).every for cell in cells) else None
+
+    def mean(self, cell: PrintedCell) -> Known:
+        """Of a cell that the text repeats, what its table leaves open; else the sums of counts that are near."""
+        source, n = self._tables.get(cell.key), self._n(cell.task)
+        if not cell.in_table and source is not None:
+            return Known(tuple({one.mean: None for one in self.sample(source).moments}) or (source.mean.either,))
+        if n is None or cell.scale is None:
+            return Known(statement=NO_STEPS)
+        sums = on_scale(totals(cell.mean.either, n, cell.scale.items), n, cell.scale)
+        sums = sums or neighbours(cell.mean.exact, n, cell.scale)
+        if len(sums) > MANY:
+            return Known(statement=TOO_MANY)
+        return Known(tuple(point(Fraction(total, n * cell.scale.items)) for total in sums))
+
+    def sample(self, cell: PrintedCell) -> Sample:
+        """What fits the printed mean and SD; where nothing does, or values have no steps, both as they stand."""
+        source = self._tables.get(cell.key, cell)
+        if source.key not in self._found:
+            self._found[source.key] = self._fitting(source)
+        return self._found[source.key]
+
+    def tested(self, test: PrintedT) -> Sample:
+        """The cell, or the score, that the test is of."""
+        cell = self._tables.get((test.task, test.material, test.material))
+        n = self._n(test.task) or test.df + 1
+        return self.sample(cell) if cell else Sample(n, statement=NO_CELL)
+
+    def variances(self, printed: PrintedF) -> Variances:
+        """F from the means and SDs of the cells that it is of."""
+        groups = self._groups(printed)
+        samples = [[self.sample(cell) if cell else None for cell in group] for group in groups]
+        held = [[together(one.moments) for one in group if one and one.moments] for group in samples]
+        if not groups or any(len(group) != len(cells) for group, cells in zip(held, groups, strict=True)):
+            return Variances(statement="the means and SDs that it is of are not all printed")
+        cells = [one for group in held for one in group]
+        values = sum(one.n for one in cells)
+        df = len(groups) - 1, values - len(cells)
+        if min(df) < 1:
+            return Variances(statement="an ANOVA needs two levels, and more values than cells")
+        first, third = (
+            f_of(between([level(group) for group in held]), within(cells), df) for level in (margin, unweighted)
+        )
+        # The cells of a task have as many values each: an effect is the same whether it enters first or last but one.
+        return Variances(by_type(first, first, third), df, values)
+
+    def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:
+        """What the cell can be if its printed SD is none: the standard error, or divided by another number."""
+        n = self._n(cell.task)
+        if n is None or n < 2 or cell.sd is None or cell.scale is None:
+            return ()
+        printed = cell.sd.either
+        windows = [*(printed.squared().times(factor(n)) for factor in MISREADINGS.values()), printed]
+        counted = (self._counted(cell, n, cell.scale, window) for window in windows)
+        return tuple(one for found in counted if found for one in found)
+
+    def _groups(self, printed: PrintedF) -> list[list[PrintedCell | None]]:
+        if printed.task is not None:
+            a, b = printed.subject
+            return [[self._tables.get((printed.task, *key))] for key in ((a, a), (b, b), (a, b), (b, a))]
+        correct = [one for one in self._tables.values() if one.presented == one.answered and not one.is_score]
+        tasks = dict.fromkeys(cell.task for cell in correct)
+        materials = dict.fromkeys(cell.presented for cell in correct)
+        by_task = [[self._tables.get((task, one, one)) for one in materials] for task in tasks]
+        return by_task if printed.subject[0] == "task" else [list(group) for group in zip(*by_task, strict=True)]
+
+    def _fitting(self, cell: PrintedCell) -> Sample:
+        n = self._n(cell.task)
+        if n is None or n < 2:
+            return Sample(n or 0, statement="the number of participants is not printed, or below two")
+        if cell.sd is None:
+            return self._without_sd(cell, n)
+        misreading = self.misreading(cell)
+        wanted = cell.sd.either.squared().times(MISREADINGS[misreading](n) if misreading else Fraction(1))
+        stands = (Moments(n, cell.mean.either, wanted),)
+        if cell.scale is None:
+            return Sample(n, stands, stands if misreading else ())
+        every = self._counted(cell, n, cell.scale, wanted) if misreading else self._near(cell, cell.sd, cell.scale, n)
+        if every is None:
+            return Sample(n, stands, stands) if misreading else Sample(n, stands, statement=TOO_MANY)
+        return Sample(n, tuple(one for one in every if wanted.meets(one.variance)) or stands, every)
+
+    def _near(self, cell: PrintedCell, sd: Printed, scale: Scale, n: int) -> tuple[Moments, ...] | None:
+        """What whole counts give at a printed SD, or else around it; None where it is too many.
+
+        Further off until there is some, nearer again where that is too many. A mean that has whole counts has some with
+        an SD below 1, so none that far says that it has none.
+        """
+        found = self._counted(cell, n, scale, sd.either.squared())
+        unit = sd.exact_unit or Fraction(1)
+        width, none_within = AROUND * unit, Fraction(0)
+        too_many: Fraction | None = None
+        while found == () and none_within < sd.exact + 1:
+            around = Span(max(sd.exact - width, Fraction(0)) ** 2, (sd.exact + width) ** 2)
+            found = self._counted(cell, n, scale, around)
+            if found is None and width - none_within > unit:
+                found, too_many = (), width
+            elif found == ():
+                none_within = width
+            width = (none_within + too_many) / 2 if too_many else 4 * none_within
+        return found
+
+    def _without_sd(self, cell: PrintedCell, n: int) -> Sample:
+        every = self._counted(cell, n, cell.scale, Span(Fraction(0), math.inf)) if cell.scale else None
+        return Sample(n, every or (), every or (), NO_SD)
+
+    def _counted(self, cell: PrintedCell, n: int, scale: Scale, variance: Span) -> tuple[Moments, ...] | None:
+        """The means and variances that whole counts give; None where they are too many."""
+        high = variance.high
+        if scale.low is not None and scale.high is not None:
+            # Half the values at either end spread the most.
+            high = min(high, Fraction((scale.high - scale.low) ** 2 * n, 4 * (n - 1)))
+        sums = on_scale(totals(cell.mean.either, n, scale.items), n, scale)
+        if len(sums) * (high - variance.low) * n * scale.items**2 > MANY:
+            return None
+        return tuple(one for total in sums for one in moments(total, n, scale, variance))
+
+    def _n(self, task: str) -> int | None:
+        found = self._published.task(task)
+        return found.participants if found else None

@@ -1,0 +1,273 @@
+"""The simplest mistakes that could have produced a printed number that does not agree, simplest first.
+
+Each mistake computes the number as it would have made it; the first whose values the printed number can stand for is
+named, the others that fit are listed after it. A mistake that fits is an explanation, not a proof.
+
+Lines of the audit: each at its place in print, about one subject.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+from analysis.audit.granularity import Moments
+from analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
+from analysis.audit.verdicts import AGREES, Line, Verdict, judge, shown
+from analysis.documents.tables import number_of
+from analysis.published import Printed, as_printed
+from analysis.published.printed import Span, hull, image
+
+
+@dataclass(frozen=True)
+class Mistake:
+    """What may have gone wrong, and the values that it would have given; `squares` as in `judge`."""
+
+    text: str
+    values: tuple[Span, ...]
+    squares: bool = False
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What an ANOVA is of: `n` values in each of its cells, or 0 where not all have the same; `sizes` may be mistaken
+    for n.
+    """
+
+    df: tuple[int, int]
+    values: int
+    n: int = 0
+    sizes: tuple[int, ...] = ()
+
+    @property
+    def cells(self) -> int:
+        """How many there are."""
+        return self.values - self.df[1]
+
+
+def explain(printed: Printed, mistakes: Iterable[Mistake]) -> str:
+    """The first mistake that gives the printed number, and the others that do; empty where none does."""
+    fitting = [
+        mistake.text
+        for mistake in mistakes
+        if mistake.values and judge(printed, mistake.values, squares=mistake.squares)[0] in AGREES
+    ]
+    return "" if not fitting else fitting[0] + "".join(f"; or {other}" for other in fitting[1:])
+
+
+def of_mean(means: Sequence[Span], n: int, sizes: Iterable[int]) -> Iterator[Mistake]:
+    """Mistakes in a mean of `n`; `sizes` are the study's other numbers of participants."""
+    for size in sizes:
+        values = tuple(mean.times(Fraction(n, size)) for mean in means)
+        yield Mistake(f"the sum was divided by {number_of(size, 'participant')}, where n is {n}", values)
+    yield Mistake("it was printed as a percentage", tuple(mean.times(Fraction(100)) for mean in means))
+    yield Mistake("it is what is left to 1", tuple(mean.times(Fraction(-1)).plus(_ONE) for mean in means))
+
+
+def of_sd(moments: Sequence[Moments]) -> Iterator[Mistake]:
+    """Mistakes in a standard deviation."""
+    variances = tuple(one.variance for one in moments)
+    n = moments[0].n
+    population = tuple(variance.times(Fraction(n - 1, n)) for variance in variances)
+    yield Mistake("it is the population SD, divided by n, not n - 1", population, squares=True)
+    yield Mistake("it is the standard error", tuple(one.times(Fraction(1, n)) for one in variances), squares=True)
+    yield Mistake("it is the variance", variances)
+
+
+def of_t(
+    effects: Sequence[Span],
+    moments: Sequence[Moments],
+    printed: Printed,
+    n: int,
+    sizes: Iterable[int],
+    *,
+    sd_in_doubt: bool = False,
+) -> Iterator[Mistake]:
+    """Mistakes in a one-sample t with effect sizes `effects`, printed as `printed`.
+
+    `sd_in_doubt`: whether the SD beside it may be wrong in its place; a standard error makes of a right t what looks
+    like d, a population SD what looks like a t formed with sqrt(n - 1).
+    """
+    error, population = (f", or the SD is {one}" * sd_in_doubt for one in ("the standard error", "the population SD"))
+    correct = tuple(t_of(one, n) for one in effects)
+    yield Mistake("its sign is lost", tuple(one.times(Fraction(-1)) for one in correct))
+    alike = [one.common(printed.either) for one in effects if one.meets(printed.either)]
+    yield Mistake(f"what is printed as t is Cohen's d{_span(alike)}{error}", tuple(effects))
+    factor = math.sqrt(n / (n - 1))
+    yield Mistake("it was formed with the population SD", tuple(image(lambda t: t * factor, one) for one in correct))
+    smaller = f"it was formed with sqrt(n - 1), as if from {n - 1} participants{population}"
+    yield Mistake(smaller, tuple(image(lambda t: t / factor, one) for one in correct))
+    for size in sizes:
+        if size != n - 1:
+            text = f"it is d * sqrt({size}), where n is {n}"
+            yield Mistake(text, tuple(t_of(one, size) for one in effects))
+    from_zero = [of_zero for one in moments if (of_zero := effect(one, Fraction(0))) is not None]
+    yield Mistake("it is the t against 0", tuple(t_of(one, n) for one in from_zero))
+
+
+def of_p(
+    effects: Sequence[Span], t: Printed, df: int, n: int, sizes: Sequence[int], *, tests: int, t_agrees: bool
+) -> Iterator[Mistake]:
+    """Mistakes in the P of a one-sample t; `tests` are in its family, `t` and `df` are printed beside it."""
+    correct = [t_of(one, n) for one in effects]
+    yield Mistake("it is one-tailed", tuple(p_of_t(one, n - 1).times(_HALF) for one in correct))
+    if not t_agrees:
+        yield Mistake("it follows the printed t", (p_of_t(t.either, df),))
+        yield Mistake("it follows the printed t, one-tailed", (p_of_t(t.either, df).times(_HALF),))
+    yield Mistake(f"it was taken at {n} df, where n is {n}", tuple(p_of_t(one, n) for one in correct))
+    for size in sizes:
+        if size - 1 != n:
+            text = f"it was taken at {size - 1} df, where n is {n}"
+            yield Mistake(text, tuple(p_of_t(one, size - 1) for one in correct))
+    for size in sizes:
+        text = f"it is the P of d * sqrt({size}) at {size - 1} df, where n is {n}"
+        yield Mistake(text, tuple(p_of_t(t_of(one, size), size - 1) for one in effects))
+    yield Mistake("it was taken from the normal distribution", tuple(image(_p_of_z, one.absolute()) for one in correct))
+    if tests > 1:
+        family = tuple(p_of_t(one, n - 1).times(Fraction(tests)) for one in correct)
+        yield Mistake(f"it was multiplied by the {tests} tests of its task", family)
+
+
+def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
+    """Mistakes in a P that has nothing but a t and its df beside it."""
+    yield Mistake("it is one-tailed", (p_of_t(t.either, df).times(_HALF),))
+    for other in (df + 1, df - 1):
+        if other > 0:
+            yield Mistake(f"it was taken at {other} df", (p_of_t(t.either, other),))
+    yield Mistake("it was taken from the normal distribution", (image(_p_of_z, t.either.absolute()),))
+
+
+def of_any_f(f: Sequence[Span], df: tuple[int, int]) -> Iterator[Mistake]:
+    """What else could have been printed in the place of an F with these df."""
+    yield Mistake("it is one over F", tuple(image(lambda one: 1 / one if one > 0 else math.inf, f_) for f_ in f))
+    yield Mistake("it is the root of F, a t", tuple(image(lambda one: math.sqrt(max(one, 0.0)), f_) for f_ in f))
+    eta = tuple(image(lambda one: df[0] / (df[0] + df[1] / one) if one > 0 else 0.0, f_) for f_ in f)
+    yield Mistake("what is printed as F is eta squared", eta)
+
+
+def of_f(f: Sequence[Span], layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
+    """Mistakes in an F; `printed` are the df beside it."""
+    df = layout.df
+    yield from of_any_f(f, df)
+    population = Fraction(layout.values, df[1])
+    yield Mistake("its residual was divided by the number of values", tuple(one.times(population) for one in f))
+    if printed != df:
+        factor = Fraction(df[0] * printed[1], printed[0] * df[1])
+        yield Mistake("it was formed with its printed df", tuple(one.times(factor) for one in f))
+    for size in layout.sizes:
+        text = f"it is that of {size} participants, where n is {layout.n}"
+        yield Mistake(text, tuple(one.times(Fraction(size, layout.n)) for one in f))
+
+
+def of_p_of_f(f: Sequence[Span], beside: Printed, layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
+    """Mistakes in the P of an F; `beside` is the F beside it, `printed` its df."""
+    df = layout.df
+    yield Mistake("it follows the printed F", (p_of_f(beside.either, df),))
+    if printed != df:
+        yield Mistake("it was taken at its printed df", tuple(p_of_f(one, printed) for one in f))
+        yield Mistake("it follows the printed F at its printed df", (p_of_f(beside.either, printed),))
+    yield Mistake("it is one-tailed", tuple(p_of_f(one, df).times(_HALF) for one in f))
+    for other in (layout.values, layout.values - 1, df[1] - df[0]):
+        if other > 0:
+            text = f"it was taken at {df[0]}, {other} df"
+            yield Mistake(text, tuple(p_of_f(one, (df[0], other)) for one in f))
+    for size in layout.sizes:
+        larger = [one.times(Fraction(size, layout.n)) for one in f]
+        text = f"it is that of {size} participants, where n is {layout.n}"
+        yield Mistake(text, tuple(p_of_f(one, (df[0], layout.cells * (size - 1))) for one in larger))
+
+
+def of_df_of_effect(layout: Layout) -> Iterator[tuple[int, str]]:
+    """What else could have been printed as the df of an effect."""
+    yield layout.df[0] + 1, "it is the number of levels"
+
+
+def of_df_of_residual(layout: Layout) -> Iterator[tuple[int, str]]:
+    """What else could have been printed as the df of the residual."""
+    levels = layout.df[0] + 1
+    yield layout.values - 1, "it is that of all values, the effects' not taken off"
+    yield layout.values, "it is the number of values"
+    if layout.cells > levels:
+        yield layout.values - levels - layout.cells // levels + 1, "it is that with the interaction in the residual"
+    yield layout.values - layout.df[0], "it is the number of values less the effect's df"
+    for size in layout.sizes:
+        if size != layout.n + 1:
+            yield layout.cells * (size - 1), f"it is that of {size} participants, where n is {layout.n}"
+    if layout.n:
+        yield layout.df[0] * (layout.n - 1), "it is that of repeated measures"
+
+
+def of_df(n: int, sizes: Iterable[int]) -> Iterator[tuple[int, str]]:
+    """What else could have been printed as the df of a t."""
+    yield n, "it is the number of participants"
+    for size in sizes:
+        if size - 1 != n:
+            yield size - 1, f"it is that of {number_of(size, 'participant')}, where n is {n}"
+
+
+def _p_of_z(z: float) -> float:
+    return math.erfc(z / math.sqrt(2))
+
+
+def _span(effects: Sequence[Span]) -> str:
+    if not effects:
+        return ""
+    both = hull(effects)
+    texts = [as_printed(Printed("0.00"), float(end)) for end in (both.low, both.high)]
+    return f" = {texts[0]}" if texts[0] == texts[1] else f" = {texts[0]} to {texts[1]}"
+
+
+_ONE = Span(Fraction(1), Fraction(1))
+_HALF = Fraction(1, 2)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a printed number stands and what it is about; makes its lines.
+
+    `missing` is the verdict on a number that nothing is known about, `statement` the reason.
+    """
+
+    where: str
+    task: str
+    subject: str
+    missing: Verdict
+    statement: str = ""
+
+    def number(
+        self,
+        quantity: str,
+        printed: Printed,
+        values: Sequence[Span],
+        why: Callable[[], Iterable[Mistake]] = tuple,
+        *,
+        squares: bool = False,
+        remark: str = "",
+        otherwise: tuple[Verdict, str] = ("differs", ""),
+    ) -> Line:
+        """A number against the values that it can have.
+
+        Args:
+            quantity: what it is.
+            printed: the number in print.
+            values: see `judge`.
+            why: gives the mistakes to try, if any may be tried.
+            squares: see `judge`.
+            remark: stands after the recomputed number.
+            otherwise: the verdict where none fits, and the reason where no mistake gives it.
+        """
+        if not values:
+            return self.text(quantity, printed.text, "-", self.missing, self.statement)
+        verdict, fitting = judge(printed, values, squares=squares)
+        text, low, high = shown(printed, fitting, squares=squares)
+        reason = ""
+        if verdict == "differs":
+            verdict, reason = otherwise[0], explain(printed, why()) or otherwise[1]
+        found = text + remark
+        return Line(self.where, self.task, self.subject, quantity, printed.text, found, low, high, verdict, reason)
+
+    def text(self, quantity: str, printed: str, found: str, verdict: Verdict, reason: str = "") -> Line:
+        """What is compared as text."""
+        return Line(self.where, self.task, self.subject, quantity, printed, found, None, None, verdict, reason)

@@ -1,0 +1,408 @@
+"""What is asked of printed numbers alone: rows as whole counts, ANOVA tables, and what percentages are shares of.
+
+Which printed SDs are something else: those whose reading as such leaves fewer printed numbers in conflict.
+
+A standard error in the place of an SD makes a right t look like Cohen's d, P look wrong, and F with them. One mistake
+that explains them all is simpler than one mistake each.
+
+An ANOVA table as printed, line by line: MS, F and P, each from what stands beside it, and the mistakes behind it.
+
+Nothing but the table is known, so a wrong df may stand in print as well as in the sum.
+
+Which numbers of trials can stand behind percentages that are printed without them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from functools import partial
+from itertools import pairwise
+
+from analysis.audit.checks import Walk
+from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
+from analysis.audit.mistakes import Mistake, Place, of_any_f
+from analysis.audit.recomputed import effect, p_of_f, quotient
+from analysis.audit.rows import Row, Undecided, examine, row_sum
+from analysis.audit.verdicts import AGREES, Line, Verdict, judge
+from analysis.documents.tables import number_of
+from analysis.published import (
+    Printed,
+    PrintedCell,
+    PrintedChoices,
+    PrintedSource,
+    PrintedSources,
+    PrintedTable,
+    Published,
+)
+from analysis.published.printed import Span, hull
+
+CONFLICTS: tuple[Verdict, ...] = ("differs", "impossible")
+
+
+def read_print(published: Published) -> FromPrint:
+    """The printed numbers, with those SDs read as something else that two or more of them speak for."""
+    evidence = FromPrint(published)
+    tested = {(test.task, test.material, test.material) for test in published.tests}
+    for cell in published.tables():
+        if cell.sd is not None and cell.key in tested:
+            evidence = _better(published, evidence, cell)
+    for table in published.confusions:
+        evidence = _throughout(published, evidence, table, tested)
+    return evidence
+
+
+def _better(published: Published, evidence: FromPrint, cell: PrintedCell) -> FromPrint:
+    """The reading of a cell that leaves the fewest conflicts; as printed, unless its tests all fit another."""
+    own = _conflicts(published, evidence, cell)
+    least = len(own) + _in_f(published, evidence, [cell])
+    if not own or least < 2:
+        return evidence
+    for misreading in MISREADINGS:
+        other = evidence.reading([cell], misreading)
+        if other is None:
+            continue
+        own = _conflicts(published, other, cell)
+        left = len(own) + _in_f(published, other, [cell])
+        if left < least and all(line.quantity in ("mean", "SD") for line in own):
+            evidence, least = other, left
+    return evidence
+
+
+def _throughout(
+    published: Published, evidence: FromPrint, table: PrintedTable, tested: set[tuple[str, str, str]]
+) -> FromPrint:
+    """Cells without a test read as all those with one are, where that leaves fewer F in conflict."""
+    kinds = {evidence.misreading(cell) for cell in table.cells if cell.key in tested and cell.sd is not None}
+    rest = [cell for cell in table.cells if cell.key not in tested and cell.sd is not None and cell.sd.exact]
+    misreading: Misreading | None = kinds.pop() if len(kinds) == 1 else None
+    if misreading is None or not rest:
+        return evidence
+    other = evidence.reading(rest, misreading)
+    before, after = (_in_f(published, one, rest) if one else 0 for one in (evidence, other))
+    return other if other is not None and after < before else evidence
+
+
+def _conflicts(published: Published, evidence: FromPrint, cell: PrintedCell) -> list[Line]:
+    """The lines of the cell and its test that are in conflict."""
+    lines = Walk(published, evidence, diagnose=False).about(cell)
+    return [line for line in lines if line.verdict in CONFLICTS]
+
+
+def _in_f(published: Published, evidence: FromPrint, cells: Sequence[PrintedCell]) -> int:
+    walk = Walk(published, evidence, diagnose=False)
+    return sum(line.verdict in CONFLICTS for line in walk.ratios_of(cells))
+
+
+def source_lines(table: PrintedSources) -> Iterator[Line]:
+    """MS = SS / df, F = MS / MS of the residual, P of F."""
+    residual = table.lines[-1]
+    for line in table.lines:
+        place = Place(table.where, "both", line.name, "cannot be decided", "the line does not print enough")
+        ms = _over(line.ss, line.df)
+        if line.ms is not None:
+            yield place.number("MS", line.ms, [ms] if ms else [], partial(_of_ms, line, table))
+        own, rest = _mean_square(line), _mean_square(residual)
+        f = quotient(own, rest) if own and rest and line is not residual else None
+        if line.f is not None:
+            yield place.number("F", line.f, [f] if f else [], partial(_of_f, line, f, table))
+        if line.p is not None:
+            ratio = line.f.either if line.f else f
+            ps = [p_of_f(ratio, (line.df, residual.df))] if ratio else []
+            yield place.number("P", line.p, ps, partial(_of_p, line, f, ratio, table))
+
+
+def _of_ms(line: PrintedSource, table: PrintedSources) -> Iterator[Mistake]:
+    """Mistakes in a mean square."""
+    if line.ss is None:
+        return
+    ss = line.ss.either
+    yield Mistake("it is the sum of squares, not divided by df", (ss,))
+    for df in _others(line, table):
+        yield Mistake(f"it is that of {df} df, where df is {line.df}", (ss.times(Fraction(1, df)),))
+    yield Mistake("it is the root of SS / df", (ss.times(Fraction(1, line.df)),), squares=True)
+
+
+def _of_f(line: PrintedSource, f: Span | None, table: PrintedSources) -> Iterator[Mistake]:
+    """Mistakes in an F."""
+    residual = table.lines[-1]
+    if f is None:
+        return
+    above, below = (_over(one.ss, one.df) for one in (line, residual))
+    if above and below and (_contradicts(line) or _contradicts(residual)):
+        yield Mistake("it follows SS / df, not the printed MS", (quotient(above, below),))
+    yield from of_any_f([f], (line.df, residual.df))
+    for df in _others(line, table):
+        yield Mistake(f"it is that of {df} df, where df is {line.df}", (f.times(Fraction(line.df, df)),))
+    for df in _others(residual, table):
+        yield Mistake(
+            f"its residual was divided by {df} df, where df is {residual.df}", (f.times(Fraction(df, residual.df)),)
+        )
+    yield Mistake("it is the ratio of the sums of squares", (f.times(Fraction(line.df, residual.df)),))
+    own = _mean_square(line)
+    for other in table.lines[:-1]:
+        if other is not line and own and (rest := _mean_square(other)):
+            yield Mistake(f"it was formed with the MS of {other.name}", (quotient(own, rest),))
+
+
+def _of_p(line: PrintedSource, f: Span | None, ratio: Span | None, table: PrintedSources) -> Iterator[Mistake]:
+    """Mistakes in the P of an F."""
+    residual = table.lines[-1]
+    if ratio is None:
+        return
+    df = line.df, residual.df
+    correct = p_of_f(ratio, df)
+    if f is not None and line.f is not None and judge(line.f, [f])[0] not in AGREES:
+        yield Mistake("it follows MS / MS, not the printed F", (p_of_f(f, df),))
+    yield Mistake("it is one-tailed", (correct.times(Fraction(1, 2)),))
+    yield Mistake("it is doubled", (correct.times(Fraction(2)),))
+    wrong = [(other, df[1]) for other in _others(line, table)] + [(df[0], other) for other in _others(residual, table)]
+    for other in dict.fromkeys([*wrong, (df[1], df[0])]):
+        if other != df:
+            yield Mistake(f"it was taken at {other[0]}, {other[1]} df", (p_of_f(ratio, other),))
+
+
+def _others(line: PrintedSource, table: PrintedSources) -> list[int]:
+    """What may have been taken for a line's df, the likeliest first."""
+    whole = sum(one.df for one in table.lines)
+    near = [line.df + 1, line.df - 1, whole, whole + 1]
+    return [df for df in dict.fromkeys([*near, *(one.df for one in table.lines)]) if df > 0 and df != line.df]
+
+
+def _contradicts(line: PrintedSource) -> bool:
+    """Whether the printed MS cannot be SS / df."""
+    computed = _over(line.ss, line.df)
+    return bool(computed and line.ms and not line.ms.either.meets(computed))
+
+
+def _over(ss: Printed | None, df: int) -> Span | None:
+    return ss.either.times(Fraction(1, df)) if ss else None
+
+
+def _mean_square(line: PrintedSource) -> Span | None:
+    """A mean square as printed and as SS / df at once, where both can be."""
+    computed = _over(line.ss, line.df)
+    if line.ms is None:
+        return computed
+    both = line.ms.either
+    return both.common(computed) if computed and both.meets(computed) else both
+
+
+Reading = Callable[[Printed], Span]
+
+
+def rounded(printed: Printed) -> Span:
+    """The shares that round to it."""
+    return printed.rounded
+
+
+def truncated(printed: Printed) -> Span:
+    """The shares that are cut off to it."""
+    return printed.truncated
+
+
+def either(printed: Printed) -> Span:
+    """Both."""
+    return printed.either
+
+
+def counts(printed: Printed, trials: int, reading: Reading) -> range:
+    """The counts out of `trials` whose share prints like this."""
+    share = reading(printed)
+    low, high = max(Fraction(share.low), Fraction(0)) * trials, min(Fraction(share.high), Fraction(1)) * trials
+    least, most = math.ceil(low), math.floor(high)
+    least += not share.holds(Fraction(least, trials))
+    most -= not share.holds(Fraction(most, trials))
+    return range(least, most + 1)
+
+
+def smallest(printed: Printed, reading: Reading) -> int:
+    """The fewest trials of which some count prints like this."""
+    return next(trials for trials in range(1, _enough(printed) + 1) if counts(printed, trials, reading))
+
+
+def common(printed: Sequence[Printed], reading: Reading) -> Iterator[int]:
+    """The numbers of trials, rising, that all of the percentages can be shares of."""
+    for trials in range(1, max(map(_enough, printed)) + 1):
+        if all(counts(one, trials, reading) for one in printed):
+            yield trials
+
+
+def _enough(printed: Printed) -> int:
+    """So many trials have a share for every number printed like this."""
+    return math.ceil(1 / printed.exact_unit) if printed.exact_unit else 1
+
+
+LISTED = 5
+"""Numbers that a reason lists at most."""
+
+UNDECIDED: Verdict = "cannot be decided"
+
+
+def print_lines(published: Published) -> tuple[Line, ...]:
+    """Every line of a study whose printed numbers are held against one another."""
+    evidence = read_print(published)
+    walk = Walk(published, evidence, diagnose=True)
+    lines = list(walk.lines())
+    for table in published.confusions:
+        if table.complete:
+            lines += [_row(published, walk, evidence, table, shown, cells) for shown, cells in table.rows()]
+    for sources in published.sources:
+        lines += source_lines(sources)
+    for icc in published.icc:
+        place = Place(icc.where, "both", "reliability of the two-way ANOVA", UNDECIDED)
+        reason = "no formula is printed, and means and SDs do not tell how each participant answered in every cell"
+        lines.append(place.text("ICC", icc.value.text, "-", UNDECIDED, reason))
+    for choices in published.choices:
+        lines += _choices(choices)
+    return tuple(lines)
+
+
+def _row(
+    published: Published,
+    walk: Walk,
+    evidence: FromPrint,
+    table: PrintedTable,
+    presented: str,
+    cells: Sequence[PrintedCell],
+) -> Line:
+    place = Place(table.where, table.task, f"row of {presented}", UNDECIDED)
+    total = sum((cell.mean.exact for cell in cells), Fraction(0))
+    printed = f"{' + '.join(cell.mean.text for cell in cells)} = {float(total):.4g}"
+    task = published.task(table.task)
+    sums = row_sum([cell.mean for cell in cells])
+    if task is None or task.trials is None:
+        verdict: Verdict = "agrees" if sums.holds(Fraction(1)) else "impossible"
+        return place.text("row", printed, f"{float(sums.low):.4g} to {float(sums.high):.4g}", verdict)
+    # An SD that is none says nothing about the row.
+    cells = [replace(cell, sd=None) if evidence.misreading(cell) else cell for cell in cells]
+    pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, walk, evidence, cell))}
+    try:
+        row = examine(cells, task.participants, task.trials, pinned)
+    except Undecided as reason:
+        return place.text("row", printed, "-", UNDECIDED, str(reason))
+    return _judged(place, printed, cells, row, given=", given the printed t" if pinned else "")
+
+
+def _pinned(published: Published, walk: Walk, evidence: FromPrint, cell: PrintedCell) -> Span | None:
+    """The variances that agree with the cell's t, where there is one."""
+    tests = [t for t in published.tests if (t.task, t.material, t.material) == cell.key]
+    if not tests:
+        return None
+    pins = walk.effects(tests[0])
+    held = [
+        one.variance
+        for one in evidence.sample(cell).moments
+        if (size := effect(one, tests[0].null)) is not None and any(size.meets(pin) for pin in pins)
+    ]
+    return hull(held) if held else None
+
+
+def _judged(place: Place, printed: str, cells: Sequence[PrintedCell], row: Row, *, given: str) -> Line:
+    if row.stands:
+        found = f"{row.trials} of {row.trials} trials"
+        if not row.truncated:
+            return place.text("row", printed, found, "agrees")
+        names = " and ".join(f"-> {cells[i].answered}" for i in row.truncated)
+        reason = f"whole counts give the row where {names} is truncated{given}"
+        return place.text("row", printed, found, "agrees if truncated", reason)
+    found = f"{row.fewest} to {row.most} of {row.trials} trials" if row.fewest != row.most else f"{row.most} trials"
+    reasons = []
+    if gaps := row.missing or row.missing_truncated:
+        fewer = row.missing_truncated if row.missing_truncated != gaps else None
+        less = f" ({fewer}, if means are truncated)" if fewer else ""
+        reasons.append(f"{number_of(gaps, 'trial')} without an answer would explain it{less}")
+    if row.misprinted:
+        names = ", ".join(f"-> {cells[i].answered}" for i in row.misprinted)
+        reasons.append(f"a misprint of one of: {names}")
+    if row.fewest > row.trials or row.most < row.trials:
+        reasons.insert(0, "the ratios cannot sum to 1")
+        text = "; ".join(reasons)
+    else:
+        text = "; ".join([f"no whole counts give all means and SDs at once{given}", *reasons])
+    return place.text("row", printed, found, "impossible", text)
+
+
+def _choices(choices: PrintedChoices) -> Iterator[Line]:
+    percentages = [printed for _, printed in choices.cells]
+    pairs = len(percentages)
+    shares = [choices.trials * people // pairs for people in (choices.participants, 1)]
+    for (first, second), printed in choices.cells:
+        place = Place(choices.where, choices.task, f"{first} and {second}", UNDECIDED)
+        yield _choice(place, printed, shares)
+    place = Place(choices.where, choices.task, f"all {pairs} pairs", UNDECIDED)
+    yield _common(place, choices, percentages, max(shares))
+    yield _unequal(place, choices, percentages)
+
+
+def _choice(place: Place, printed: Printed, shares: Sequence[int]) -> Line:
+    """One percentage, were the trials shared equally among pairs: those of every participant, or of all together.
+
+    Nothing printed says that they were, so a percentage that does not fit is no mistake by itself.
+    """
+    asked = [share for share in shares if share]
+    found = {name: [(k, n) for n in asked for k in counts(printed, n, read)] for name, read in READINGS.items()}
+    if fits := found["rounded"]:
+        return place.text("correct", printed.text, " or ".join(f"{k} of {n}" for k, n in fits[:LISTED]), "agrees")
+    near = [(round(printed.exact * share), share) for share in asked]
+    shown = " or ".join(f"{k} of {n} = {100 * k / n:.1f}%" for k, n in found["truncated"] or near)
+    cut = ", though one is cut off to it" if found["truncated"] else ""
+    trials = f"{' or '.join(map(str, asked))} trials, equal for all pairs,"
+    reason = f"no share of {trials} rounds to it{cut}; one of {smallest(printed, rounded)} does"
+    return place.text("correct", printed.text, shown, UNDECIDED, reason)
+
+
+def _common(place: Place, choices: PrintedChoices, percentages: Sequence[Printed], most: int) -> Line:
+    """Whether one number of trials a pair gives every percentage."""
+    pairs = len(percentages)
+    fitting = {name: list(common(percentages, reading)) for name, reading in READINGS.items()}
+    allowed = {name: [n for n in numbers if n <= most] for name, numbers in fitting.items()}
+    quantity, total = "common number of trials", choices.trials * choices.participants
+    printed = f"{choices.trials} trials, {choices.participants} participants"
+    if allowed["rounded"]:
+        return place.text(quantity, printed, _listed(allowed["rounded"]), "agrees")
+    if allowed["truncated"]:
+        return place.text(quantity, printed, _listed(allowed["truncated"]), "agrees if truncated")
+    least = "; ".join(
+        f"{name}, {numbers[0]} at least ({numbers[0] * pairs} trials)"
+        for name, numbers in fitting.items()
+        if numbers and name != "either"
+    )
+    reason = f"{least}; {choices.participants} x {choices.trials} = {total} trials allow {most}"
+    none = f"none from 1 to {most}"
+    if not allowed["either"]:
+        return place.text(quantity, printed, none, "impossible", reason)
+    reason += f"; some rounded and some truncated: {_listed(allowed['either'])}"
+    return place.text(quantity, printed, f"{none}, all rounded or all truncated", "fits no one rounding", reason)
+
+
+def _unequal(place: Place, choices: PrintedChoices, percentages: Sequence[Printed]) -> Line:
+    """The fewest trials that the percentages take when pairs may differ in them."""
+    all_of = choices.trials * choices.participants
+    for verdict, reading in zip(FITS, READINGS.values(), strict=True):
+        least = sum(smallest(printed, reading) for printed in percentages)
+        for total, who in ((choices.trials, "all together"), (all_of, "every participant")):
+            if least <= total:
+                reason = f"if pairs were shown unequally often and {choices.trials} are those of {who}"
+                return place.text("trials in all", str(choices.trials), f"at least {least}", verdict, reason)
+    reason = f"more than {choices.participants} x {choices.trials}"
+    return place.text("trials in all", str(choices.trials), f"at least {least}", "impossible", reason)
+
+
+def _listed(numbers: Sequence[int]) -> str:
+    """Numbers in words, runs as runs."""
+    runs: list[list[int]] = [[numbers[0], numbers[0]]]
+    for before, number in pairwise(numbers):
+        if number == before + 1:
+            runs[-1][1] = number
+        else:
+            runs.append([number, number])
+    texts = [str(low) if low == high else f"{low} to {high}" for low, high in runs]
+    return ", ".join(texts[:LISTED]) + (", ..." if len(texts) > LISTED else "")
+
+
+READINGS = {"rounded": rounded, "truncated": truncated, "either": either}
+FITS: tuple[Verdict, ...] = ("agrees", "agrees if truncated", "fits no one rounding")
+"""The verdict on percentages that fit only from this reading on."""

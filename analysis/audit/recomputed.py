@@ -1,0 +1,148 @@
+"""Statistics as intervals: what follows from means and variances that are known as far as they are printed.
+
+Every function is monotone in each argument or bounded by such, so its interval holds the value of any data that has
+those means and variances.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
+
+from analysis.audit.granularity import Moments
+from analysis.published.printed import Span, hull, image, outward, point
+from analysis.statistics.t_tests import p_two_tailed
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The mean of one level of an effect, which weighs as much as one over `n` values."""
+
+    n: int | Fraction
+    mean: Span
+
+
+def effect(moments: Moments, null: Fraction) -> Span | None:
+    """Cohen's d, (mean - null) / SD; None where there is no spread at all."""
+    if moments.variance.high == 0:
+        return None
+    distance = moments.mean.plus(point(-null))
+    low_sd, high_sd = (math.sqrt(end) for end in (moments.variance.low, moments.variance.high))
+    low = _over(float(distance.low), low_sd if distance.low < 0 else high_sd)
+    high = _over(float(distance.high), low_sd if distance.high > 0 else high_sd)
+    return outward(low, high)
+
+
+def t_of(effect_size: Span, n: int) -> Span:
+    """Student's t of one sample, d sqrt(n)."""
+    return image(lambda d: d * math.sqrt(n), effect_size)
+
+
+def p_of_t(t: Span, df: int) -> Span:
+    """P of t, two-tailed."""
+    return image(lambda distance: p_two_tailed(distance, df), t.absolute())
+
+
+def p_of_f(f: Span, df: tuple[int, int]) -> Span:
+    """P of F."""
+    from scipy.special import fdtrc
+
+    # Intervals widened outward may reach just below 0, where there is no F.
+    return image(lambda value: float(fdtrc(*df, max(value, 0.0))), f)
+
+
+def margin(cells: Sequence[Moments]) -> Margin:
+    """One level's mean over all values of its cells: what an effect that enters first is of."""
+    total = sum(cell.n for cell in cells)
+    return Margin(total, _sum(cell.mean.times(Fraction(cell.n, total)) for cell in cells))
+
+
+def unweighted(cells: Sequence[Moments]) -> Margin:
+    """One level's mean of the means of its cells, however many values each has: what type III compares.
+
+    Its variance is the sum of sigma² / n over the cells, divided by the square of their number (Yates 1934, weighted
+    squares of means).
+    """
+    variance = sum((Fraction(1, cell.n) for cell in cells), Fraction(0)) / len(cells) ** 2
+    return Margin(1 / variance, _sum(cell.mean.times(Fraction(1, len(cells))) for cell in cells))
+
+
+def between(margins: Sequence[Margin]) -> Span:
+    """Sum of squares between levels, Σ n (mean - grand mean)².
+
+    The least is exact. The most is that around the grand mean of the middles, which no other centre betters by more
+    than the square of how far it is off.
+    """
+    weight = sum(margin.n for margin in margins)
+    ends = [(Fraction(margin.mean.low), Fraction(margin.mean.high), margin.n) for margin in margins]
+    centre = sum((n * (low + high) / 2 for low, high, n in ends), Fraction(0)) / weight
+    most = sum((n * max(abs(low - centre), abs(high - centre)) ** 2 for low, high, n in ends), Fraction(0))
+    return Span(_least(margins), most)
+
+
+def within(cells: Sequence[Moments]) -> Span:
+    """Sum of squares within cells, Σ (n - 1) variance."""
+    low = sum(((cell.n - 1) * cell.variance.low for cell in cells), Fraction(0))
+    return Span(low, sum(((cell.n - 1) * cell.variance.high for cell in cells), Fraction(0)))
+
+
+def f_of(effect_ss: Span, residual_ss: Span, df: tuple[int, int]) -> Span:
+    """F of an effect's and the residual's sums of squares."""
+    factor = df[1] / df[0]
+    low = _over(float(effect_ss.low), float(residual_ss.high))
+    return outward(factor * low, factor * _over(float(effect_ss.high), float(residual_ss.low)))
+
+
+def quotient(above: Span, below: Span) -> Span:
+    """Every ratio of two numbers that are not negative."""
+    low = _over(max(float(above.low), 0.0), float(below.high))
+    return outward(low, _over(float(above.high), max(float(below.low), 0.0)))
+
+
+def together(moments: Sequence[Moments]) -> Moments:
+    """One box around all that a cell can be."""
+    return Moments(moments[0].n, hull(one.mean for one in moments), hull(one.variance for one in moments))
+
+
+def _sum(spans: Iterable[Span]) -> Span:
+    total = point(Fraction(0))
+    for span in spans:
+        total = total.plus(span)
+    return total
+
+
+def _least(margins: Sequence[Margin]) -> Fraction:
+    """The least that levels can differ: each as near to a common centre as its interval allows, at the best centre.
+
+    The sum of squared distances is convex in the centre and quadratic between the intervals' ends.
+    """
+    ends = sorted({Fraction(end) for margin in margins for end in (margin.mean.low, margin.mean.high)})
+    centres = set(ends)
+    for low, high in pairwise(ends):
+        middle = (low + high) / 2
+        pulls = [
+            (margin.n, Fraction(margin.mean.high if margin.mean.high < middle else margin.mean.low))
+            for margin in margins
+            if not margin.mean.holds(middle)
+        ]
+        if pulls:
+            best = sum((n * end for n, end in pulls), Fraction(0)) / sum(n for n, _ in pulls)
+            centres.add(min(max(best, low), high))
+    return min(_spread(margins, centre) for centre in centres)
+
+
+def _spread(margins: Sequence[Margin], centre: Fraction) -> Fraction:
+    total = Fraction(0)
+    for margin in margins:
+        nearest = min(max(centre, Fraction(margin.mean.low)), Fraction(margin.mean.high))
+        total += margin.n * (nearest - centre) ** 2
+    return total
+
+
+def _over(above: float, below: float) -> float:
+    if below == 0:
+        return math.copysign(math.inf, above) if above else 0.0
+    return above / below

@@ -1,0 +1,200 @@
+"""The report: one HTML file that needs nothing else, readable on a desk and on a phone.
+
+Sections and figures -> the files of a folder of results, path within it -> content.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
+
+from analysis.documents.tables import Section, Table, comma_separated, latex, markdown
+
+if TYPE_CHECKING:
+    from analysis.documents.drawing import Sheet
+
+
+COLUMN_POINTS = 300.0
+"""A figure wider than this takes the whole width of the page."""
+
+STYLE = """
+:root { color-scheme: light; --line: #c9ced6; --ink: #1b1f24; --quiet: #57606a; --band: #7a1f00; --mark: #e6eefb; }
+* { box-sizing: border-box; }
+body { margin: 0; color: var(--ink); background: #fff; font: 16px/1.5 system-ui, "Segoe UI", sans-serif; }
+main { max-width: 68rem; margin: 0 auto; padding: 0 1rem 3rem; }
+.band { background: var(--band); color: #fff; font-weight: 700; text-align: center; padding: .6rem 1rem; }
+h1 { font-size: 1.6rem; line-height: 1.25; margin: 1.5rem 0 .5rem; }
+h2 { font-size: 1.25rem; margin: 2.5rem 0 .5rem; border-bottom: 2px solid var(--line); padding-bottom: .25rem; }
+p { max-width: 46rem; overflow-wrap: break-word; }
+nav ul { list-style: none; padding: 0; margin: 0; display: flex; flex-wrap: wrap; gap: .25rem 1.25rem; }
+a { color: #0550ae; }
+.scroll { overflow-x: auto; margin: 1.25rem 0 .25rem; background: linear-gradient(90deg, #fff 30%, #fff0) local,
+  linear-gradient(270deg, #fff 30%, #fff0) right / 40% 100% no-repeat local,
+  radial-gradient(farthest-side at 100% 50%, #0004, #0000) right / 14px 100% no-repeat scroll; }
+.scroll:focus-visible { outline: 3px solid #0550ae; outline-offset: 2px; }
+table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
+.caption { font-weight: 600; margin: 1.5rem 0 -.75rem; max-width: 46rem; }
+th, td { padding: .3rem .7rem; border-bottom: 1px solid var(--line); text-align: right; vertical-align: top; }
+th, td { white-space: nowrap; }
+thead th { border-bottom: 2px solid var(--ink); vertical-align: bottom; }
+tbody th { font-weight: 400; }
+.left { text-align: left; }
+.wrap { white-space: normal; min-width: 20rem; max-width: 32rem; }
+.marked { background: var(--mark); }
+.marked:not(.left) { font-weight: 600; }
+.note { color: var(--quiet); font-size: .875rem; margin: .25rem 0; }
+.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); gap: 0 2rem; }
+figure { margin: 1.25rem 0; min-width: 0; }
+.wide { grid-column: 1 / -1; }
+figure .scroll { margin-top: 0; }
+figure svg { display: block; height: auto; }
+figcaption { color: var(--quiet); font-size: .875rem; max-width: 46rem; }
+dt { font-weight: 600; margin-top: .75rem; }
+dd { margin: 0; max-width: 46rem; overflow-wrap: anywhere; }
+footer { color: var(--quiet); font-size: .875rem; border-top: 2px solid var(--line); margin-top: 3rem; }
+@media (max-width: 40rem) {
+  h1 { font-size: 1.3rem; }
+  table { font-size: .8rem; }
+  th, td { padding: .3rem .4rem; }
+  tbody th.left { white-space: normal; min-width: 6.5rem; }
+}
+@media print { .scroll { overflow: visible; } nav { display: none; } }
+"""
+
+
+@dataclass(frozen=True)
+class Captions:
+    """What a report says around its figures and tables.
+
+    Args:
+        places: name of a figure -> slug of the section in which it stands.
+        captions: name of a figure -> what it shows.
+        methods: names and formulas, in the order in which the report needs them.
+    """
+
+    places: Mapping[str, str]
+    captions: Mapping[str, str]
+    methods: Sequence[tuple[str, str]]
+
+
+def html(
+    title: str,
+    label: str,
+    software: str,
+    sections: Sequence[Section],
+    figures: Mapping[str, bytes],
+    captions: Captions,
+) -> str:
+    """The whole report.
+
+    Args:
+        title: of the study.
+        label: of the dataset; stands at the top and at the end. Empty for a study's own data.
+        software: name and version, for the foot.
+        sections: in reading order.
+        figures: SVG by name, names as in `captions.places`.
+        captions: of the figures, and the formulas at the end.
+    """
+    band = f'<div class="band" role="note">{escape(label)}</div>' if label else ""
+    headed = f"{label}: {title}" if label else title
+    links = "".join(f'<li><a href="#{section.slug}">{escape(section.title)}</a></li>' for section in sections)
+    body = "".join(_section(section, label, figures, captions) for section in sections)
+    methods = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in captions.methods)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(headed)}</title><style>{STYLE}</style></head>\n<body>{band}<main>"
+        f"<h1>{escape(title)}</h1>"
+        f'<nav aria-label="Contents"><ul>{links}<li><a href="#methods">Formulas</a></li></ul></nav>'
+        f'{body}<section id="methods"><h2>Formulas</h2><dl>{methods}</dl></section>'
+        f"<footer><p>{escape(label)}</p><p>{escape(software)}</p></footer></main>{band}</body></html>\n"
+    )
+
+
+def _section(section: Section, label: str, figures: Mapping[str, bytes], captions: Captions) -> str:
+    parts = [f'<section id="{section.slug}"><h2>{escape(section.title)}</h2>']
+    parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs]
+    shown = [name for name, slug in captions.places.items() if slug == section.slug and name in figures]
+    drawings = [_figure(name, label, figures[name], captions.captions[name]) for name in shown]
+    parts += [f'<div class="figures">{"".join(drawings)}</div>'] if drawings else []
+    parts += [_table(table) for table in section.tables]
+    return "".join([*parts, "</section>\n"])
+
+
+def _figure(name: str, label: str, svg: bytes, caption: str) -> str:
+    text = svg.decode("utf-8")
+    drawing = text[text.index("<svg") :]
+    width = re.search(r'width="([0-9.]+)pt"', drawing)
+    points = float(width.group(1)) if width else 480.0
+    drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, count=1, flags=re.DOTALL)
+    drawing = re.sub(r'(\bid="|xlink:href="#|url\(#)', rf"\g<1>{name}-", drawing)
+    style = f"width:100%;max-width:{2 * points:.0f}px;min-width:{1.3 * points:.0f}px"
+    described = escape(f"{label}. {caption}" if label else caption)
+    drawing = drawing.replace("<svg ", f'<svg role="img" aria-label="{described}" style="{style}" ', 1)
+    kind = ' class="wide"' if points > COLUMN_POINTS else ""
+    box = f'<div class="scroll" tabindex="0" role="region" aria-label="Figure {name}">{drawing}</div>'
+    return f"<figure{kind}>{box}<figcaption>{described}</figcaption></figure>"
+
+
+def _table(table: Table) -> str:
+    head = "".join(
+        f'<th scope="col"{_class(column, table)}>{escape(name)}</th>' for column, name in enumerate(table.header)
+    )
+    rows = []
+    for index, row in enumerate(table.rows):
+        cells = [f'<th scope="row"{_class(0, table, row[0])}>{_text(row[0])}</th>']
+        cells += [
+            f"<td{_class(column, table, cell, marked=(index, column) in table.marked)}>{_text(cell)}</td>"
+            for column, cell in enumerate(row[1:], start=1)
+        ]
+        rows.append(f"<tr>{''.join(cells)}</tr>")
+    title = f'<p class="caption">{escape(table.title)}</p>' if table.title else ""
+    name = escape(table.title or "table")
+    notes = "".join(f'<p class="note">{escape(note)}</p>' for note in table.notes)
+    body = (
+        f'<div class="scroll" tabindex="0" role="region" aria-label="{name}"><table><thead><tr>{head}</tr></thead>'
+        f"<tbody>{''.join(rows)}</tbody></table></div>"
+        if table.rows
+        else ""
+    )
+    return f"{title}{body}{notes}"
+
+
+def _text(cell: str) -> str:
+    return escape(cell.replace("->", "→"))
+
+
+def _class(column: int, table: Table, cell: str = "", *, marked: bool = False) -> str:
+    names = ["left"] * (column in table.left) + ["wrap"] * (len(cell) > 40) + ["marked"] * marked
+    return f' class="{" ".join(names)}"' if names else ""
+
+
+def tables(parts: Iterable[Section], label: str, folder: str = "") -> dict[str, bytes]:
+    """The records of every section as CSV, what it says as Markdown, and its tables as LaTeX, as far as it has them."""
+    files: dict[str, str] = {}
+    for part in parts:
+        name = f"{folder}{part.slug}"
+        if part.records:
+            files[f"{name}.csv"] = comma_separated(part, label)
+        if part.tables or part.paragraphs:
+            files[f"{name}.md"] = markdown(part, label)
+        if part.tables:
+            files[f"{name}.tex"] = latex(part, label)
+    return {name: content.encode() for name, content in files.items()}
+
+
+def drawings(sheets: Iterable[Sheet], folder: str = "") -> dict[str, bytes]:
+    """Every figure as SVG and as PNG."""
+    from analysis.documents import drawing
+
+    kinds = {"svg": drawing.svg, "png": drawing.png}
+    return {f"{folder}{one.name}.{kind}": draw(one.figure) for one in sheets for kind, draw in kinds.items()}
+
+
+def captions(sheets: Sequence[Sheet], methods: Sequence[tuple[str, str]]) -> Captions:
+    """Where the figures stand in the report, what they show, and the formulas."""
+    places = {one.name: one.section for one in sheets}
+    return Captions(places, {one.name: one.caption for one in sheets}, tuple(methods))

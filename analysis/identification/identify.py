@@ -1,0 +1,238 @@
+"""Identification of one task: intervals of every ratio, information, d', similarities and biases, and a map.
+
+Intervals that count participants come from a bootstrap over participants; its generator is an argument. What is not
+defined is None, and a statement beside it says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.identification.confusion import Confusion
+from analysis.identification.information import Information, corrected, d_prime, information, transmitted
+from analysis.identification.maps import (
+    Choice,
+    Mantel,
+    Scaling,
+    classical,
+    fit,
+    from_confusions,
+    mantel,
+    similarity_choice,
+)
+from analysis.statistics.exact import NotDefined
+from analysis.statistics.intervals import (
+    CONFIDENCE,
+    RESAMPLES,
+    Interval,
+    bca,
+    clopper_pearson,
+    leave_one_out,
+    mean_interval,
+    resamples,
+    wilson,
+)
+
+CHOICE_RESAMPLES = 999
+INFORMATION_RESAMPLES = 1999
+CHOICE_TOLERANCE = 1e-3
+"""Resamples of the choice model are fitted to this: an estimate on the edge closes slowly."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Intervals of one cell: `count` of `trials` pooled, and the mean ratio among participants."""
+
+    presented: str
+    answered: str
+    count: int
+    trials: int
+    wilson: Interval | None
+    clopper_pearson: Interval | None
+    bootstrap: Interval | None
+    statement: str
+
+
+@dataclass(frozen=True)
+class Detection:
+    """d' of the mean share of correct answers, with its bootstrap interval, and its spread among participants.
+
+    Args:
+        alternatives: m, the number of materials.
+        proportion: mean share of correct answers among participants.
+        d_prime: of that share.
+        interval: of d'; the limits of the share's interval as d'.
+        by_participant: d' of each, shares of 0 and 1 moved in by half a trial.
+        moved: participants whose share was moved.
+        statement: why something is None.
+    """
+
+    alternatives: int
+    proportion: float
+    d_prime: float | None
+    interval: Interval | None
+    by_participant: Mapping[str, float]
+    moved: tuple[str, ...]
+    statement: str
+
+
+@dataclass(frozen=True)
+class ChoiceIntervals:
+    """The choice model with percentile intervals: of similarities (M, M, 2) and biases (M, 2); `used` resamples."""
+
+    model: Choice
+    similarities: NDArray[np.float64] | None
+    biases: NDArray[np.float64] | None
+    used: int
+    statement: str
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What one task's confusion matrix says beyond its ratios; statements by what is not defined."""
+
+    task: str
+    cells: tuple[Cell, ...]
+    information: Information | None
+    information_interval: Interval | None
+    detection: Detection | None
+    choice: ChoiceIntervals | None
+    scaling: Scaling | None
+    mantel: Mantel | None
+    statements: Mapping[str, str]
+
+
+def identify(
+    task: str, matrix: Confusion, dissimilarities: NDArray[np.float64] | None, rng: np.random.Generator
+) -> Identification:
+    """Everything for one task.
+
+    Args:
+        task: its id.
+        matrix: its counts.
+        dissimilarities: of the materials, shape (M, M), from elsewhere; None where there are none.
+        rng: draws the resamples.
+    """
+    said: dict[str, str] = {}
+    counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
+    bits = bits_interval = found_choice = found_scaling = found_mantel = None
+    try:
+        bits = information(counts.sum(axis=0))
+    except NotDefined as reason:
+        said["information"] = str(reason)
+    if bits:
+        try:
+            bits_interval = _information_interval(counts, bits, rng)
+        except NotDefined as reason:
+            said["information interval"] = str(reason)
+    try:
+        found_choice = _choice(matrix, rng)
+    except NotDefined as reason:
+        said["choice"] = str(reason)
+    try:
+        found_scaling = classical(from_confusions(matrix.means()[:, :-1]))
+    except NotDefined as reason:
+        said["scaling"] = str(reason)
+    if dissimilarities is not None:
+        try:
+            found_mantel = mantel(dissimilarities, _confusing(matrix))
+        except NotDefined as reason:
+            said["mantel"] = str(reason)
+    return Identification(
+        task,
+        tuple(_cells(matrix, rng)),
+        bits,
+        bits_interval,
+        _detection(matrix, rng),
+        found_choice,
+        found_scaling,
+        found_mantel,
+        said,
+    )
+
+
+def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
+    answers = (*matrix.materials, "")
+    pooled = matrix.counts.sum(axis=0)
+    cells = []
+    draws: dict[int, NDArray[np.int64]] = {}
+    for i, presented in enumerate(matrix.materials):
+        for j, answered in enumerate(answers[: len(matrix.materials)]):
+            count, trials = int(pooled[i, j]), int(pooled[i].sum())
+            if not trials:
+                cells.append(Cell(presented, answered, 0, 0, None, None, None, "nobody was presented this material"))
+                continue
+            values = np.array([float(ratio) for ratio in matrix.ratios(i, j).values()])
+            drawn, statement = None, ""
+            try:
+                if values.size not in draws:
+                    draws[values.size] = resamples(values.size, RESAMPLES, rng)
+                drawn = mean_interval(values, draws[values.size])
+            except NotDefined as reason:
+                statement = str(reason)
+            exact = wilson(count, trials), clopper_pearson(count, trials)
+            cells.append(Cell(presented, answered, count, trials, *exact, drawn, statement))
+    return cells
+
+
+def _information_interval(counts: NDArray[np.int64], found: Information, rng: np.random.Generator) -> Interval:
+    """BCa interval of the information as counted, without correction."""
+    people = len(counts)
+    drawn = transmitted(np.tensordot(resamples(people, INFORMATION_RESAMPLES, rng), counts, axes=1))
+    return bca(found.transmitted, drawn, transmitted(np.tensordot(leave_one_out(people), counts, axes=1)))
+
+
+def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
+    trials = matrix.trials.sum(axis=1)
+    right = np.trace(matrix.counts[:, :, :-1], axis1=1, axis2=2)
+    count = len(matrix.materials)
+    shares = right / trials
+    known = {
+        label: corrected(n, total)
+        for label, n, total in zip(matrix.participants, right.tolist(), trials.tolist(), strict=True)
+        if total > 1
+    }
+    said, value, interval = [], None, None
+    try:
+        value = d_prime(float(shares.mean()), count)
+        drawn = mean_interval(shares, resamples(shares.size, RESAMPLES, rng))
+        interval = Interval(d_prime(drawn.low, count), d_prime(drawn.high, count), CONFIDENCE)
+    except NotDefined as reason:
+        said.append(str(reason))
+    values = {share: d_prime(share, count) for share in set(known.values())}
+    by_participant = {label: values[share] for label, share in known.items()}
+    moved = tuple(label for label, n, total in zip(matrix.participants, right, trials, strict=True) if n in (0, total))
+    return Detection(count, float(shares.mean()), value, interval, by_participant, moved, "; ".join(said))
+
+
+def _choice(matrix: Confusion, rng: np.random.Generator) -> ChoiceIntervals:
+    counts = matrix.counts[:, :, :-1]
+    model = similarity_choice(counts.sum(axis=0), matrix.materials)
+    try:
+        weights = resamples(len(counts), CHOICE_RESAMPLES, rng)
+    except NotDefined as reason:
+        return ChoiceIntervals(model, None, None, 0, str(reason))
+    drawn = np.tensordot(weights, counts, axes=1)
+    drawn = drawn[(np.diagonal(drawn, axis1=1, axis2=2) > 0).all(axis=1)]
+    similarities, biases, _, settled = fit(drawn, CHOICE_TOLERANCE)
+    ends = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
+    statement = ""
+    if (used := int(settled.sum())) < CHOICE_RESAMPLES:
+        statement = f"{CHOICE_RESAMPLES - used} of {CHOICE_RESAMPLES} resamples have no fit and are left out"
+    if not used:
+        return ChoiceIntervals(model, None, None, 0, statement)
+    limits = [np.moveaxis(np.quantile(part[settled], ends, axis=0), 0, -1) for part in (similarities, biases)]
+    return ChoiceIntervals(model, limits[0], limits[1] if model.biases is not None else None, used, statement)
+
+
+def _confusing(matrix: Confusion) -> NDArray[np.float64]:
+    """Mean of both confusing ratios of every pair, shape (M, M)."""
+    ratios = matrix.means()[:, :-1]
+    if np.isnan(ratios).any():
+        raise NotDefined("a material was presented to nobody: its confusions are not defined")
+    confusing: NDArray[np.float64] = (ratios + ratios.T) / 2
+    return confusing

@@ -1,0 +1,235 @@
+"""Similarity-choice model of a confusion matrix: how alike materials are, apart from which answers are favoured.
+
+p(j | i) = s_ij b_j / sum_k s_ik b_k with s_ij = s_ji and s_ii = 1 (Shepard 1957; Luce 1963). As a model of counts it is
+quasi-symmetry (Caussinus 1965), fitted here by iterative proportional fitting to the row sums, the column sums and the
+sums n_ij + n_ji: maximum likelihood, no start value, and a similarity of exactly 0 where two materials were never
+taken for one another.
+
+Multidimensional scaling: materials as points whose distances come close to their dissimilarities.
+
+Classical scaling (Torgerson 1952): the leading eigenvectors of the doubly centred squared dissimilarities.
+
+Mantel's test: do two tables of pairwise values go together, over every order of the objects.
+
+The P is exact: rows and columns of one table are permuted together in all n! ways (Mantel 1967, Cancer Res. 27,
+209-220), the order as it is among them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.statistics.exact import NotDefined
+
+TOLERANCE = 1e-10
+"""Largest relative difference between a fitted sum and the counts' in the last round."""
+
+ROUNDS = 20_000
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Result of `similarity_choice`.
+
+    Args:
+        similarities: shape (M, M), 1 on the diagonal.
+        biases: shape (M,), summing to 1; None where the materials fall into groups never taken for one another, between
+            which no bias can be told.
+        fitted: expected counts, shape (M, M).
+        g2: likelihood-ratio statistic against the counts.
+        df: (M - 1)(M - 2) / 2, less the cells that cannot but be empty.
+        p: of `g2` as chi-squared; None without degrees of freedom.
+    """
+
+    similarities: Floats
+    biases: Floats | None
+    fitted: Floats
+    g2: float
+    df: int
+    p: float | None
+
+
+def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Choice:
+    """Fit counts of presented x answered, shape (M, M); trials without an answer are left out before.
+
+    Raises:
+        NotDefined: for fewer than two materials, one that was never recognised, or an estimate on the edge.
+    """
+    count = len(counts)
+    if count < 2:
+        raise NotDefined(f"a choice model needs two materials, got {count}")
+    never = [name for name, right in zip(materials, np.diag(counts), strict=True) if right == 0]
+    if never:
+        raise NotDefined(f"{', '.join(never)}: never recognised, so no similarity to it is defined")
+    similarities, biases, fitted, settled = fit(counts[None])
+    if not settled[0]:
+        raise NotDefined(f"no fit in {ROUNDS} rounds: an estimate lies on the edge of what the choice model allows")
+    seen = counts > 0
+    g2 = 2 * float((counts[seen] * np.log(counts[seen] / fitted[0][seen])).sum())
+    empty = np.count_nonzero(np.triu(counts + counts.T == 0, k=1))
+    df = max((count - 1) * (count - 2) // 2 - int(empty), 0)
+    held = biases[0] if _linked(similarities[0]) else None
+    return Choice(similarities[0], held, fitted[0], max(g2, 0.0), df, _upper_tail(df, g2) if df else None)
+
+
+def fit(counts: NDArray[np.int64], tolerance: float = TOLERANCE) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
+    """Fit many tables at once, shape (B, M, M), each with a diagonal above zero.
+
+    Returns:
+        similarities (B, M, M), biases (B, M), expected counts (B, M, M), and which tables settled (B,).
+    """
+    table = counts.astype(np.float64)
+    size = len(table)
+    both = table + table.swapaxes(1, 2)
+    rows, columns = table.sum(axis=2), table.sum(axis=1)
+    alike, bias = np.where(both > 0, 1.0, 0.0), np.ones_like(columns)
+    scale = np.ones_like(rows)
+    open_ = np.arange(size)
+    for _ in range(ROUNDS):
+        s, b, a = alike[open_], bias[open_], scale[open_]
+        a = rows[open_] / (s * b[:, None, :]).sum(axis=2)
+        drift = np.abs((a[:, :, None] * s).sum(axis=1) * b / columns[open_] - 1).max(axis=1)
+        b = columns[open_] / (a[:, :, None] * s).sum(axis=1)
+        expected = a[:, :, None] * s * b[:, None, :]
+        ratio = np.divide(both[open_], expected + expected.swapaxes(1, 2), out=np.zeros_like(s), where=both[open_] > 0)
+        drift = np.maximum(drift, np.abs(np.where(both[open_] > 0, ratio - 1, 0)).max(axis=(1, 2)))
+        alike[open_], bias[open_], scale[open_] = s * ratio, b, a
+        open_ = open_[drift > tolerance]
+        if not open_.size:
+            break
+    settled = np.ones(size, dtype=np.bool_)
+    settled[open_] = False
+    fitted = scale[:, :, None] * alike * bias[:, None, :]
+    own = np.sqrt(np.diagonal(alike, axis1=1, axis2=2))
+    similarities = alike / (own[:, :, None] * own[:, None, :])
+    biases = bias * own
+    return similarities, biases / biases.sum(axis=1, keepdims=True), fitted, settled
+
+
+def _linked(similarities: Floats) -> bool:
+    """Whether every two materials are joined by a chain of confusions."""
+    steps = np.linalg.matrix_power((similarities > 0).astype(np.float64), len(similarities))
+    return bool((steps > 0).all())
+
+
+def _upper_tail(df: int, value: float) -> float:
+    from scipy.special import chdtrc
+
+    return float(chdtrc(df, value))
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Result of `classical`.
+
+    Args:
+        points: shape (n, 2), centred; turned to the principal axes, the first point's coordinates not negative.
+        explained: share of the sum of the positive eigenvalues that the two axes take.
+        negative: sum of the negative eigenvalues over the sum of all magnitudes: 0 where distances in some
+            dimension would give the dissimilarities exactly.
+    """
+
+    points: NDArray[np.float64]
+    explained: float
+    negative: float
+
+
+def classical(dissimilarities: NDArray[np.float64]) -> Scaling:
+    """Two dimensions of a symmetric table, shape (n, n), diagonal 0.
+
+    Raises:
+        NotDefined: with fewer than three objects, a pair that is not finite, or no dissimilarity at all.
+    """
+    count = len(dissimilarities)
+    if count < 3:
+        raise NotDefined(f"scaling needs three objects, got {count}")
+    if not np.isfinite(dissimilarities).all():
+        raise NotDefined("a dissimilarity is not defined, so neither are the distances")
+    centring = np.eye(count) - 1 / count
+    values, vectors = np.linalg.eigh(-centring @ dissimilarities**2 @ centring / 2)
+    positive = values[values > 0].sum()
+    if positive <= 1e-12:
+        raise NotDefined("all dissimilarities are 0: every object is at one point")
+    points = vectors[:, :-3:-1] * np.sqrt(np.maximum(values[:-3:-1], 0))
+    points *= np.where(points[0] < 0, -1.0, 1.0)
+    explained = float(np.maximum(values[:-3:-1], 0).sum() / positive)
+    return Scaling(points, explained, abs(float(values[values < 0].sum() / np.abs(values).sum())))
+
+
+def from_confusions(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Dissimilarity of two materials from answer ratios, shape (n, n): 1 - (p_ij + p_ji) / (p_ii + p_jj).
+
+    Shepard's (1957) ratio of confusions to correct answers, floored at 0. NaN where neither was ever recognised or
+    presented.
+    """
+    correct = np.diag(ratios)
+    both = correct[:, None] + correct[None, :]
+    confused = ratios + ratios.T
+    share = np.divide(confused, both, out=np.full_like(both, np.nan), where=both > 0)
+    found: NDArray[np.float64] = np.maximum(1 - share, 0.0)
+    np.fill_diagonal(found, 0.0)
+    return found
+
+
+MOST = 8
+"""Objects of which all orders, 40,320, are tried."""
+
+
+@dataclass(frozen=True)
+class Mantel:
+    """Result of `mantel`.
+
+    Args:
+        r: Pearson's correlation over the pairs.
+        pairs: how many there are.
+        orders: how many orders were tried, n!.
+        p_less: share of orders with r at least as low; `p_greater` at least as high; `p_two` at least as far from 0.
+    """
+
+    r: float
+    pairs: int
+    orders: int
+    p_less: float
+    p_greater: float
+    p_two: float
+
+
+def mantel(first: NDArray[np.float64], second: NDArray[np.float64]) -> Mantel:
+    """Exact test of two symmetric tables, shape (n, n), their diagonals left out.
+
+    Raises:
+        NotDefined: with fewer than three or more than `MOST` objects, or where the pairs of a table do not vary.
+        ValueError: for tables of unlike shape, not symmetric, or with a pair that is not finite.
+    """
+    count = len(first)
+    if first.shape != (count, count) or second.shape != first.shape:
+        raise ValueError(f"got tables of {first.shape} and {second.shape}; allowed: two square ones of one size")
+    if not 3 <= count <= MOST:
+        raise NotDefined(f"an exact Mantel test needs 3 to {MOST} objects, got {count}")
+    upper = np.triu_indices(count, k=1)
+    for table in (first, second):
+        if not (np.isfinite(table[upper]).all() and np.array_equal(table[upper], table.T[upper])):
+            raise ValueError("a table of pairs must be symmetric and finite")
+        if np.ptp(table[upper]) == 0:
+            raise NotDefined("the pairs of one table do not vary: no correlation is defined")
+    orders = np.array(list(permutations(range(count))))
+    fixed = _standard(first[upper])
+    moved = second[orders[:, upper[0]], orders[:, upper[1]]]
+    all_r = (_standard(moved) * fixed).sum(axis=-1)
+    r, slack = float(all_r[0]), 1e-12
+    shares = [float(np.mean(hit)) for hit in (all_r <= r + slack, all_r >= r - slack, np.abs(all_r) >= abs(r) - slack)]
+    return Mantel(r, len(upper[0]), factorial(count), *shares)
+
+
+def _standard(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    centred = values - values.mean(axis=-1, keepdims=True)
+    found: NDArray[np.float64] = centred / np.sqrt((centred**2).sum(axis=-1, keepdims=True))
+    return found

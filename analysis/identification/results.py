@@ -1,0 +1,282 @@
+"""Study as read -> every number of the analysis: matrices, tests against chance, ANOVAs and reliabilities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from analysis.documents.tables import number_of
+from analysis.identification.confusion import Confusion, confusion
+from analysis.identification.identify import Identification, identify
+from analysis.identification.time_course import Course, course
+from analysis.identification.trial_models import TrialLevel, trial_level
+from analysis.reading.dissimilarities import NONE as NO_DISSIMILARITIES
+from analysis.reading.dissimilarities import Dissimilarities
+from analysis.reading.study import Study, Task, chance
+from analysis.statistics.anova import (
+    TYPES,
+    Anova,
+    Cells,
+    VarianceComponents,
+    cells,
+    icc_of_mean,
+    one_way,
+    two_way,
+    variance_components,
+)
+from analysis.statistics.exact import NotDefined
+from analysis.statistics.icc import Icc, icc
+from analysis.statistics.t_tests import EffectSize, TTest, cohens_d, holm, log_bayes_factor, t_against_chance
+
+TASK, MATERIAL = "task", "material"
+
+SEED = 1
+"""Names the draws of every bootstrap; those of one task do not depend on the others."""
+
+
+@dataclass(frozen=True)
+class MaterialTest:
+    """Correct answers to one material against chance.
+
+    Args:
+        material: its id.
+        result: Student's t.
+        p_holm: P adjusted within the task.
+        d: Cohen's d with its interval.
+        log_bf10: natural logarithm of the JZS Bayes factor for a mean that differs from chance.
+    """
+
+    material: str
+    result: TTest
+    p_holm: float | None
+    d: EffectSize | None
+    log_bf10: float | None
+
+
+@dataclass(frozen=True)
+class PairTest:
+    """One-way ANOVA of the four ratios of two materials taken for one another.
+
+    The groups are: first answered to first, second to second, first to second, second to first. `chosen` says how
+    the pair was chosen. `anova` is None where `statement` says why.
+    """
+
+    task: str
+    pair: tuple[str, str]
+    chosen: str
+    anova: Anova | None
+    statement: str
+
+
+@dataclass(frozen=True)
+class Reliability:
+    """Every ICC form for one matrix; `icc` is None where `statement` says why.
+
+    `dropped` are participants of the task, or of any task, without whom the matrix is complete.
+    """
+
+    matrix: str
+    task: str | None
+    icc: Icc | None
+    statement: str
+    dropped: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ComponentReliability:
+    """Variance-component ICC of the mean of k participants, for each sensible k."""
+
+    components: VarianceComponents
+    by_k: tuple[tuple[int, str, float | None], ...]
+
+
+@dataclass(frozen=True)
+class TaskResult:
+    """What one task gives."""
+
+    task: Task
+    chance: float
+    confusion: Confusion
+    tests: tuple[MaterialTest, ...]
+
+    def test(self, material: str) -> MaterialTest:
+        """The test of one material; `KeyError` when there is none."""
+        for test in self.tests:
+            if test.material == material:
+                return test
+        raise KeyError(material)
+
+
+@dataclass(frozen=True)
+class Results:
+    """What the whole study gives; statements stand where something is not defined."""
+
+    tasks: tuple[TaskResult, ...]
+    identifications: tuple[Identification, ...]
+    dissimilarities: Dissimilarities
+    pairs: tuple[PairTest, ...]
+    two_way: tuple[Anova, ...]
+    two_way_statement: str
+    components: ComponentReliability | None
+    reliabilities: tuple[Reliability, ...]
+    trials: TrialLevel
+    course: Course
+
+    def task(self, task: str) -> TaskResult | None:
+        """The result of one task; None when the dataset has no such task."""
+        return next((result for result in self.tasks if result.task.id == task), None)
+
+
+def compute(
+    study: Study, pairs: Mapping[str, tuple[str, str]], dissimilarities: Dissimilarities = NO_DISSIMILARITIES
+) -> Results:
+    """Every result of a study.
+
+    Args:
+        study: see `analysis.reading.dataset.read`.
+        pairs: task -> the pair of materials that was published for it; the most confused pair is always tested.
+        dissimilarities: of pairs of materials, such as those of their spectra; confusions are compared with them where
+            no pair is missing.
+    """
+    table = dissimilarities.table(study.materials)
+    tasks = tuple(_task(study, task) for task in study.tasks if len(study.trials(task.id)))
+    data, statement = _crossed(tasks)
+    return Results(
+        tasks=tasks,
+        identifications=tuple(
+            identify(task.task.id, task.confusion, table, np.random.default_rng([SEED, place]))
+            for place, task in enumerate(tasks)
+        ),
+        dissimilarities=dissimilarities,
+        pairs=tuple(test for task in tasks for test in _pairs(task, pairs.get(task.task.id))),
+        two_way=tuple(two_way(data, kind) for kind in TYPES) if data else (),
+        two_way_statement=statement,
+        components=_components(data, tasks) if data else None,
+        reliabilities=tuple(_reliabilities(study, tasks)),
+        trials=trial_level(study),
+        course=course(study, SEED),
+    )
+
+
+def _task(study: Study, task: Task) -> TaskResult:
+    trials = study.trials(task.id)
+    matrix = confusion(
+        trials["participant"].tolist(), trials["presented"].tolist(), trials["answered"].tolist(), study.materials
+    )
+    guessed = chance(study, task.id)
+    tests = [
+        t_against_chance(list(matrix.ratios(index, index).values()), guessed) for index in range(len(study.materials))
+    ]
+    # A test without variance stays in Holm's family: it was planned, and leaving it out would favour the others.
+    family = holm([1.0 if test.p is None else test.p for test in tests])
+    adjusted = {index: p for index, p in enumerate(family) if tests[index].p is not None}
+    return TaskResult(
+        task,
+        float(guessed),
+        matrix,
+        tuple(
+            MaterialTest(material, test, adjusted.get(index), *_strength(test))
+            for index, (material, test) in enumerate(zip(study.materials, tests, strict=True))
+        ),
+    )
+
+
+def _strength(test: TTest) -> tuple[EffectSize | None, float | None]:
+    return (None, None) if test.t is None else (cohens_d(test.t, test.df), log_bayes_factor(test.t, test.n))
+
+
+def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest]:
+    matrix = task.confusion
+    confused = matrix.most_confused()
+    wanted = {confused: "most confused"} if confused else {}
+    if published and set(published) <= set(matrix.materials):
+        same = confused is not None and set(published) == set(confused)
+        wanted = {published: "published; most confused"} if same else {published: "published", **wanted}
+    tests = []
+    for pair, chosen in wanted.items():
+        first, second = (matrix.materials.index(material) for material in pair)
+        places = ((first, first), (second, second), (first, second), (second, first))
+        groups = [list(matrix.ratios(i, j).values()) for i, j in places]
+        try:
+            tests.append(PairTest(task.task.id, pair, chosen, one_way(groups, "ratio"), ""))
+        except NotDefined as reason:
+            tests.append(PairTest(task.task.id, pair, chosen, None, str(reason)))
+    return tests
+
+
+def _crossed(tasks: Sequence[TaskResult]) -> tuple[Cells | None, str]:
+    values: list[Fraction] = []
+    levels: tuple[list[str], list[str]] = ([], [])
+    for task in tasks:
+        for index, material in enumerate(task.confusion.materials):
+            ratios = list(task.confusion.ratios(index, index).values())
+            values += ratios
+            levels[0].extend([task.task.id] * len(ratios))
+            levels[1].extend([material] * len(ratios))
+    try:
+        return cells(values, *levels, names=(TASK, MATERIAL)), ""
+    except NotDefined as reason:
+        return None, str(reason)
+
+
+def _components(data: Cells, tasks: Sequence[TaskResult]) -> ComponentReliability:
+    components = variance_components(data)
+    sizes = [len(task.confusion.participants) for task in tasks]
+    everyone = " + ".join(map(str, sizes))
+    wanted = {sum(sizes): f"participants of all tasks together, {everyone}; no cell holds so many"}
+    wanted |= {size: f"participants in a task, {size}" for size in sizes}
+    wanted[1] = "a single participant"
+    return ComponentReliability(
+        components, tuple((k, meaning, icc_of_mean(components, k)) for k, meaning in wanted.items())
+    )
+
+
+def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliability]:
+    count = len(study.materials)
+    found = []
+    for task in tasks:
+        people = _complete(task)
+        cell_ratios = [_row(task, people, i, j) for i in range(count) for j in range(count)]
+        name = f"{count * count} cells (presented x answered) x {number_of(len(people), 'participant')}"
+        dropped = tuple(label for label in task.confusion.participants if label not in set(people))
+        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, cell_ratios, dropped))
+        name = f"{count} correct ratios x {number_of(len(people), 'participant')}"
+        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, _correct(task, people, count), dropped))
+    if len(tasks) > 1:
+        others = [set(_complete(task)) for task in tasks[1:]]
+        both = [label for label in _complete(tasks[0]) if all(label in other for other in others)]
+        rows = [row for task in tasks for row in _correct(task, both, count)]
+        anyone = dict.fromkeys(label for task in tasks for label in task.confusion.participants)
+        dropped = tuple(label for label in anyone if label not in set(both))
+        name = (
+            f"{len(rows)} correct ratios (material by task) x {number_of(len(both), 'participant')} who did every task"
+        )
+        linked = "; which row of one task goes with which of another is arbitrary in a reconstruction"
+        found.append(_reliability(name + linked * (study.origin == "RECONSTRUCTION"), None, rows, dropped))
+    return found
+
+
+def _complete(task: TaskResult) -> list[str]:
+    trials = task.confusion.trials
+    return [label for index, label in enumerate(task.confusion.participants) if trials[index].all()]
+
+
+def _row(task: TaskResult, people: Sequence[str], presented: int, answered: int) -> list[Fraction]:
+    ratios = task.confusion.ratios(presented, answered)
+    return [ratios[label] for label in people]
+
+
+def _correct(task: TaskResult, people: Sequence[str], count: int) -> list[list[Fraction]]:
+    return [_row(task, people, index, index) for index in range(count)]
+
+
+def _reliability(
+    matrix: str, task: str | None, rows: Sequence[Sequence[Fraction]], dropped: tuple[str, ...]
+) -> Reliability:
+    try:
+        return Reliability(matrix, task, icc(rows), "", dropped)
+    except NotDefined as reason:
+        return Reliability(matrix, task, None, str(reason), dropped)

@@ -1,0 +1,268 @@
+"""How a task went, trial by trial: right answers against trial number and foot speed, onset errors, timing,
+masker levels.
+
+Each is there where the dataset holds what it needs; else a statement says what is missing. Trials without an answer
+are not right.
+
+Timing of the rig, as its sessions measured it: predictions, onsets, scheduling, and the dead time between trials.
+
+Every attempt counts of participants of whom the analysis takes anything, those that were done again among them: what
+the rig missed is not hidden by the repetition.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from analysis.documents.tables import number_of
+from analysis.reading.study import Study
+from analysis.statistics.exact import NotDefined
+from analysis.statistics.intervals import RESAMPLES, Interval, bca, leave_one_out, resamples, wilson
+
+QUANTITIES = {
+    "contact, predicted minus actual": "prediction_error_s",
+    "onset, measured minus asked": "delivery_error_s",
+    "gate to scheduled": "gate_to_scheduled_s",
+    "dead time after an answer": "dead_time_s",
+}
+"""What is measured, and its column."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """One quantity in the attempts of one task, ms.
+
+    `p99_ms`, `p999_ms` and `largest_ms` are of the magnitude; the percentiles are None where too few values could lie
+    beyond them, `sd_ms` below two values.
+    """
+
+    quantity: str
+    attempts: int
+    median_ms: float
+    sd_ms: float | None
+    p99_ms: float | None
+    p999_ms: float | None
+    largest_ms: float
+
+
+def timing(study: Study) -> dict[str, tuple[Timing, ...]]:
+    """What is known of each task; a task of which nothing is known is left out."""
+    attempts = study.attempts
+    used = attempts[attempts["participant"].isin(attempts.loc[attempts["included"], "participant"])]
+    found: dict[str, tuple[Timing, ...]] = {}
+    for task in study.tasks:
+        rows = used[used["task"] == task.id]
+        known = {name: _known_ms(rows[column].to_numpy(dtype=np.float64)) for name, column in QUANTITIES.items()}
+        if spreads := tuple(_spread(name, values_ms) for name, values_ms in known.items() if values_ms.size):
+            found[task.id] = spreads
+    return found
+
+
+def _known_ms(values_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    return values_s[np.isfinite(values_s)] * 1e3
+
+
+def _spread(quantity: str, values_ms: NDArray[np.float64]) -> Timing:
+    sizes_ms = np.abs(values_ms)
+    return Timing(
+        quantity,
+        values_ms.size,
+        float(np.median(values_ms)),
+        float(values_ms.std(ddof=1)) if values_ms.size > 1 else None,
+        _percentile(sizes_ms, 0.99),
+        _percentile(sizes_ms, 0.999),
+        float(sizes_ms.max()),
+    )
+
+
+def _percentile(sizes_ms: NDArray[np.float64], share: float) -> float | None:
+    # So that one value in as many may lie beyond it.
+    return float(np.quantile(sizes_ms, share)) if sizes_ms.size >= round(1 / (1 - share)) else None
+
+
+WINDOW = 10
+"""Trials of the running mean."""
+
+MOST_BINS = 8
+BIN_WIDTHS_MM_S = (25, 50, 100, 200, 500, 1000)
+"""Of the foot's speed: the narrowest that needs no more than `MOST_BINS` bins, or the widest."""
+
+LEARNING, SPEED, ONSET, MASKER = "learning curve", "speed curve", "onset errors", "masker levels"
+TIMING = "timing"
+COLUMNS = {
+    SPEED: ("foot_speed_mm_s", "the foot's speed"),
+    ONSET: ("onset_error_s", "a measured onset"),
+    MASKER: ("masker_db_a", "the masker's level"),
+}
+"""What each needs of a trial: its column, and its name."""
+
+
+@dataclass(frozen=True)
+class Window:
+    """Right answers in a run of trials, over all participants; `interval` is None where `statement` says why."""
+
+    first: int
+    last: int
+    right: int
+    trials: int
+    interval: Interval | None
+    statement: str
+
+
+@dataclass(frozen=True)
+class SpeedBin:
+    """Right answers to steps of from `low_mm_s` up to but not `high_mm_s`, with Wilson's interval."""
+
+    low_mm_s: float
+    high_mm_s: float
+    mean_mm_s: float
+    right: int
+    trials: int
+    interval: Interval
+
+
+@dataclass(frozen=True)
+class OnsetErrors:
+    """Measured onset minus contact of every stimulus of a task, ms; `sd_ms` is None below two."""
+
+    errors_ms: tuple[float, ...]
+    mean_ms: float
+    sd_ms: float | None
+    largest_ms: float
+
+
+@dataclass(frozen=True)
+class MaskerLevels:
+    """Median, lowest and highest level of one participant's trials, dB(A)."""
+
+    participant: str
+    median_db_a: float
+    low_db_a: float
+    high_db_a: float
+
+
+@dataclass(frozen=True)
+class Course:
+    """What is known of each task; `statements` say, of a task and what it lacks, why."""
+
+    learning: Mapping[str, tuple[Window, ...]]
+    speed: Mapping[str, tuple[SpeedBin, ...]]
+    onsets: Mapping[str, OnsetErrors]
+    masker: Mapping[str, tuple[MaskerLevels, ...]]
+    timing: Mapping[str, tuple[Timing, ...]]
+    statements: Mapping[tuple[str, str], str]
+
+
+def course(study: Study, seed: int) -> Course:
+    """Everything that the included trials of a study tell of their course; `seed` names the draws."""
+    tasks = {task.id: (place, study.trials(task.id)) for place, task in enumerate(study.tasks)}
+    tasks = {task: (place, trials) for task, (place, trials) in tasks.items() if not trials.empty}
+    said: dict[tuple[str, str], str] = {}
+    known: dict[str, dict[str, pd.DataFrame]] = {name: {} for name in COLUMNS}
+    for task, (_, trials) in tasks.items():
+        if study.origin == "RECONSTRUCTION":
+            said[task, LEARNING] = "a reconstruction has no order of trials"
+        for name, (column, what) in COLUMNS.items():
+            found = trials[np.isfinite(trials[column].to_numpy(dtype=np.float64))]
+            if found.empty:
+                said[task, name] = f"{what} is known of 0 of {number_of(len(trials), 'trial')}"
+            else:
+                known[name][task] = found
+    timed = timing(study)
+    said |= {(task, TIMING): "nothing of it was measured" for task in tasks if task not in timed}
+    return Course(
+        {
+            task: _learning(trials, np.random.default_rng([seed, place, 1]))
+            for task, (place, trials) in tasks.items()
+            if (task, LEARNING) not in said
+        },
+        {task: _speed(trials) for task, trials in known[SPEED].items()},
+        {task: _onsets(trials) for task, trials in known[ONSET].items()},
+        {task: _masker(trials) for task, trials in known[MASKER].items()},
+        timed,
+        said,
+    )
+
+
+def _learning(trials: pd.DataFrame, rng: np.random.Generator) -> tuple[Window, ...]:
+    """The share right in every run of `WINDOW` trial numbers, with a BCa interval over participants."""
+    right, done = _by_trial(trials)
+    people, last = done.shape
+    width = min(WINDOW, last)
+    numerators, denominators = (_running(part, width) for part in (right, done))
+    try:
+        drawn = resamples(people, RESAMPLES, rng).astype(np.float64)
+        reason = ""
+    except NotDefined as why:
+        drawn, reason = np.ones((1, people)), str(why)
+    with np.errstate(invalid="ignore"):
+        shares = (drawn @ numerators) / (drawn @ denominators)
+        left_out = leave_one_out(people) @ numerators / (leave_one_out(people) @ denominators)
+    windows = []
+    for place in range(numerators.shape[1]):
+        count, total = int(numerators[:, place].sum()), int(denominators[:, place].sum())
+        if not total:
+            continue
+        interval, statement = None, reason
+        if not reason:
+            try:
+                if not (np.isfinite(shares[:, place]).all() and np.isfinite(left_out[:, place]).all()):
+                    raise NotDefined("some resamples hold nobody who did these trials")
+                interval = bca(count / total, shares[:, place], left_out[:, place])
+            except NotDefined as why:
+                statement = str(why)
+        windows.append(Window(place + 1, place + width, count, total, interval, statement))
+    return tuple(windows)
+
+
+def _by_trial(trials: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Right answers, and trials done, by participant and trial number, both of shape (P, last number)."""
+    labels = {label: row for row, label in enumerate(dict.fromkeys(trials["participant"].tolist()))}
+    rows = [labels[label] for label in trials["participant"].tolist()]
+    columns = trials["trial"].to_numpy(dtype=np.int64) - 1
+    done = np.zeros((len(labels), int(columns.max()) + 1))
+    right = np.zeros_like(done)
+    done[rows, columns] = 1
+    right[rows, columns] = trials["presented"].to_numpy() == trials["answered"].to_numpy()
+    return right, done
+
+
+def _running(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
+    """Sums of each row over every `width` columns next to one another."""
+    sums = np.cumsum(np.pad(values, ((0, 0), (1, 0))), axis=1)
+    return np.asarray(sums[:, width:] - sums[:, :-width])
+
+
+def _speed(known: pd.DataFrame) -> tuple[SpeedBin, ...]:
+    speeds = known["foot_speed_mm_s"].to_numpy(dtype=np.float64)
+    right = np.asarray(known["presented"].to_numpy() == known["answered"].to_numpy())
+    spans = ((width, np.floor(speeds / width).astype(np.int64)) for width in BIN_WIDTHS_MM_S)
+    width, places = next(
+        ((width, places) for width, places in spans if np.ptp(places) < MOST_BINS),
+        (BIN_WIDTHS_MM_S[-1], np.floor(speeds / BIN_WIDTHS_MM_S[-1]).astype(np.int64)),
+    )
+    bins = []
+    for place in np.unique(places).tolist():
+        inside = places == place
+        count, total = int(right[inside].sum()), int(inside.sum())
+        mean = float(speeds[inside].mean())
+        bins.append(SpeedBin(place * width, (place + 1) * width, mean, count, total, wilson(count, total)))
+    return tuple(bins)
+
+
+def _onsets(known: pd.DataFrame) -> OnsetErrors:
+    errors_ms = 1e3 * known["onset_error_s"].to_numpy(dtype=np.float64)
+    sd = float(errors_ms.std(ddof=1)) if errors_ms.size > 1 else None
+    return OnsetErrors(tuple(errors_ms.tolist()), float(errors_ms.mean()), sd, float(np.abs(errors_ms).max()))
+
+
+def _masker(known: pd.DataFrame) -> tuple[MaskerLevels, ...]:
+    return tuple(
+        MaskerLevels(str(label), float(levels.median()), float(levels.min()), float(levels.max()))
+        for label, levels in known.groupby("participant", sort=False)["masker_db_a"]
+    )

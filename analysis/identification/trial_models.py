@@ -1,0 +1,342 @@
+"""Single trials: was the answer right, as a logit of task, material and what went with the trial.
+
+Two ways of allowing for trials of one participant being alike, participants who did several tasks included. GEE
+(Liang and Zeger 1986): odds in the population, one correlation within a participant, standard errors of Mancl and
+DeRouen (2001) for few participants; statsmodels'. Mixed logit: odds for one participant, a random intercept each, by
+maximum likelihood (statsmodels has it by variational Bayes alone, whose standard deviations
+are too small by construction, and which takes minutes and a gigabyte for a thousand participants).
+
+Logit with a normal random intercept a participant, by maximum likelihood.
+
+The likelihood of one participant is the integral of its answers' probability over the intercept, log odds X b + s u
+with u standard normal. It is taken by adaptive Gauss-Hermite quadrature, centred on the mode and scaled by the
+curvature there (Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995, equation (2.12)). Cost grows
+with trials x nodes, memory too, so that a thousand participants are no trouble.
+
+Study -> models of its single trials, each there or with the reason why not.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.identification.trials import Design, design
+from analysis.reading.study import Study
+from analysis.statistics.exact import NotDefined
+
+NODES = 15
+"""Of the quadrature."""
+
+NEWTON_STEPS = 50
+MODE_TOLERANCE = 1e-10
+GRADIENT_TOLERANCE = 1e-6
+"""Of the mean log likelihood of a trial, at its maximum."""
+
+DIFFERENCE = 1e-4
+"""Step of the central differences that make the Hessian out of gradients."""
+
+START_SD = 0.5
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MixedLogit:
+    """Maximum likelihood estimates.
+
+    Args:
+        coefficients: log odds ratios, shape (K,).
+        covariance: theirs, from the observed information, the intercepts' SD being estimated too; shape (K, K).
+        sd: of the random intercepts.
+        log_likelihood: at the maximum.
+    """
+
+    coefficients: Floats
+    covariance: Floats
+    sd: float
+    log_likelihood: float
+
+
+def log_likelihood(
+    *, correct: Floats, matrix: Floats, participants: NDArray[np.int64], coefficients: Floats, sd: float
+) -> tuple[float, Floats]:
+    """The log likelihood, and its derivatives by the coefficients and then by `sd`, shape (K + 1,).
+
+    Args:
+        correct: 0 or 1, shape (N,).
+        matrix: shape (N, K).
+        participants: index of the participant, from 0, shape (N,).
+        coefficients: log odds ratios, shape (K,).
+        sd: of the random intercepts; its sign does not matter.
+    """
+    people = int(participants.max()) + 1
+    fixed = matrix @ coefficients
+    mode, width = _modes(correct, fixed, participants, people, sd)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(NODES)
+    at = mode + width * nodes[:, None]
+    # log of each node's share: answers, standard normal, and what the change of variable leaves of the quadrature.
+    shares = np.log(weights)[:, None] + nodes[:, None] ** 2 / 2 - at**2 / 2 + np.log(width) - math.log(2 * math.pi) / 2
+    left = np.empty((NODES, correct.size))
+    for k, u in enumerate(at):
+        odds = fixed + sd * u[participants]
+        unlikely = np.exp(-np.abs(odds))
+        lost = np.log1p(unlikely) + np.where((odds > 0) == (correct > 0), 0.0, np.abs(odds))
+        shares[k] -= np.bincount(participants, lost, minlength=people)
+        left[k] = correct - np.where(odds > 0, 1.0, unlikely) / (1 + unlikely)
+    top = shares.max(axis=0)
+    posterior = np.exp(shares - top)
+    total = posterior.sum(axis=0)
+    posterior /= total
+    by_trial, by_sd = np.zeros(correct.size), 0.0
+    for k, share in enumerate(posterior):
+        left[k] *= share[participants]
+        by_trial += left[k]
+        by_sd += float(left[k] @ at[k][participants])
+    return float((top + np.log(total)).sum()), np.append(by_trial @ matrix, by_sd)
+
+
+def fit(*, correct: Floats, matrix: Floats, participants: NDArray[np.int64]) -> MixedLogit:
+    """The maximum of `log_likelihood`, from no effects and an SD of `START_SD`.
+
+    The search runs on columns made orthogonal and of one size, where the curvature is nearly the same every way.
+
+    Raises:
+        NotDefined: where columns depend on one another, the search does not converge, or the likelihood is flat at its
+            end.
+    """
+    from scipy.optimize import minimize
+
+    count = matrix.shape[1]
+    even, mixing = np.linalg.qr(matrix)
+    size = np.abs(np.diag(mixing))
+    if size.min() <= 1e-10 * size.max():
+        raise NotDefined("some terms of the mixed logit cannot be told from the others")
+    even, mixing = even * np.sqrt(len(even)), mixing / np.sqrt(len(even))
+
+    def lost(parameters: Floats) -> tuple[float, Floats]:
+        value, gradient = log_likelihood(
+            correct=correct, matrix=even, participants=participants, coefficients=parameters[:-1], sd=parameters[-1]
+        )
+        return -value / correct.size, -gradient / correct.size
+
+    start = np.append(np.zeros(count), START_SD)
+    found = minimize(lost, start, jac=True, method="BFGS", options={"gtol": GRADIENT_TOLERANCE})
+    if not np.isfinite(found.x).all() or np.abs(found.jac).max() > 10 * GRADIENT_TOLERANCE:
+        raise NotDefined("the mixed logit does not converge")
+    steps = DIFFERENCE * np.eye(count + 1)
+    rows = [(lost(found.x + step)[1] - lost(found.x - step)[1]) / (2 * DIFFERENCE) for step in steps]
+    information = correct.size * (np.array(rows) + np.array(rows).T) / 2
+    if np.linalg.eigvalsh(information)[0] <= 0:
+        raise NotDefined("the likelihood of the mixed logit is flat at its maximum")
+    back = np.linalg.inv(mixing)
+    covariance: Floats = (back @ np.linalg.inv(information)[:count, :count] @ back.T).astype(np.float64)
+    return MixedLogit(back @ found.x[:count], covariance, abs(float(found.x[-1])), -float(found.fun) * correct.size)
+
+
+def _modes(
+    correct: Floats, fixed: Floats, participants: NDArray[np.int64], people: int, sd: float
+) -> tuple[Floats, Floats]:
+    """Mode of each participant's u given the answers, and 1 / sqrt of the curvature there, by Newton's method.
+
+    The log density is concave with a curvature between 1 and 1 + sd^2 n / 4, so halved steps always get there.
+    """
+    u = np.zeros(people)
+    for _ in range(NEWTON_STEPS):
+        p = _expit(fixed + sd * u[participants])
+        slope = sd * np.bincount(participants, correct - p, minlength=people) - u
+        curvature = 1 + sd * sd * np.bincount(participants, p * (1 - p), minlength=people)
+        step = np.clip(slope / curvature, -1.0, 1.0)
+        u += step
+        if np.abs(step).max() < MODE_TOLERANCE:
+            break
+    return u, 1 / np.sqrt(curvature)
+
+
+def _expit(odds: Floats) -> Floats:
+    from scipy.special import expit
+
+    return np.asarray(expit(odds), dtype=np.float64)
+
+
+LEAST = 6
+"""Participants, below which standard errors by participant say nothing."""
+
+LARGEST = 12.0
+"""A log odds ratio beyond this is taken as one without limit; a standard error beyond it says nothing."""
+
+SINGULAR = 1e-10
+"""A covariance, in units of its variances, with an eigenvalue below this is taken as one without an inverse."""
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """A log odds ratio with its standard error, 95 % interval and two-sided P."""
+
+    name: str
+    estimate: float
+    error: float
+    low: float
+    high: float
+    p: float
+
+
+@dataclass(frozen=True)
+class Term:
+    """Wald's test that all coefficients of a term are zero."""
+
+    name: str
+    chi2: float
+    df: int
+    p: float
+
+
+@dataclass(frozen=True)
+class TrialModel:
+    """A fitted model; `spread` is GEE's correlation within a participant, or the SD of the random intercepts.
+
+    `warned` is what the software said on the way to a fit that converged.
+    """
+
+    trials: int
+    participants: int
+    coefficients: tuple[Coefficient, ...]
+    terms: tuple[Term, ...]
+    spread: float
+    warned: tuple[str, ...] = ()
+
+
+def gee(design: Design) -> TrialModel:
+    """Population-averaged logit, exchangeable within participants.
+
+    Raises:
+        NotDefined: with too few participants for the parameters, where it does not converge, and where participants do
+            not differ enough for standard errors.
+    """
+    people = _participants(design)
+
+    from statsmodels.genmod.cov_struct import Exchangeable
+    from statsmodels.genmod.families import Binomial
+    from statsmodels.genmod.generalized_estimating_equations import GEE
+
+    structure = Exchangeable()
+    with warnings.catch_warnings(record=True) as heard:
+        warnings.simplefilter("always")
+        model = GEE(design.correct, design.matrix, groups=design.participants, family=Binomial(), cov_struct=structure)
+        fitted = model.fit(cov_type="bias_reduced", maxiter=200)
+        estimates, covariance = np.asarray(fitted.params), np.asarray(fitted.cov_params())
+    warned = tuple(dict.fromkeys(str(one.message) for one in heard))
+    if not fitted.converged:
+        raise NotDefined(f"the GEE logit does not converge ({'; '.join(warned)})")
+    _bounded(design, estimates)
+    if not _positive(covariance):
+        raise NotDefined(
+            "standard errors by participant are not defined for the GEE logit: participants answered too much alike, "
+            "or terms cannot be told apart"
+        )
+    coefficients = _coefficients(design, estimates, np.sqrt(np.diag(covariance)))
+    terms = tuple(_wald(name, estimates, covariance, columns) for name, columns in design.terms.items())
+    return TrialModel(len(design.correct), people, coefficients, terms, float(structure.dep_params), warned)
+
+
+def mixed(design: Design) -> TrialModel:
+    """Logit with a random intercept a participant.
+
+    Raises:
+        NotDefined: with too few participants for the parameters, or where it does not converge.
+    """
+    people = _participants(design)
+
+    found = fit(correct=design.correct, matrix=design.matrix, participants=design.participants)
+    coefficients = _coefficients(design, found.coefficients, np.sqrt(np.diag(found.covariance)))
+    terms = tuple(_wald(name, found.coefficients, found.covariance, columns) for name, columns in design.terms.items())
+    return TrialModel(len(design.correct), people, coefficients, terms, found.sd)
+
+
+def _participants(design: Design) -> int:
+    people = int(design.participants.max()) + 1
+    least = max(LEAST, len(design.names) + 1)
+    if people < least:
+        raise NotDefined(
+            f"a trial-level model of {len(design.names)} parameters needs {least} participants, got {people}"
+        )
+    return people
+
+
+def _coefficients(
+    design: Design, estimates: NDArray[np.float64], errors: NDArray[np.float64]
+) -> tuple[Coefficient, ...]:
+    from scipy.special import ndtr, ndtri
+
+    _bounded(design, estimates)
+    if not (np.isfinite(errors).all() and errors.max() < LARGEST):
+        vague = ", ".join(
+            name for name, error in zip(design.names, errors.tolist(), strict=True) if not error < LARGEST
+        )
+        raise NotDefined(f"standard errors beyond {LARGEST:g} say nothing: {vague}")
+    reach = float(ndtri(0.975))
+    return tuple(
+        Coefficient(
+            name, value, error, value - reach * error, value + reach * error, float(2 * ndtr(-abs(value) / error))
+        )
+        for name, value, error in zip(design.names, estimates.tolist(), errors.tolist(), strict=True)
+    )
+
+
+def _bounded(design: Design, estimates: NDArray[np.float64]) -> None:
+    endless = [name for name, value in zip(design.names, estimates.tolist(), strict=True) if not abs(value) < LARGEST]
+    if endless:
+        raise NotDefined(
+            f"the odds of {', '.join(endless)} have no limit, as where answers are all right, or all wrong"
+        )
+
+
+def _positive(covariance: NDArray[np.float64]) -> bool:
+    """Whether it is positive definite beyond rounding."""
+    variances = np.diag(covariance)
+    if not (np.isfinite(covariance).all() and (variances > 0).all()):
+        return False
+    return bool(np.linalg.eigvalsh(covariance / np.sqrt(np.outer(variances, variances))).min() > SINGULAR)
+
+
+def _wald(name: str, estimates: NDArray[np.float64], covariance: NDArray[np.float64], columns: tuple[int, ...]) -> Term:
+    from scipy.special import chdtrc
+
+    chosen = list(columns)
+    part = estimates[chosen]
+    chi2 = float(part @ np.linalg.solve(covariance[np.ix_(chosen, chosen)], part))
+    return Term(name, chi2, len(chosen), float(chdtrc(len(chosen), chi2)))
+
+
+@dataclass(frozen=True)
+class TrialLevel:
+    """Models of single trials; `statements` say why one is None; the rest is that of `identification.trials.Design`."""
+
+    gee: TrialModel | None
+    mixed: TrialModel | None
+    absent: Mapping[str, str]
+    left_out: Mapping[str, int]
+    gone: tuple[str, ...]
+    statements: Mapping[str, str]
+
+
+def trial_level(study: Study) -> TrialLevel:
+    """Both models of a study's included trials."""
+    try:
+        trials = design(study)
+    except NotDefined as reason:
+        return TrialLevel(None, None, {}, {}, (), {"GEE logit and mixed logit": str(reason)})
+    found: dict[str, TrialModel] = {}
+    said: dict[str, str] = {}
+    for name, fit in (("GEE logit", gee), ("mixed logit", mixed)):
+        try:
+            found[name] = fit(trials)
+        except NotDefined as reason:
+            said[name] = str(reason)
+    models = found.get("GEE logit"), found.get("mixed logit")
+    return TrialLevel(*models, trials.absent, trials.left_out, trials.gone, said)

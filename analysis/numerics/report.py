@@ -1,0 +1,359 @@
+"""The tables of `palpate numerics`.
+
+The plot of `palpate numerics`: error against run time, a curve for each way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import groupby
+from math import ceil, floor, log10
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+from analysis.documents.drawing import COLOURS, MARKERS, STYLE
+from analysis.documents.tables import Section, Table
+from analysis.numerics.cases import Outcome
+from analysis.numerics.measured import BETWEEN_MM_S, OUTPUT_RATE_HZ, Measured, usual_length
+from analysis.numerics.numerics import Numerics
+from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
+
+TITLES = {
+    "synthesis": "Synthesis: equations (3) to (5)",
+    "resampling": "Resampling of a recording",
+    "shaping": "Frequency shaping: the inverse (7) of a response",
+    "noise": "Noise of the masker",
+}
+SAYS = {
+    "synthesis": "Error: rms of the difference from the oracle, divided by the rms of the exact stimulus. Prepared: "
+    "what is done once for a material, and what it holds then.",
+    "resampling": "Error: the same, at samples between both ends. The inverse DCT is what palpate does; the two others "
+    "are what it does not do, for comparison.",
+    "shaping": "Error: rms of the relative difference from the closed inverse of a response that saturates softly and "
+    "peaks at 360 Hz, at the bins from 10 to 600 Hz. It is that of straight lines in a table, no bound is claimed.",
+    "noise": "Error: the largest deviation of an octave band from 31.5 Hz to 16 kHz from its colour, against the band "
+    "at 1 kHz, dB. Bounded from half a second on.",
+}
+HEADS = {
+    "samples": "N",
+    "output_rate_hz": "output rate (Hz)",
+    "speed_mm_s": "speed (mm/s)",
+    "frequencies": "frequencies",
+    "drive_levels": "drive levels",
+    "bins": "bins",
+    "length_s": "length (s)",
+}
+
+
+def sections(result: Numerics) -> tuple[Section, ...]:
+    """Measurements by subject, then the cases."""
+    by_subject = groupby(result.measured, key=lambda one: one.subject)
+    measured = [_measured(subject, list(rows), result) for subject, rows in by_subject]
+    return (*measured, _cases(result.outcomes))
+
+
+def time_text(seconds: float | None) -> str:
+    """A time to three digits; `-` for None."""
+    if seconds is None:
+        return "-"
+    for unit, size in (("s", 1.0), ("ms", 1e-3)):
+        if seconds >= size:
+            return f"{seconds / size:.3g} {unit}"
+    return f"{seconds * 1e6:.3g} µs"
+
+
+def usual(rows: list[Measured]) -> list[Measured]:
+    """Of synthesis, what stands for all: one length, one output rate, one speed."""
+    wanted = {
+        "samples": usual_length(one.given["samples"] for one in rows),
+        "output_rate_hz": OUTPUT_RATE_HZ,
+        "speed_mm_s": BETWEEN_MM_S,
+    }
+    return [one for one in rows if one.given == wanted]
+
+
+def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
+    paragraphs = [SAYS[subject]]
+    if subject == "synthesis":
+        software = ", ".join(f"{name} {version}" for name, version in result.software.items() if "oracle" not in name)
+        paragraphs.append(
+            f"Times are medians of repeats on one machine ({software}); compare them with one another. The oracle's "
+            f"numbers are {result.software['oracle_epsilon']} apart at 1."
+        )
+    tables = [_table("", rows, given=True)]
+    brief: tuple[Table, ...] = ()
+    if subject == "synthesis":
+        shown = usual(rows)
+        size = "N = {samples:g} at {output_rate_hz:g} Hz, {speed_mm_s:g} mm/s".format(**shown[0].given)
+        brief = (_table(f"{size} (all {len(rows)} rows: --out)", shown, given=False),)
+        tables = [_table(size, shown, given=False), replace(tables[0], title="Every size, rate and speed")]
+    return Section(
+        slug=subject,
+        title=TITLES[subject],
+        paragraphs=tuple(paragraphs),
+        tables=tuple(tables),
+        records=tuple(_record(one) for one in rows),
+        brief=brief,
+    )
+
+
+def _table(title: str, rows: list[Measured], *, given: bool) -> Table:
+    sizes = tuple(rows[0].given) if given else ()
+    prepared = any(one.prepared_s is not None for one in rows)
+    unit = "error (dB)" if rows[0].subject == "noise" else "error"
+    claims = any(one.claimed is not None for one in rows)
+    header = ["way", *(HEADS[name] for name in sizes), "median time", unit, *(["claimed"] * claims)]
+    header += ["prepared in", "memory"] * prepared
+    cells = [
+        [
+            one.way,
+            *(f"{one.given[name]:g}" for name in sizes),
+            time_text(one.timed.median_s),
+            _error(one, one.error),
+            *([_error(one, one.claimed)] * claims),
+            *([time_text(one.prepared_s), _kibibytes(one.memory_bytes)] * prepared),
+        ]
+        for one in rows
+    ]
+    broken = frozenset((i, header.index(unit)) for i, one in enumerate(rows) if not one.holds)
+    return Table(title, tuple(header), tuple(map(tuple, cells)), marked=broken)
+
+
+def _error(one: Measured, value: float | None) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.2f}" if one.subject == "noise" else f"{value:.1e}"
+
+
+def _kibibytes(size: int | None) -> str:
+    return "-" if size is None else f"{size / 1024:.0f} KiB"
+
+
+def _record(one: Measured) -> dict[str, object]:
+    low, high = one.timed.quartiles_s
+    return {
+        "way": one.way,
+        **one.given,
+        "median_s": one.timed.median_s,
+        "lower_quartile_s": low,
+        "upper_quartile_s": high,
+        "repeats": one.timed.repeats,
+        "error": one.error,
+        "claimed_error": one.claimed,
+        "holds": one.holds,
+        "prepared_s": one.prepared_s,
+        "memory_bytes": one.memory_bytes,
+    }
+
+
+def _cases(outcomes: tuple[Outcome, ...]) -> Section:
+    full, brief = [], []
+    for group, members in groupby(outcomes, key=lambda one: one.group):
+        rows = list(members)
+        broken = frozenset((i, 2) for i, one in enumerate(rows) if not one.holds)
+        cells = tuple((one.given, one.invariant, _outcome(one), one.seen) for one in rows)
+        title = f"{group[0].upper()}{group[1:]}"
+        header = ("given", "must hold", "outcome", "seen")
+        full.append(Table(title, header, cells, left=frozenset({0, 1, 2, 3}), marked=broken))
+        brief.append(_brief(title, rows))
+    return Section(
+        slug="cases",
+        title="Extreme cases",
+        paragraphs=("Every method at every output rate, and every number that a public function of synthesis takes.",),
+        tables=tuple(full),
+        records=tuple(
+            {
+                "group": one.group,
+                "given": one.given,
+                "invariant": one.invariant,
+                "holds": one.holds,
+                "seen": one.seen,
+            }
+            for one in outcomes
+        ),
+        brief=tuple(brief),
+    )
+
+
+def _outcome(one: Outcome) -> str:
+    return "holds" if one.holds else "FAILS"
+
+
+def _brief(title: str, rows: list[Outcome]) -> Table:
+    """For a terminal, where an invariant that all rows share stands in the title."""
+    shared = len({one.invariant for one in rows}) == 1
+    if shared:
+        title = f"{title}: {rows[0].invariant}"
+    seen = "seen" if shared else "must hold -> seen"
+    cells = tuple((one.given, _outcome(one), one.seen if shared else f"{one.invariant} -> {one.seen}") for one in rows)
+    return Table(title, ("given", "outcome", seen), cells, left=frozenset({0, 1, 2}))
+
+
+QUIET = "#57606a"
+RULE: Any = {"color": "#d5d9de", "linewidth": 0.6}
+PRUNED, SINGLE, WHOLE = "bins above 500 Hz left out", "single precision", "double precision, all bins"
+
+
+def figure(result: Numerics, label: str) -> Figure:
+    """Synthesis above, resampling, shaping and noise below it."""
+    with mpl.rc_context(STYLE):
+        drawn = Figure(figsize=(8.4, 7.4))
+        drawn.suptitle(f"{label}: error against median run time", fontsize=10, fontweight="bold", y=0.985)
+        synthesis = [one for one in result.measured if one.subject == "synthesis"]
+        _synthesis(
+            drawn, synthesis, drawn.add_gridspec(3, 1, left=0.09, right=0.985, top=0.86, bottom=0.47, hspace=0.25)
+        )
+        below = drawn.add_gridspec(1, 3, left=0.09, right=0.985, top=0.36, bottom=0.075, wspace=0.34)
+        for place, panel in enumerate((_resampling, _shaping, _noise)):
+            panel(drawn.add_subplot(below[place]), result.measured)
+        return drawn
+
+
+def _synthesis(drawn: Figure, rows: Sequence[Measured], grid: GridSpec) -> None:
+    """Three strips of one time axis, for nothing lies between them; a strip spans whole decades of error."""
+    shown = [one for one in rows if one.given["output_rate_hz"] == OUTPUT_RATE_HZ]
+    shown = [one for one in shown if one.given["speed_mm_s"] == BETWEEN_MM_S]
+    ways = list(dict.fromkeys(_method(one) for one in shown))
+    strips = [(name, [one for one in shown if _strip(one) == name]) for name in (PRUNED, SINGLE, WHOLE)]
+    strips = [(name, points) for name, points in strips if points]
+    first: Axes | None = None
+    for place, (name, points) in enumerate(strips):
+        axes = drawn.add_subplot(grid[place], sharex=first)
+        first = first or axes
+        for way, curve in _curves(points).items():
+            _curve(axes, curve, ways.index(_method(curve[0])), hollow=name == PRUNED, label=way)
+        _decades(axes, points)
+        _times(axes, "from the speed of the foot to the waveform")
+        axes.text(0.99, 0.96, name, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=QUIET)
+        if place < len(strips) - 1:
+            axes.tick_params(axis="x", which="both", bottom=False, labelbottom=False)
+            axes.set_xlabel("")
+            axes.spines["bottom"].set_visible(False)
+    lines = {str(line.get_label()): line for axes in drawn.axes for line in axes.lines}
+    keys = [way for way in ways if way in lines]
+    drawn.legend(
+        [lines[way] for way in keys],
+        keys,
+        loc="upper center",
+        bbox_to_anchor=(0.535, 0.965),
+        ncols=3,
+        frameon=False,
+        fontsize=9,
+    )
+    drawn.text(0.016, 0.665, "relative error", rotation=90, ha="center", va="center", fontsize=9)
+    lengths = ", ".join(f"{n:g}" for n in sorted({one.given["samples"] for one in shown}))
+    drawn.axes[0].set_title(f"Synthesis at 48 kHz; points: N = {lengths}", fontsize=9, loc="left", pad=5)
+
+
+def _resampling(axes: Axes, measured: Sequence[Measured]) -> None:
+    rows = _below(axes, measured, "resampling", "Resampling, 44.1 to 192 kHz")
+    for i, (way, curve) in enumerate(_curves(rows).items()):
+        _curve(axes, curve, i, label=way)
+    _times(axes, "median run time")
+    axes.set_ylabel("relative error", fontsize=9)
+    axes.legend(loc="center", frameon=False, fontsize=8)
+
+
+def _shaping(axes: Axes, measured: Sequence[Measured]) -> None:
+    rows = _below(axes, measured, "shaping", "")
+    for i, (way, curve) in enumerate(_curves(rows).items()):
+        _curve(axes, curve, i, label=way, x=[one.given["frequencies"] for one in curve])
+    taken = [one.timed.median_s for one in rows]
+    axes.set_title(f"Shaping: {time_text(min(taken))} to {time_text(max(taken))}", fontsize=9)
+    axes.set_xlabel("frequencies in the table", fontsize=9)
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.legend(loc="lower left", frameon=False, fontsize=8)
+
+
+def _noise(axes: Axes, measured: Sequence[Measured]) -> None:
+    rows = _below(axes, measured, "noise", "Noise: octave bands")
+    for i, (way, curve) in enumerate(_curves(rows).items()):
+        _curve(axes, curve, i, label=way)
+        for one in (curve[0], curve[-1]) if i == 0 else ():
+            at = one.timed.median_s, one.error
+            axes.annotate(
+                f"{one.given['length_s']:g} s", at, (0, 6), textcoords="offset points", ha="center", fontsize=8
+            )
+    axes.margins(x=0.12)
+    axes.set_ylim(top=4.0)
+    axes.axhline(CLAIMED_DB, color=QUIET, linestyle=":", linewidth=1.2)
+    axes.text(
+        0.98,
+        CLAIMED_DB,
+        f"bound from {CLAIMED_FROM_S:g} s on",
+        transform=axes.get_yaxis_transform(),
+        ha="right",
+        va="bottom",
+        fontsize=8,
+        color=QUIET,
+    )
+    _times(axes, "median run time")
+    axes.set_ylabel("error (dB)", fontsize=9, labelpad=1)
+    axes.legend(loc="upper right", frameon=False, fontsize=8)
+
+
+def _below(axes: Axes, measured: Sequence[Measured], subject: str, title: str) -> list[Measured]:
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    axes.grid(visible=True, **RULE)
+    axes.set_title(title, fontsize=9)
+    axes.tick_params(labelsize=8)
+    return [one for one in measured if one.subject == subject]
+
+
+def _method(one: Measured) -> str:
+    return one.way.partition(", ")[0]
+
+
+def _strip(one: Measured) -> str:
+    if one.way != _method(one):
+        return PRUNED
+    return SINGLE if one.way == SINGLE else WHOLE
+
+
+def _curves(rows: Sequence[Measured]) -> dict[str, list[Measured]]:
+    ways = dict.fromkeys(one.way for one in rows)
+    return {way: [one for one in rows if one.way == way] for way in ways}
+
+
+def _curve(
+    axes: Axes, points: list[Measured], i: int, *, label: str, x: list[float] | None = None, hollow: bool = False
+) -> None:
+    colour = COLOURS[i % len(COLOURS)]
+    axes.plot(
+        x or [one.timed.median_s for one in points],
+        [one.error for one in points],
+        marker=MARKERS[i % len(MARKERS)],
+        color=colour,
+        markerfacecolor="white" if hollow else colour,
+        linestyle="--" if hollow else "-",
+        linewidth=1.1,
+        markersize=4.5,
+        label=label,
+    )
+
+
+def _decades(axes: Axes, points: Sequence[Measured]) -> None:
+    decades = [log10(one.error) for one in points if one.error > 0]
+    axes.set_yscale("log")
+    if decades:
+        axes.set_ylim(10.0 ** floor(min(decades)), 10.0 ** ceil(max(decades)))
+    axes.grid(visible=True, **RULE)
+    axes.yaxis.set_major_locator(LogLocator(numticks=5))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.tick_params(labelsize=8)
+
+
+def _times(axes: Axes, label: str) -> None:
+    axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(numticks=12))
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: time_text(seconds)))
+    axes.xaxis.set_minor_formatter(NullFormatter())
+    axes.set_xlabel(label, fontsize=9)

@@ -1,0 +1,408 @@
+"""How participants answer: where the probabilities that simulated studies are drawn from come from.
+
+A choice model holds, for each task and presented material, the mean share of each answer and how much participants
+differ around it. They differ as a Dirichlet distribution says, so that counts are Dirichlet-multinomial: its one
+parameter a material, the intraclass correlation of a participant's answers, follows from the standard deviations that
+a paper prints, in closed form and without a guess at anything it does not print (a logit-normal would need the
+correlations between answers). Participants' answers to different materials, and in different tasks, are independent
+given these shares.
+
+Answers of many simulated participants at once: counts drawn from a choice model, from uniform numbers alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from analysis import published
+from analysis.documents.tables import number_of
+from analysis.identification.confusion import confusion
+from analysis.reading import dataset
+from experiment.errors import PowerError
+from experiment.protocol import rules
+from experiment.protocol.models import Confined, Label, Name, Protocol, Text
+from experiment.settings import load
+
+Floats = NDArray[np.float64]
+
+MOST_SPREAD = 0.999
+"""Intraclass correlation at which fitting stops: beyond it every participant gives one answer for ever."""
+
+OWN = "published"
+"""Names the model of the study that the protocol's id names."""
+
+
+@dataclass(frozen=True)
+class Answers:
+    """How participants answer in one task.
+
+    Args:
+        task: id.
+        shares: mean share of each answer, shape (M, M + 1): presented, answered; the last is "no material named".
+            Rows add up to 1.
+        spread: intraclass correlation of one participant's answers to a material, shape (M,): 0 when all
+            participants are alike, towards 1 when each always gives the same answer.
+    """
+
+    task: str
+    shares: Floats
+    spread: Floats
+
+
+@dataclass(frozen=True)
+class ChoiceModel:
+    """How participants answer in every task; `source` says where from, `notes` what was decided on the way."""
+
+    source: str
+    tasks: tuple[Answers, ...]
+    notes: tuple[str, ...] = ()
+
+
+def find(name: str, protocol: Protocol) -> ChoiceModel:
+    """The choice model called `name`, for the tasks and materials of `protocol`.
+
+    Args:
+        name: `published`, the id of a published study, the folder of a dataset, or a TOML file.
+        protocol: the study that is planned.
+
+    Raises:
+        PowerError: there is no such model, or it lacks a task or a material.
+        DatasetError, ProtocolError: the dataset or the file cannot be read.
+    """
+    if printed := published.load(protocol.study.id if name == OWN else name):
+        return from_print(printed, protocol)
+    path = Path(name)
+    if path.is_dir():
+        return fitted(path, protocol)
+    if name != OWN and (path.suffix == ".toml" or path.exists()):
+        return stated(path, protocol)
+    raise PowerError(
+        f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study whose "
+        "printed tables are held, the folder of a dataset, a TOML file; give one of these"
+    )
+
+
+def guessing(protocol: Protocol) -> ChoiceModel:
+    """Nobody can tell anything: the correct answer at the rate of chance, the others equally often, no spread."""
+    count = len(protocol.materials)
+    tasks = []
+    for task in protocol.tasks:
+        planned = (test.chance for test in protocol.analysis if task.id in test.tasks and test.chance is not None)
+        chance = next(planned, 1 / count)
+        shares = np.full((count, count + 1), (1 - chance) / (count - 1))
+        shares[:, -1] = 0.0
+        np.fill_diagonal(shares, chance)
+        tasks.append(Answers(task.id, shares, np.zeros(count)))
+    return ChoiceModel("guessing: no participant can tell the materials apart", tuple(tasks))
+
+
+def from_print(printed: published.Published, protocol: Protocol) -> ChoiceModel:
+    """Means and standard deviations of a paper's tables as they stand there.
+
+    A row whose printed means miss 1 by no more than their rounding can explain is scaled to 1; a larger gap is the
+    share of trials in which no material was named, and a larger surplus, which no answers give, is scaled and noted.
+
+    Raises:
+        PowerError: the tables lack a task or a material of the protocol.
+    """
+    ids = [material.id for material in protocol.materials]
+    cells = {cell.key: cell for table in printed.confusions for cell in table.cells}
+    tasks, notes = [], []
+    for task in protocol.tasks:
+        did = printed.task(task.id)
+        if did is None or did.trials is None:
+            raise PowerError(
+                f"the tables of {printed.study}: got no number of participants and trials for task {task.id}; allowed: "
+                "a study that prints both; choose another --model"
+            )
+        rows, spreads = [], []
+        for shown in ids:
+            try:
+                row = [cells[task.id, shown, said] for said in ids]
+            except KeyError as missing:
+                raise _lacking(
+                    f"the tables of {printed.study}", task.id, " answered ".join(missing.args[0][1:])
+                ) from None
+            means = np.array([cell.mean.value for cell in row])
+            gap = 1 - float(means.sum())
+            rounding = sum(cell.mean.unit for cell in row) / 2
+            if gap < -rounding:
+                notes.append(
+                    f"{task.id}, {shown}: printed ratios add up to {1 - gap:.3f}, more than rounding explains; one of "
+                    "them is wrong in print, and all are scaled to add up to 1"
+                )
+            if gap > rounding:
+                notes.append(f"{task.id}, {shown}: printed ratios leave {gap:.3g}, taken as no material named")
+                shares = np.array([*means, gap])
+            else:
+                shares = np.array([*means / means.sum(), 0.0])
+            variance = sum((cell.sd.value if cell.sd else 0.0) ** 2 for cell in row)
+            fit = _spread(shares[:-1], variance, 1 / did.trials, did.participants)
+            notes += _clipped(f"{task.id}, {shown}", fit)
+            rows.append(shares)
+            spreads.append(min(max(fit, 0.0), MOST_SPREAD))
+        tasks.append(Answers(task.id, np.array(rows), np.array(spreads)))
+    where = " and ".join(dict.fromkeys(table.where for table in printed.confusions))
+    source = f"means and standard deviations of {where} of {printed.source}"
+    return ChoiceModel(source, tuple(tasks), tuple(notes))
+
+
+def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
+    """Mean shares of a dataset's answers, and the spread that its participants' standard deviations tell.
+
+    Raises:
+        PowerError: the dataset lacks a task or a material, or has one participant where spread needs two.
+        DatasetError, ProtocolError: it cannot be read.
+    """
+    study = dataset.read(folder)
+    ids = [material.id for material in protocol.materials]
+    if missing := set(ids) - set(study.materials):
+        raise _lacking(str(folder), "every task", sorted(missing))
+    tasks, notes = [], []
+    for task in protocol.tasks:
+        trials = study.trials(task.id)
+        trials = trials[trials["presented"].isin(ids)]
+        columns = [trials[key].tolist() for key in ("participant", "presented", "answered")]
+        answers = confusion(columns[0], columns[1], columns[2], ids)
+        rows, spreads = [], []
+        for i, shown in enumerate(ids):
+            people = answers.n(i)
+            if people < 2:
+                raise PowerError(
+                    f"{folder}: task {task.id}, {shown}: got {number_of(people, 'participant')}; allowed: at least "
+                    "2, whose spread can be fitted; state the model in a TOML file instead"
+                )
+            ratios = answers.counts[:, i] / answers.trials[:, i, None].clip(min=1)
+            ratios = ratios[answers.trials[:, i] > 0]
+            shares = ratios.mean(axis=0)
+            shortness = float(np.mean(1 / answers.trials[:, i][answers.trials[:, i] > 0]))
+            variance = float(ratios[:, :-1].var(axis=0, ddof=1).sum())
+            fit = _spread(shares[:-1], variance, shortness, people)
+            notes += _clipped(f"{task.id}, {shown}", fit)
+            rows.append(shares / shares.sum())
+            spreads.append(min(max(fit, 0.0), MOST_SPREAD))
+        tasks.append(Answers(task.id, np.array(rows), np.array(spreads)))
+    label = f" ({study.label})" if study.label else ""
+    return ChoiceModel(f"fitted to the answers in {folder.name}{label}", tuple(tasks), tuple(notes))
+
+
+def stated(file: Path, protocol: Protocol) -> ChoiceModel:
+    """The model that a TOML file states, one table `[[rows]]` a task and presented material.
+
+    Raises:
+        PowerError: it lacks a task or a material, or has one that the protocol has not, or one twice.
+        ProtocolError: with every other problem of the file.
+    """
+    model = load.read(file, Stated)
+    ids = [material.id for material in protocol.materials]
+    wanted = [(task.id, shown) for task in protocol.tasks for shown in ids]
+    found = [(row.task, row.presented) for row in model.rows]
+    if strange := [row for row in found if row not in wanted or found.count(row) > 1]:
+        raise PowerError(
+            f"{file}: got a row for task {strange[0][0]}, {strange[0][1]}; allowed: each task and material of "
+            f"{protocol.study.id} once; mend it"
+        )
+    if missing := [row for row in wanted if row not in found]:
+        raise _lacking(str(file), *missing[0])
+    if wrong := [row for row in model.rows if len(row.answers) != len(ids)]:
+        raise PowerError(
+            f"{file}: task {wrong[0].task}, {wrong[0].presented}: got {len(wrong[0].answers)} answers; allowed: "
+            f"{len(ids)}, in the order of the protocol: {', '.join(ids)}; mend it"
+        )
+    rows = {(row.task, row.presented): row for row in model.rows}
+    tasks = []
+    for task in protocol.tasks:
+        named = np.array([rows[task.id, shown].answers for shown in ids])
+        shares = np.hstack([named, np.clip(1 - named.sum(axis=1, keepdims=True), 0.0, None)])
+        shares[:, -1][shares[:, -1] < ROUNDING] = 0.0
+        spread = np.array([rows[task.id, shown].spread for shown in ids])
+        tasks.append(Answers(task.id, shares / shares.sum(axis=1, keepdims=True), spread))
+    return ChoiceModel(f"stated in {file.name}: {model.source}", tuple(tasks))
+
+
+ROUNDING = 1e-9
+"""Shares that add up to 1 within this add up to 1."""
+
+
+def _shares_add_up(table: Mapping[str, Any]) -> Iterator[rules.Broken]:
+    answers = table.get("answers")
+    numbers = answers if isinstance(answers, tuple) else ()
+    if all(isinstance(share, int | float) for share in numbers) and sum(numbers) > 1 + ROUNDING:
+        yield rules.Broken(("answers",), "shares that add up to 1 at most; what is missing to 1 is no material named")
+
+
+class StatedRow(Confined):
+    """Answers to one material in one task.
+
+    `answers` are mean shares in the order of the protocol's materials; what is missing to 1 is no material named.
+    `spread` is the intraclass correlation of a participant's answers: 0 when all participants are alike.
+    """
+
+    RULES: ClassVar[rules.Rules] = _shares_add_up
+
+    task: Label
+    presented: Name
+    answers: Annotated[tuple[Annotated[float, Field(ge=0, le=1)], ...], Field(min_length=2)]
+    spread: Annotated[float, Field(ge=0, le=MOST_SPREAD)]
+
+
+class Stated(Confined):
+    """A choice model as a file states it."""
+
+    format: Literal[1]
+    source: Text
+    rows: Annotated[tuple[StatedRow, ...], Field(min_length=1)]
+
+
+def _spread(shares: Floats, variance: float, shortness: float, people: int) -> float:
+    """Intraclass correlation by moments; below 0 where participants differ less than trials alone make them.
+
+    The variance of a ratio of m trials is p (1 - p) (rho + (1 - rho) / m). Both sides are added up over the answers,
+    which weights them by their variance; a mean of n participants makes p (1 - p) too small by variance / n.
+
+    Args:
+        shares: mean share of each material answered.
+        variance: sum of the participants' variances (n - 1) of these shares.
+        shortness: mean of 1 / m.
+        people: n.
+    """
+    largest = float((shares * (1 - shares)).sum()) + variance / people
+    if largest == 0 or shortness == 1:
+        return 0.0
+    return (variance / largest - shortness) / (1 - shortness)
+
+
+def _clipped(where: str, fit: float) -> list[str]:
+    if fit < 0:
+        return [f"{where}: participants differ less than trials alone would make them; spread taken as 0"]
+    if fit > MOST_SPREAD:
+        return [f"{where}: each participant gives one answer only; spread taken as {MOST_SPREAD}"]
+    return []
+
+
+def _lacking(what: str, task: str, materials: Sequence[str] | str) -> PowerError:
+    names = materials if isinstance(materials, str) else ", ".join(materials)
+    return PowerError(
+        f"{what}: got nothing for task {task}, {names}; allowed: every task and material of the protocol; add it, or "
+        "choose another --model"
+    )
+
+
+Counts = NDArray[np.int64]
+
+GUIDE = 1024
+"""Cells of the unit interval; a power of 2, so that a number is put into its cell without rounding."""
+
+MOST_GUIDED = 40
+"""Trials up to which a guide, which is kept, is of less than 350 kB; more are searched."""
+
+
+def draw(answers: Answers, *, trials: int, participants: int, studies: int, random: np.random.Generator) -> Counts:
+    """Counts of every answer, Dirichlet-multinomial (multinomial without spread).
+
+    One answer after the other is beta-binomial given those before it, and is found from a uniform number in the table
+    of its distribution: the same counts wherever the generator's uniform numbers are the same.
+
+    Args:
+        answers: of one task.
+        trials: of each material, for each participant.
+        participants: in a study.
+        studies: how many.
+        random: source of uniform numbers.
+
+    Returns:
+        Shape (M, M + 1, studies, participants): presented, answered, the last answer "no material named".
+    """
+    materials = len(answers.shares)
+    counts = np.zeros((materials, materials + 1, studies, participants), dtype=np.int64)
+    for row, shares, spread in zip(counts, answers.shares.tolist(), answers.spread.tolist(), strict=True):
+        left = np.full((studies, participants), trials, dtype=np.int64)
+        for answer, share in enumerate(shares):
+            rest = sum(shares[answer + 1 :])
+            if share == 0:
+                continue
+            if rest == 0:
+                row[answer] = left
+                break
+            inverse = _guided if trials <= MOST_GUIDED else Inverse
+            row[answer] = inverse(trials, share, rest, spread).counts(left, random.random(left.shape))
+            left -= row[answer]
+    return counts
+
+
+class Inverse:
+    """Finds the counts that uniform numbers stand for, by search in the table of `distribution`."""
+
+    def __init__(self, trials: int, share: float, rest: float, spread: float) -> None:
+        self._row = trials + 1
+        self._table = distribution(trials, share, rest, spread)
+
+    def counts(self, left: Counts, uniform: Floats) -> Counts:
+        """Of this answer, in `left` remaining trials; same shape."""
+        # Row r of the table begins at r (trials + 1) and its values lie from r to r + 1.
+        places = np.searchsorted(self._table, left + uniform, side="right")
+        return np.asarray(np.minimum(places - left * self._row, left), dtype=np.int64)
+
+
+class Guided(Inverse):
+    """The same counts, most of them without a search (Chen and Asau 1974, On generating random variates from an
+    empirical distribution, AIIE Transactions 6, 163-166).
+
+    The unit interval is cut into cells for every number of remaining trials. Where both ends of a cell stand for one
+    count, so does every number between them; only the others are searched.
+    """
+
+    def __init__(self, trials: int, share: float, rest: float, spread: float) -> None:
+        super().__init__(trials, share, rest, spread)
+        left = np.arange(trials + 1)[:, None]
+        ends = super().counts(left, np.arange(GUIDE + 1) / GUIDE)
+        self._guide = np.where(ends[:, :-1] == ends[:, 1:], ends[:, :-1], -1).ravel()
+
+    def counts(self, left: Counts, uniform: Floats) -> Counts:
+        """Of this answer, in `left` remaining trials; same shape."""
+        cells = (uniform * GUIDE).astype(np.int64)
+        cells += left * GUIDE
+        found = self._guide.take(cells)
+        searched = np.flatnonzero(found < 0)
+        np.put(found, searched, super().counts(left.take(searched), uniform.take(searched)))
+        return found
+
+
+_guided = lru_cache(maxsize=256)(Guided)
+
+
+def distribution(trials: int, share: float, rest: float, spread: float) -> NDArray[np.float64]:
+    """Cumulative distribution of the count of one answer in 0..`trials` remaining trials, row after row.
+
+    Args:
+        trials: most trials that may remain.
+        share: of this answer.
+        rest: of all answers after it.
+        spread: intraclass correlation; 0 makes it binomial.
+
+    Returns:
+        Shape ((trials + 1)^2,), rising: place r (trials + 1) + k holds r + P(count <= k | r remain).
+    """
+    from scipy.special import betaln, xlog1py, xlogy
+
+    left, count = np.arange(trials + 1.0)[:, None], np.arange(trials + 1.0)[None, :]
+    inside = count <= left
+    missed = np.where(inside, left - count, 0.0)
+    ways = -np.log(left + 1) - betaln(missed + 1, count + 1)
+    if spread > 0:
+        a, b = share * (1 / spread - 1), rest * (1 / spread - 1)
+        log_p = ways + betaln(count + a, missed + b) - betaln(a, b)
+    else:
+        p = share / (share + rest)
+        log_p = ways + xlogy(count, p) + xlog1py(missed, -p)
+    below = np.cumsum(np.where(inside, np.exp(log_p), 0.0), axis=1)
+    below[count >= left] = 1.0
+    return np.asarray(np.ravel(left + np.minimum(below, 1.0)), dtype=np.float64)

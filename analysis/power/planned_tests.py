@@ -1,0 +1,226 @@
+"""A protocol's planned tests, as `identification.results` computes them, for many simulated studies at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.statistics import many_studies
+from analysis.statistics.icc import NAMES
+from analysis.statistics.many_studies import Floats, Integers, Ratios
+from experiment.protocol.models import PlannedTest, Protocol
+
+ADJUSTED = "Holm"
+VARIANCE_COMPONENTS = "variance components"
+
+
+@dataclass(frozen=True)
+class PlannedTask:
+    """A task as it is simulated; `of` participants of the study's do it as planned."""
+
+    id: str
+    repetitions: int
+    of: int
+
+
+@dataclass(frozen=True)
+class Design:
+    """What a study consists of and what it tests.
+
+    Args:
+        materials: in the order of the protocol.
+        tasks: in the order of the protocol.
+        participants: as planned.
+        tests: as planned.
+        pairs: task -> the pair of materials that was published for it.
+    """
+
+    materials: tuple[str, ...]
+    tasks: tuple[PlannedTask, ...]
+    participants: int
+    tests: tuple[PlannedTest, ...]
+    pairs: Mapping[str, tuple[str, str]]
+
+    def sizes(self, participants: int) -> tuple[int, ...]:
+        """Participants of each task in a study of so many: in the plan's proportion, rounded, at least one."""
+        return tuple(
+            max(1, (2 * participants * t.of + self.participants) // (2 * self.participants)) for t in self.tasks
+        )
+
+
+@dataclass(frozen=True)
+class Question:
+    """One thing that a planned test asks of each study.
+
+    Args:
+        plan: number of the test in the protocol, from 0.
+        test: its name.
+        tasks: whose answers it takes.
+        subject: the material, the pair, the effect or the form.
+        adjusted: P is adjusted by Holm.
+        alpha: level of P, None where there is no P and the estimate itself is asked for.
+    """
+
+    plan: int
+    test: str
+    tasks: tuple[str, ...]
+    subject: str
+    alpha: float | None
+    adjusted: bool = False
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What every study says to one question, each of shape (studies,); NaN where the values do not define it.
+
+    Args:
+        p: P, or None where there is none.
+        above: whether the mean lies above chance, or None.
+        estimate: the estimate, or None.
+    """
+
+    p: Floats | None = None
+    above: NDArray[np.bool_] | None = None
+    estimate: Floats | None = None
+
+
+def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: float | None = None) -> Design:
+    """What a protocol plans.
+
+    Args:
+        protocol: the study.
+        pairs: task -> the pair of materials that was published for it.
+        alpha: level of every test, instead of the protocol's.
+    """
+    materials = tuple(material.id for material in protocol.materials)
+    changed = {} if alpha is None else {"alpha": alpha}
+    return Design(
+        materials=materials,
+        tasks=tuple(PlannedTask(task.id, task.repetitions, task.participants) for task in protocol.tasks),
+        participants=protocol.study.participants,
+        tests=tuple(test.model_copy(update=changed) for test in protocol.analysis),
+        pairs={task: pair for task, pair in pairs.items() if set(pair) <= set(materials)},
+    )
+
+
+def not_simulated(planned: Design) -> tuple[str, ...]:
+    """One sentence for each planned test that no question stands for."""
+    return tuple(
+        f"Not simulated: {test.test}, form '{test.form}': it names neither variance components nor a form of Shrout "
+        "and Fleiss or of McGraw and Wong."
+        for test in planned.tests
+        if test.test == "ICC" and _form(test) is None
+    )
+
+
+def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Answer]:
+    """Every planned test of every study.
+
+    Args:
+        planned: see `design`.
+        drawn: task -> counts, shape (M, M + 1, studies, participants).
+    """
+    trials = {task.id: task.repetitions for task in planned.tasks}
+    every = {task: many_studies.ratios(counts, trials[task]) for task, counts in drawn.items()}
+    found: dict[Question, Answer] = {}
+    for number, test in enumerate(planned.tests):
+        if test.test == "t against chance":
+            found |= _t(number, test, planned, every)
+        elif test.test == "one-way ANOVA":
+            found |= _one_way(number, test, planned, every)
+        elif test.test == "two-way ANOVA":
+            found |= _two_way(number, test, planned, every)
+        else:
+            found |= _icc(number, test, planned, every, drawn)
+    return found
+
+
+def _t(
+    number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios]
+) -> Iterator[tuple[Question, Answer]]:
+    chance = test.chance if test.chance is not None else 1 / len(planned.materials)
+    for task in test.tasks:
+        correct = _correct(every[task])
+        result = many_studies.t_against_chance(correct, chance)
+        above = correct.means > chance
+        for adjusted, p in ((False, result.p), (True, many_studies.holm(result.p))):
+            for i, material in enumerate(planned.materials):
+                question = Question(number, test.test, (task,), material, test.alpha, adjusted)
+                yield question, Answer(p=p[i], above=above[i])
+
+
+def _one_way(
+    number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios]
+) -> Iterator[tuple[Question, Answer]]:
+    count = len(planned.materials)
+    for task in test.tasks:
+        answers = every[task][:, :count]
+        if pair := planned.pairs.get(task):
+            first, second = (planned.materials.index(material) for material in pair)
+            groups = answers[[first, second, first, second], [first, second, second, first]]
+            subject = f"{pair[0]} and {pair[1]}"
+            yield Question(number, test.test, (task,), subject, test.alpha), Answer(p=many_studies.one_way(groups).p)
+        one, other = many_studies.most_confused(answers)
+        studies = np.arange(len(one))
+        groups = answers[np.stack([one, other, one, other]), np.stack([one, other, other, one]), studies]
+        # As `Confusion.most_confused`: where nothing was ever confused there is no pair to test.
+        p = np.where(one == other, np.nan, many_studies.one_way(groups).p)
+        yield Question(number, test.test, (task,), "most confused in each study", test.alpha), Answer(p=p)
+
+
+def _two_way(
+    number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios]
+) -> Iterator[tuple[Question, Answer]]:
+    correct = [_correct(every[task]) for task in test.tasks]
+    layout = many_studies.crossed(tuple(cells.participants for cells in correct), len(planned.materials))
+    for effect, name in (("A", "task"), ("B", "material"), ("X", "task x material")):
+        for same in layout.same(effect):
+            subject = f"{name}, type{'s' * (len(same) > 1)} {', '.join(same)}"
+            p = many_studies.two_way(layout, correct, effect, same[0]).p
+            yield Question(number, test.test, test.tasks, subject, test.alpha), Answer(p=p)
+
+
+def _icc(
+    number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios], drawn: Mapping[str, Integers]
+) -> Iterator[tuple[Question, Answer]]:
+    form = _form(test)
+    if form == VARIANCE_COMPONENTS:
+        if len(test.tasks) > 1:
+            correct = [_correct(every[task]) for task in test.tasks]
+            sizes = tuple(cells.participants for cells in correct)
+            value = many_studies.variance_component_icc(
+                many_studies.crossed(sizes, len(planned.materials)), correct, sum(sizes)
+            )
+            subject = "variance components, mean over all participants"
+            yield Question(number, test.test, test.tasks, subject, None), Answer(estimate=value)
+    elif form is not None:
+        count = len(planned.materials)
+        for task in test.tasks:
+            counts = drawn[task]
+            cells = counts[:, :count].reshape(count * count, *counts.shape[2:])
+            for matrix, targets in ((f"{count * count} cells", cells), (f"{count} correct ratios", _diagonal(counts))):
+                value, tested = many_studies.icc(targets, form)
+                question = Question(number, test.test, (task,), f"{form} of {matrix}", test.alpha)
+                yield question, Answer(p=tested.p, estimate=value)
+
+
+def _form(test: PlannedTest) -> str | None:
+    """What a planned ICC asks for: a Shrout-Fleiss name, `VARIANCE_COMPONENTS`, or nothing that is known."""
+    text = test.form or ""
+    for name, (also, _) in NAMES.items():
+        if name in text or also in text:
+            return name
+    return VARIANCE_COMPONENTS if VARIANCE_COMPONENTS in text else None
+
+
+def _correct(answers: Ratios) -> Ratios:
+    every = np.arange(len(answers.sums))
+    return answers[every, every]
+
+
+def _diagonal(counts: Integers) -> Integers:
+    every: Sequence[int] = range(len(counts))
+    return counts[every, every]

@@ -1,0 +1,417 @@
+"""The tables of `palpate power`.
+
+The plot of `palpate power`: a panel for each planned test and task. One function a kind of panel; each draws into
+the axes it is given.
+
+What `palpate power` prints and writes.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from math import ceil
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+
+from analysis.documents import page
+from analysis.documents.drawing import COLUMN_STYLE, LINES, Sheet, colour, key, marker, sheet
+from analysis.documents.output import publish
+from analysis.documents.tables import WIDTH, Section, Table, number
+from analysis.documents.tables import text as in_terminal
+from analysis.power.planned_tests import ADJUSTED, Question
+from analysis.power.simulate import LABEL, Kind, Power, Row
+from analysis.power.workers import software
+
+ABOUT_POWER = (
+    "Power: the share of SIMULATED studies in which P lies below alpha, two-tailed. A study whose values define no P "
+    "counts as one that finds nothing."
+)
+IN_BRACKETS = (
+    "In brackets after a share: Wilson's 95 % interval, the Monte Carlo error, which says nothing of what the choice "
+    "model leaves open."
+)
+ABOUT_GUESSING = (
+    "The same when nobody can tell anything: each answer equally likely, no participant unlike another. Every null "
+    "hypothesis holds then, and the share with P below alpha is the type I error. A pair chosen after looking at the "
+    "answers is tested more often wrongly than alpha says, and ratios of one presented material are no independent "
+    "values."
+)
+
+
+def sections(result: Power) -> tuple[Section, ...]:
+    """What was simulated, what is needed, then every number."""
+    return (
+        _studies(result),
+        _needed(result),
+        _by_size(result, "model", "power", "Power by number of participants", ABOUT_POWER),
+        _by_size(result, "guessing", "control", "Control: type I error", ABOUT_GUESSING),
+        *_estimates(result),
+        _undefined(result),
+    )
+
+
+def subject(question: Question) -> str:
+    """What a question asks about, in a few words."""
+    return f"{question.subject} ({ADJUSTED})" if question.adjusted else question.subject
+
+
+def title(question: Question) -> str:
+    """The planned test and its tasks."""
+    return f"{question.test}, {' and '.join(question.tasks)}"
+
+
+def _studies(result: Power) -> Section:
+    shares = [f"{task.id} {task.of} of {result.design.participants}" for task in result.design.tasks]
+    trials = [f"{task.id} {task.repetitions}" for task in result.design.tasks]
+    paragraphs = (
+        f"{result.studies} SIMULATED studies of each size, seed {result.seed}. Study {result.study}; answers from: "
+        f"{result.model.source}.",
+        f"Participants of a task in the proportion of the protocol ({', '.join(shares)}), rounded; repetitions of each "
+        f"material: {', '.join(trials)}. Participants are those whose answers are analysed: nobody withdraws, and no "
+        "exclusion rule is applied. One participant's answers to two materials, or in two tasks, are independent given "
+        "the model.",
+        *(f"{note[0].upper()}{note[1:]}." if not note.endswith(".") else note for note in result.notes),
+    )
+    header = ("task", "presented", *result.design.materials, "none", "spread")
+    rows, records = [], []
+    for task in result.model.tasks:
+        for material, shares_of, spread in zip(result.design.materials, task.shares, task.spread, strict=True):
+            rows.append((task.task, material, *(f"{share:.3f}" for share in shares_of), f"{spread:.3f}"))
+            named = dict(zip((*result.design.materials, "none"), shares_of.tolist(), strict=True))
+            records.append({"task": task.task, "presented": material, **named, "spread": float(spread)})
+    note = "Mean share of each answer; spread: intraclass correlation of one participant's answers to a material."
+    table = Table("Choice model", header, tuple(rows), left=frozenset({0, 1}), notes=(note,))
+    return Section("model", "Simulated studies", paragraphs, (table,), tuple(records))
+
+
+def _needed(result: Power) -> Section:
+    plan = _as_planned(result)
+    rows, brief, records, counted = [], [], [], []
+    for question in result.questions:
+        at, control = result.row(question, plan), result.row(question, plan, "guessing")
+        if question.alpha is None or at is None or control is None:
+            continue
+        needed = result.needed(question)
+        size = f"{_size(needed.likely)} ({_size(needed.earliest)} to {_size(needed.surely)})"
+        counted += [at, control]
+        names = title(question), subject(question)
+        rows.append((*names, f"{question.alpha:g}", _shown(at), _shown(control), size))
+        brief.append((*names, number(at.power), number(control.power), size))
+        records.append(
+            {**_named(question), "participants_planned": plan, "power_planned": at.power,
+             "type_i_error_planned": control.power, "target": result.target, "participants_needed": needed.likely,
+             "at_earliest": needed.earliest, "surely": needed.surely}
+        )  # fmt: skip
+    alphas = ", ".join(dict.fromkeys(f"{question.alpha:g}" for question in result.questions if question.alpha))
+    notes = (
+        f"Power and type I error at n = {plan}, alpha {alphas}. n for {result.target:g}: the smallest of the numbers "
+        f"tried ({_listed(result.participants)}) from which on the power is at least so large, and the same for the "
+        "upper and the lower limit of its Monte Carlo error; -: none of them.",
+    )
+    wanted = f"n for {result.target:g}"
+    left = frozenset({0, 1})
+    of_all = (*notes, IN_BRACKETS)
+    table = Table("", ("test", "of", "alpha", "power", "type I error", wanted), tuple(rows), left=left, notes=of_all)
+    of_brief = (*notes, *_error(counted))
+    short = Table("", ("test", "of", "power", "type I", wanted), tuple(brief), left=left, notes=of_brief)
+    return Section("needed", "Participants needed", (), (table,), tuple(records), (short,))
+
+
+def _by_size(result: Power, kind: Kind, slug: str, name: str, about: str) -> Section:
+    rows = [row for row in result.rows if row.kind == kind and row.question.alpha is not None]
+    questions = list(dict.fromkeys(row.question for row in rows))
+    tables, brief = [], []
+    for group in dict.fromkeys((question.plan, question.tasks) for question in questions):
+        asked = [question for question in questions if (question.plan, question.tasks) == group]
+        tables.append(_sizes_table(result, kind, asked, shown=_shown, notes=(IN_BRACKETS,)))
+        plain = [question for question in asked if not question.adjusted]
+        error = _error([row for row in rows if row.question in plain])
+        brief.append(
+            _sizes_table(result, kind, plain, shown=lambda row: number(row.power if row else None), notes=error)
+        )
+    return Section(slug, name, (about,), tuple(tables), tuple(map(_record, rows)), tuple(brief))
+
+
+def _sizes_table(
+    result: Power,
+    kind: Kind,
+    questions: Sequence[Question],
+    *,
+    shown: Callable[[Row | None], str],
+    notes: tuple[str, ...],
+) -> Table:
+    rows = tuple(
+        (_sizes(result, size), *(shown(result.row(question, size, kind)) for question in questions))
+        for size in result.participants
+    )
+    of_tasks = ", ".join(task.id for task in result.design.tasks)
+    apart = any(len(set(result.design.sizes(size))) > 1 for size in result.participants)
+    sizes = (f"n: of the study ({of_tasks}).",) if apart else ()
+    return Table(title(questions[0]), ("n", *map(subject, questions)), rows, notes=(*sizes, *notes))
+
+
+def _error(rows: Sequence[Row]) -> tuple[str, ...]:
+    """The Monte Carlo error of shares that stand without their intervals; nothing where there is none."""
+    reaches = [
+        reach
+        for row in rows
+        if row.power is not None and row.interval is not None
+        for reach in (row.power - row.interval[0], row.interval[1] - row.power)
+    ]
+    if not reaches:
+        return ()
+    return (
+        f"Monte Carlo error: Wilson's 95 % intervals reach at most {ceil(max(reaches) * 1000) / 1000:.3f} to either "
+        "side, and say nothing of what the choice model leaves open; --out and --json give each.",
+    )
+
+
+def _estimates(result: Power) -> tuple[Section, ...]:
+    rows = [row for row in result.rows if row.tally.estimates is not None]
+    if not rows:
+        return ()
+    shown, records = [], []
+    for row in rows:
+        low, middle, high = row.quantiles or (None, None, None)
+        limits = f"{number(low)} to {number(high)}"
+        name = f"{subject(row.question)}, {' and '.join(row.question.tasks)}"
+        shown.append((name, row.kind, str(row.participants), number(middle), limits))
+        records.append(
+            {**_named(row.question), "answers": row.kind, "participants": row.participants,
+             "studies": row.tally.studies, "undefined": row.tally.undefined, "median": middle, "low": low, "high": high}
+        )  # fmt: skip
+    header = ("form", "answers", "n", "median", "95 % of studies")
+    about = "How far estimates lie apart, which a coefficient without a test of its own has in the place of power."
+    left = frozenset({0, 1})
+    few = tuple(line for line, row in zip(shown, rows, strict=True) if row.participants == _as_planned(result))
+    tables = Table("", header, tuple(shown), left=left), Table("", header, few, left=left)
+    return (Section("estimates", "Estimates of reliability", (about,), tables[:1], tuple(records), tables[1:]),)
+
+
+def _undefined(result: Power) -> Section:
+    rows = [row for row in result.rows if row.tally.undefined]
+    if not rows:
+        return Section("undefined", "Not defined", ("Every test of every study is defined.",))
+    records = tuple(
+        {**_named(row.question), "answers": row.kind, "participants": row.participants,
+         "undefined": row.tally.undefined, "studies": row.tally.studies, "reason": _reason(result, row)}
+        for row in rows
+    )  # fmt: skip
+    header = ("test", "of", "answers", "n", "studies", "share", "because")
+    left = frozenset({0, 1, 2, 6})
+    every = [row for row in rows if not row.question.adjusted]
+    worst: dict[tuple[Question, Kind], Row] = {}
+    for row in every:
+        held = worst.setdefault((row.question, row.kind), row)
+        if row.tally.undefined > held.tally.undefined:
+            worst[row.question, row.kind] = row
+    tables = [
+        Table("", header, tuple(_undefined_line(result, row) for row in some), left=left)
+        for some in (every, [row for row in worst.values() if row.kind == "model"])
+    ]
+    about = "Studies whose values define no statistic, of all that were simulated; they count as finding nothing."
+    say = "Below, where that was most often." if len(every) > len(worst) else ""
+    brief = replace(tables[1], title=say)
+    return Section("undefined", "Not defined", (about,), (tables[0],), records, (brief,))
+
+
+def _undefined_line(result: Power, row: Row) -> tuple[str, ...]:
+    return (
+        title(row.question),
+        subject(row.question),
+        row.kind,
+        str(row.participants),
+        str(row.tally.undefined),
+        f"{row.tally.undefined / row.tally.studies:.4f}",
+        _reason(result, row),
+    )
+
+
+def _reason(result: Power, row: Row) -> str:
+    sizes = dict(zip((task.id for task in result.design.tasks), result.design.sizes(row.participants), strict=True))
+    if all(sizes[task] < 2 for task in row.question.tasks):
+        return "one participant"
+    return "no variance"
+
+
+def _record(row: Row) -> Mapping[str, object]:
+    low, high = row.interval or (None, None)
+    return {
+        **_named(row.question),
+        "answers": row.kind,
+        "participants": row.participants,
+        "studies": row.tally.studies,
+        "significant": row.tally.significant,
+        "of_these_above_chance": row.tally.above,
+        "undefined": row.tally.undefined,
+        "share": row.power,
+        "low": low,
+        "high": high,
+    }
+
+
+def _named(question: Question) -> dict[str, object]:
+    return {
+        "planned_test": question.plan + 1,
+        "test": question.test,
+        "tasks": " ".join(question.tasks),
+        "of": question.subject,
+        "p": ADJUSTED if question.adjusted else "unadjusted",
+        "alpha": question.alpha,
+    }
+
+
+def _shown(row: Row | None) -> str:
+    if row is None or row.power is None or row.interval is None:
+        return "-"
+    return f"{row.power:.3f} ({row.interval[0]:.3f}-{row.interval[1]:.3f})"
+
+
+def _size(size: int | None) -> str:
+    return "-" if size is None else str(size)
+
+
+def _sizes(result: Power, size: int) -> str:
+    """A size, with those of the tasks where they differ."""
+    of_tasks = result.design.sizes(size)
+    return str(size) if set(of_tasks) == {size} else f"{size} ({', '.join(map(str, of_tasks))})"
+
+
+def _as_planned(result: Power) -> int:
+    """The protocol's number of participants, or of those tried the one that is nearest to it."""
+    return min(result.participants, key=lambda size: (abs(size - result.design.participants), size))
+
+
+def _listed(sizes: tuple[int, ...]) -> str:
+    if len(sizes) > 2 and sizes == tuple(range(sizes[0], sizes[-1] + 1)):
+        return f"{sizes[0]} to {sizes[-1]}"
+    return ", ".join(map(str, sizes))
+
+
+PANEL_IN = 1.75
+"""Height of a panel without its legend."""
+
+LINE_IN = 0.13
+LETTERS = 24
+"""Of a line of a legend of two columns."""
+
+QUIET = "#57606a"
+
+
+def plot(result: Power) -> Sheet:
+    """Power against participants with its Monte Carlo interval, and how far estimates of reliability lie apart."""
+    panels: dict[tuple[int, tuple[str, ...]], list[Question]] = {}
+    for question in result.questions:
+        if not question.adjusted:
+            panels.setdefault((question.plan, question.tasks), []).append(question)
+    with mpl.rc_context(COLUMN_STYLE):
+        heights = [PANEL_IN + _legend_in(questions) for questions in panels.values()]
+        drawn, every = sheet(heights, "Power, with its Monte Carlo interval", LABEL)
+        for axes, questions in zip(every, panels.values(), strict=True):
+            (estimates if questions[0].alpha is None else powers)(axes, result, questions)
+        said = "Power of each planned test by number of participants; bands: Wilson's 95 % interval."
+        return Sheet("power", "power", said, drawn)
+
+
+def powers(axes: Axes, result: Power, questions: Sequence[Question]) -> None:
+    """Power of each question by number of participants, the band its Monte Carlo interval."""
+    for i, question in enumerate(questions):
+        rows = _rows(result, question)
+        limits = [row.interval or (0.0, 0.0) for row in rows]
+        values = [(low, row.power or 0.0, high) for row, (low, high) in zip(rows, limits, strict=True)]
+        _curve(axes, i, [row.participants for row in rows], values, _name(question))
+    for level, style, name in ((result.target, "--", "target"), (questions[0].alpha or 0.0, ":", "alpha")):
+        axes.axhline(level, color=QUIET, linestyle=style, linewidth=0.8)
+        beside = axes.get_yaxis_transform()
+        axes.text(1.01, level, f"{name}\n{level:g}", transform=beside, va="center", color=QUIET)
+    axes.set_ylim(0, 1.02)
+    _frame(axes, result, questions, "power")
+
+
+def estimates(axes: Axes, result: Power, questions: Sequence[Question]) -> None:
+    """Median of the estimates of each question by number of participants, the band 95 % of the studies."""
+    for i, question in enumerate(questions):
+        rows = [row for row in _rows(result, question) if row.quantiles]
+        values = [row.quantiles or (0.0, 0.0, 0.0) for row in rows]
+        _curve(axes, i, [row.participants for row in rows], values, _name(question))
+    axes.set_ylim(top=1.02)
+    _frame(axes, result, questions, "estimate: median, 95 %")
+
+
+def _curve(axes: Axes, i: int, sizes: Sequence[int], values: Sequence[tuple[float, float, float]], label: str) -> None:
+    axes.fill_between(sizes, [v[0] for v in values], [v[2] for v in values], color=colour(i), alpha=0.25, linewidth=0)
+    axes.plot(
+        sizes,
+        [v[1] for v in values],
+        LINES[i % len(LINES)],
+        color=colour(i),
+        marker=marker(i),
+        markersize=3.5,
+        clip_on=False,
+        label=label,
+    )
+
+
+def _frame(axes: Axes, result: Power, questions: Sequence[Question], what: str) -> None:
+    axes.set_xlim(0, max(result.participants) * 1.03)
+    axes.set_xlabel("participants of the study", labelpad=1)
+    axes.set_ylabel(what)
+    key(axes, title=title(questions[0]))
+
+
+def _name(question: Question) -> str:
+    return textwrap.fill(subject(question), LETTERS)
+
+
+def _legend_in(questions: Sequence[Question]) -> float:
+    """Height of the legend: its title, and rows as high as their longest name."""
+    lines = [_name(question).count("\n") + 1 for question in questions]
+    half = ceil(len(lines) / 2)
+    return LINE_IN * (2 + max(sum(lines[:half]), sum(lines[half:])))
+
+
+def _rows(result: Power, question: Question) -> list[Row]:
+    return [row for size in result.participants if (row := result.row(question, size))]
+
+
+def text(result: Power, width: int = WIDTH) -> str:
+    """Everything for a terminal; what is needed stands last."""
+    parts = sorted(sections(result), key=lambda section: section.slug == "needed")
+    shown = [in_terminal(section, width) for section in parts if section.slug != "control"]
+    return "\n\n\n".join([LABEL, *shown, LABEL])
+
+
+def as_dict(result: Power) -> dict[str, Any]:
+    """Every number, for JSON: None where something is not defined."""
+    return {
+        "label": LABEL,
+        "study": result.study,
+        "model": result.model.source,
+        "notes": list(result.notes),
+        "participants": list(result.participants),
+        "studies": result.studies,
+        "seed": result.seed,
+        "target": result.target,
+        "software": software(),
+        **{f"{section.slug}_rows": [dict(record) for record in section.records] for section in sections(result)},
+    }
+
+
+def write(result: Power, out: Path) -> tuple[Path, ...]:
+    """Write tables (CSV, Markdown, LaTeX) and the plot (PNG, SVG) into a folder.
+
+    Returns:
+        The files.
+
+    Raises:
+        DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
+    """
+    pass  # MOVED
+
+    files = page.tables(sections(result), LABEL) | page.drawings([plot(result)])
+    return publish(out, files, LABEL, "power")

@@ -1,0 +1,295 @@
+"""How many participants a study needs: the power of each planned test, from whole simulated studies.
+
+Every chunk of studies draws from a stream of its own, named by the seed, the model, the number of participants and the
+chunk's number. Power at a number of participants is therefore the same whatever other numbers are tried beside it,
+however many cores work, and on which machine.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
+from typing import Literal
+
+import numpy as np
+
+from analysis.power.choice_models import ChoiceModel, draw, guessing
+from analysis.power.planned_tests import Answer, Design, Question, answer, not_simulated
+from analysis.statistics.intervals import wilson
+from experiment.errors import PowerError
+from experiment.protocol.models import Protocol
+
+LABEL = "SIMULATED studies"
+"""No participant took part in any of these; stands on everything."""
+
+Kind = Literal["model", "guessing"]
+KINDS: tuple[Kind, ...] = ("model", "guessing")
+"""Answers as the choice model says, and the control under which every null hypothesis holds."""
+
+CHUNK_STUDIES = 1000
+CHUNK_CELLS = 2_000_000
+"""A chunk holds so many studies, fewer where their counts would be more than these."""
+
+MOST_PARTICIPANTS = 1000
+MOST_STUDIES = 1_000_000
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Studies of one size under one model, to be simulated in one go."""
+
+    design: Design
+    model: ChoiceModel
+    kind: Kind
+    participants: int
+    number: int
+    studies: int
+    seed: int
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What studies said to one question.
+
+    Args:
+        studies: how many.
+        significant: P below alpha; 0 where there is no P.
+        above: of these, with a mean above chance; None where chance has no part in it.
+        undefined: P, or without one the estimate, is not defined. They count as not significant.
+        estimates: in the order of the studies, those that are defined; None where nothing is estimated.
+    """
+
+    studies: int
+    significant: int
+    above: int | None
+    undefined: int
+    estimates: array[float] | None = None
+
+
+@dataclass(frozen=True)
+class Row:
+    """One question at one number of participants under one model."""
+
+    question: Question
+    kind: Kind
+    participants: int
+    tally: Tally
+
+    @property
+    def power(self) -> float | None:
+        """Share of all studies with P below alpha; None where there is no P."""
+        return None if self.question.alpha is None else self.tally.significant / self.tally.studies
+
+    @cached_property
+    def interval(self) -> tuple[float, float] | None:
+        """Wilson's interval of the power: its Monte Carlo error."""
+        if self.question.alpha is None:
+            return None
+        limits = wilson(self.tally.significant, self.tally.studies)
+        return limits.low, limits.high
+
+    @cached_property
+    def quantiles(self) -> tuple[float, float, float] | None:
+        """2.5 %, 50 % and 97.5 % of the estimates; None where there is none."""
+        if not self.tally.estimates:
+            return None
+        low, middle, high = np.quantile(self.tally.estimates, (0.025, 0.5, 0.975)).tolist()
+        return low, middle, high
+
+
+@dataclass(frozen=True)
+class Needed:
+    """Smallest of the numbers tried at which a question's power reaches the target, and stays there; None: none does.
+
+    Args:
+        question: whose.
+        likely: where the estimate does.
+        earliest: where the upper Monte Carlo limit does.
+        surely: where the lower one does.
+    """
+
+    question: Question
+    likely: int | None
+    earliest: int | None
+    surely: int | None
+
+
+@dataclass(frozen=True)
+class Power:
+    """What was simulated, and what came out."""
+
+    study: str
+    design: Design
+    model: ChoiceModel
+    participants: tuple[int, ...]
+    studies: int
+    seed: int
+    target: float
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def questions(self) -> tuple[Question, ...]:
+        """In the order of the protocol."""
+        return tuple(dict.fromkeys(row.question for row in self.rows))
+
+    def row(self, question: Question, participants: int, kind: Kind = "model") -> Row | None:
+        """One row; None where this question is not asked at this number of participants."""
+        return self._places.get((question, participants, kind))
+
+    @cached_property
+    def _places(self) -> dict[tuple[Question, int, Kind], Row]:
+        return {(row.question, row.participants, row.kind): row for row in self.rows}
+
+    def needed(self, question: Question) -> Needed:
+        """How many participants reach the target."""
+        rows = [row for size in self.participants if (row := self.row(question, size))]
+        low = {row.participants: row.interval[0] for row in rows if row.interval}
+        high = {row.participants: row.interval[1] for row in rows if row.interval}
+        likely = {row.participants: row.power for row in rows if row.power is not None}
+        return Needed(question, *(_reached(values, self.target) for values in (likely, high, low)))
+
+
+Runner = Callable[
+    [Callable[[Chunk], dict[Question, Tally]], Sequence[Chunk]], Iterator[tuple[int, dict[Question, Tally]]]
+]
+"""Does chunks somewhere, and gives back results with their places, in any order."""
+
+
+def run(
+    protocol: Protocol,
+    planned: Design,
+    model: ChoiceModel,
+    *,
+    participants: Sequence[int],
+    studies: int,
+    seed: int,
+    target: float,
+    runner: Runner,
+    total: Callable[[int], None] = lambda _: None,
+    tick: Callable[[], None] = lambda: None,
+) -> Power:
+    """Simulate studies of every size, and test each as planned.
+
+    Args:
+        protocol: the study.
+        planned: what it tests.
+        model: how participants answer.
+        participants: of the study, each a size to try.
+        studies: of each size, under each model.
+        seed: names every draw.
+        target: power wanted.
+        runner: does the chunks.
+        total: told how many chunks there are.
+        tick: called after each.
+
+    Raises:
+        PowerError: a size or a number of studies beyond what is allowed; or what `runner` raises.
+    """
+    sizes = tuple(sorted(set(participants)))
+    _check(sizes, studies, planned)
+    chunks = list(_chunks(planned, {"model": model, "guessing": guessing(protocol)}, sizes, studies, seed))
+    total(len(chunks))
+    done: dict[int, dict[Question, Tally]] = {}
+    for place, tallies in runner(simulate, chunks):
+        done[place] = tallies
+        tick()
+    rows: dict[tuple[Kind, int], dict[Question, list[Tally]]] = {}
+    for place, chunk in enumerate(chunks):
+        held = rows.setdefault((chunk.kind, chunk.participants), {})
+        for question, tally in done[place].items():
+            held.setdefault(question, []).append(tally)
+    return Power(
+        study=protocol.study.id,
+        design=planned,
+        model=model,
+        participants=sizes,
+        studies=studies,
+        seed=seed,
+        target=target,
+        rows=tuple(
+            Row(question, kind, size, _together(tallies))
+            for (kind, size), questions in rows.items()
+            for question, tallies in questions.items()
+        ),
+        notes=(*model.notes, *not_simulated(planned)),
+    )
+
+
+def simulate(chunk: Chunk) -> dict[Question, Tally]:
+    """Draw the studies of one chunk and count what their tests say."""
+    key = (KINDS.index(chunk.kind), chunk.participants, chunk.number)
+    random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(chunk.seed, spawn_key=key)))
+    drawn = {
+        task.id: draw(answers, trials=task.repetitions, participants=size, studies=chunk.studies, random=random)
+        for task, answers, size in zip(
+            chunk.design.tasks, chunk.model.tasks, chunk.design.sizes(chunk.participants), strict=True
+        )
+    }
+    return {question: _tally(question, found) for question, found in answer(chunk.design, drawn).items()}
+
+
+def _chunks(
+    planned: Design, models: dict[Kind, ChoiceModel], sizes: Sequence[int], studies: int, seed: int
+) -> Iterator[Chunk]:
+    materials = len(planned.materials)
+    for kind, model in models.items():
+        for size in sizes:
+            cells = materials * (materials + 1) * sum(planned.sizes(size))
+            most = max(1, min(CHUNK_STUDIES, CHUNK_CELLS // cells))
+            for number, first in enumerate(range(0, studies, most)):
+                yield Chunk(planned, model, kind, size, number, min(most, studies - first), seed)
+
+
+def _tally(question: Question, found: Answer) -> Tally:
+    if question.alpha is not None and found.p is not None:
+        significant = found.p < question.alpha
+        undefined = np.isnan(found.p)
+        above = None if found.above is None else int(np.count_nonzero(significant & found.above))
+        hits, studies = int(np.count_nonzero(significant)), len(found.p)
+    elif found.estimate is not None:
+        undefined, above, hits, studies = np.isnan(found.estimate), None, 0, len(found.estimate)
+    estimates = None if found.estimate is None else array("d", found.estimate[~np.isnan(found.estimate)])
+    return Tally(studies, hits, above, int(np.count_nonzero(undefined)), estimates)
+
+
+def _together(tallies: Sequence[Tally]) -> Tally:
+    estimates = [tally.estimates for tally in tallies if tally.estimates is not None]
+    above = [tally.above for tally in tallies if tally.above is not None]
+    return Tally(
+        studies=sum(tally.studies for tally in tallies),
+        significant=sum(tally.significant for tally in tallies),
+        above=sum(above) if above else None,
+        undefined=sum(tally.undefined for tally in tallies),
+        estimates=array("d", chain.from_iterable(estimates)) if estimates else None,
+    )
+
+
+def _reached(values: dict[int, float], target: float) -> int | None:
+    """The smallest size from which on every larger one reaches the target too."""
+    found = None
+    for size in sorted(values, reverse=True):
+        if values[size] < target:
+            break
+        found = size
+    return found
+
+
+def _check(sizes: Sequence[int], studies: int, planned: Design) -> None:
+    if not sizes or sizes[0] < 1 or sizes[-1] > MOST_PARTICIPANTS:
+        got = ", ".join(map(str, sizes)) or "none"
+        raise PowerError(
+            f"--participants: got {got}; allowed: numbers from 1 to {MOST_PARTICIPANTS}; give some of these"
+        )
+    if not 1 <= studies <= MOST_STUDIES:
+        raise PowerError(f"--studies {studies}: allowed: 1 to {MOST_STUDIES}; give a number between them")
+    for task in planned.tasks:
+        answers = len(planned.materials) ** 2 * sizes[-1] * task.repetitions
+        if answers >= 2**31:
+            raise PowerError(
+                f"--participants {sizes[-1]}: got {answers} answers to task {task.id} in one study's matrix; allowed: "
+                f"fewer than {2**31}, whose squares are exact; try fewer participants"
+            )

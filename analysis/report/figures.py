@@ -1,0 +1,455 @@
+"""Results -> every figure of an analysis, with its name, the section in which it stands, and what it shows.
+
+Figures of answers: correct ratios (Okamoto, Fig. 11), confusion matrices of a task and of each participant, maps of
+the materials, and confusion against dissimilarity (Fig. 13).
+
+One function a figure; each draws into the axes it is given.
+
+Figures of the course of a study: learning and speed curves, onset errors, masker levels. One function a figure; each
+draws into the axes it is given.
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from math import ceil
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from analysis.documents.drawing import (
+    COLOURS,
+    COLUMN_MM,
+    COLUMN_STYLE,
+    HATCHES,
+    LETTER_INCHES,
+    LINES,
+    MARKERS,
+    PAGE_MM,
+    SHADES,
+    Sheet,
+    colour,
+    key,
+    marker,
+    pale,
+    sheet,
+    short,
+    told_apart,
+)
+from analysis.documents.tables import number_of
+from analysis.identification.identify import Identification
+from analysis.identification.results import Results, TaskResult
+from analysis.identification.time_course import MaskerLevels, OnsetErrors, SpeedBin, Window
+from experiment.records.events import NO_ANSWER
+
+ACROSS = 5
+"""Participants beside one another on a page of panels."""
+
+PANEL_LETTERS = 10
+"""Letters above a participant's panel; where a label leaves no room for the share, that stands below it."""
+
+DOTS = 50
+"""More participants than this are not drawn as dots, which would cover the bar."""
+
+DARK = 0.6
+"""Above this ratio a cell is so dark that its text is white."""
+
+
+def correct_ratios(axes: Axes, tasks: Sequence[TaskResult]) -> None:
+    """Correct answer ratios for each material and task: mean, SD, stars and every participant."""
+    materials = tasks[0].confusion.materials
+    width = 0.8 / len(tasks)
+    for index, task in enumerate(tasks):
+        _bars(axes, task, index, width, (index - (len(tasks) - 1) / 2) * width)
+    for chance in sorted({task.chance for task in tasks}):
+        axes.axhline(chance, color="black", linestyle="--", linewidth=0.8, label=f"chance, {chance:.3g}")
+    _names(axes, materials)
+    axes.set_ylim(0, 1.18)
+    axes.set_yticks(np.linspace(0, 1, 6))
+    axes.set_ylabel("correct answer ratio")
+    key(axes)
+
+
+def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
+    """Mean answer ratios of one task as a heat map; each cell says mean and SD where there is room for them."""
+    matrix = task.confusion
+    answers = (*matrix.materials, NO_ANSWER)[: len(matrix.materials) + unanswered]
+    axes.pcolormesh(matrix.means()[:, : len(answers)], cmap=SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
+    axes.invert_yaxis()
+    room = (_width(axes) - 0.9) / len(answers)
+    for i in range(len(matrix.materials)):
+        for j in range(len(answers)):
+            _cell(axes, task, i, j, room)
+    letters = max(int(room / LETTER_INCHES), 6)
+    slanted = any(len(word) > letters for answer in answers for word in answer.split())
+    turned: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
+    shown = [answer if slanted else textwrap.fill(answer, letters) for answer in answers]
+    axes.set_xticks(np.arange(len(answers)) + 0.5, [short(name, 26) for name in shown], **turned)
+    names = [textwrap.fill(short(material, 26), 14) for material in matrix.materials]
+    axes.set_yticks(np.arange(len(names)) + 0.5, names)
+    axes.tick_params(length=0)
+    axes.set_xlabel("answered")
+    axes.set_ylabel("presented")
+    axes.set_title(f"{short(task.task.title, 40)} (n = {len(matrix.participants)})")
+    axes.spines[:].set_visible(False)
+
+
+def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
+    """Every participant's own matrix, from `first` up to but not `last`: label and share right above each.
+
+    Rows are presented materials and columns answers, in the order of the tables; a material that a participant was
+    not presented stays white.
+    """
+    matrix = task.confusion
+    size, answers = len(matrix.materials), len(matrix.materials) + bool(matrix.unanswered)
+    step = (answers + 1, size + 2.2 * size / 4)
+    shown = told_apart(matrix.participants, PANEL_LETTERS)
+    between = ": " if max(map(len, shown)) <= PANEL_LETTERS - 5 else "\n"
+    for place, index in enumerate(range(first, last)):
+        x, y = place % ACROSS * step[0], place // ACROSS * step[1]
+        counts, trials = matrix.counts[index, :, :answers], matrix.trials[index]
+        ratios = np.where(trials[:, None] > 0, counts / np.maximum(trials, 1)[:, None], np.nan)
+        edges = x + np.arange(answers + 1), y + np.arange(size + 1)
+        axes.pcolormesh(*edges, ratios, cmap=SHADES, vmin=0, vmax=1, edgecolors="#c9ced6", linewidth=0.25)
+        right = float(np.trace(counts[:, :size]) / trials.sum())
+        axes.text(x, y - 0.08 * size, f"{shown[index]}{between}{right:.2f}", ha="left", va="bottom")
+    axes.set_xlim(-0.1, ACROSS * step[0] - 0.9)
+    axes.set_ylim(ceil((last - first) / ACROSS) * step[1] - step[1] + size + 0.1, -0.55 * size)
+    axes.set_axis_off()
+
+
+def material_map(axes: Axes, one: Identification, materials: Sequence[str]) -> None:
+    """Materials as points, the closer the more they were taken for one another."""
+    points = one.scaling.points if one.scaling else np.zeros((0, 2))
+    for index, (material, point) in enumerate(zip(materials, points, strict=True)):
+        axes.plot(*point, marker(index), color=colour(index), label=short(material, 24))
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.15)
+    axes.set_xlabel("first axis")
+    axes.set_ylabel(f"{one.task}: second axis")
+
+
+def against_dissimilarity(axes: Axes, found: Mapping[str, Sequence[tuple[float, float]]], source: str) -> None:
+    """Confusing ratios against the dissimilarity of the two materials.
+
+    Args:
+        axes: to draw into.
+        found: name of a series -> dissimilarity and ratio of each of its points.
+        source: of the dissimilarities.
+    """
+    for index, (name, points) in enumerate(found.items()):
+        x, y = zip(*points, strict=True)
+        axes.plot(x, y, marker(index), color=colour(index), markersize=4, alpha=0.8, label=name, clip_on=False)
+    said = f"dissimilarity of the spectra ({source})"
+    axes.set_xlabel(textwrap.fill(said, int((_width(axes) - 0.6) / LETTER_INCHES)))
+    axes.set_ylabel("confusing answer ratio")
+    axes.set_xlim(0)
+    axes.set_ylim(0)
+    key(axes, columns=1)
+
+
+def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) -> None:
+    matrix = task.confusion
+    hue = colour(index)
+    named = False
+    for place, test in enumerate(task.tests):
+        result = test.result
+        if result.mean is None:
+            continue
+        x = place + shift
+        axes.bar(
+            x,
+            result.mean,
+            width * 0.92,
+            facecolor=pale(hue),
+            edgecolor=hue,
+            hatch=HATCHES[index % len(HATCHES)],
+            label=None if named else f"{task.task.id} (n = {len(matrix.participants)})",
+        )
+        named = True
+        values = [float(value) for value in matrix.ratios(place, place).values()]
+        if len(values) <= DOTS:
+            spread = np.linspace(-0.28, 0.28, len(values)) * width if len(values) > 1 else np.zeros(1)
+            axes.plot(x + spread, values, ".", color="black", markersize=2.5, alpha=0.6, clip_on=False)
+        if result.sd is not None:
+            axes.errorbar(x, result.mean, yerr=result.sd, color="black", capsize=2.5, linewidth=1.0)
+        top = max(1.0, *values, min(result.mean + (result.sd or 0.0), 1.1))
+        axes.text(x, top + 0.01, result.stars, ha="center", va="bottom")
+
+
+def _cell(axes: Axes, task: TaskResult, i: int, j: int, room: float) -> None:
+    mean, sd = task.confusion.mean(i, j), task.confusion.sd(i, j)
+    whole = room >= 8 * LETTER_INCHES
+    if mean is None:
+        text = "not\nshown" if whole else "-"
+    elif room < 4.5 * LETTER_INCHES:
+        return
+    else:
+        stars = task.tests[i].result.stars if i == j and whole else ""
+        text = f"{mean:.2f}{stars}" + ("" if sd is None or not whole else f"\n± {sd:.2f}")
+    ink = "white" if mean is not None and mean > DARK else "black"
+    axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=ink)
+
+
+def _names(axes: Axes, materials: Sequence[str]) -> None:
+    """Names of the materials below their places: broken between words where that does, else slanted."""
+    letters = int((_width(axes) - 0.5) / len(materials) / LETTER_INCHES) - 1
+    shown = [short(material, 26) for material in materials]
+    if any(len(word) > letters for name in shown for word in name.split()):
+        axes.set_xticks(range(len(shown)), shown, rotation=40, ha="right", rotation_mode="anchor")
+    else:
+        axes.set_xticks(range(len(shown)), [textwrap.fill(name, letters) for name in shown])
+
+
+def _width(axes: Axes) -> float:
+    figure = axes.get_figure(root=True)
+    return float(figure.get_figwidth()) if figure else COLUMN_MM / 25.4
+
+
+NAMED = 20
+"""More participants than this stand in order of their level, without their labels."""
+
+TICK_LETTERS = 12
+"""Letters of a participant's label below an axis."""
+
+BINS = 40
+"""Most bins of the histogram of onset errors."""
+
+
+def learning(axes: Axes, curves: Mapping[str, Sequence[Window]], chances: Mapping[str, float]) -> None:
+    """Share of right answers in a running window of trials, each point at the window's middle."""
+    for index, (task, windows) in enumerate(curves.items()):
+        colour, line = COLOURS[index % len(COLOURS)], LINES[index % len(LINES)]
+        x = [(one.first + one.last) / 2 for one in windows]
+        axes.plot(x, [one.right / one.trials for one in windows], line, color=colour, label=task, marker=_dot(x))
+        known = [(place, one.interval) for place, one in zip(x, windows, strict=True) if one.interval]
+        if known:
+            places = [place for place, _ in known]
+            lows, highs = [limits.low for _, limits in known], [limits.high for _, limits in known]
+            axes.fill_between(places, lows, highs, color=colour, alpha=0.2, linewidth=0)
+    _ratios(axes, chances)
+    axes.set_xlabel("trial number, middle of the window")
+
+
+def speed(axes: Axes, curves: Mapping[str, Sequence[SpeedBin]], chances: Mapping[str, float]) -> None:
+    """Share of right answers in bins of the foot's speed, each point at the mean speed of its steps."""
+    for index, (task, bins) in enumerate(curves.items()):
+        shares = np.array([one.right / one.trials for one in bins])
+        lows, highs = (np.array([getattr(one.interval, end) for one in bins]) for end in ("low", "high"))
+        axes.errorbar(
+            [one.mean_mm_s for one in bins],
+            shares,
+            yerr=np.abs([shares - lows, highs - shares]),
+            color=COLOURS[index % len(COLOURS)],
+            linestyle=LINES[index % len(LINES)],
+            marker=MARKERS[index % len(MARKERS)],
+            markersize=3.5,
+            capsize=2,
+            label=task,
+        )
+    _ratios(axes, chances)
+    axes.set_xlabel("speed of the foot (mm/s)")
+
+
+def onset_errors(axes: Axes, found: Mapping[str, OnsetErrors]) -> None:
+    """Histogram of measured onset minus contact, the same bins for every task."""
+    everything = np.concatenate([one.errors_ms for one in found.values()])
+    edges = np.histogram_bin_edges(everything, bins=_bins(everything))
+    for index, (task, one) in enumerate(found.items()):
+        colour = COLOURS[index % len(COLOURS)]
+        spread = "" if one.sd_ms is None else f" ± {one.sd_ms:.2f}"
+        axes.hist(
+            one.errors_ms,
+            bins=edges.tolist(),
+            histtype="stepfilled",
+            facecolor="none" if index else pale(colour),
+            edgecolor=colour,
+            hatch=HATCHES[index % len(HATCHES)],
+            linestyle=LINES[index % len(LINES)],
+            label=f"{task}: {one.mean_ms:.2f}{spread} ms, {number_of(len(one.errors_ms), 'trial')}",
+        )
+    axes.axvline(0, color="black", linestyle="--", linewidth=0.8)
+    axes.set_xlabel("measured onset minus contact (ms)")
+    axes.set_ylabel("trials")
+    key(axes, columns=1)
+
+
+def masker_levels(axes: Axes, found: Mapping[str, Sequence[MaskerLevels]]) -> None:
+    """Median level of every participant, with the lowest and highest of the trials."""
+    order = list(dict.fromkeys(one.participant for levels in found.values() for one in levels))
+    named = len(order) <= NAMED
+    for index, (task, levels) in enumerate(found.items()):
+        shown = levels if named else sorted(levels, key=lambda one: one.median_db_a)
+        x = [order.index(one.participant) if named else rank for rank, one in enumerate(shown)]
+        middle = np.array([one.median_db_a for one in shown])
+        reach = np.array([[m - one.low_db_a, one.high_db_a - m] for m, one in zip(middle, shown, strict=True)]).T
+        axes.errorbar(
+            np.array(x) + 0.12 * (index - (len(found) - 1) / 2),
+            middle,
+            yerr=reach,
+            fmt=MARKERS[index % len(MARKERS)],
+            color=COLOURS[index % len(COLOURS)],
+            markersize=3,
+            linewidth=0.7,
+            label=task,
+        )
+    if named:
+        shown_as = told_apart(order, TICK_LETTERS)
+        longest = max(map(len, shown_as))
+        turned: Any = {"rotation": 90} if longest * len(order) > 40 else {}
+        axes.set_xticks(range(len(order)), shown_as, **turned)
+    axes.set_xlabel("participant" if named else "participants, in order of their level")
+    axes.set_ylabel("masker (dB(A))")
+    key(axes)
+
+
+def _bins(values: NDArray[np.float64]) -> int:
+    """As many as Freedman and Diaconis (1981) would have, a bin 2 IQR / n^(1/3) wide; never more than `BINS`.
+
+    Counted before any is made: one value far out asks for millions.
+    """
+    low, high = np.quantile(values, (0.25, 0.75))
+    width, reach = float(2 * (high - low) / values.size ** (1 / 3)), float(np.ptp(values))
+    if width:
+        return ceil(min(reach / width, BINS))
+    return BINS if reach else 1
+
+
+def _ratios(axes: Axes, chances: Mapping[str, float]) -> None:
+    for chance in sorted(set(chances.values())):
+        axes.axhline(chance, color="black", linestyle="--", linewidth=0.8, label=f"chance, {chance:.3g}")
+    axes.set_ylim(0, 1.02)
+    axes.set_yticks(np.linspace(0, 1, 6))
+    axes.set_ylabel("correct answer ratio")
+    key(axes)
+
+
+def _dot(points: Sequence[float]) -> str:
+    """A line through a single point would not be seen."""
+    return "o" if len(points) == 1 else ""
+
+
+FEW = 5
+"""Materials that stand beside one another within a column of a journal; more take the width of two."""
+
+PAGE = 25
+"""Participants on a page of panels."""
+
+PAGES = 4
+"""Most pages of panels of one task."""
+
+ELSEWHERE = "The numbers stand in the tables here."
+
+
+def sheets(results: Results, label: str) -> tuple[Sheet, ...]:
+    """Every figure there are numbers for.
+
+    Args:
+        results: at least one task.
+        label: of the dataset; empty for a study's own data.
+    """
+    with mpl.rc_context(COLUMN_STYLE):
+        return (*_answers(results, label), *_course(results, label))
+
+
+def _answers(results: Results, label: str) -> Iterator[Sheet]:
+    tasks = results.tasks
+    count = len(tasks[0].confusion.materials)
+    width = COLUMN_MM if count <= FEW else PAGE_MM
+    figure, (axes,) = sheet([2.4], "Correct answers: mean ± SD", label, width)
+    correct_ratios(axes, tasks)
+    said = "Correct answer ratios per material and task (as Fig. 11 of Okamoto et al.). Bars: mean; whiskers: standard "
+    said += f"deviation among participants; dots: participants, where there are at most {DOTS}; stars: above "
+    said += "chance."
+    yield Sheet("correct-ratios", "tests", f"{said} {ELSEWHERE}", figure)
+
+    unanswered = any(task.confusion.unanswered for task in tasks)
+    height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else 0.32 * count + 1.4
+    figure, panels = sheet([height] * len(tasks), "Answer ratios: means among participants", label, width)
+    for axes, task in zip(panels, tasks, strict=True):
+        confusion(axes, task, unanswered=unanswered)
+    said = (
+        "Mean answer ratios as heat maps, from 0 (white) to 1 (dark), with the standard deviation where there is room."
+    )
+    yield Sheet("confusion", "confusion", f"{said} {ELSEWHERE}", figure)
+
+    for task in tasks:
+        yield from _participants(task, label)
+
+    found = [one for one in results.identifications if one.scaling]
+    if found:
+        figure, panels = sheet([2.6] * len(found), "Map of the materials, from their confusions", label)
+        for axes, one in zip(panels, found, strict=True):
+            material_map(axes, one, tasks[0].confusion.materials)
+        key(panels[0])
+        said = "Materials as points: the closer two are, the more they were taken for one another."
+        yield Sheet("map", "confusions", f"{said} Classical scaling of their confusions.", figure)
+
+    if confusing := _confusing(results):
+        figure, (axes,) = sheet([2.5], "Confusing answers and dissimilarity of spectra", label)
+        against_dissimilarity(axes, confusing, results.dissimilarities.source)
+        said = "Confusing answer ratios against the dissimilarity of spectra (as Fig. 13 of Okamoto et al.)."
+        yield Sheet("dissimilarity", "confusions", said, figure)
+
+
+def _participants(task: TaskResult, label: str) -> Iterator[Sheet]:
+    people, count = len(task.confusion.participants), len(task.confusion.materials)
+    shown = min(people, PAGES * PAGE)
+    for page, first in enumerate(range(0, shown, PAGE), start=1):
+        last = min(first + PAGE, shown)
+        title = f"{task.task.id}: participants {first + 1} to {last} of {people}, and their share of right answers"
+        figure, (axes,) = sheet([0.3 + 0.75 * ceil((last - first) / ACROSS)], title, label)
+        participants(axes, task, first, last)
+        said = f"{task.task.title}: answer ratios of each participant, the darker the more often. Rows: the {count} "
+        said += "materials presented, columns: the answers, both in the order of the tables; above, the share right."
+        if shown < people:
+            said += f" The first {shown} of {people} participants are drawn; all stand in counts.csv."
+        name = f"participants-{task.task.id}" + (f"-{page}" if page > 1 else "")
+        yield Sheet(name, "confusion", said, figure)
+
+
+def _confusing(results: Results) -> dict[str, list[tuple[float, float]]]:
+    """Every confusing ratio with the dissimilarity of its materials, of the tasks that have a Mantel test."""
+    found = {}
+    for task, one in zip(results.tasks, results.identifications, strict=True):
+        if one.mantel is None:
+            continue
+        means, names = task.confusion.means(), task.confusion.materials
+        alike = results.dissimilarities.pairs
+        found[f"{one.task}: Mantel r = {one.mantel.r:.2f}, P = {one.mantel.p_two:.3f}"] = [
+            (alike[frozenset((a, b))], float(means[i, j]))
+            for i, a in enumerate(names)
+            for j, b in enumerate(names)
+            if i != j
+        ]
+    return found
+
+
+def _course(results: Results, label: str) -> Iterator[Sheet]:
+    found = results.course
+    chances = {task.task.id: task.chance for task in results.tasks}
+    if found.learning:
+        window = max(one.last - one.first + 1 for windows in found.learning.values() for one in windows)
+        figure, (axes,) = sheet([2.3], f"Right answers, {number_of(window, 'trial')} at a time", label)
+        learning(axes, found.learning, chances)
+        said = f"Share of right answers in {number_of(window, 'successive trial')}; bands: 95 % BCa intervals over "
+        said += "participants."
+        yield Sheet("learning", "course", said, figure)
+    if found.speed:
+        figure, (axes,) = sheet([2.3], "Right answers by the speed of the foot", label)
+        speed(axes, found.speed, chances)
+        said = "Share of right answers by the speed of the foot; whiskers: Wilson's 95 % intervals over trials."
+        yield Sheet("speed", "course", said, figure)
+    if found.onsets:
+        figure, (axes,) = sheet([2.3], "Onset of the stimulus, measured at the panel", label)
+        onset_errors(axes, found.onsets)
+        yield Sheet("onset-errors", "course", "Measured onset of the stimulus minus contact of the foot.", figure)
+    if found.masker:
+        figure, (axes,) = sheet([2.3], "Masker of each participant", label)
+        masker_levels(axes, found.masker)
+        said = "Level of the masker: median of a participant's trials; whiskers: lowest and highest."
+        yield Sheet("masker", "course", said, figure)

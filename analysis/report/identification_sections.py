@@ -1,0 +1,234 @@
+"""Identification -> sections: intervals of the ratios, and what the confusions say of materials and participants."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.documents.tables import Section, Table, interval, number, probability
+from analysis.identification.identify import CHOICE_RESAMPLES, INFORMATION_RESAMPLES, ChoiceIntervals, Identification
+from analysis.identification.results import Results
+from analysis.reading.study import Study
+from analysis.statistics.intervals import RESAMPLES, Interval
+
+ARBITRARY = (
+    "In a reconstruction it is arbitrary which rows of a participant belong together: values by participant, and "
+    "intervals that draw whole participants, are those of one way of joining them."
+)
+
+
+def identification_sections(study: Study, results: Results) -> tuple[Section, ...]:
+    """Both sections, in reading order."""
+    remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
+    return intervals_section(results), confusions_section(results, study.materials, remark)
+
+
+def intervals_section(results: Results) -> Section:
+    """Every ratio with its intervals."""
+    records: list[Mapping[str, object]] = []
+    tables, brief = [], []
+    header = ("presented", "answered", "count", "ratio", "Wilson", "Clopper-Pearson", "BCa bootstrap")
+    for task, found in zip(results.tasks, results.identifications, strict=True):
+        rows = []
+        for cell in found.cells:
+            ratio = cell.count / cell.trials if cell.trials else None
+            three = [interval(limits) for limits in (cell.wilson, cell.clopper_pearson, cell.bootstrap)]
+            rows.append((cell.presented, cell.answered, f"{cell.count} of {cell.trials}", number(ratio), *three))
+            record: dict[str, object] = {
+                "task": found.task, "presented": cell.presented, "answered": cell.answered, "count": cell.count,
+                "trials": cell.trials, "ratio": ratio,
+            }  # fmt: skip
+            for name, limits in (
+                ("wilson", cell.wilson), ("clopper_pearson", cell.clopper_pearson), ("bootstrap", cell.bootstrap)
+            ):  # fmt: skip
+                record[f"{name}_low"], record[f"{name}_high"] = _ends(limits)
+            records.append({**record, "statement": cell.statement})
+        missing = {cell.statement: f"{cell.presented}, {cell.answered}" for cell in found.cells[::-1] if cell.statement}
+        notes = tuple(f"No bootstrap interval, {where} among others: {why}." for why, where in missing.items())
+        tables.append(Table(task.task.title, header, tuple(rows), left=frozenset({0, 1}), notes=notes))
+        right = tuple(row for row in rows if row[0] == row[1])
+        where = "All answers stand in the report and in intervals.csv."
+        brief.append(
+            Table(f"{task.task.title}: correct answers", header, right, frozenset({0, 1}), notes=(*notes, where))
+        )
+    about = (
+        "Intervals of 95 %. Wilson's and Clopper and Pearson's take all trials as independent, which trials of one "
+        f"participant are not. The BCa interval is that of the mean among participants, from {RESAMPLES} resamples of "
+        "whole participants: it is the one to report."
+    )
+    return Section("intervals", "Intervals of the answer ratios", (about,), tuple(tables), tuple(records), tuple(brief))
+
+
+def confusions_section(results: Results, materials: tuple[str, ...], remark: tuple[str, ...]) -> Section:
+    """Information, d', the similarity-choice model, and confusion against dissimilarity."""
+    found = results.identifications
+    tables = [
+        _information(found),
+        _detection(found),
+        *(_choice(one.task, one.choice, materials) for one in found if one.choice),
+    ]
+    tables += [_scaling(found), _mantel(found, results.dissimilarities.source)]
+    names = {
+        "information": "information",
+        "information interval": "interval of the information",
+        "choice": "similarity-choice model",
+        "scaling": "map",
+        "mantel": "Mantel",
+    }
+    reasons = tuple(
+        f"Not defined: {one.task}, {names[key]}: {reason}." for one in found for key, reason in one.statements.items()
+    )
+    return Section(
+        "confusions",
+        "Information, d', similarity and bias",
+        (*remark, *reasons),
+        tuple(table for table in tables if table.rows),
+        tuple(record for one in found for record in _records(one, materials)),
+    )
+
+
+def _information(found: tuple[Identification, ...]) -> Table:
+    notes = [
+        "Transmitted: of the counts as they are, too large with few trials; the last two columns correct that. Trials "
+        f"without an answer count as one more answer. BCa interval of the uncorrected value, {INFORMATION_RESAMPLES} "
+        "resamples of participants."
+    ]
+    for one in found:
+        corrected = (one.information.miller_madow, one.information.panzeri_treves) if one.information else ()
+        if one.information and max(corrected) > one.information.presented:
+            notes.append(
+                f"{one.task}: a corrected value is above the bits presented, and no more can be transmitted; where "
+                "each material gets few different answers, the correction turns upwards."
+            )
+        if corrected and min(corrected) < 0:
+            notes.append(f"{one.task}: a corrected value is below 0, and no less can be transmitted.")
+    rows = tuple(
+        (one.task, str(bits.trials), number(bits.presented), number(bits.transmitted),
+         interval(one.information_interval), number(bits.miller_madow), number(bits.panzeri_treves))
+        for one in found if (bits := one.information)
+    )  # fmt: skip
+    header = ("task", "trials", "presented", "transmitted", "95 % CI", "Miller-Madow", "Panzeri-Treves")
+    return Table("Information, bits a trial", header, rows, notes=tuple(notes))
+
+
+def _detection(found: tuple[Identification, ...]) -> Table:
+    rows, notes = [], []
+    for one in found:
+        if (d := one.detection) is None:
+            continue
+        values = list(d.by_participant.values())
+        among = f"{statistics.mean(values):.2f}" if values else "-"
+        spread = f" ± {statistics.stdev(values):.2f}" if len(values) > 1 else ""
+        cells = (number(d.proportion), number(d.d_prime, 2), interval(d.interval, 2), f"{among}{spread}")
+        rows.append((one.task, str(d.alternatives), *cells))
+        if d.statement:
+            notes.append(f"{one.task}: {d.statement}.")
+        if d.moved:
+            notes.append(f"{one.task}: shares of 0 or 1 moved in by half a trial: {', '.join(d.moved)}.")
+    header = ("task", "m", "correct", "d'", "95 % CI", "among participants")
+    notes.append("d' of m-alternative identification, unbiased and equally spaced materials supposed.")
+    return Table("d'", header, tuple(rows), notes=tuple(notes))
+
+
+def _choice(task: str, fitted: ChoiceIntervals, materials: tuple[str, ...]) -> Table:
+    model = fitted.model
+    rows = []
+    for i, first in enumerate(materials):
+        bias = "-" if model.biases is None else f"{model.biases[i]:.3f}"
+        if fitted.biases is not None:
+            bias += f" ({fitted.biases[i, 0]:.3f} to {fitted.biases[i, 1]:.3f})"
+        cells = []
+        for j in range(len(materials)):
+            text = "" if j > i else "1" if i == j else f"{model.similarities[i, j]:.3f}"
+            if j < i and fitted.similarities is not None:
+                text += f" ({fitted.similarities[i, j, 0]:.3f} to {fitted.similarities[i, j, 1]:.3f})"
+            cells.append(text)
+        rows.append((first, *cells, bias))
+    tested = f"G² = {model.g2:.2f}, {model.df} df" + (f", P = {probability(model.p)}" if model.p is not None else "")
+    bracketed = f" In brackets: 95 % percentile intervals, {CHOICE_RESAMPLES} resamples of participants."
+    resampled = fitted.similarities is not None or fitted.biases is not None
+    notes = [f"Fit: {tested}.{bracketed * resampled} Trials without an answer are left out."]
+    notes += [f"No intervals: {fitted.statement}."] * bool(fitted.statement and not resampled)
+    notes += [f"{fitted.statement}."] * bool(fitted.statement and resampled)
+    if model.biases is None:
+        notes.append("Biases are not defined: there are groups of materials that were never taken for one another.")
+    title = f"{task}: similarity-choice model, similarities and biases"
+    return Table(title, ("", *materials, "bias"), tuple(rows), notes=tuple(notes))
+
+
+def _scaling(found: tuple[Identification, ...]) -> Table:
+    rows = tuple(
+        (one.task, f"{100 * one.scaling.explained:.0f} %", f"{100 * one.scaling.negative:.0f} %")
+        for one in found
+        if one.scaling
+    )
+    header = ("task", "in two dimensions", "no distance")
+    notes = (
+        "Classical scaling of 1 - (p_ij + p_ji) / (p_ii + p_jj): share of the positive eigenvalues on the two axes, "
+        "and of all that are negative.",
+    )
+    return Table("Map of the materials", header, rows, notes=notes)
+
+
+def _mantel(found: tuple[Identification, ...], source: str) -> Table:
+    rows = tuple(
+        (one.task, str(test.pairs), f"{test.r:.3f}", str(test.orders), f"{test.p_less:.4f}", f"{test.p_two:.4f}")
+        for one in found if (test := one.mantel)
+    )  # fmt: skip
+    header = ("task", "pairs", "r", "orders", "P, fewer confusions", "P, two-sided")
+    notes = (
+        f"Mean confusing ratio of a pair against the dissimilarity of their spectra ({source}). Exact: every order of "
+        "the materials is tried, and the smallest P there can be is 1 over their number.",
+    )
+    return Table("Confusion against dissimilarity (Mantel's test)", header, rows, notes=notes)
+
+
+def _records(one: Identification, materials: tuple[str, ...]) -> list[Mapping[str, object]]:
+    records: list[Mapping[str, object]] = []
+
+    def add(quantity: str, value: float | None, limits: Ends = (None, None), of: str = "") -> None:
+        low, high = limits
+        records.append({"task": one.task, "quantity": quantity, "of": of, "value": value, "low": low, "high": high})
+
+    if bits := one.information:
+        add("information, bits", bits.transmitted, _ends(one.information_interval))
+        add("information, Miller-Madow", bits.miller_madow)
+        add("information, Panzeri-Treves", bits.panzeri_treves)
+        add("entropy presented", bits.presented)
+    if d := one.detection:
+        add("d'", d.d_prime, _ends(d.interval))
+        for label, value in d.by_participant.items():
+            add("d'", value, of=f"participant {label}")
+    if fitted := one.choice:
+        model = fitted.model
+        for i, first in enumerate(materials):
+            for j in range(i + 1, len(materials)):
+                limits = None if fitted.similarities is None else fitted.similarities[i, j]
+                add("similarity", float(model.similarities[i, j]), _row(limits), f"{first}, {materials[j]}")
+            if model.biases is not None:
+                add("bias", float(model.biases[i]), _row(None if fitted.biases is None else fitted.biases[i]), first)
+        add("choice model, G2", model.g2, of=f"{model.df} df")
+        add("choice model, P", model.p)
+    if one.scaling:
+        for material, (x, y) in zip(materials, one.scaling.points.tolist(), strict=True):
+            add("map, first axis", x, of=material)
+            add("map, second axis", y, of=material)
+    if test := one.mantel:
+        add("Mantel r", test.r, of=f"{test.pairs} pairs")
+        add("Mantel P, fewer confusions", test.p_less, of=f"{test.orders} orders")
+        add("Mantel P, two-sided", test.p_two, of=f"{test.orders} orders")
+    return records
+
+
+Ends = tuple[float | None, float | None]
+
+
+def _ends(limits: Interval | None) -> Ends:
+    return (None, None) if limits is None else (limits.low, limits.high)
+
+
+def _row(limits: NDArray[np.float64] | None) -> Ends:
+    return (None, None) if limits is None else (float(limits[0]), float(limits[1]))

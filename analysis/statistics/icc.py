@@ -1,0 +1,199 @@
+"""Intraclass correlations of a complete targets x raters matrix: every form under its names.
+
+Six formulas carry the names of Shrout and Fleiss (1979, Psychol. Bull. 86, 420-428) and of McGraw and Wong (1996,
+Psychol. Methods 1, 30-46, Tables 4, 7 and 8). McGraw and Wong's two-way random and two-way mixed forms share formulas
+and differ in what they may be generalised to; both names stand with each.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from analysis.statistics.exact import NotDefined, Number, integers, squares
+
+
+@dataclass(frozen=True)
+class IccForm:
+    """One form; what the mean squares do not define is None, and `statement` says why.
+
+    Args:
+        shrout_fleiss: name in Shrout and Fleiss.
+        mcgraw_wong: name in McGraw and Wong.
+        model: model, type and unit in words.
+        value: the estimate; may be negative.
+        f, df1, df2, p: test of ICC = 0.
+        low, high: confidence interval.
+    """
+
+    shrout_fleiss: str
+    mcgraw_wong: str
+    model: str
+    value: float | None
+    f: float | None
+    df1: int
+    df2: int
+    p: float | None
+    low: float | None
+    high: float | None
+    statement: str
+
+
+@dataclass(frozen=True)
+class Icc:
+    """All forms for one matrix of `targets` x `raters`, with the mean squares that they come from."""
+
+    targets: int
+    raters: int
+    ms_targets: float
+    ms_raters: float
+    ms_error: float
+    ms_within: float
+    confidence: float
+    forms: tuple[IccForm, ...]
+
+    def form(self, shrout_fleiss: str) -> IccForm:
+        """The form with this Shrout-Fleiss name; `KeyError` when there is none."""
+        for form in self.forms:
+            if form.shrout_fleiss == shrout_fleiss:
+                return form
+        raise KeyError(shrout_fleiss)
+
+
+NAMES = {
+    "ICC(1,1)": ("ICC(1)", "one-way random, single rater"),
+    "ICC(2,1)": ("ICC(A,1)", "two-way random or mixed, absolute agreement, single rater"),
+    "ICC(3,1)": ("ICC(C,1)", "two-way random or mixed, consistency, single rater"),
+    "ICC(1,k)": ("ICC(k)", "one-way random, mean of k raters"),
+    "ICC(2,k)": ("ICC(A,k)", "two-way random or mixed, absolute agreement, mean of k raters"),
+    "ICC(3,k)": ("ICC(C,k)", "two-way random or mixed, consistency, mean of k raters"),
+}
+
+
+def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
+    """Every form for `ratings`, shape (targets, raters), without gaps.
+
+    Raises:
+        NotDefined: with fewer than two targets or raters, or when all ratings are the same.
+        ValueError: for rows of unequal length or values that are not finite.
+    """
+    n, k = len(ratings), len(ratings[0]) if ratings else 0
+    if any(len(row) != k for row in ratings):
+        raise ValueError(f"every target needs every rater, got rows of lengths {sorted({len(row) for row in ratings})}")
+    if n < 2 or k < 2:
+        raise NotDefined(f"an ICC needs two targets and two raters, got {n} and {k}")
+    whole, denominator = integers([value for row in ratings for value in row])
+    total = squares(whole)
+    if total == 0:
+        raise NotDefined("all ratings are the same: no ICC is defined")
+    targets = squares([sum(whole[row : row + k]) for row in range(0, n * k, k)])
+    raters = squares([sum(whole[column::k]) for column in range(k)])
+    # Mean squares as integers, all in one unit, n k n (n - 1) (k - 1) denominator^2 of them to the unit of the ratings.
+    t, c = targets * n * (k - 1), raters * n * (n - 1)
+    w, e = (total - targets) * (n - 1), (total - targets - raters) * n
+
+    single = {
+        "1": _ratio(t - w, t + (k - 1) * w),
+        "2": _ratio(n * (t - e), n * t + n * (k - 1) * e + k * (c - e)),
+        "3": _ratio(t - e, t + (k - 1) * e),
+    }
+    average = {"1": _ratio(t - w, t), "2": _ratio(n * (t - e), n * t + c - e), "3": _ratio(t - e, t)}
+    noise = {"1": (w, n * (k - 1)), "2": (e, (n - 1) * (k - 1)), "3": (e, (n - 1) * (k - 1))}
+    unit = n * k * n * (n - 1) * (k - 1) * denominator**2
+    mean_squares = (t / unit, c / unit, e / unit, w / unit)
+    forms: dict[str, IccForm] = {}
+    for kind, (ms, df2) in noise.items():
+        f = _ratio(t, ms)
+        p = None if f is None else _upper_tail(n - 1, df2, f)
+        if kind == "2":
+            limits = _limits_agreement(*mean_squares[:3], single["2"], n, k, confidence)
+        else:
+            limits = _limits_of_f(f, n - 1, df2, k, confidence)
+        stepped = tuple(None if limit is None else _spearman_brown(limit, k) for limit in limits)
+        for size, value, ends in (("1", single[kind], limits), ("k", average[kind], stepped)):
+            name = f"ICC({kind},{size})"
+            statement = _why(kind, value, f, limits, ends)
+            forms[name] = IccForm(name, *NAMES[name], value, f, n - 1, df2, p, ends[0], ends[1], statement)
+    return Icc(n, k, *mean_squares, confidence, tuple(forms[name] for name in NAMES))
+
+
+Limits = tuple[float | None, ...]
+
+
+def _why(kind: str, value: float | None, f: float | None, single: Limits, ends: Limits) -> str:
+    """Why a form lacks its value, its test or its interval; empty where it has all."""
+    said = []
+    if value is None:
+        said.append("the variance that it is a share of is estimated as zero or less, so it is not defined")
+    if f is None:
+        what = "within targets" if kind == "1" else "beside that of targets and raters"
+        said.append(f"no variance {what}, so F and P are not defined")
+    if None not in ends:
+        return "; ".join(said)
+    if said:
+        said.append("nor is the interval")
+    elif None in single:
+        said.append("the degrees of freedom of its interval come near zero, so the interval is not defined")
+    else:
+        said.append(
+            "a limit for one rater is too low to be stepped up to the mean of k, so the interval is not defined"
+        )
+    return "; ".join(said)
+
+
+def _ratio(numerator: int, denominator: int) -> float | None:
+    """None where the denominator, an estimate of a variance, is not above zero."""
+    return numerator / denominator if denominator > 0 else None
+
+
+def _upper_tail(df1: int, df2: int, f: float) -> float:
+    from scipy.special import fdtrc
+
+    return float(fdtrc(df1, df2, f))
+
+
+def _quantile(probability: float, df1: float, df2: float) -> float:
+    from scipy.special import fdtri
+
+    return float(fdtri(df1, df2, probability))
+
+
+def _limits_of_f(f: float | None, df1: int, df2: int, k: int, confidence: float) -> Limits:
+    """Limits of the forms that depend on one F alone (Shrout and Fleiss, p. 424)."""
+    if f is None:
+        return None, None
+    tail = 1 - (1 - confidence) / 2
+    low, high = f / _quantile(tail, df1, df2), f * _quantile(tail, df2, df1)
+    return (low - 1) / (low + k - 1), (high - 1) / (high + k - 1)
+
+
+def _limits_agreement(
+    ms_r: float, ms_c: float, ms_e: float, value: float | None, n: int, k: int, confidence: float
+) -> Limits:
+    """Limits of ICC(A,1) with Satterthwaite's degrees of freedom (McGraw and Wong, Table 7).
+
+    None where those come near zero, as for estimates far below zero: the two limits then fall together beside the
+    estimate.
+    """
+    if value is None or value >= 1 or (ms_c == 0 and ms_e == 0):
+        return None, None
+    a = k * value / (n * (1 - value))
+    b = 1 + k * value * (n - 1) / (n * (1 - value))
+    spread = (a * ms_c) ** 2 / (k - 1) + (b * ms_e) ** 2 / ((n - 1) * (k - 1))
+    if spread == 0:
+        return None, None
+    v = (a * ms_c + b * ms_e) ** 2 / spread
+    tail = 1 - (1 - confidence) / 2
+    f_low, f_high = _quantile(tail, n - 1, v), _quantile(tail, v, n - 1)
+    if not (math.isfinite(f_low) and math.isfinite(f_high)):
+        return None, None
+    mixed = k * ms_c + (k * n - k - n) * ms_e
+    low = n * (ms_r - f_low * ms_e) / (f_low * mixed + n * ms_r)
+    high = n * (f_high * ms_r - ms_e) / (mixed + n * f_high * ms_r)
+    return (low, high) if low <= value <= high else (None, None)
+
+
+def _spearman_brown(value: float, k: int) -> float | None:
+    denominator = 1 + (k - 1) * value
+    return k * value / denominator if denominator > 0 else None

@@ -1,0 +1,273 @@
+"""Validation -> sections: its tables as they are read, with the records behind them, and the formulas.
+
+Figures of the validation: Figures 6, 7, 12 and 13 of Okamoto et al. from the recordings at hand. One function a
+figure, or a panel of it; each draws into the axes it is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from analysis.documents.drawing import COLUMN_STYLE, HATCHES, LINES, Sheet, colour, common_key, key, sheet, short
+from analysis.documents.tables import Section, Table, number
+from analysis.reading import dissimilarities
+from analysis.report.figures import against_dissimilarity
+from analysis.validation.spectra import Classified, Overlay
+from analysis.validation.validate import Validation
+from experiment.synthesis.spectra import BAND_HZ
+
+METHODS = (
+    ("Spectrum", "C_k = (2/N) sum of y_i cos(pi k (i + 1/2) / N), at F k / (2 N) hertz. Equation (1)."),
+    ("Panel", "C'_k = max(|C_k| - mean |C_k| of the bare panel at the same speed, 0). Equation (2)."),
+    ("Synthesis", "C'_k linear in speed between neighbouring recorded speeds, floored at zero. Equation (3)."),
+    ("Dissimilarity", "Sum over 0 to 500 Hz of the differences of two magnitudes. Equation (6)."),
+)
+"""Names and formulas."""
+
+
+def sections(validation: Validation) -> tuple[Section, ...]:
+    """Every section, in reading order."""
+    overlaid = (_overlay(validation),) if validation.overlays else ()
+    return (_classification(validation), *overlaid, _dissimilarity(validation))
+
+
+def _speed(mm_s: float) -> str:
+    return f"{mm_s:g}"
+
+
+def _classification(validation: Validation) -> Section:
+    tables = []
+    records: list[dict[str, object]] = []
+    verdicts = []
+    for one in validation.classified:
+        close, total = int(one.close.sum()), one.takes
+        enough = "" if 2 * close >= total else ": fewer than half"
+        verdicts.append(f"{one.material}: {close} of {total}{enough}")
+        per_speed = one.chosen.shape[1]
+        rows = tuple(
+            (_speed(v), *(str(n) if n else "" for n in counts), f"{near} of {per_speed}")
+            for v, counts, near in zip(one.observed_mm_s, one.counts, one.close, strict=True)
+        )
+        marked = frozenset(
+            (row, 1 + column)
+            for row, v in enumerate(one.observed_mm_s)
+            for column, candidate in enumerate(one.candidates_mm_s)
+            if candidate == v
+        )
+        header = ("observed mm/s", *map(_speed, one.candidates_mm_s), "same or neighbour")
+        tables.append(Table(f"{one.material}: takes put on each speed", header, rows, marked=marked))
+        records += _records(one)
+    text = "; ".join(
+        f"{material} at {_speed(observed)} mm/s, {n} on {_speed(chosen)} mm/s"
+        for material, observed, chosen, n in dissimilarities.load().counts
+    )
+    head = "At least half" if validation.holds else "NOT everywhere at least half"
+    paragraphs = (
+        *([validation.fitted] if validation.fitted else []),
+        f"Recordings: {validation.recordings}. Fresh takes: {validation.fresh}.",
+        f"{head} of the takes of every material were put on the same or a neighbouring speed: {'; '.join(verdicts)}.",
+        "Candidates are all recorded and observed speeds; neighbours are next to one another among them. Each take is "
+        "compared by itself, the average panel subtracted. Single takes look slower than they were: a sum of absolute "
+        "differences is least at the median of a random magnitude, and syntheses come from means.",
+        f"Takes are averaged by {validation.average}. Averaged by {validation.other.average}, it would be: "
+        + "; ".join(f"{one.material}: {int(one.close.sum())} of {one.takes}" for one in validation.other.classified)
+        + ".",
+        f"The paper's text gives, of ten takes each: {text}.",
+    )
+    return Section("classification", "Takes put on speeds", paragraphs, tuple(tables), tuple(records))
+
+
+def _records(one: Classified) -> list[dict[str, object]]:
+    """One a take."""
+    return [
+        {
+            "material": one.material,
+            "observed_mm_s": float(v),
+            "take": j + 1,
+            "chosen_mm_s": float(one.candidates_mm_s[one.chosen[i, j]]),
+            **{
+                f"dissimilarity_{_speed(c)}_mm_s": float(d)
+                for c, d in zip(one.candidates_mm_s, one.dissimilarities[i, j], strict=True)
+            },
+        }
+        for i, v in enumerate(one.observed_mm_s)
+        for j in range(one.chosen.shape[1])
+    ]
+
+
+def _overlay(validation: Validation) -> Section:
+    rows = tuple((one.material, _speed(one.speed_mm_s), number(one.dissimilarity, 2)) for one in validation.overlays)
+    table = Table("Synthesised and averaged observed spectra", ("material", "mm/s", "dissimilarity m/s^2"), rows)
+    records: list[dict[str, object]] = [
+        {
+            "material": one.material,
+            "speed_mm_s": one.speed_mm_s,
+            "frequency_hz": float(f),
+            "observed_m_s2": float(observed),
+            "synthesised_m_s2": float(synthesised),
+        }
+        for one in validation.overlays
+        for f, observed, synthesised in zip(validation.frequencies_hz, one.observed, one.synthesised, strict=True)
+        if f <= BAND_HZ[1]
+    ]
+    paragraphs = ("Both are averages of as many takes as were recorded at each speed, the panel subtracted.",)
+    return Section("overlay", "Synthesised and observed spectra", paragraphs, (table,), tuple(records))
+
+
+def _dissimilarity(validation: Validation) -> Section:
+    printed = dissimilarities.load().pairs
+    rows = []
+    records: list[dict[str, object]] = []
+    ratios = {(point.presented, point.answered): point.ratio for point in validation.confusable}
+    for (a, b), value in validation.pairs.items():
+        there = printed.get(frozenset((a, b)))
+        ways = (ratios.get((a, b)), ratios.get((b, a)))
+        other = validation.other.pairs[a, b]
+        printed_here = there.text if there else "-"
+        rows.append((a, b, number(value, 2), number(other, 2), printed_here, *(number(ratio, 2) for ratio in ways)))
+        records.append(
+            {
+                "material_a": a,
+                "material_b": b,
+                "dissimilarity": value,
+                f"dissimilarity_{validation.other.average}": other,
+                "printed_dissimilarity": there.value if there else None,
+                "a_answered_b": ways[0],
+                "b_answered_a": ways[1],
+            }
+        )
+    table = Table(
+        f"Normalised dissimilarity at {_speed(validation.reference_mm_s)} mm/s",
+        ("a", "b", "here", validation.other.average, "Table 3", "a taken for b", "b taken for a"),
+        tuple(rows),
+        left=frozenset({0, 1}),
+        notes=(
+            f"Takes are averaged by {validation.average}, and in the column after it by {validation.other.average}.",
+            "The last two columns are answer ratios of Table 2, real materials, as printed.",
+        ),
+    )
+    rho, swapped = validation.rank_correlation, validation.other.rank_correlation
+    outside = (
+        f"{_speed(validation.reference_mm_s)} mm/s, at which the paper compares materials, lies outside the recorded "
+        "speeds: these spectra are EXTRAPOLATED."
+    )
+    paragraphs = (
+        *([validation.fitted] if validation.fitted else []),
+        *([outside] if validation.extrapolated else []),
+        "Materials whose spectra differ less should be confused more often. "
+        + (
+            f"Spearman's rank correlation of answer ratio and dissimilarity: {rho:.2f}, over {len(ratios)} ratios"
+            + (f" ({swapped:.2f} averaged by {validation.other.average})." if swapped is not None else ".")
+            if rho is not None
+            else "The paper has no answer ratios of these materials, or too few for a correlation."
+        ),
+    )
+    return Section("dissimilarity", "Dissimilarity of materials", paragraphs, (table,), tuple(records))
+
+
+def sheets(validation: Validation) -> tuple[Sheet, ...]:
+    """Every figure that the validation has numbers for."""
+    with mpl.rc_context(COLUMN_STYLE):
+        return tuple(_sheets(validation))
+
+
+def _sheets(validation: Validation) -> Iterator[Sheet]:
+    label, f = validation.label, validation.frequencies_hz
+    figure, panels = sheet([1.5] * len(validation.classified), "Speeds on which fresh takes were put", label)
+    for axes, of_it in zip(panels, validation.classified, strict=True):
+        classification(axes, of_it)
+    common_key(figure, panels[0])
+    said = "Speeds on which fresh takes were put (as Fig. 7 of Okamoto et al.). The numbers stand in the tables here."
+    yield Sheet("classification", "classification", said, figure)
+
+    if validation.overlays:
+        figure, panels = sheet([1.4] * len(validation.overlays), "Synthesised and observed, less the panel", label)
+        for axes, one in zip(panels, validation.overlays, strict=True):
+            overlay(axes, one, f)
+        common_key(figure, panels[0])
+        said = "Synthesised spectra and averages of observed ones, the panel subtracted (as Fig. 6 of Okamoto et al.)."
+        yield Sheet("overlay", "overlay", said, figure)
+
+    figure, (axes,) = sheet([2.6], f"Materials at {validation.reference_mm_s:g} mm/s, the panel subtracted", label)
+    spectra(axes, validation.spectra, f)
+    said = "Amplitude spectra of the materials, the panel subtracted (as Fig. 12 of Okamoto et al.)."
+    yield Sheet("spectra", "dissimilarity", said, figure)
+
+    if validation.confusable:
+        made = ", of materials that were fitted to Table 3" if validation.fitted else ""
+        title = f"Confusions of real materials, as Table 2 prints them, and dissimilarity here{made}"
+        figure, (axes,) = sheet([3.1], title, label)
+        against_dissimilarity(axes, _confusions(validation), "these recordings, normalised")
+        said = "How often a material was taken for another (Table 2 of Okamoto et al.) against the dissimilarity of "
+        said += "their spectra here (as Fig. 13)."
+        yield Sheet("confusions", "dissimilarity", said, figure)
+
+
+def classification(axes: Axes, one: Classified) -> None:
+    """How many takes of each observed speed were put on each candidate (Figure 7)."""
+    places = np.arange(one.candidates_mm_s.size)
+    width = 0.8 / one.observed_mm_s.size
+    for i, v in enumerate(one.observed_mm_s):
+        axes.bar(
+            places + (i - (one.observed_mm_s.size - 1) / 2) * width,
+            one.counts[i],
+            width * 0.92,
+            facecolor=colour(i),
+            edgecolor="black",
+            linewidth=0.5,
+            hatch=HATCHES[i % len(HATCHES)],
+            label=f"observed at {v:g} mm/s",
+        )
+    axes.set_xticks(places, [f"{v:g}" for v in one.candidates_mm_s])
+    axes.set_ylim(0, one.chosen.shape[1] + 0.5)
+    axes.set_title(f"{short(one.material, 24)}: {int(one.close.sum())} of {one.takes} same or next")
+    axes.set_xlabel("synthesised speed (mm/s)")
+    axes.set_ylabel("takes")
+
+
+def overlay(axes: Axes, one: Overlay, frequencies_hz: NDArray[np.float64]) -> None:
+    """The synthesised and the averaged observed spectrum of a material (Figure 6)."""
+    band = frequencies_hz <= BAND_HZ[1]
+    f = frequencies_hz[band]
+    axes.plot(f, one.observed[band], color="black", linewidth=0.6, label="observed, average")
+    axes.plot(f, one.synthesised[band], LINES[1], color=colour(1), linewidth=0.9, label="synthesised")
+    axes.set_title(f"{short(one.material, 24)}, {one.speed_mm_s:g} mm/s")
+    _amplitudes(axes)
+
+
+def spectra(axes: Axes, of: dict[str, NDArray[np.float64]], frequencies_hz: NDArray[np.float64]) -> None:
+    """Amplitudes of the materials at one speed (Figure 12)."""
+    band = frequencies_hz <= BAND_HZ[1]
+    for i, (material, amplitudes) in enumerate(of.items()):
+        axes.plot(
+            frequencies_hz[band],
+            amplitudes[band],
+            LINES[i % len(LINES)],
+            color=colour(i),
+            linewidth=0.7,
+            label=short(material, 22),
+        )
+    _amplitudes(axes)
+    key(axes)
+
+
+def _amplitudes(axes: Axes) -> None:
+    axes.set_xlabel("frequency (Hz)")
+    axes.set_ylabel("amplitude (m/s²)")
+    axes.set_xlim(0, BAND_HZ[1])
+    axes.set_ylim(bottom=0)
+
+
+def _confusions(validation: Validation) -> dict[str, list[tuple[float, float]]]:
+    """Both ratios of every pair of materials against its dissimilarity (Figure 13)."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for a, b in validation.pairs:
+        points = [(p.dissimilarity, p.ratio) for p in validation.confusable if {p.presented, p.answered} == {a, b}]
+        if points:
+            found[f"{short(a, 22)} / {short(b, 22)}"] = points
+    return found

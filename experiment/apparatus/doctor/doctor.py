@@ -1,0 +1,206 @@
+"""`palpate doctor`: every part of a rig through the drivers of a session, before anybody is on the panel.
+
+Audio stream and tracker run at the same time and at the priority that they have in a session, so that what one does to
+the other shows. The far ends of a simulated rig are started as the rehearsal starts them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from experiment.apparatus import host, opening
+from experiment.apparatus import opening as opening_audio
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.audio.stream import AudioStream
+from experiment.apparatus.doctor import audio, machine, tracker
+from experiment.apparatus.doctor import machine as disk
+from experiment.apparatus.doctor import rig as actuator
+from experiment.apparatus.doctor import rig as rig_file
+from experiment.apparatus.doctor.verdict import Check, refused, unchecked
+from experiment.apparatus.rig import AudioRig, Rig
+from experiment.clock import Clock, day
+from experiment.errors import AudioError, PalpateError, RigError, TrackerError
+from experiment.protocol.models import Protocol
+from experiment.rehearsal.footstep.foot import Foot
+from experiment.rehearsal.footstep.panel import Panel
+from experiment.rehearsal.wires.serial_line import SerialLine
+from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from experiment.settings import load
+from experiment.study import enrolment
+
+TRIALS = 40
+"""Trials of a session where no protocol says how many: those of the footstep study."""
+
+FOLDER = Path("participants")
+"""Where datasets stand where no protocol says which."""
+
+HIGHEST_RATE_HZ = 5000
+"""Rate of a tracker where no rig file says which."""
+
+
+@dataclass(frozen=True)
+class FarEnds:
+    """What is at the other end of each port, where it is simulated; None for what the rig names.
+
+    Attributes:
+        port: of the tracker.
+        address: of the actuator.
+        device: of the audio host.
+        wire: lays the loopback's cable once the stream is open.
+    """
+
+    port: str | None = None
+    address: str | None = None
+    device: str | None = None
+    wire: Callable[[], None] = lambda: None
+
+
+def examine(*, rig_path: Path, protocol_path: Path | None, root: Path | None, clock: Clock) -> Iterator[Check]:
+    """Look at everything, in the order of what depends on what.
+
+    Args:
+        rig_path: the rig file.
+        protocol_path: the study's protocol; None where only the rig matters.
+        root: folder of the dataset; None for the protocol's own, or for `participants`.
+        clock: the session's; it must go by itself.
+
+    Raises:
+        ProtocolError: the protocol cannot be used.
+    """
+    begun = machine.mark(clock)
+    protocol = load.load(protocol_path) if protocol_path is not None else None
+    rig: Rig | None = None
+    try:
+        rig = rigs.load(rig_path)
+    except RigError as error:
+        yield refused("rig file", error)
+        yield unchecked("devices", "they stand in the rig file")
+    else:
+        yield from _rig(rig, rig_path, protocol, clock)
+    folder = root or (enrolment.default_root(protocol) if protocol is not None else FOLDER)
+    yield disk.space(folder, trials=_trials(protocol), rate_hz=rig.tracker.rate_hz if rig else HIGHEST_RATE_HZ)
+    with host.raised() as got:
+        yield Check("priority", "green", f"{got}; as sessions have it")
+        for check in _devices(rig, clock) if rig is not None else ():
+            yield replace(check, measured=f"SIMULATED: {check.measured}") if rig and rig.rig.simulated else check
+        yield disk.writing(folder, clock)
+        yield machine.resolution(clock)
+        yield machine.waking(clock)
+    yield machine.wall(begun, machine.mark(clock))
+
+
+def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Iterator[Check]:
+    label = "SIMULATED: " if rig.rig.simulated else ""
+    yield Check("rig file", "green", f"{label}{path}: rig '{rig.rig.name}', sha256 {rigs.sha256(rig)[:12]}")
+    table = rig_file.table(rig, path.parent)
+    if table is not None:
+        yield table
+    if protocol is not None:
+        yield rig_file.reach(rig, protocol.step)
+    else:
+        yield unchecked("gate", "no protocol was given", "add --protocol")
+    yield from rig_file.ages(rig, day(clock.now_ns()))
+
+
+def _trials(protocol: Protocol | None) -> int:
+    """Trials of the longest task."""
+    if protocol is None:
+        return TRIALS
+    return max(len(protocol.materials) * task.repetitions for task in protocol.tasks)
+
+
+def _devices(rig: Rig, clock: Clock) -> Iterator[Check]:
+    with ExitStack() as opened:
+        try:
+            ends = _simulated(rig, opened) if rig.rig.simulated else FarEnds()
+        except PalpateError as error:
+            yield refused("simulated parts", error)
+            return
+        if rig.audio is None:
+            yield from _tracker(rig, ends, clock)
+        else:
+            yield from _audio(rig, rig.audio, ends, clock)
+        address = ends.address or rig.actuator.address
+        if address is not None:
+            yield actuator.answers(address, rig.actuator)
+        if rig.tracker.zeroing_mm is not None:
+            yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
+        if rig.accelerometer is not None:
+            yield unchecked("accelerometer", "only palpate record listens to it")
+
+
+def _tracker(rig: Rig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
+    name = "tracker port"
+    try:
+        device = opening.open_tracker(rig, clock=clock, port=ends.port)
+    except PalpateError as error:
+        yield refused(name, error)
+        return
+    try:
+        with closing(device):
+            yield Check(name, "green", f"{ends.port or rig.tracker.port} is open")
+            try:
+                yield from tracker.checks(device, rig.tracker, clock=clock)
+            except TrackerError as error:
+                yield refused("tracker", error)
+    except TrackerError as error:
+        yield refused("tracker closing", error)
+
+
+def _audio(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
+    try:
+        stream = opening_audio.open_probing(rig, peak=audio.PEAK, clock=clock, device=ends.device)
+    except PalpateError as error:
+        yield refused("audio device", error)
+        yield from _tracker(rig, ends, clock)
+        return
+    try:
+        with closing(stream):
+            yield audio.opened(stream, settings)
+            yield from _stream(rig, settings, ends, clock, stream)
+    except AudioError as error:
+        yield refused("audio closing", error)
+
+
+def _stream(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock, stream: AudioStream) -> Iterator[Check]:
+    """The tracker while a stream runs, then the stream."""
+    name = "audio stream"
+    try:
+        ends.wire()
+        since = stream.health
+    except AudioError as error:
+        yield refused(name, error)
+        yield from _tracker(rig, ends, clock)
+        return
+    yield from _tracker(rig, ends, clock)
+    try:
+        yield from audio.steady(stream, settings, since=since, exact=rig.rig.simulated)
+        yield from audio.loopback(stream, settings)
+    except AudioError as error:
+        yield refused(name, error)
+
+
+def _simulated(rig: Rig, opened: ExitStack) -> FarEnds:
+    line = opened.enter_context(SerialLine())
+    foot = Foot(line, rig.tracker, real_time=True)
+    opened.callback(foot.close)
+    address = None
+    if rig.actuator.driver == "pcm-tcp":
+        panel = Panel(rig.actuator)
+        opened.callback(panel.close)
+        address = panel.address
+    if rig.audio is None:
+        return FarEnds(port=line.url, address=address)
+    channels = rig.audio.channels
+    card = SoundCard(rate_hz=rig.audio.rate_hz, block=rig.audio.block, inputs=channels.inputs, outputs=channels.outputs)
+    opened.callback(card.close)
+
+    def wire() -> None:
+        if channels.loopback is not None:
+            card.disconnect(channels.loopback)
+            card.connect(channels.actuator, channels.loopback)
+
+    return FarEnds(port=line.url, address=address, device=DEVICE, wire=wire)

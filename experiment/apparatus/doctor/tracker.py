@@ -1,0 +1,193 @@
+"""Checks of the tracker, with nobody on the panel: it speaks, in time, whole, and of heights that were calibrated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus.doctor.verdict import Check, judged, refused, unchecked
+from experiment.apparatus.ports import Tracker
+from experiment.apparatus.rig import TrackerRig
+from experiment.apparatus.tracker import calibration
+from experiment.apparatus.tracker.clock_map import DRIFT_LIMIT_PPM, ClockMap
+from experiment.apparatus.tracker.frames import LinkCounts
+from experiment.clock import Clock
+from experiment.errors import TrackerError
+
+LISTEN_S = 4.5
+"""How long the tracker is listened to, s: from three whole seconds on the clock map tells drift to some ppm."""
+
+CRYSTAL_PPM = 500.0
+"""More than any crystal drifts, parts per million; a ceramic resonator may be ten times as far off."""
+
+RATE_PART = 0.01
+"""By how much the rate may differ from the rig file's, as a part of it."""
+
+DELAY_P99_MS = 10.0
+"""Within this 99 of 100 reads arrive, ms: of the 33 ms that a foot of 300 mm/s takes for 10 mm from gate to panel it
+leaves two thirds to prepare and to schedule a stimulus."""
+
+NOISE_TIMES = 2.0
+"""How many times the calibrated noise a sensor may have that sees nothing move."""
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What a tracker sent while it was listened to.
+
+    Attributes:
+        device_us: device time of each sample, microseconds, int64, shape (n,).
+        height_mm: heights, mm, shape (n,).
+        delay_ms: by how much each read came after the clock map's line, ms, shape (m,).
+        link: frames in that time.
+        clock_map: of the device, as the session will have it.
+    """
+
+    device_us: NDArray[np.int64]
+    height_mm: NDArray[np.float64]
+    delay_ms: NDArray[np.float64]
+    link: LinkCounts
+    clock_map: ClockMap
+
+
+def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Heard:
+    """Read what comes.
+
+    Args:
+        tracker: opened.
+        clock: the session's; it must go by itself.
+        seconds: how long, s.
+
+    Raises:
+        TrackerError: the tracker failed.
+    """
+    tracker.drain()
+    before, ends_ns = tracker.counts, clock.now_ns() + int(seconds * 1e9)
+    reads = [tracker.read()]
+    while clock.now_ns() < ends_ns:
+        reads.append(tracker.read())
+    mapped = tracker.clock_map
+    if mapped is None:
+        raise TrackerError("tracker: got samples without a clock map; allowed: one from the first on; mend its driver")
+    delay_ms = [(read.arrived_ns - mapped.session_ns(int(read.device_us[-1]))) / 1e6 for read in reads]
+    return Heard(
+        device_us=np.concatenate([read.device_us for read in reads]),
+        height_mm=np.concatenate([read.height_mm for read in reads]),
+        delay_ms=np.array(delay_ms),
+        link=tracker.counts.since(before),
+        clock_map=mapped,
+    )
+
+
+def checks(tracker: Tracker, settings: TrackerRig, *, clock: Clock) -> tuple[Check, ...]:
+    """Everything that an opened tracker shows.
+
+    Args:
+        tracker: opened.
+        settings: of the rig.
+        clock: the session's; it must go by itself.
+    """
+    try:
+        heard = listen(tracker, clock=clock)
+    except TrackerError as error:
+        return (refused("tracker frames", error),)
+    return (
+        frames(heard),
+        rate(heard, settings),
+        drift(heard),
+        arrival(heard, settings),
+        reading(tracker, settings),
+        noise(heard, settings),
+    )
+
+
+def frames(heard: Heard) -> Check:
+    """Whether the link loses or spoils frames."""
+    link = heard.link
+    return judged(
+        "tracker frames",
+        link.lost + link.damaged + link.repeated == 0,
+        f"{link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated",
+        allowed="none lost, damaged or repeated",
+        remedy="take a shorter cable or another USB port, without a hub; see that baud is the device's, and that no "
+        "other program loads the machine",
+    )
+
+
+def rate(heard: Heard, settings: TrackerRig) -> Check:
+    """Whether the device samples as often as the rig file says, by its own clock."""
+    steps_us = np.diff(heard.device_us)
+    measured_hz = 0.0
+    if steps_us.size:
+        # A gap where frames were lost counts as the samples that it holds.
+        samples = np.rint(steps_us / np.median(steps_us)).sum()
+        measured_hz = float(samples * 1e6 / steps_us.sum())
+    wanted_hz = settings.rate_hz
+    return judged(
+        "tracker rate",
+        abs(measured_hz - wanted_hz) <= RATE_PART * wanted_hz,
+        f"{measured_hz:.1f} Hz by the device's clock",
+        allowed=f"{(1 - RATE_PART) * wanted_hz:g} to {(1 + RATE_PART) * wanted_hz:g} Hz",
+        remedy="set the device's firmware, or tracker.rate_hz in the rig file, to the other's rate",
+    )
+
+
+def drift(heard: Heard) -> Check:
+    """Whether the device's clock runs as this machine's does."""
+    ppm = heard.clock_map.drift_ppm
+    off = f"; no crystal's but a resonator's: the foot's speed is off by {abs(ppm) * 1e-4:.1f} %"
+    return judged(
+        "tracker clock",
+        abs(ppm) < DRIFT_LIMIT_PPM,
+        f"drift {ppm:+.0f} ppm against this machine's clock over {heard.clock_map.span_s:.1f} s"
+        + (off if CRYSTAL_PPM <= abs(ppm) < DRIFT_LIMIT_PPM else ""),
+        allowed=f"less than {DRIFT_LIMIT_PPM:g} ppm either way",
+        remedy="see that the firmware counts microseconds and the board has a crystal or a resonator; on a loaded "
+        "machine, close other programs and check again",
+    )
+
+
+def arrival(heard: Heard, settings: TrackerRig) -> Check:
+    """How late reads come."""
+    median, p99, longest = (float(np.quantile(heard.delay_ms, q)) for q in (0.5, 0.99, 1.0))
+    return judged(
+        "tracker arrival",
+        p99 <= DELAY_P99_MS and longest <= settings.stall_ms,
+        f"delay median {median:.2f} ms, p99 {p99:.2f} ms, longest {longest:.2f} ms",
+        allowed=f"p99 at most {DELAY_P99_MS:g} ms, longest at most {settings.stall_ms} ms",
+        remedy="close other programs; with a USB adapter, set its latency timer to 1 ms",
+    )
+
+
+def reading(tracker: Tracker, settings: TrackerRig) -> Check:
+    """Whether the sensor reads inside its calibration; as `palpate run` asks before a session."""
+    name = "tracker reading"
+    try:
+        calibration.check_reading(tracker, settings)
+    except TrackerError as error:
+        return refused(name, error)
+    calibrated_mm = [point.mm for point in settings.calibration]
+    return Check(name, "green", "inside the calibration", f"{min(calibrated_mm):g} to {max(calibrated_mm):g} mm")
+
+
+def noise(heard: Heard, settings: TrackerRig) -> Check:
+    """Whether a sensor that sees nothing move is as quiet as when it was calibrated."""
+    name = "tracker noise"
+    measured_mm = float(np.std(heard.height_mm))
+    measured = f"{measured_mm:.3f} mm at {float(np.median(heard.height_mm)):.1f} mm"
+    if settings.noise_mm is None:
+        return unchecked(
+            name,
+            f"{measured}, and tracker.noise_mm is not in the rig file",
+            "run palpate calibrate tracker, which writes it",
+        )
+    return judged(
+        name,
+        measured_mm <= NOISE_TIMES * settings.noise_mm,
+        measured,
+        allowed=f"at most {NOISE_TIMES * settings.noise_mm:g} mm, {NOISE_TIMES:g} times tracker.noise_mm",
+        remedy="see that nothing moves above the panel; see to the sensor's cable and supply, or run palpate "
+        "calibrate tracker",
+    )

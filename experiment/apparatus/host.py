@@ -1,0 +1,279 @@
+"""A session's threads before the machine's other work, for as long as it runs; and no collections while a foot falls.
+
+On Linux the thread that asks, and every thread and process it starts meanwhile, gets the lowest real-time priority
+(`SCHED_RR`): ordinary work waits for it, and sound servers and drivers, which run higher, do not. Where the system
+refuses that, it is made as little nice as the system allows. Where it allows neither, and on other systems, it stays as
+it is: a session works at any priority, and says which it has.
+
+Of the threads that a library starts some inherit that, and some are ordinary all the same. One that runs our code takes
+part (`joining`), one step above: the session would wait for an ordinary thread whenever that holds the interpreter, and
+a thread on the session's own step would wait for its turn behind it. In real time the session keeps to a core of its
+own where there is one (cores.py).
+
+A real-time thread that never rests must not lock the machine. The kernel leaves ordinary work a twentieth of each core
+(`sched_rt_runtime_us`); where that has been switched off, no real-time priority is taken.
+
+Linear algebra stays in the thread that asks for it: the threads of numpy's library are ordinary, and a session that
+waits for them does so at full speed, for as long as other work keeps them from their turn. The product of two vectors
+of 48,000 samples took up to 0.2 s.
+
+From the first session on the process keeps the memory that arrays give back: otherwise each stimulus would have a page
+fault for every 4 kB of every array that it passes through.
+
+A session on a core of its own, and what works beside it on the others.
+
+A thread that wakes another on the same core hands over in one switch; one on another core has to be called there, which
+takes longer, on a virtual machine by far. The session waits for its tracker's thread, so both share a core. What is
+started `elsewhere`, such as the audio callback, takes nothing from them but its turn at the interpreter.
+
+The core is the fastest that no other session keeps to; of equals the last, for systems give most of their own work to
+the first. One is left to all else: a session that finds none, that the system does not let go there, or that runs
+elsewhere than on Linux, stays where it is.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import socket
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext, suppress
+from contextvars import ContextVar
+from pathlib import Path
+
+from threadpoolctl import threadpool_limits
+
+FREQUENCY = "/sys/devices/system/cpu/cpu{}/cpufreq/cpuinfo_max_freq"
+HELD = "\0palpate-core-{}"
+"""Name of a socket without a file, which the session holds that keeps to a core; the kernel frees it however that
+ends."""
+
+_left: ContextVar[frozenset[int]] = ContextVar("_left", default=frozenset())
+"""The cores that the session leaves to others; none where it keeps to no core."""
+
+
+@contextmanager
+def kept() -> Iterator[int | None]:
+    """Keep the calling thread, and what it starts meanwhile, on one core; at the end the thread goes back.
+
+    Yields:
+        The core; None where there is none to keep to.
+    """
+    before = _allowed()
+    with _taken(before) as core:
+        if core is None:
+            yield None
+            return
+        token = _left.set(before - {core})
+        try:
+            yield core
+        finally:
+            _left.reset(token)
+            _go_to(before)
+
+
+@contextmanager
+def elsewhere() -> Iterator[None]:
+    """What the thread that keeps to a core starts meanwhile runs on the cores that it leaves."""
+    before = _allowed()
+    _go_to(_left.get())
+    try:
+        yield
+    finally:
+        _go_to(before)
+
+
+def leaving() -> Callable[[], bool]:
+    """What a thread that was there before calls to leave the core of the session that asks here, as its thread."""
+    left = _left.get()
+    return lambda: _go_to(left)
+
+
+@contextmanager
+def _taken(cores: frozenset[int]) -> Iterator[int | None]:
+    """Go to one of the cores and hold it."""
+    for core in sorted(cores, key=lambda core: (_fastest_khz(core), core), reverse=True)[:-1]:
+        with socket.socket(socket.AF_UNIX) as held:
+            try:
+                held.bind(HELD.format(core))
+            except OSError:  # Another session keeps to it.
+                continue
+            if _go_to(frozenset({core})):
+                yield core
+                return
+    yield None
+
+
+def _fastest_khz(core: int) -> int:
+    """What the core reaches; 0 where the system does not say, as on a virtual machine."""
+    try:
+        return int(Path(FREQUENCY.format(core)).read_text("ascii"))
+    except (OSError, ValueError):
+        return 0
+
+
+if sys.platform == "linux":
+
+    def _allowed() -> frozenset[int]:
+        return frozenset(os.sched_getaffinity(0))
+
+    def _go_to(cores: frozenset[int]) -> bool:
+        """Whether the system lets the thread run on these cores alone; on none it lets nobody."""
+        try:
+            os.sched_setaffinity(0, cores)
+        except OSError:
+            return False
+        return True
+
+else:
+
+    def _allowed() -> frozenset[int]:
+        return frozenset()
+
+    def _go_to(_cores: frozenset[int]) -> bool:
+        return False
+
+
+REAL_TIME = 1
+"""The lowest of the real-time priorities; what the session must never hold up is one higher."""
+
+LEAST_NICE = -20
+
+TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
+"""Parameters of glibc's `mallopt`."""
+
+KEPT_BYTES = 2**28
+LARGEST_KEPT_BYTES = 2**25
+"""An array larger than this goes back to the system whatever is kept; glibc allows no more."""
+
+THROTTLE = Path("/proc/sys/kernel/sched_rt_runtime_us")
+PERIOD = THROTTLE.with_name("sched_rt_period_us")
+"""How much of each second real-time threads may take, us; -1 for all of it."""
+
+
+@contextmanager
+def raised() -> Iterator[str]:
+    """Raise the calling thread, and with it what it starts meanwhile; it is lowered again at the end.
+
+    In real time it keeps to one core meanwhile, where that can be had. Linear algebra uses no further threads. What
+    there is of objects is kept out of further collections, so that each takes less time.
+
+    Yields:
+        The priority in force, in words; where more could be had, how.
+    """
+    gc.collect()
+    gc.freeze()
+    try:
+        with threadpool_limits(1, user_api="blas"):
+            if sys.platform == "linux":
+                _keep_memory()
+                with _raised_on_linux() as got:
+                    yield got
+            else:
+                yield "ordinary: palpate raises it on Linux alone; close what else runs"
+    finally:
+        gc.unfreeze()
+
+
+def is_real_time() -> bool:
+    """Whether the calling thread runs in real time."""
+    return _real_time_level() > 0
+
+
+def joining() -> Callable[[], None]:
+    """What a thread that a library starts calls to run just above the one that asks here, if that runs in real time.
+
+    Where the system allows no step above, it runs beside it. A thread that stands higher already stays where it is.
+    """
+    real_time = is_real_time()
+
+    def join() -> None:
+        for level in (REAL_TIME, REAL_TIME + 1):
+            if real_time and _real_time_level() < level:
+                with suppress(PermissionError):
+                    os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(level))
+
+    return join
+
+
+@contextmanager
+def undisturbed() -> Iterator[None]:
+    """No collection until the end of what must not wait; what it would have freed is freed soon after."""
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def _real_time_level() -> int:
+    """The calling thread's real-time priority; 0 for none."""
+    if sys.platform != "linux":
+        return 0
+    policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+    return os.sched_getparam(0).sched_priority if policy in (os.SCHED_RR, os.SCHED_FIFO) else 0
+
+
+if sys.platform == "linux":
+
+    @contextmanager
+    def _raised_on_linux() -> Iterator[str]:
+        policy, parameters, nice = os.sched_getscheduler(0), os.sched_getparam(0), os.getpriority(os.PRIO_PROCESS, 0)
+        try:
+            got = _raise(nice)
+            with kept() if is_real_time() else nullcontext() as core:
+                yield got if core is None else f"{got}, on core {core} alone"
+        finally:
+            _lower(policy, parameters, nice)
+
+    def _keep_memory() -> None:
+        mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # glibc has it, other libraries may not
+        if mallopt is not None:
+            mallopt(MMAP_THRESHOLD, LARGEST_KEPT_BYTES)
+            mallopt(TRIM_THRESHOLD, KEPT_BYTES)
+
+    def _raise(nice: int) -> str:
+        if _throttled():
+            try:
+                os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REAL_TIME))
+            except PermissionError:
+                pass
+            else:
+                return "real time"
+        for less_nice in sorted({LEAST_NICE, _least_nice()}):
+            if less_nice < nice:
+                try:
+                    os.setpriority(os.PRIO_PROCESS, 0, less_nice)
+                except PermissionError:
+                    continue
+                return f"nice {less_nice}: {_MORE}"
+        return f"ordinary: {_MORE}"
+
+    def _lower(policy: int, parameters: os.sched_param, nice: int) -> None:
+        """What was taken may be given back without any right."""
+        if os.sched_getscheduler(0) != policy:
+            os.sched_setscheduler(0, policy, parameters)
+        if os.getpriority(os.PRIO_PROCESS, 0) != nice:
+            os.setpriority(os.PRIO_PROCESS, 0, nice)
+
+    def _throttled() -> bool:
+        """Whether the kernel keeps real-time threads from taking a core for themselves."""
+        try:
+            share_us, of_us = (int(file.read_text("ascii")) for file in (THROTTLE, PERIOD))
+            return 0 <= share_us < of_us
+        except (OSError, ValueError):
+            return False
+
+    def _least_nice() -> int:
+        import resource
+
+        return 20 - resource.getrlimit(resource.RLIMIT_NICE)[0]
+
+    _MORE = (
+        "the system allows no more; for real time add the user to the group audio and give that an rtprio of 10 "
+        "in /etc/security/limits.d, and leave kernel.sched_rt_runtime_us as it comes"
+    )

@@ -1,0 +1,164 @@
+"""The response table of a rig as a CSV file: what a drive level at a frequency makes of the panel.
+
+```
+# any number of comments
+frequency_hz,drive_vrms,acceleration_pp_m_s2
+10,0.1,0.0963
+10,0.25,0.2405
+12,0.1,0.138
+12,0.25,0.345
+```
+
+One row a measurement, as Okamoto et al. took theirs (section 4, Figure 9): a sinusoid of `drive_vrms` volts root mean
+square at `frequency_hz` moves the loaded panel by `acceleration_pp_m_s2`, peak to peak. Frequencies rise; at each
+stand the same drive levels, rising. Reading turns both columns into amplitudes of sinusoids, here and nowhere else:
+sqrt 2 times the rms, half the peak to peak.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+
+from experiment import storage
+from experiment.errors import RecordingError
+from experiment.recordings.readers import number
+from experiment.synthesis.response import Response, not_rising
+
+COLUMNS = ("frequency_hz", "drive_vrms", "acceleration_pp_m_s2")
+
+
+@dataclass(frozen=True)
+class _Row:
+    line: int
+    frequency_hz: float
+    drive_vrms: float
+    acceleration_pp_m_s2: float
+
+
+def read(path: Path) -> Response:
+    """Read a response table.
+
+    Raises:
+        RecordingError: naming file, line, what it got and what is allowed: no table, a cell that is no number,
+            frequencies or levels out of order or twice there, levels missing, or a response that does not rise.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: cannot be read ({error.strerror}); allowed: the response table of a rig; name another file"
+        ) from error
+    return parse(path, content)
+
+
+def write(path: Path, response: Response, *, comments: Sequence[str]) -> None:
+    """Write a response as a table, six significant digits a number.
+
+    Args:
+        path: of the file.
+        response: amplitudes.
+        comments: lines for its head: what was measured, when, under which load.
+
+    Raises:
+        RecordingError: the file cannot be written.
+    """
+    lines = [f"# {comment}" for comment in comments] + [",".join(COLUMNS)]
+    for frequency_hz, answers in zip(response.frequencies_hz, response.accelerations_m_s2, strict=True):
+        for level_v, answer in zip(response.levels_v, answers, strict=True):
+            lines.append(f"{frequency_hz:.6g},{level_v / sqrt(2):.6g},{2 * answer:.6g}")
+    try:
+        storage.write(path, ("\n".join(lines) + "\n").encode())
+    except OSError as error:
+        raise RecordingError(
+            f"{path}: cannot be written ({error.strerror}); allowed: a place to write to; name the table otherwise"
+        ) from error
+
+
+def parse(path: Path, content: bytes) -> Response:
+    """As `read`, of a table that was read from `path`."""
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise RecordingError(f"{path}: got no UTF-8 text ({error}); allowed: a CSV table; save it as UTF-8") from error
+    rows = _rows(path, text)
+    at = [list(same) for _, same in groupby(rows, key=lambda row: row.frequency_hz)]
+    if len(at) < 2:
+        raise RecordingError(
+            f"{path}: got {len(at)} frequencies; allowed: two or more, to interpolate between; measure the response"
+        )
+    levels = [row.drive_vrms for row in at[0]]
+    for same in at[1:]:
+        if [row.drive_vrms for row in same] != levels:
+            raise RecordingError(
+                f"{path}: line {same[0].line}: got drive levels {[row.drive_vrms for row in same]} at "
+                f"{same[0].frequency_hz:g} Hz; allowed: {levels}, as at {at[0][0].frequency_hz:g} Hz; "
+                "measure what is missing"
+            )
+    accelerations = np.array([[row.acceleration_pp_m_s2 for row in same] for same in at]) / 2
+    place = not_rising(accelerations)
+    if place is not None:
+        i, j = place
+        row, before = at[i][j], at[i][j - 1].acceleration_pp_m_s2 if j else 0.0
+        raise RecordingError(
+            f"{path}: line {row.line}: acceleration_pp_m_s2: got {row.acceleration_pp_m_s2:g} at {row.drive_vrms:g} "
+            f"Vrms after {before:g} at the level below; allowed: more, for a response that does not rise with the "
+            "drive has no inverse; measure that frequency again"
+        )
+    return Response(
+        frequencies_hz=np.array([same[0].frequency_hz for same in at]),
+        levels_v=np.array(levels) * sqrt(2),
+        accelerations_m_s2=accelerations,
+    )
+
+
+def _rows(path: Path, text: str) -> list[_Row]:
+    """Every row, each later than the one before in frequency or, at one frequency, in level."""
+    rows: list[_Row] = []
+    lines: dict[tuple[float, float], int] = {}
+    headed = False
+    for line, content in enumerate(text.splitlines(), start=1):
+        if not content.strip() or content.startswith("#"):
+            continue
+        cells = [cell.strip() for cell in next(csv.reader([content]))]
+        if not headed:
+            if tuple(cells) != COLUMNS:
+                raise _wrong(path, line, repr(content[:60]), f"the header {','.join(COLUMNS)}", "add it")
+            headed = True
+            continue
+        row = _row(path, line, cells)
+        pair = row.frequency_hz, row.drive_vrms
+        where = f"{row.frequency_hz:g} Hz at {row.drive_vrms:g} Vrms"
+        if pair in lines:
+            raise _wrong(path, line, f"{where}, as in line {lines[pair]}", "one row for each", "remove one of them")
+        if rows and pair < (rows[-1].frequency_hz, rows[-1].drive_vrms):
+            allowed = "rising frequencies, and rising drive levels at each"
+            raise _wrong(path, line, f"{where} after line {rows[-1].line}", allowed, "sort the table")
+        lines[pair] = line
+        rows.append(row)
+    if not rows:
+        raise RecordingError(f"{path}: got no rows; allowed: {', '.join(COLUMNS)} in each; measure the response")
+    return rows
+
+
+def _row(path: Path, line: int, cells: list[str]) -> _Row:
+    if len(cells) != len(COLUMNS):
+        raise _wrong(path, line, f"{len(cells)} cells", f"{len(COLUMNS)}: {', '.join(COLUMNS)}", "correct the line")
+    values = []
+    for name, cell in zip(COLUMNS, cells, strict=True):
+        value = number(cell)
+        if value is None or value < 0 or (name == "drive_vrms" and value == 0):
+            least = "above 0" if name == "drive_vrms" else "of 0 or more"
+            raise _wrong(path, line, f"{name} {cell[:40]!r}", f"a finite number {least}", "correct or measure it")
+        values.append(value)
+    return _Row(line, *values)
+
+
+def _wrong(path: Path, line: int, got: str, allowed: str, remedy: str) -> RecordingError:
+    return RecordingError(f"{path}: line {line}: got {got}; allowed: {allowed}; {remedy}")

@@ -1,0 +1,1 @@
+"""experiment/apparatus/tracker"""

@@ -1,0 +1,295 @@
+"""Calibrating the tracker: from readings at known heights to the points of a rig file, and whether a rig's still hold.
+
+Two heights make a straight line; more follow a sensor that is bent. Heights between points are read off straight lines
+(rig.py). The residual of an inner point, against the line through its neighbours, is the error that leaving it out
+would make, and about four times the one that is left.
+
+The walk through known heights, what it found as lines of text, and the rig file with it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, MutableMapping, Sequence
+from dataclasses import dataclass
+from datetime import date, timedelta
+from itertools import pairwise
+from typing import Any, cast
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+
+from experiment.apparatus import opening
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.ports import Tracker
+from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
+from experiment.apparatus.tracker.zeroing import heights
+from experiment.clock import Clock, day
+from experiment.errors import RigError, TrackerError
+from experiment.protocol.models import Step
+
+READINGS = 1000
+"""Readings at each height."""
+
+APART = 6.0
+"""Readings at neighbouring heights lie at least this many standard deviations apart."""
+
+START_READINGS = 100
+"""Readings that are looked at before a session."""
+
+HELD_PART = 0.5
+"""Largest part of them that may lie at an end of the calibration, or beyond."""
+
+RAW = (CalibrationPoint(counts=0, mm=0.0), CalibrationPoint(counts=65535, mm=65535.0))
+"""A calibration under which heights are readings."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """Readings at a known height.
+
+    Attributes:
+        mm: the height, mm.
+        counts: what the sensor gave, shape (n,).
+    """
+
+    mm: float
+    counts: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Point:
+    """A calibrated point.
+
+    Attributes:
+        counts: median reading.
+        mm: height, mm.
+        residual_mm: of an inner point against the line through its neighbours, mm; 0 for the outermost.
+        noise_mm: standard deviation of the readings, as a height, mm.
+    """
+
+    counts: int
+    mm: float
+    residual_mm: float
+    noise_mm: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Points in the order of their readings, and when they were made."""
+
+    points: tuple[Point, ...]
+    calibrated_on: date
+
+    @property
+    def noise_mm(self) -> float:
+        """Of the noisiest point, mm."""
+        return max(point.noise_mm for point in self.points)
+
+    def settings(self, before: TrackerRig) -> TrackerRig:
+        """A tracker's settings with these points in place of its own."""
+        points = tuple(CalibrationPoint(counts=point.counts, mm=point.mm) for point in self.points)
+        made = {"calibration": points, "calibrated_on": self.calibrated_on, "noise_mm": round(self.noise_mm, 4)}
+        return before.model_copy(update=made)
+
+
+def raw(settings: TrackerRig) -> TrackerRig:
+    """Settings under which a tracker gives readings in place of heights."""
+    return settings.model_copy(update={"calibration": RAW})
+
+
+def level(tracker: Tracker, mm: float, readings: int = READINGS) -> Level:
+    """Read at a known height.
+
+    Args:
+        tracker: opened with the settings of `raw`.
+        mm: the height, mm.
+        readings: how many.
+
+    Raises:
+        TrackerError: the tracker failed.
+    """
+    return Level(mm, heights(tracker, readings))
+
+
+def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
+    """Points for a rig file.
+
+    Args:
+        levels: readings at two heights or more.
+        calibrated_on: today.
+
+    Raises:
+        TrackerError: too few heights, or readings that do not tell them apart, in one direction.
+    """
+    by_height = sorted(levels, key=lambda one: one.mm)
+    if len(by_height) < 2 or any(lower.mm == upper.mm for lower, upper in pairwise(by_height)):
+        got = ", ".join(f"{one.mm:g}" for one in by_height)
+        raise TrackerError(f"calibration: got the heights {got} mm; allowed: two or more, all different; add heights")
+    counts = np.array([float(np.median(one.counts)) for one in by_height])
+    spreads = np.array([float(np.std(one.counts)) for one in by_height])
+    rises = bool(counts[-1] > counts[0])
+    way = "rise or all fall" if counts[-1] == counts[0] else "rise" if rises else "fall"
+    for i, (step, spread) in enumerate(zip(np.diff(counts), np.maximum(spreads[1:], spreads[:-1]), strict=True)):
+        if abs(step) < max(APART * spread, 1.0) or (step > 0) != rises:
+            raise TrackerError(
+                f"calibration: got {counts[i]:g} counts at {by_height[i].mm:g} mm and {counts[i + 1]:g} at "
+                f"{by_height[i + 1].mm:g} mm, with a spread of {spread:.1f}; allowed: readings that all "
+                f"{way} with height, {APART:g} spreads apart; see that nothing moves, or leave "
+                "out heights that the sensor cannot tell apart"
+            )
+    mm = np.array([one.mm for one in by_height])
+    order = np.argsort(counts)
+    counts, mm, spreads = counts[order], mm[order], spreads[order]
+    residuals = np.zeros(mm.size)
+    for i in range(1, mm.size - 1):
+        residuals[i] = mm[i] - np.interp(counts[i], counts[[i - 1, i + 1]], mm[[i - 1, i + 1]])
+    noises = spreads * np.abs(np.gradient(mm, counts))
+    rows = zip(np.rint(counts).astype(int).tolist(), mm.tolist(), residuals.tolist(), noises.tolist(), strict=True)
+    return Calibration(tuple(Point(*row) for row in rows), calibrated_on)
+
+
+def check_age(rig: Rig, today: date) -> None:
+    """Refuse a real rig whose calibration is undated, too old, or of a day to come.
+
+    Raises:
+        RigError: see above.
+    """
+    tracker = rig.tracker
+    if rig.rig.simulated:
+        return
+    if tracker.calibrated_on is None or tracker.calibration_days is None:
+        raise RigError(
+            f"rig '{rig.rig.name}': tracker: got a calibration without calibrated_on and calibration_days; allowed: "
+            "its day, and for how many days it holds; run palpate calibrate tracker, which writes both"
+        )
+    until = tracker.calibrated_on + timedelta(days=tracker.calibration_days)
+    if not tracker.calibrated_on <= today <= until:
+        raise RigError(
+            f"rig '{rig.rig.name}': tracker.calibrated_on: got {tracker.calibrated_on}; allowed: at most "
+            f"{tracker.calibration_days} days before today, {today}; run palpate calibrate tracker"
+        )
+
+
+def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
+    """Refuse a sensor that reads beyond its calibration before anybody is on the panel.
+
+    Args:
+        tracker: the opened tracker.
+        settings: its calibration.
+
+    Raises:
+        TrackerError: half of the readings lie at or beyond an end of the calibration; or the tracker failed.
+    """
+    read_mm = heights(tracker, START_READINGS)
+    calibrated = [point.mm for point in settings.calibration]
+    for end_mm, held in ((min(calibrated), read_mm <= min(calibrated)), (max(calibrated), read_mm >= max(calibrated))):
+        if held.mean() > HELD_PART:
+            raise TrackerError(
+                f"tracker: got readings at or beyond {end_mm:g} mm, where its calibration ends; allowed: "
+                f"{min(calibrated):g} to {max(calibrated):g} mm; see that the sensor is in its place and sees the "
+                "foot, or run palpate calibrate tracker"
+            )
+
+
+def heights_asked(text: str) -> tuple[float, ...]:
+    """Heights as they are typed, such as `0,10,20,50`, mm.
+
+    Raises:
+        RigError: not two different numbers or more.
+    """
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if len(set(found)) < 2 or len(set(found)) < len(found) or not all(map(math.isfinite, found)):
+        raise RigError(f"--points: got '{text}'; allowed: two or more different heights in mm, such as 0,10,20,50")
+    return found
+
+
+def walk(
+    rig: Rig, heights_mm: Sequence[float], *, ask: Callable[[str], str], clock: Clock, port: str | None = None
+) -> Calibration:
+    """Read the sensor at each height, when the experimenter says that it is there.
+
+    Args:
+        rig: the rig; its present calibration does not matter.
+        heights_mm: in the order of the walk.
+        ask: shows a prompt and returns when Enter was pressed; `input` on a terminal.
+        clock: says which day it is.
+        port: used instead of the one that the rig names.
+
+    Raises:
+        PalpateError: the tracker failed, or the readings are no calibration.
+    """
+    settings = raw(rig.tracker)
+    tracker = opening.open_tracker(rig.model_copy(update={"tracker": settings}), clock=clock, port=port)
+    try:
+        levels = []
+        for place, mm in enumerate(heights_mm, start=1):
+            ask(f"Height {place} of {len(heights_mm)}: hold the target {mm:g} mm above the panel. Press Enter: ")
+            levels.append(level(tracker, mm))
+    finally:
+        tracker.close()
+    return calibrate(levels, day(clock.now_ns()))
+
+
+def calibrated(rig: Rig, made: Calibration, days: int) -> Rig:
+    """The rig with a new calibration that holds for so many days."""
+    tracker = made.settings(rig.tracker).model_copy(update={"calibration_days": days})
+    return rig.model_copy(update={"tracker": tracker})
+
+
+def report(made: Calibration, rig: Rig, step: Step | None) -> Iterator[str]:
+    """What was found, line by line.
+
+    Args:
+        made: the calibration.
+        rig: the rig with it.
+        step: gate and contact of the protocol that it is meant for; None if none was named.
+    """
+    yield "counts      mm   residual mm   noise mm"
+    for point in made.points:
+        yield f"{point.counts:6d} {point.mm:7.2f} {point.residual_mm:13.3f} {point.noise_mm:10.3f}"
+    yield "Residual: from the line through a point's neighbours; about a quarter of it is left between points."
+    if step is not None:
+        try:
+            rigs.check(rig, step)
+        except RigError as error:
+            yield f"Not far enough: {error}"
+        else:
+            yield f"It reaches past the gate ({step.gate_top_mm:g} mm) and the panel ({step.contact_mm:g} mm)."
+
+
+def table(rig: Rig) -> str:
+    """What to write under [tracker] in a rig file."""
+    document = tomlkit.document()
+    _put(document, rig)
+    return tomlkit.dumps(document)
+
+
+def rewritten(text: str, rig: Rig) -> str:
+    """A rig file with the calibration of `rig` in place of its own; all else stays, comments too.
+
+    Args:
+        text: the rig file.
+        rig: the rig with the new calibration.
+    """
+    document = tomlkit.parse(text)
+    _put(cast("MutableMapping[str, Any]", document["tracker"]), rig)
+    return tomlkit.dumps(document)
+
+
+def _put(tracker: MutableMapping[str, Any], rig: Rig) -> None:
+    settings = rig.tracker
+    tracker.pop("calibration", None)
+    tracker["calibrated_on"] = settings.calibrated_on
+    tracker["calibration_days"] = settings.calibration_days
+    tracker["noise_mm"] = settings.noise_mm
+    points = tomlkit.array()
+    for point in settings.calibration:
+        row = tomlkit.inline_table()
+        row.update({"counts": point.counts, "mm": point.mm})
+        points.append(row)
+    tracker["calibration"] = points.multiline(multiline=True)

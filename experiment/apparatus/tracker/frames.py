@@ -1,0 +1,342 @@
+"""The tracker's wire format and its reader.
+
+For the author of firmware; some is in `firmware/` beside this file. The device samples the sensor at a steady rate and
+sends one frame a sample, 12 bytes:
+
+    field      type    meaning
+    sequence   uint16  rises by one with every sample, sent or not; 65535 is followed by 0
+    device_us  uint32  the device's clock when the sample was taken, microseconds, wraps every 71.6 min
+    counts     uint16  the sensor's reading, raw
+    crc        uint16  CRC-16/IBM-3740 (polynomial 0x1021, initial value 0xFFFF, neither reflected nor inverted;
+                       "123456789" gives 0x29B1) of the eight bytes before it
+
+Fields are little-endian and without padding. The ten bytes are stuffed by COBS (Cheshire and Baker 1999, "Consistent
+overhead byte stuffing", IEEE/ACM Trans. Networking 7(2)), which makes eleven without a zero, and 0x00 ends the frame.
+A frame takes 120 bits at 8N1, so a rate of 5 kHz needs 600 kbaud or more.
+
+How the stream is counted:
+
+- received: good frames, repeated ones not among them.
+- repeated: frames with the sequence number and the time of the one before. They are dropped.
+- damaged: stretches between two 0x00 that are no frame (length, COBS or CRC). Where reading begins, the rest of a frame
+  already under way is not counted.
+- lost: sequence numbers that are missing and left no damaged stretch behind, modulo 65536.
+
+A device that restarts has another clock, so its times must not be joined to those from before. The reader knows a
+restart by a clock that stands still, or that goes back by anything but a wrap: read as a wrap it would have jumped
+over `LONGEST_PAUSE_US`. From there on no frame is given out and `Frames.restarted` stays true.
+
+What a tracker gives: samples of the foot's position, and counts of the link they came by.
+"""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc_hqx
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from cobs import cobs
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A run of foot positions, in the order the device sent them.
+
+    Attributes:
+        device_us: device time of each sample, microseconds, int64, shape (n,), strictly rising.
+        height_mm: height of the sole above the panel, mm, float64, shape (n,).
+        raw: the bytes taken from the line since the samples before, damaged frames included. Joined in order
+            they decode to the same samples; a frame may be torn between two of them. A device that sends anything but
+            the frames of frames.py has its driver encode them, for a session keeps its traces so.
+        ends: where in `raw` each sample's frame ends, int64, shape (n,).
+        arrived_ns: session time at which the last of them came, ns.
+    """
+
+    device_us: NDArray[np.int64]
+    height_mm: NDArray[np.float64]
+    raw: bytes
+    ends: NDArray[np.int64]
+    arrived_ns: int
+
+    def cut(self, count: int) -> tuple[Samples, Samples]:
+        """The first `count` of them, and the others."""
+        end = int(self.ends[count - 1]) if count else 0
+        return (
+            replace(
+                self,
+                device_us=self.device_us[:count],
+                height_mm=self.height_mm[:count],
+                raw=self.raw[:end],
+                ends=self.ends[:count],
+            ),
+            replace(
+                self,
+                device_us=self.device_us[count:],
+                height_mm=self.height_mm[count:],
+                raw=self.raw[end:],
+                ends=self.ends[count:] - end,
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class LinkCounts:
+    """What a serial link did since it was opened, in frames.
+
+    Attributes:
+        received: good frames, repeated ones not among them.
+        lost: missing sequence numbers that left no damaged frame behind, so that a frame is never counted twice.
+        damaged: stretches of the stream that are no frame.
+        repeated: frames that came twice; the second was dropped.
+    """
+
+    received: int = 0
+    lost: int = 0
+    damaged: int = 0
+    repeated: int = 0
+
+    def plus(self, more: LinkCounts) -> LinkCounts:
+        """Counts of both."""
+        return LinkCounts(
+            self.received + more.received,
+            self.lost + more.lost,
+            self.damaged + more.damaged,
+            self.repeated + more.repeated,
+        )
+
+    def since(self, earlier: LinkCounts) -> LinkCounts:
+        """Counts from `earlier` until now."""
+        return LinkCounts(
+            self.received - earlier.received,
+            self.lost - earlier.lost,
+            self.damaged - earlier.damaged,
+            self.repeated - earlier.repeated,
+        )
+
+
+FRAME_BYTES = 12
+"""Length of a frame, the closing 0x00 included."""
+
+LONGEST_PAUSE_US = 60_000_000
+"""Longest jump across a wrap of the device's clock that is still taken for a wrap, microseconds."""
+
+_STUFFED_BYTES = FRAME_BYTES - 1
+_SAMPLE = struct.Struct("<HIH")
+_BODY = struct.Struct("<HIHH")
+_SAMPLE_FIELDS = np.dtype([("sequence", "<u2"), ("device_us", "<u4"), ("counts", "<u2")])
+_CRC_START = 0xFFFF
+_SEQUENCES = 1 << 16
+_CLOCK = 1 << 32
+
+
+class Frames(NamedTuple):
+    """What one piece of the stream held.
+
+    Attributes:
+        device_us: unwrapped device time of each frame, microseconds, int64, shape (n,), strictly rising.
+        counts: raw readings, uint16, shape (n,).
+        ends: where in the piece each frame ended (offset of the byte after its 0x00), int64, shape (n,).
+        link: frames counted in this piece.
+        restarted: the device restarted, in this piece or before.
+    """
+
+    device_us: NDArray[np.int64]
+    counts: NDArray[np.uint16]
+    ends: NDArray[np.int64]
+    link: LinkCounts
+    restarted: bool
+
+
+def encode(sequence: int, device_us: int, counts: int) -> bytes:
+    """One frame.
+
+    Args:
+        sequence: number of the frame; taken modulo 2^16.
+        device_us: device time, microseconds; taken modulo 2^32.
+        counts: the sensor's reading, 0..65535.
+    """
+    sample = _SAMPLE.pack(sequence % _SEQUENCES, device_us % _CLOCK, counts)
+    stuffed: bytes = cobs.encode(sample + crc_hqx(sample, _CRC_START).to_bytes(2, "little"))
+    return stuffed + b"\0"
+
+
+class Decoder(NamedTuple):
+    """Where reading stands. It never changes: `feed` gives the next one, a tuple, because that is made quickly.
+
+    Attributes:
+        near_us: the first time read is unwrapped to the one nearest to this, microseconds; the default leaves it as
+            it was sent.
+        sequence: of the last good frame; None before the first.
+        device_us: unwrapped time of the last good frame.
+        tail: bytes after the last 0x00.
+        aligned: a 0x00 has been seen since reading began.
+        gap_expected: bytes were thrown away since the last good frame.
+        damaged: damaged stretches since the last good frame.
+        restarted: the device restarted; nothing more is read.
+    """
+
+    near_us: int = _CLOCK // 2
+    sequence: int | None = None
+    device_us: int = 0
+    tail: bytes = b""
+    aligned: bool = False
+    gap_expected: bool = False
+    damaged: int = 0
+    restarted: bool = False
+
+    def skipped(self) -> Decoder:
+        """After bytes were thrown away: the gap they leave is not counted as lost."""
+        return Decoder(
+            near_us=self.near_us,
+            sequence=self.sequence,
+            device_us=self.device_us,
+            gap_expected=self.sequence is not None,
+            restarted=self.restarted,
+        )
+
+    def feed(self, data: bytes) -> tuple[Decoder, Frames]:
+        """Read the next piece of the stream, of any length. Never raises, whatever the bytes.
+
+        Args:
+            data: the piece.
+
+        Returns:
+            The decoder for the next piece, and what this one held.
+        """
+        whole = self.tail + data
+        return self._unbroken(whole) or self._any(whole)
+
+    def _unbroken(self, whole: bytes) -> tuple[Decoder, Frames] | None:
+        """The short way for a stream without fault, which a stream mostly is; None where it may have one.
+
+        A few frames come at a time, after a sleep that leaves the processor's caches cold: one loop of few calls then
+        takes less time than numpy's over the same frames.
+
+        Args:
+            whole: the piece with what was left of the one before.
+        """
+        pieces = whole.split(b"\0")
+        tail = pieces.pop()
+        if self.sequence is None or self.restarted or self.gap_expected or self.damaged or not pieces:
+            return None
+        if len(tail) > _STUFFED_BYTES:
+            return None
+        sequence, us = self.sequence, self.device_us
+        wraps_us = us - us % _CLOCK
+        device_us: list[int] = []
+        counts: list[int] = []
+        try:
+            for piece in pieces:
+                body = cobs.decode(piece)
+                if len(body) != _BODY.size:
+                    return None
+                number, clock_us, reading, crc = _BODY.unpack(body)
+                sequence += 1
+                before_us, us = us, wraps_us + clock_us
+                if number != sequence or us <= before_us or crc_hqx(body[: _SAMPLE.size], _CRC_START) != crc:
+                    return None
+                device_us.append(us)
+                counts.append(reading)
+        except cobs.DecodeError:
+            return None
+        decoder = Decoder(self.near_us, sequence, us, tail, aligned=True)
+        end = len(whole) - len(tail) - len(self.tail)
+        ends = np.arange(end - FRAME_BYTES * (len(pieces) - 1), end + 1, FRAME_BYTES)
+        frames = Frames(
+            np.array(device_us, dtype=np.int64),
+            np.array(counts, dtype=np.uint16),
+            ends,
+            LinkCounts(received=len(pieces)),
+            restarted=False,
+        )
+        return decoder, frames
+
+    def _any(self, whole: bytes) -> tuple[Decoder, Frames]:
+        """Any stream at all."""
+        pieces = whole.split(b"\0")
+        tail = pieces.pop()[:FRAME_BYTES]
+        samples: list[bytes] = []
+        ends: list[int] = []
+        damaged_before: list[int] = []
+        damaged = self.damaged
+        total_damaged = 0
+        aligned = self.aligned
+        end = -len(self.tail)
+        for piece in pieces:
+            end += len(piece) + 1
+            sample = _sample(piece)
+            if sample is not None:
+                samples.append(sample)
+                ends.append(end)
+                damaged_before.append(damaged)
+                damaged = 0
+            elif piece and aligned:
+                damaged += 1
+                total_damaged += 1
+            aligned = True
+        fields = np.frombuffer(b"".join(samples), dtype=_SAMPLE_FIELDS)
+        return self._joined(fields, ends, damaged_before, tail, aligned, damaged, total_damaged)
+
+    def _joined(
+        self,
+        fields: NDArray[np.void],
+        ends: list[int],
+        damaged_before: list[int],
+        tail: bytes,
+        aligned: bool,
+        damaged: int,
+        total_damaged: int,
+    ) -> tuple[Decoder, Frames]:
+        """Join the frames of a piece to those before it."""
+        sequence = fields["sequence"].astype(np.int64)
+        clock_us = fields["device_us"].astype(np.int64)
+        last_sequence, last_us = self.sequence, self.device_us
+        if last_sequence is None and sequence.size:
+            last_sequence = int(sequence[0]) - 1
+            last_us = int(clock_us[0]) - 1 + _CLOCK * round((self.near_us - int(clock_us[0])) / _CLOCK)
+        steps = np.diff(sequence, prepend=last_sequence if last_sequence is not None else 0) % _SEQUENCES
+        jumps_us = np.diff(clock_us, prepend=last_us % _CLOCK)
+        forward_us = jumps_us % _CLOCK
+        wrong = ((forward_us == 0) & (steps != 0)) | ((jumps_us < 0) & (forward_us > LONGEST_PAUSE_US))
+        restarted = self.restarted or bool(wrong.any())
+        whole = 0 if self.restarted else int(np.argmax(wrong)) if restarted else sequence.size
+        new = forward_us[:whole] > 0
+        missing = np.maximum((steps[:whole] - 1) % _SEQUENCES - np.array(damaged_before[:whole], dtype=np.int64), 0)[
+            new
+        ]
+        if self.gap_expected and missing.size:
+            missing[0] = 0
+        device_us = last_us + np.cumsum(forward_us[:whole])
+        link = LinkCounts(
+            received=int(new.sum()),
+            lost=int(missing.sum()),
+            damaged=total_damaged,
+            repeated=int(whole - new.sum()),
+        )
+        decoder = Decoder(
+            near_us=self.near_us,
+            sequence=int(sequence[whole - 1]) if whole else self.sequence,
+            device_us=int(device_us[-1]) if whole else self.device_us,
+            tail=tail,
+            aligned=aligned,
+            gap_expected=self.gap_expected and not new.any(),
+            damaged=damaged,
+            restarted=restarted,
+        )
+        kept_ends = np.array(ends[:whole], dtype=np.int64)[new]
+        return decoder, Frames(device_us[new], fields["counts"][:whole][new], kept_ends, link, restarted)
+
+
+def _sample(piece: bytes) -> bytes | None:
+    """The eight bytes of a sample, or None where the stretch between two 0x00 is no frame."""
+    if len(piece) != _STUFFED_BYTES:
+        return None
+    try:
+        body = cobs.decode(piece)
+    except cobs.DecodeError:
+        return None
+    sample = body[:8]
+    return sample if crc_hqx(sample, _CRC_START) == body[8] | body[9] << 8 else None

@@ -1,0 +1,134 @@
+"""A tracker's driver that a rig file names, from somebody else's file: what fails in it is told as its fault."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+
+from experiment.apparatus.ports import Tracker
+from experiment.apparatus.rig import FRAMES, Rig
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
+from experiment.clock import Clock
+from experiment.errors import PalpateError, RigError, TrackerError
+
+
+def open_foreign(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | None) -> Tracker:
+    """Open the rig's tracker through the driver that it names.
+
+    Args:
+        rig: the rig; its `tracker.driver` is `package.module:Class`.
+        where: the port.
+        clock: the session's; stamps arrivals.
+        clock_map: of a simulated device whose clock is known; estimated from arrivals if None.
+
+    Raises:
+        TrackerError: the driver could not open the port.
+        RigError: there is no such driver, or it is none.
+    """
+    named = rig.tracker.driver
+    driver = _driver(rig)
+    with _blamed(named, "open"):
+        tracker = driver(where, rig.tracker, clock=clock, clock_map=clock_map)
+    return ForeignTracker(tracker, named)
+
+
+class ForeignTracker:
+    """Implements `Tracker` on top of a driver that may raise anything."""
+
+    def __init__(self, tracker: Tracker, named: str) -> None:
+        """Take over an opened driver.
+
+        Args:
+            tracker: the driver.
+            named: as the rig file names it.
+        """
+        self._tracker = tracker
+        self._named = named
+
+    @property
+    def counts(self) -> LinkCounts:
+        with _blamed(self._named, "counts"):
+            counts = self._tracker.counts
+            if not isinstance(counts, LinkCounts):
+                raise TypeError(f"got {counts!r:.60}, not LinkCounts")
+            return counts
+
+    @property
+    def clock_map(self) -> ClockMap | None:
+        with _blamed(self._named, "clock_map"):
+            clock_map = self._tracker.clock_map
+            if not (clock_map is None or isinstance(clock_map, ClockMap)):
+                raise TypeError(f"got {clock_map!r:.60}, not a ClockMap, nor None")
+            return clock_map
+
+    def drain(self) -> None:
+        with _blamed(self._named, "drain"):
+            self._tracker.drain()
+
+    def read(self) -> Samples:
+        with _blamed(self._named, "read"):
+            samples = self._tracker.read()
+            if not isinstance(samples, Samples):
+                raise TypeError(f"got {samples!r:.60}, not Samples")
+            if not samples.device_us.shape == samples.height_mm.shape == samples.ends.shape != (0,):
+                raise ValueError("device_us, height_mm and ends are not of one length, at least 1")
+            return samples
+
+    def reconnect(self, timeout_s: float) -> None:
+        with _blamed(self._named, "reconnect"):
+            self._tracker.reconnect(timeout_s)
+
+    def close(self) -> None:
+        ending = sys.exception()
+        try:
+            with _blamed(self._named, "close"):
+                self._tracker.close()
+        except TrackerError as error:
+            if isinstance(ending, PalpateError):
+                raise TrackerError(f"{ending}; and then: {error}") from error
+            raise
+
+
+@contextmanager
+def _blamed(named: str, part: str) -> Iterator[None]:
+    try:
+        yield
+    except (TrackerError, RigError):
+        raise
+    except (Exception, SystemExit) as error:  # SystemExit would end the session without a word
+        raise TrackerError(
+            f"tracker: its driver '{named}' failed at `{part}` ({_said(error)}); see to the device, or have the driver "
+            "mended"
+        ) from error
+
+
+def _said(error: BaseException) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
+
+
+def _driver(rig: Rig) -> Callable[..., Tracker]:
+    module, _, name = rig.tracker.driver.partition(":")
+    try:
+        driver: Callable[..., Tracker] = getattr(importlib.import_module(module), name)
+    except (Exception, SystemExit) as error:  # a module may raise anything while it is imported, and end nothing
+        raise RigError(_not_a_driver(rig, error)) from error
+    missing = [name for name in ("read", "drain", "reconnect", "close") if not hasattr(driver, name)]
+    if missing:
+        raise RigError(_not_a_driver(rig, AttributeError(f"it has no {', '.join(missing)}")))
+    with suppress(ValueError):  # compiled classes may not say what they are called with
+        try:
+            inspect.signature(driver).bind("", rig.tracker, clock=None, clock_map=None)
+        except TypeError as error:
+            raise RigError(_not_a_driver(rig, error)) from error
+    return driver
+
+
+def _not_a_driver(rig: Rig, error: BaseException) -> str:
+    return (
+        f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({_said(error)}); allowed: {FRAMES}, or a "
+        "class that can be imported and implements Tracker; install the package that holds it, or correct the rig file"
+    )

@@ -1,0 +1,187 @@
+"""When a falling foot will meet the panel, and whether it still falls: from its heights since the top of the gate.
+
+Height, speed and acceleration are followed by a Kalman filter. Between samples the acceleration wanders at random,
+by about v^2 / `WANDER_MM` while the foot travels `WANDER_MM` (white jerk of density v^5 / WANDER_MM^3): a statement of
+scale, which a foot of any gait satisfies, and no form of movement. So the filter forgets by distance: it looks back
+far on a slow foot and a noisy sensor, where noise decides, and briefly on a fast foot and a quiet sensor, where
+curvature does.
+
+Contact is where the parabola through the present estimate meets the panel. Its standard error holds noise and the
+wander until contact.
+
+A foot whose speed has surely (by `SURE` standard errors) fallen below `FALLS_PART` of its speed through the gate has
+stopped or hesitates; one that surely rises has turned back. Neither is predicted to land.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from experiment.apparatus.tracker.gate import Gate
+from experiment.protocol.models import Step
+
+WANDER_MM = 30.0
+"""Over this travel the acceleration becomes another by v^2 divided by it, mm."""
+
+FALLS_PART = 0.2
+"""A foot slower than this part of its speed through the gate hesitates."""
+
+SURE = 2.0
+"""Standard errors by which it must be slower."""
+
+FIRST_MM_S = 150.0
+"""Speed expected before the second sample, mm/s, with a standard deviation as large."""
+
+SLOWEST_MM_S, FASTEST_MM_S = 20.0, 1000.0
+"""The scale of wander stays within these speeds, mm/s."""
+
+QUIETEST_MM = 0.003
+"""No sensor is taken to be more exact than this, mm rms."""
+
+NOISE_MM = 0.1
+"""Noise of a sensor whose rig file does not state it, mm rms."""
+
+TURNED_BACK = "the foot turned back above the panel"
+STOPPED = "the foot stopped or hesitated above the panel"
+
+
+class Falling(NamedTuple):
+    """A foot at its newest sample: estimates and the upper half of their covariance (mm, s), rising counted positive.
+
+    Attributes:
+        us: device time of the sample, microseconds.
+        mm: height above contact; `mm_s`: its rate; `mm_s2`: the rate of that.
+        hh: variance of height; `hv`, `ha`, `vv`, `va`, `aa`: the other covariances.
+    """
+
+    us: int
+    mm: float
+    mm_s: float
+    mm_s2: float
+    hh: float
+    hv: float
+    ha: float
+    vv: float
+    va: float
+    aa: float
+
+
+@dataclass(frozen=True)
+class Landing:
+    """A predicted contact.
+
+    Attributes:
+        us: when, device time, microseconds.
+        standard_error_us: of `us`, microseconds.
+        from_us: device time of the newest sample that it rests on.
+    """
+
+    us: float
+    standard_error_us: float
+    from_us: int
+
+
+class LandingPredictor:
+    """Follows a foot sample by sample; the same however reads were cut."""
+
+    def __init__(self, step: Step, *, noise_mm: float) -> None:
+        """Set up for a protocol's gate and a rig's sensor.
+
+        Args:
+            step: gate and contact.
+            noise_mm: standard deviation of the sensor's noise, mm.
+        """
+        self._top_mm = step.gate_top_mm
+        self._contact_mm = step.contact_mm
+        self._variance_mm2 = max(noise_mm, QUIETEST_MM) ** 2
+
+    def init(self) -> Falling | None:
+        """Before the first sample."""
+        return None
+
+    def step(self, state: Falling | None, us: int, height_mm: float) -> Falling | None:
+        """Take one sample.
+
+        Args:
+            state: from `init` or the step before.
+            us: device time, microseconds, later than that of the state.
+            height_mm: height of the sole above the panel, mm.
+
+        Returns:
+            The state for the next step; None while the foot is above the gate.
+        """
+        if height_mm > self._top_mm:
+            return None
+        measured_mm, noise_mm2 = height_mm - self._contact_mm, self._variance_mm2
+        if state is None:
+            curve_mm_s2 = FIRST_MM_S**2 / WANDER_MM
+            return Falling(us, measured_mm, -FIRST_MM_S, 0.0, noise_mm2, 0.0, 0.0, FIRST_MM_S**2, 0.0, curve_mm_s2**2)
+        mm, mm_s, mm_s2, hh, hv, ha, vv, va, aa = _moved(state, (us - state.us) / 1e6)
+        off_mm = measured_mm - mm
+        gain = hh / (hh + noise_mm2), hv / (hh + noise_mm2), ha / (hh + noise_mm2)
+        return Falling(
+            us,
+            mm + gain[0] * off_mm,
+            mm_s + gain[1] * off_mm,
+            mm_s2 + gain[2] * off_mm,
+            hh - gain[0] * hh,
+            hv - gain[0] * hv,
+            ha - gain[0] * ha,
+            vv - gain[1] * hv,
+            va - gain[1] * ha,
+            aa - gain[2] * ha,
+        )
+
+    def landing(self, state: Falling) -> Landing | None:
+        """The contact to expect; None for a foot that does not fall.
+
+        Args:
+            state: from `step`.
+        """
+        mm, mm_s, mm_s2 = max(state.mm, 0.0), state.mm_s, state.mm_s2
+        if mm_s >= 0:
+            return None
+        root = mm_s**2 - 2 * mm_s2 * mm
+        # A parabola that turns above the panel says a foot that will stop; until it does, it comes no later than this.
+        left_s = 2 * mm / (math.sqrt(root) - mm_s) if root > 0 else -mm / mm_s
+        _, then_mm_s, _, hh, *_ = _moved(state, left_s)
+        return Landing(
+            state.us + left_s * 1e6, math.sqrt(max(hh, 0.0)) / max(-then_mm_s, -mm_s * FALLS_PART) * 1e6, state.us
+        )
+
+    def hesitates(self, state: Falling | None, gate: Gate) -> str:
+        """Why the foot is not taken to land any more; empty while it falls.
+
+        Args:
+            state: from `step`.
+            gate: its passage through the gate.
+        """
+        if state is None:
+            return TURNED_BACK
+        error_mm_s = SURE * math.sqrt(max(state.vv, 0.0))
+        if state.mm_s > error_mm_s:
+            return TURNED_BACK
+        if -state.mm_s + error_mm_s < FALLS_PART * gate.speed_mm_s:
+            return STOPPED
+        return ""
+
+
+def _moved(state: Falling, seconds: float) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """The state without its time, `seconds` later: x <- F x, P <- F P F' + Q of an acceleration that wanders."""
+    _, mm, mm_s, mm_s2, hh, hv, ha, vv, va, aa = state
+    s, s2 = seconds, seconds * seconds
+    scale_mm_s = min(max(-mm_s, SLOWEST_MM_S), FASTEST_MM_S)
+    q = scale_mm_s**5 / WANDER_MM**3 * s
+    return (
+        mm + s * mm_s + s2 / 2 * mm_s2,
+        mm_s + s * mm_s2,
+        mm_s2,
+        hh + 2 * s * hv + s2 * (vv + ha) + s * s2 * va + s2 * s2 / 4 * aa + q * s2 * s2 / 20,
+        hv + s * (vv + ha) + 1.5 * s2 * va + s * s2 / 2 * aa + q * s * s2 / 8,
+        ha + s * va + s2 / 2 * aa + q * s2 / 6,
+        vv + 2 * s * va + s2 * aa + q * s2 / 3,
+        va + s * aa + q * s / 2,
+        aa + q,
+    )

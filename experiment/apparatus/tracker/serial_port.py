@@ -1,0 +1,254 @@
+"""A serial port that one thread waits at while others empty, wake or close it.
+
+It is a device path, a pseudo-terminal, or anything that pyserial opens by URL, such as `socket://host:port`.
+
+Serial ports of this machine: which there are, what is behind them, and who holds them.
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+import threading
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from experiment.clock import MonotonicClock
+from experiment.errors import TrackerError
+
+if TYPE_CHECKING:
+    import serial
+
+
+@dataclass(frozen=True)
+class SerialDevice:
+    """A serial port.
+
+    Attributes:
+        port: what a rig file names.
+        description: what the system calls it.
+        identity: the same wherever it is plugged in; empty for a port that has none.
+        held_by: programs that have it open, as far as this user may see.
+    """
+
+    port: str
+    description: str
+    identity: str
+    held_by: tuple[str, ...]
+
+
+def devices() -> tuple[SerialDevice, ...]:
+    """Every serial port, in the order of their names."""
+    from serial.tools.list_ports import comports
+
+    return tuple(
+        SerialDevice(found.device, found.description or "", _identity(found), holders(found.device))
+        for found in sorted(comports())
+    )
+
+
+def identity_of(port: str) -> str:
+    """What is behind a port, wherever it is plugged in; empty for a port that has no such name."""
+    from serial.tools.list_ports import comports
+
+    resolved = str(Path(port).resolve())
+    return next((_identity(found) for found in comports() if found.device in (port, resolved)), "")
+
+
+def port_of(identity: str) -> str | None:
+    """Where a device is now; None while it is not plugged in."""
+    from serial.tools.list_ports import comports
+
+    return next((found.device for found in comports() if identity and _identity(found) == identity), None)
+
+
+def present() -> str:
+    """What is connected, as part of a message."""
+    found = ", ".join(device.port for device in devices())
+    return f"connected are {found}; set tracker.port in the rig file" if found else "no serial port is connected"
+
+
+def holders(port: str) -> tuple[str, ...]:
+    """Programs that have a port open: `name (process number)`.
+
+    Linux alone tells, and of another user's programs only to the superuser; this program is not among them.
+    """
+    try:
+        device = Path(port).stat().st_rdev
+    except OSError:
+        return ()
+    others = (process for process in Path("/proc").glob("[0-9]*") if int(process.name) != os.getpid())
+    holding = [f"{_name(process)} ({process.name})" for process in others if device and _has_open(process, device)]
+    return tuple(sorted(holding))
+
+
+def _has_open(process: Path, device: int) -> bool:
+    try:
+        return any(_device(file) == device for file in (process / "fd").iterdir())
+    except OSError:
+        # Another user's, or over by now.
+        return False
+
+
+def _device(file: Path) -> int:
+    try:
+        return file.stat().st_rdev
+    except OSError:
+        return 0
+
+
+def _name(process: Path) -> str:
+    try:
+        return (process / "comm").read_text("utf-8", "replace").strip()
+    except OSError:
+        return "a program"
+
+
+def _identity(found: object) -> str:
+    """Vendor, product and serial number of a USB device."""
+    vid, pid, number = (getattr(found, name, None) for name in ("vid", "pid", "serial_number"))
+    return f"{vid:04x}:{pid:04x}:{number}" if vid is not None and pid is not None and number else ""
+
+
+CALM_BYTES = 512
+"""A look at a URL's port is calm if it finds no more than this."""
+
+CALM_LOOKS = 2
+"""Emptying a URL's port ends after this many calm looks one after the other."""
+
+SETTLE_NS = 1_000_000
+"""How long the operating system gets between two looks to pass on what it holds, ns."""
+
+MOST_LOOKS = 1000
+"""Emptying ends after this many looks, even if the line is faster than it may be."""
+
+LOOK_S = 0.001
+"""How often a port is looked at where the system cannot wait for it (Windows), s."""
+
+LARGEST_READ = 65536
+
+VANISHED: tuple[type[Exception], ...] = (OSError,)
+"""What a port that has gone raises."""
+if find_spec("termios"):
+    import termios
+
+    VANISHED = (OSError, termios.error)
+
+
+class SerialPort:
+    """An open port."""
+
+    def __init__(self, name: str, baud: int) -> None:
+        """Open it, for this process alone where the system can.
+
+        Args:
+            name: device path, pseudo-terminal or pyserial URL.
+            baud: speed of the line.
+
+        Raises:
+            TrackerError: it cannot be opened.
+        """
+        self._port = _opened(name, baud)
+        self._is_device = "://" not in name
+        self._selectable = hasattr(self._port, "fileno")
+        self._woken = threading.Event()
+        self._waker, self._wakes = socket.socketpair()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait until something has come or the port has gone; `take` says which.
+
+        Args:
+            timeout_s: how long at most.
+
+        Returns:
+            False when the time is over, or `wake` was called.
+        """
+        if not self._selectable:
+            for _ in range(max(round(timeout_s / LOOK_S), 1)):
+                if self._port.in_waiting:
+                    return True
+                if self._woken.wait(LOOK_S):
+                    return False
+            return False
+        return self._ready(timeout_s)
+
+    def take(self) -> bytes:
+        """What has come and can be had without waiting; raises one of `VANISHED` if the port has gone."""
+        if self._selectable and os.name == "posix":
+            # Nothing may be left of what `wait` saw. A port that has gone seems ready all the time, and gives nothing.
+            data = self._read()
+            if not data and self._ready(0.0) and not (data := self._read()):
+                raise OSError(errno.EIO, "it seems ready but returns no data, as a device that was unplugged")
+            return data
+        # A URL handler says that something waits, not how much.
+        size = (self._port.in_waiting or 1) if self._is_device else LARGEST_READ
+        return bytes(self._port.read(size))
+
+    def discard(self) -> None:
+        """Throw away what came before now; raises one of `VANISHED` if the port has gone."""
+        if self._is_device:
+            self._port.reset_input_buffer()
+            return
+        # It cannot be told to: one look is not enough, for some may still be on its way.
+        calm_looks = 0
+        for _ in range(MOST_LOOKS):
+            calm_looks = calm_looks + 1 if len(self.take()) <= CALM_BYTES else 0
+            if calm_looks == CALM_LOOKS:
+                return
+            MonotonicClock().sleep_ns(SETTLE_NS)
+
+    def _ready(self, timeout_s: float) -> bool:
+        woken = self._wakes.fileno()
+        ready, _, _ = select.select([self._port.fileno(), woken], [], [], timeout_s)
+        return bool(ready) and woken not in ready
+
+    def _read(self) -> bytes:
+        try:
+            return os.read(self._port.fileno(), LARGEST_READ)
+        except BlockingIOError:
+            return b""
+
+    def wake(self) -> None:
+        """Have `wait` return at once, now and from now on."""
+        self._woken.set()
+        self._waker.send(b"\0")
+
+    def close(self) -> None:
+        """Close it; nobody may be waiting any more."""
+        # pyserial leaves a socket open whose other end went away first.
+        connection = getattr(self._port, "_socket", None)
+        self._port.close()
+        for end in (connection, self._waker, self._wakes):
+            if end is not None:
+                end.close()
+
+
+def reason(error: BaseException) -> str:
+    """An operating system's words on one line."""
+    return " ".join(str(error).split())
+
+
+def _opened(port: str, baud: int) -> serial.Serial:
+    import serial
+
+    try:
+        return serial.serial_for_url(port, baudrate=baud, timeout=0, exclusive=True)
+    except OSError as error:
+        busy = f"{_holder(port)} holds it; close that program"
+        remedy = {
+            errno.ENOENT: f"no such port; {present()}",
+            errno.EACCES: "not permitted; let this user open serial ports (on Linux: group dialout)",
+            errno.EBUSY: busy,
+            errno.EAGAIN: busy,
+        }.get(error.errno or 0, f"{reason(error)}; see that it is a serial port and in order; {present()}")
+        raise TrackerError(f"tracker at {port}: {remedy}") from error
+    except ValueError as error:
+        raise TrackerError(f"tracker at {port}: {error}; correct [tracker] in the rig file") from error
+
+
+def _holder(port: str) -> str:
+    return ", ".join(holders(port)) or "another program"

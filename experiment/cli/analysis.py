@@ -1,0 +1,189 @@
+"""The commands of the analyst's desk: analyse, export, audit, power."""
+
+import re
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiment.cli import options
+from experiment.cli.laboratory import ProtocolFile
+from experiment.errors import Interrupted, PowerError
+
+analyst = typer.Typer()
+
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+
+PARTICIPANTS = "4,5,6,7,8,10,12,15,20,25,30,40"
+
+
+@analyst.command(epilog="Example: palpate analyse participants/okamoto2012 --out tables")
+def analyse(
+    datasets: Annotated[
+        list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several: pooled.")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for tables, figures and report; inside DATASET by default.")
+    ] = None,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
+    dissimilarities: Annotated[
+        Path | None, typer.Option("--dissimilarities", help="CSV of pairs of materials, as `palpate validate` writes.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Make the tables and the report of a dataset.
+
+    Confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs, ICCs, models of single
+    trials, figures and one HTML report; a study that was published is compared with its paper, value by value.
+    """
+    tell_analysis(datasets, out, as_json=as_json, figures=figures, dissimilarities=dissimilarities)
+
+
+@analyst.command(epilog="Example: palpate export participants/okamoto2012 --out okamoto2012-tables")
+def export(
+    datasets: Annotated[
+        list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several: pooled.")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the tables; in a dataset, below its derivatives.")],
+) -> None:
+    """Write tables for R, JASP and PsychoPy users.
+
+    Tidy trials, counts in the long layout, one row a participant in the wide one, PsychoPy's columns, what was left
+    out, and a dictionary of every column.
+    """
+    from analysis import export as exports
+
+    for path in exports.export(datasets, out):
+        typer.echo(path)
+
+
+@analyst.command(epilog="Example: palpate audit okamoto2012")
+def audit(
+    target: Annotated[
+        str,
+        typer.Argument(metavar="STUDY|FILE|DATASET", help="Id of a shipped study, TOML of printed numbers, or folder."),
+    ],
+    against: Annotated[
+        Path | None, typer.Option("--against", help="For a dataset: TOML of its paper; by default by its study's id.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Do printed numbers agree with one another, or with a dataset?
+
+    Recomputes every statistic as the interval that rounding or truncation of the other numbers allows, asks whether
+    whole counts can stand behind means, SDs and rows, and names the simplest mistake that gives a number that
+    disagrees. A disagreement is a finding, not an error: the exit code is 0.
+    """
+    from analysis.audit import audit as audits
+
+    result = audits.audit(target, against)
+    if as_json:
+        options.put(result.as_dict())
+    else:
+        typer.echo(result.text())
+
+
+@analyst.command(epilog="Example: palpate power protocols/okamoto2012.toml --participants 5-30 --out power")
+def power(
+    protocol_file: ProtocolFile,
+    model: Annotated[
+        str,
+        typer.Option(
+            "--model",
+            help="How participants answer: 'published' tables of this study, the id of another published study, the "
+            "folder of a dataset, or a TOML file.",
+        ),
+    ] = "published",
+    participants: Annotated[
+        str, typer.Option("--participants", help="Sizes to try, such as 5,10,15 or 5-30.")
+    ] = PARTICIPANTS,
+    studies: Annotated[int, typer.Option("--studies", help="Simulated studies of each size.")] = 10_000,
+    alpha: Annotated[
+        float | None, typer.Option("--alpha", help="Level of every test; each test's own by default.")
+    ] = None,
+    target: Annotated[float, typer.Option("--target", help="Power wanted.")] = 0.8,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Names every random draw.")] = 1,
+    jobs: Annotated[int, typer.Option("--jobs", min=0, help="Chunks of studies at a time; 0: one a core.")] = 0,
+    scheduler: Annotated[
+        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler to work on instead.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown, LaTeX) and plot.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say how many participants a study needs.
+
+    Simulates whole studies from a choice model, and tests each as the protocol plans: power by number of participants,
+    with its Monte Carlo error, and the type I error when everybody guesses. The same seed gives the same result on any
+    number of cores or machines.
+    """
+    from analysis import published
+    from analysis.documents import output
+    from analysis.power import choice_models, planned_tests, report, simulate, workers
+    from experiment.cli.options import progress
+    from experiment.settings import load
+
+    for name, share in (("--alpha", alpha), ("--target", target)):
+        if share is not None and not 0 < share < 1:
+            raise PowerError(f"{name} {share}: allowed: a number between 0 and 1; give one")
+    sizes = _sizes(participants)
+    if out is not None:
+        output.check(out, (), "power")
+    protocol = load.load(protocol_file)
+    chosen = choice_models.find(model, protocol)
+    printed = published.load(model) or published.load(protocol.study.id)
+    planned = planned_tests.design(protocol, printed.pairs() if printed else {}, alpha)
+    runner = (
+        partial(workers.on_cores, jobs=jobs) if scheduler is None else partial(workers.on_cluster, address=scheduler)
+    )
+    try:
+        with progress(simulate.LABEL, quiet=as_json) as (total, tick):
+            result = simulate.run(
+                protocol,
+                planned,
+                chosen,
+                participants=sizes,
+                studies=studies,
+                seed=seed,
+                target=target,
+                runner=runner,
+                total=total,
+                tick=tick,
+            )
+    except KeyboardInterrupt:
+        raise Interrupted("the simulation was interrupted; nothing was written") from None
+    if out is not None:
+        report.write(result, out)
+    if as_json:
+        options.put(report.as_dict(result))
+    else:
+        typer.echo(report.text(result))
+
+
+def tell_analysis(
+    datasets: list[Path], out: Path | None, *, as_json: bool, figures: bool, dissimilarities: Path | None = None
+) -> None:
+    """Analyse datasets, and print what was found."""
+    from analysis import analyse as analyses
+
+    result = analyses.analyse(datasets, out, figures=figures, dissimilarities=dissimilarities)
+    if as_json:
+        options.put(result.as_dict())
+    else:
+        typer.echo(result.text())
+
+
+def _sizes(text: str) -> list[int]:
+    """`5,10,15`, `5-30`, or both."""
+    found: list[int] = []
+    for part in text.split(","):
+        match = re.fullmatch(r"\s*([0-9]{1,6})(?:\s*-\s*([0-9]{1,6}))?\s*", part)
+        if match is None or (match[2] and int(match[2]) < int(match[1])):
+            raise PowerError(
+                f"--participants: got {text!r}; allowed: whole numbers and rising ranges between commas, such as "
+                "5,10,20-30"
+            )
+        found += range(int(match[1]), int(match[2] or match[1]) + 1)
+    return found

@@ -1,0 +1,203 @@
+"""The commands of the synthesis engine: record, validate, plan, numerics."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiment.cli import options
+from experiment.cli.laboratory import ProtocolFile
+from experiment.errors import Interrupted, RecordingError
+
+engine = typer.Typer()
+
+
+@engine.command(epilog="Example: palpate record study.toml --rig our-rig.toml --out recordings")
+def record(
+    protocol_file: ProtocolFile,
+    out: Annotated[Path, typer.Option("--out", help="Folder of the recordings; new or empty.")],
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file, with a table [accelerometer].")] = None,
+    simulated: Annotated[
+        bool, typer.Option("--simulated", help="Unattended, with simulated foot and objects.")
+    ] = False,
+    speeds: Annotated[
+        str | None, typer.Option("--speeds", help="Targets in mm/s, such as 150,250,400; the protocol's by default.")
+    ] = None,
+    takes: Annotated[int | None, typer.Option("--takes", help="Of each condition; the protocol's by default.")] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Names every random draw of --simulated.")] = 1,
+) -> None:
+    """Record a protocol's materials and the bare panel.
+
+    Walks through materials, speeds and takes, shows the achieved speed of each step beside its target, and keeps or
+    repeats a take at a key. A knock before the foot's contact is left out. Ctrl-C stops; the same command goes on.
+    The rig's actuator is not used, so its response table is not read.
+    """
+    from experiment.recordings import workflow
+
+    wanted = _speeds(speeds)
+    try:
+        if simulated:
+            from experiment.protocol.shipped import shipped
+            from experiment.rehearsal.footstep import recorder
+
+            manifest = recorder.record_simulated(
+                protocol_file=protocol_file,
+                rig_file=rig or shipped("rigs/rehearsal.toml"),
+                out=out,
+                seed=seed,
+                speeds_mm_s=wanted,
+                takes=takes,
+            )
+        else:
+            from experiment.desk.terminal import TerminalTakes
+
+            if rig is None:
+                raise RecordingError(
+                    "--rig: got none; allowed: the rig file of this laboratory; name it, or use --simulated"
+                )
+            manifest = workflow.record_on_rig(
+                protocol_file=protocol_file,
+                rig_file=rig,
+                out=out,
+                console=TerminalTakes(write=sys.stdout, ask=input),
+                speeds_mm_s=wanted,
+                takes=takes,
+            )
+    except KeyboardInterrupt:
+        raise Interrupted("the recording was interrupted; the same command goes on with it") from None
+    typer.echo(f"{'SIMULATED recordings' if simulated else 'Recordings'}: {manifest.parent}")
+
+
+@engine.command(epilog="Example: palpate validate recordings --fresh fresh-takes --out validation")
+def validate(
+    folder: Annotated[Path, typer.Argument(metavar="RECORDINGS", help="Folder of recordings.")],
+    fresh: Annotated[
+        Path | None, typer.Option("--fresh", help="Folder of fresh takes; simulated ones are made if left out.")
+    ] = None,
+    protocol_file: Annotated[
+        Path | None,
+        typer.Option("--protocol", help="Protocol whose average over takes is used; magnitudes are if left out."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder of results; RECORDINGS/validation by default.")
+    ] = None,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Names the draws of simulated fresh takes.")] = 1,
+    figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """Validate the synthesis on recordings, as published.
+
+    Puts each fresh take on the speed whose synthesised spectrum is most like it, counts how many are on their own or a
+    neighbouring speed, and compares the materials with one another. Takes are averaged as the protocol says; what the
+    other way to average would give stands beside it.
+    """
+    from analysis.validation import validate as validation
+    from experiment.recordings import manifest
+    from experiment.settings import load
+
+    average = load.load(protocol_file).synthesis.average if protocol_file is not None else "magnitude"
+    recorded = manifest.load_all(folder)
+    if fresh is not None:
+        if fresh.resolve() == folder.resolve():
+            raise RecordingError(f"--fresh {fresh}: got the recordings themselves; allowed: other takes; record them")
+        others = manifest.load_all(fresh)
+    else:
+        from experiment.rehearsal.footstep import recorder
+
+        others = recorder.fresh_takes(recorded, seed=seed)
+    folder_out = out or folder / "validation"
+    result = validation.validate(recorded, others, folder_out, average=average, figures=figures)
+    if as_json:
+        options.put(result.as_dict())
+    else:
+        typer.echo(result.text())
+
+
+def _speeds(text: str | None) -> tuple[float, ...]:
+    if text is None:
+        return ()
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise RecordingError(f"--speeds: got {text!r}; allowed: numbers and commas, such as 150,250,400") from None
+
+
+@engine.command(epilog="Example: palpate plan protocols/okamoto2012.toml --task real")
+def plan(
+    protocol_file: ProtocolFile,
+    task: Annotated[str | None, typer.Option("--task", help="One task; all of the protocol's by default.")] = None,
+    recordings: Annotated[
+        Path | None, typer.Option("--recordings", help="Folder of recordings; simulated ones by default.")
+    ] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file; the rehearsal's by default.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """Print what a task needs and what it leaves out.
+
+    With the time and memory that each omission saves and the error it makes, measured on this machine while you wait.
+    """
+    import tempfile
+
+    from experiment.apparatus import rig as rigs
+    from experiment.apparatus.panel.conditioning import open_drive
+    from experiment.errors import ScheduleError
+    from experiment.protocol.shipped import shipped
+    from experiment.session import scene_cost
+    from experiment.settings import load
+
+    protocol = load.load(protocol_file)
+    tasks = [one.id for one in protocol.tasks if task in (None, one.id)]
+    if not tasks:
+        known = ", ".join(one.id for one in protocol.tasks)
+        raise ScheduleError(f"no task '{task}' in study {protocol.study.id}; its tasks: {known}")
+    rig = rig or shipped("rigs/rehearsal.toml")
+    opened = rigs.load(rig)
+    open_drive(rig.parent, opened.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
+    with tempfile.TemporaryDirectory() as folder:
+        if recordings is None:
+            from experiment.rehearsal.footstep import recorded_takes
+
+            recordings = recorded_takes.make_recordings(Path(folder) / "simulated", protocol=protocol, seed=1).parent
+            source = "SIMULATED recordings, made for this plan"
+        else:
+            from experiment.recordings import manifest
+
+            source = f"SIMULATED recordings, {recordings}" if manifest.is_simulated(recordings) else str(recordings)
+        plans = [
+            scene_cost.plan(protocol=protocol, rig=opened, rig_folder=rig.parent, task_id=one, recordings=recordings)
+            for one in tasks
+        ]
+    if as_json:
+        tables = [one.as_dict() for one in plans]
+        options.put({"recordings": source, "tasks": tables})
+    else:
+        typer.echo("\n\n\n".join([f"Measured with: {source}", *(one.text() for one in plans)]))
+
+
+@engine.command(epilog="Example: palpate numerics --quick --out numerics")
+def numerics(
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer sizes and repeats.")] = False,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown) and plot.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """Measure error against run time of every method.
+
+    And try the extreme cases, each with the invariant that must hold. Ends with exit code 1 if one does not.
+    """
+    from analysis.numerics import numerics as measured
+    from experiment.cli.options import progress
+    from experiment.synthesis.limiter import limit
+
+    if out is not None:
+        measured.check_out(out)
+    with progress("numerics", quiet=as_json) as (total, tick):
+        result = measured.run(quick=quick, limit=limit, total=total, tick=tick)
+    if out is not None:
+        measured.write(result, out)
+    if as_json:
+        options.put(result.as_dict())
+    else:
+        typer.echo(result.text())
+    if result.failed:
+        raise typer.Exit(1)

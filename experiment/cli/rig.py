@@ -1,0 +1,211 @@
+"""The commands of a rig: which devices this machine has, whether they are in order, and what calibrates them."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from experiment.cli import options
+
+if TYPE_CHECKING:
+    from experiment.apparatus.doctor.verdict import Check
+
+rig_commands = typer.Typer()
+calibrate = typer.Typer(
+    help="Calibrate a device of the rig.", epilog="Example: palpate calibrate tracker --rig our-rig.toml"
+)
+rig_commands.add_typer(calibrate, name="calibrate")
+
+RigFile = Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")]
+
+COLOURS = {"green": typer.colors.GREEN, "red": typer.colors.RED, "not checked": typer.colors.YELLOW}
+
+
+@rig_commands.command(epilog="Example: palpate devices --json")
+def devices(
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """List the devices of this machine, as a rig file names them: serial ports, who holds them, and audio devices."""
+    from experiment.apparatus.audio import devices as audio_devices
+    from experiment.apparatus.tracker import serial_port
+
+    serial, audio = serial_port.devices(), audio_devices.devices()
+    if as_json:
+        document = {"serial": [asdict(port) for port in serial], "audio": [asdict(card) for card in audio]}
+        options.put(document)
+        return
+    typer.echo("Serial ports, as tracker.port names them:")
+    for device in serial:
+        held = f"  held by {', '.join(device.held_by)}" if device.held_by else ""
+        typer.echo(f"  {device.port}  {device.description}  {device.identity}".rstrip() + held)
+    if not serial:
+        typer.echo("  none")
+    typer.echo("Audio devices, as audio.host_api and audio.device name them (a held one shows fewer channels):")
+    for card in audio:
+        typer.echo(
+            f'  host_api = "{card.host_api}"  device = "{card.name}"  inputs {card.inputs}, outputs {card.outputs}, '
+            f"{card.rate_hz:g} Hz"
+        )
+    if not audio:
+        typer.echo("  none")
+
+
+@rig_commands.command(epilog="Example: palpate doctor --rig our-rig.toml --protocol study.toml")
+def doctor(
+    rig: RigFile,
+    protocol: Annotated[
+        Path | None, typer.Option("--protocol", help="Protocol file of the study that comes next.")
+    ] = None,
+    dataset: Annotated[
+        Path | None, typer.Option("--dataset", help="Folder of the study's dataset; participants/STUDY by default.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+) -> None:
+    """Check a rig before a session: nobody may be on the panel, for it may move.
+
+    Files, calibrations, tracker, audio device with its loopback, actuator, disk and clocks, each green or red with the
+    remedy, through the drivers that sessions use. Exit code 2 if anything is red.
+    """
+    from experiment.apparatus.doctor import doctor as doctors
+    from experiment.clock import MonotonicClock
+
+    typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
+    found = []
+    for check in doctors.examine(rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock()):
+        found.append(check)
+        if not as_json:
+            for line in _lines(check):
+                typer.echo(line)
+    red = sum(check.verdict == "red" for check in found)
+    if as_json:
+        document = {"rig": str(rig), "ready": not red, "checks": [asdict(check) for check in found]}
+        options.put(document)
+    else:
+        typer.echo(f"{red} of {len(found)} checks are red." if red else "Nothing is red.")
+    if red:
+        raise typer.Exit(2)
+
+
+def _lines(check: "Check") -> Iterator[str]:
+    """A check for the terminal, in colour where it has some: one line, and the remedy under it."""
+    word = typer.style(f"{check.verdict:11}", fg=COLOURS[check.verdict])
+    allowed = f" (allowed: {check.allowed})" if check.allowed else ""
+    yield f"{word}  {check.name:19}  {check.measured}{allowed}"
+    if check.remedy:
+        yield f"{'':34}{check.remedy}"
+
+
+@calibrate.command("tracker", epilog="Example: palpate calibrate tracker --rig our-rig.toml --out new-rig.toml")
+def calibrate_tracker(
+    rig: RigFile,
+    points: Annotated[str, typer.Option("--points", help="Heights above the panel, mm.")] = "-2,0,10,20,50",
+    days: Annotated[int, typer.Option("--days", min=1, max=3650, help="For how many days it will hold.")] = 90,
+    protocol: Annotated[
+        Path | None, typer.Option("--protocol", help="Protocol file whose gate the calibration must reach past.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="New rig file; by default the table is printed.")] = None,
+) -> None:
+    """Calibrate the tracker at known heights.
+
+    Walks through the heights, reads the sensor at each, and prints points, residuals and noise. The rig file itself is
+    never changed: --out writes a new one, or the printed lines replace the old ones under [tracker].
+    """
+    from experiment import storage
+    from experiment.apparatus import rig as rigs
+    from experiment.apparatus.tracker import calibration as calibrating
+    from experiment.clock import MonotonicClock
+    from experiment.errors import Interrupted, RigError
+    from experiment.settings import load
+
+    heights_mm = calibrating.heights_asked(points)
+    step = load.load(protocol).step if protocol is not None else None
+    if out is not None and out.exists():
+        raise RigError(f"{out}: exists; allowed: a new file; name another")
+    before = rigs.load(rig)
+    try:
+        made = calibrating.walk(before, heights_mm, ask=input, clock=MonotonicClock())
+    except (KeyboardInterrupt, EOFError):
+        raise Interrupted("the calibration was interrupted; nothing was written") from None
+    after = calibrating.calibrated(before, made, days)
+    for line in calibrating.report(made, after, step):
+        typer.echo(line)
+    if out is None:
+        typer.echo(f"\n{calibrating.table(after)}")
+    else:
+        storage.write(out, calibrating.rewritten(rig.read_text("utf-8-sig"), after).encode())
+        typer.echo(f"Rig file: {out}")
+
+
+@calibrate.command("audio", epilog="Example: palpate calibrate audio --rig our-rig.toml --out our-new-rig.toml")
+def calibrate_audio(
+    rig_file: RigFile,
+    out: Annotated[Path | None, typer.Option("--out", help="Write the rig file with the result to here.")] = None,
+    probes: Annotated[int, typer.Option("--probes", min=2, max=1000, help="How many sweeps are played.")] = 20,
+    peak: Annotated[float, typer.Option("--peak", min=0.001, max=1.0, help="Of a sweep; 1.0 is full scale.")] = 0.1,
+) -> None:
+    """Measure latency and level of the audio device by loopback.
+
+    Plays sweeps on the actuator's channel and listens on the loopback: disconnect the actuator's amplifier, or keep
+    the peak low. Where sweeps come back otherwise than [audio.delivered] allows, or in xruns, all are played again,
+    three times at most; then the measurement is refused. Prints the table [audio.latency] of the rig file.
+    """
+    from datetime import UTC, datetime
+
+    from experiment.apparatus import host, opening
+    from experiment.apparatus import rig as rigs
+    from experiment.apparatus.audio import calibration
+    from experiment.clock import MonotonicClock
+    from experiment.errors import RigError
+
+    loaded = rigs.load(rig_file)
+    audio = opening.audio_of(loaded)
+    entry = audio.channels.loopback
+    if entry is None:
+        raise RigError(f"{rig_file}: got no audio.channels.loopback; allowed: an input that is cabled to the actuator")
+    if out is not None and out.exists():
+        raise RigError(f"{out}: is there already; name a new file")
+    device = None
+    with ExitStack() as opened:
+        opened.enter_context(host.raised())
+        card = None
+        if loaded.rig.simulated:
+            from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+
+            typer.echo("SIMULATED: a sound card of software, not a device", err=True)
+            card = SoundCard(
+                rate_hz=audio.rate_hz,
+                block=audio.block,
+                inputs=audio.channels.inputs,
+                outputs=audio.channels.outputs,
+            )
+            opened.callback(card.close)
+            device = DEVICE
+        stream = opening.open_probing(loaded, peak=peak, clock=MonotonicClock(), device=device)
+        opened.callback(stream.close)
+        if card is not None:
+            card.disconnect(entry)
+            card.connect(audio.channels.actuator, entry)
+        found = calibration.steadily(
+            lambda: calibration.measure(stream, output=audio.channels.actuator, entry=entry, peak=peak, probes=probes),
+            audio,
+            exact=loaded.rig.simulated,
+        )
+    today = datetime.now(tz=UTC).astimezone().date()
+    days = audio.latency.calibration_days
+    divided = "as the driver reports them" if found.as_reported else "in halves, for the driver does not report both"
+    typer.echo(
+        f"# {found.probes} probes: round trip {found.round_trip_frames:g} frames, spread {found.spread_frames}; "
+        f"gain {found.gain:.4g}, spread {found.spread_db:.2f} dB; residual {found.residual_db:.0f} dB; "
+        f"{found.xruns} xruns\n# output and input divided {divided}"
+    )
+    typer.echo(found.table(today, days), nl=False)
+    if out is not None:
+        from experiment import storage
+
+        text = calibration.rewritten(rig_file.read_text("utf-8"), found.values(today, days))
+        storage.write(out, text.encode())
+        rigs.load(out)
+        typer.echo(f"# written: {out}")

@@ -1,0 +1,299 @@
+"""Writing the files of a BIDS `beh` dataset: plain tables and sidecars, the same bytes for the same content.
+
+Journals and printed counts are both converted with it. Every file is moved to its place whole. The layout is the
+Brain Imaging Data Structure 1.10 for behavioural experiments; the keys `Palpate`, `Materials` and `Rows` are ours,
+and analysis reads them.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import re
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment import storage
+from experiment.errors import DatasetError
+from experiment.records.events import EVENT_COLUMNS, FURTHER_COLUMNS, NO_ANSWER
+
+BIDS_VERSION = "1.10.0"
+MISSING = "n/a"
+
+Origin = Literal["PARTICIPANT", "REHEARSAL", "RECONSTRUCTION"]
+
+LABELS: dict[Origin, str] = {
+    "PARTICIPANT": "",
+    "REHEARSAL": "REHEARSAL - simulated participants",
+    "RECONSTRUCTION": "RECONSTRUCTION - consistent with the printed tables, no original data",
+}
+"""What stands at the head of every file of such a dataset; a study's own data carries no label."""
+
+PARTICIPANT_COLUMNS: dict[str, dict[str, object]] = {
+    "participant_id": {"Description": "Label of the participant, as in the folder's name."},
+    "first_task": {"Description": "Task done first. n/a where the order of tasks is not known."},
+    "withdrawn": {
+        "Description": "Whether the participant withdrew from the study. n/a where that is not known.",
+        "Levels": {"0": "took part to the end", "1": "withdrew: no data of theirs is analysed"},
+    },
+    "origin": EVENT_COLUMNS["origin"],
+}
+"""Columns of `participants.tsv` in their order."""
+
+
+@dataclass(frozen=True)
+class DatasetText:
+    """What a dataset says about itself: `study` is the study's id, `tasks` in the order in which tables show them.
+
+    `origin` is what produced its rows, `authors` answer for it, `readme` is the body of README below title and label.
+    """
+
+    study: str
+    name: str
+    origin: Origin
+    license: str
+    authors: tuple[str, ...]
+    tasks: tuple[str, ...]
+    readme: str
+    software_version: str
+    references: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class TaskText:
+    """What the sidecar of a task's events says; `materials` maps each id, in order, to its description."""
+
+    id: str
+    title: str
+    description: str
+    instructions: str
+    materials: Mapping[str, str]
+    stimulus_presentation: Mapping[str, str]
+    origin: Origin
+    notes: Mapping[str, object] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class PhysioColumn:
+    """One column of a continuous recording: `values` shape (samples,), NaN where nothing was recorded."""
+
+    values: NDArray[np.float64]
+    description: str
+    units: str
+    decimals: int
+
+
+@contextmanager
+def new_dataset(out: Path) -> Iterator[Path]:
+    """A folder to build a dataset in; it becomes `out` when the block ends well, and vanishes otherwise.
+
+    Raises:
+        DatasetError: when `out` exists and is not an empty folder, or cannot be made.
+    """
+    if out.exists() and not (out.is_dir() and not any(out.iterdir())):
+        raise DatasetError(f"{out} exists; a dataset is never overwritten: choose another folder or move it away")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        partial = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+    except OSError as error:
+        raise DatasetError(f"cannot make {out}: {error.strerror}; choose a folder that can be written") from error
+    try:
+        partial.chmod(0o755)
+        yield partial
+        partial.replace(out)
+    except OSError as error:
+        raise DatasetError(f"cannot finish {out}: {error.strerror}; free the place or choose another") from error
+    finally:
+        if partial.exists():
+            shutil.rmtree(partial)
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Put `content` at `path`, whole and on disk.
+
+    Raises:
+        DatasetError: when the file system refuses.
+    """
+    try:
+        storage.write(path, content)
+    except OSError as error:
+        raise DatasetError(f"cannot write {path}: {error.strerror}; check its folder and the free space") from error
+
+
+def write_json(path: Path, content: Mapping[str, object]) -> None:
+    """Write a JSON object, two spaces deep, keys in the order given."""
+    write_bytes(path, (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
+
+
+def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> int:
+    """Write a tab-separated table and return its number of rows.
+
+    A value is `n/a` where it is None, not a number, or left out; true and false are 1 and 0.
+
+    Raises:
+        ValueError: for a key that is no column, or text that holds a tab or a line end.
+    """
+    lines = ["\t".join(columns)]
+    for row in rows:
+        if unknown := set(row) - set(columns):
+            raise ValueError(f"no such columns: {sorted(unknown)}; columns: {list(columns)}")
+        lines.append("\t".join(_cell(row.get(column)) for column in columns))
+    write_bytes(path, ("\n".join(lines) + "\n").encode())
+    return len(lines) - 1
+
+
+def write_description(root: Path, text: DatasetText) -> None:
+    """Write `dataset_description.json` and `README`; the label of a rehearsal or reconstruction leads both."""
+    label = LABELS[text.origin]
+    name = _labelled(text.name, text.origin)
+    description: dict[str, object] = {
+        "Name": name,
+        "BIDSVersion": BIDS_VERSION,
+        "DatasetType": "raw",
+        "License": text.license,
+        "Authors": list(text.authors),
+        "GeneratedBy": [{"Name": "palpate", "Version": text.software_version, "Description": label or "measured"}],
+        "Palpate": {"Study": text.study, "Origin": text.origin, "Label": label, "Tasks": list(text.tasks)},
+    }
+    if text.references:
+        description["ReferencesAndLinks"] = list(text.references)
+    write_json(root / "dataset_description.json", description)
+    write_bytes(root / "README", f"{name}\n\n{text.readme.strip()}\n".encode())
+
+
+def write_participants(root: Path, rows: Iterable[Mapping[str, object]], *, origin: Origin) -> None:
+    """Write `participants.tsv` and its sidecar; columns as in `PARTICIPANT_COLUMNS`, `origin` the same in all rows."""
+    rows = ({**row, "origin": origin} for row in rows)
+    write_table(root / "participants.tsv", tuple(PARTICIPANT_COLUMNS), rows)
+    columns = {name: dict(text) for name, text in PARTICIPANT_COLUMNS.items()}
+    columns["participant_id"]["Description"] = _labelled(str(columns["participant_id"]["Description"]), origin)
+    write_json(root / "participants.json", columns)
+
+
+def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
+    """Where a file of one participant and task stands: `sub-P/beh/sub-P_task-T_SUFFIX`.
+
+    Raises:
+        DatasetError: when a label is not made of letters and digits alone, as BIDS asks.
+    """
+    for what, label in (("participant", participant), ("task", task)):
+        if not re.fullmatch(r"[0-9A-Za-z]+", label):
+            raise DatasetError(f"{what} {label!r} is no BIDS label; allowed: letters and digits; rename it")
+    return root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_{suffix}"
+
+
+def write_events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[str, object]]) -> None:
+    """Write the events of one session, and the sidecar that describes every column.
+
+    `participant` is a label without `sub-`; a row is one attempt, its keys are those of `event_columns.EVENT_COLUMNS`,
+    and of `event_columns.FURTHER_COLUMNS`, each of which stands in the table where some row has it.
+    """
+    path = beh_path(root, participant, task.id, "events.tsv")
+    attempts = list(rows)
+    known = {name for row in attempts for name in row}
+    texts = {**EVENT_COLUMNS, **{name: text for name, text in FURTHER_COLUMNS.items() if name in known}}
+    count = write_table(path, tuple(texts), attempts)
+    columns: dict[str, dict[str, object]] = {name: dict(text) for name, text in texts.items()}
+    columns["presented"]["Levels"] = dict(task.materials)
+    columns["answered"]["Levels"] = {**task.materials, NO_ANSWER: "no material was named"}
+    sidecar: dict[str, object] = {
+        "TaskName": task.id,
+        "TaskTitle": task.title,
+        "TaskDescription": _labelled(task.description, task.origin),
+        "Instructions": task.instructions,
+        "StimulusPresentation": dict(task.stimulus_presentation),
+        "Materials": list(task.materials),
+        "Rows": count,
+        **task.notes,
+        **columns,
+    }
+    write_json(path.with_suffix(".json"), sidecar)
+
+
+def write_physio(
+    path: Path,
+    columns: Mapping[str, PhysioColumn],
+    *,
+    rate_hz: float,
+    start_s: float,
+    task: str,
+    description: str,
+    origin: Origin,
+) -> None:
+    """Write a continuous recording as `_physio.tsv.gz`, and its sidecar.
+
+    The table has no header line, as BIDS asks; stretches without a recording are rows of `n/a`.
+
+    Args:
+        path: ends in `_physio.tsv.gz`; see `beh_path`.
+        columns: name -> column; all of the same length.
+        rate_hz: samples a second.
+        start_s: time of the first sample on the events' clock, s.
+        task: the task's id.
+        description: what was recorded, with what.
+        origin: what produced it, as in `event_columns.EVENT_COLUMNS`.
+
+    Raises:
+        ValueError: when the lengths differ.
+    """
+    lengths = {column.values.shape for column in columns.values()}
+    if len(lengths) != 1 or any(len(shape) != 1 for shape in lengths):
+        raise ValueError(f"columns must be of one length and one axis, got shapes {sorted(lengths)}")
+    write_bytes(path, gzip.compress(_physio_rows(list(columns.values())), compresslevel=6, mtime=0))
+    sidecar: dict[str, object] = {
+        "SamplingFrequency": rate_hz,
+        "StartTime": start_s,
+        "Columns": list(columns),
+        "PhysioType": "generic",
+        "TaskName": task,
+        "Description": _labelled(description, origin),
+    }
+    for name, column in columns.items():
+        sidecar[name] = {"Description": column.description, "Units": column.units}
+    write_json(path.with_name(path.name.removesuffix(".tsv.gz") + ".json"), sidecar)
+
+
+def _labelled(text: str, origin: Origin) -> str:
+    return f"{LABELS[origin]}: {text}" if LABELS[origin] else text
+
+
+def _physio_rows(columns: Sequence[PhysioColumn]) -> bytes:
+    recorded = np.any([np.isfinite(column.values) for column in columns], axis=0)
+    edges = np.flatnonzero(np.diff(recorded, prepend=~recorded[:1], append=~recorded[-1:]))
+    gap = "\t".join([MISSING] * len(columns)) + "\n"
+    parts: list[str] = []
+    for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        if not recorded[start]:
+            parts.append(gap * (stop - start))
+            continue
+        cells = [_decimals(column.values[start:stop], column.decimals) for column in columns]
+        parts.append("\n".join(cells[0] if len(cells) == 1 else map("\t".join, zip(*cells, strict=True))) + "\n")
+    return "".join(parts).encode()
+
+
+def _decimals(values: NDArray[np.float64], decimals: int) -> list[str]:
+    text = list(map(f"%.{decimals}f".__mod__, values.tolist()))
+    for index in np.flatnonzero(~np.isfinite(values)).tolist():
+        text[index] = MISSING
+    return text
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return MISSING
+    if isinstance(value, bool):
+        return "1" if value else "0"
+    if isinstance(value, float):
+        return repr(value) if np.isfinite(value) else MISSING
+    text = str(value)
+    if not text or re.search(r"[\t\r\n]", text):
+        raise ValueError(f"a cell must be text on one line without tabs, got {text!r}")
+    return text

@@ -1,0 +1,297 @@
+"""Journals to the study's BIDS dataset: events, foot traces, participants. Reads only what is on disk."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment import __version__
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.tracker import frames
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.dataset import bids
+from experiment.errors import DatasetError
+from experiment.protocol.models import Protocol, Task
+from experiment.records import journal
+from experiment.records.entries import Answer, BrokenOff, FootStep, MaskerSet, Redo, TrackerOpened, Zeroed
+from experiment.records.events import NO_ANSWER
+from experiment.records.stimulus import Onset
+from experiment.settings import load
+from experiment.storage import foot_path, rig_path
+from experiment.study.roster import Roster
+
+RECORDINGS = Path("stimuli") / "recordings"
+"""Where the recordings stand that a study's stimuli are made from."""
+
+LONGEST_GAP_S = 600.0
+"""After a longer pause the foot trace goes on in a recording of its own, instead of that many rows of n/a. So it does
+where time goes back by more than a frame."""
+
+README = {
+    "REHEARSAL": """
+Everything in this dataset was made by simulated participants, on simulated materials, with a simulated foot
+behind real ports. It shows that the study's whole path works. It says nothing about any participant or material.
+""",
+    "PARTICIPANT": """
+Recorded with palpate. The journals under sourcedata/ are the record of what happened: every line carries the
+hash of the one before it.
+""",
+}
+
+
+def roster_path(root: Path) -> Path:
+    """Where the roster of a dataset stands."""
+    return root / "sourcedata" / "roster.jsonl"
+
+
+def journals(root: Path) -> list[Path]:
+    """The journals of a dataset, by participant and task."""
+    return sorted((root / "sourcedata").glob("sub-*/sub-*_journal.jsonl"))
+
+
+@dataclass(frozen=True)
+class _Session:
+    contents: journal.Contents
+    steps: tuple[Placed, ...]
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A step in the session's time.
+
+    Attributes:
+        step: as the journal has it.
+        at_us: device time of its contact, or of its end where it broke off, microseconds.
+        at_s: the same, s of the session's clock from the first frame of the session's tracker.
+        drift_ppm: by how much the session's clock ran ahead of the device's.
+    """
+
+    step: FootStep | BrokenOff
+    at_us: float
+    at_s: float
+    drift_ppm: float
+
+    def seconds(self, device_us: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Device times on the clock of `at_s`, s, shape as given."""
+        passed_s = (device_us - self.at_us) / 1e6
+        return np.asarray(self.at_s + passed_s * (1 + self.drift_ppm * 1e-6), np.float64)
+
+
+def build(root: Path) -> None:
+    """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
+
+    A journal without a header is that of a session which never started: it is left out.
+
+    Args:
+        root: the dataset; `sourcedata/` holds `protocol.toml`, the journals, and beside each its rig file.
+
+    Raises:
+        DatasetError: a part is missing, or a foot trace is not the one its journal names.
+        JournalError: a journal is broken.
+    """
+    protocol = load.load(root / "sourcedata" / "protocol.toml")
+    found = journals(root)
+    if not found:
+        raise DatasetError(f"{root}: holds no journal yet; run a session first")
+    first_tasks: dict[str, str] = {}
+    withdrawn = Roster.load(roster_path(root)).withdrawn
+    origin: bids.Origin = "PARTICIPANT"
+    for path in found:
+        session = _read(path)
+        if not session.contents.lines:
+            continue
+        header = session.contents.header
+        origin = "REHEARSAL" if header.rehearsal else "PARTICIPANT"
+        first_tasks.setdefault(header.participant, bids.MISSING)
+        if header.task_position == 1:
+            first_tasks[header.participant] = header.task
+        task = _task_text(protocol, protocol.task(header.task), origin)
+        bids.write_events(root, header.participant, task, _rows(session, origin))
+        _write_foot(root, session, path, origin)
+    bids.write_participants(
+        root,
+        [
+            {"participant_id": f"sub-{who}", "first_task": first, "withdrawn": who in withdrawn}
+            for who, first in first_tasks.items()
+        ],
+        origin=origin,
+    )
+    bids.write_description(root, _text(protocol, origin))
+
+
+def _read(path: Path) -> _Session:
+    contents = journal.read(path)
+    zero_ns: int | None = None
+    steps: list[Placed] = []
+    for entry in contents.entries:
+        if isinstance(entry, TrackerOpened):
+            zero_ns = entry.t_ns if zero_ns is None else zero_ns
+        elif isinstance(entry, FootStep | BrokenOff):
+            at_us, clock = entry.at_us if isinstance(entry, BrokenOff) else entry.contact_us, entry.clock
+            if at_us is None or clock is None:
+                # No frame came.
+                continue
+            if zero_ns is None:
+                raise DatasetError(f"{path}: a step stands before its tracker was opened; restore it from a backup")
+            at_ns = ClockMap(clock.anchor_us, clock.anchor_ns, clock.drift_ppm).session_ns(at_us)
+            steps.append(Placed(entry, at_us, (at_ns - zero_ns) / 1e9, clock.drift_ppm))
+    return _Session(contents, tuple(steps))
+
+
+def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
+    answers: dict[tuple[int, int], Answer] = {}
+    redone: dict[tuple[int, int], str] = {}
+    masker: dict[str, object] = {}
+    maskers: dict[tuple[int, int], dict[str, object]] = {}
+    for entry in session.contents.entries:
+        if isinstance(entry, MaskerSet):
+            masker = {"masker_level": entry.level_db_a}
+        elif isinstance(entry, FootStep | BrokenOff):
+            maskers[entry.trial, entry.attempt] = masker
+        elif isinstance(entry, Answer):
+            answers[entry.trial, entry.attempt] = entry
+        elif isinstance(entry, Redo):
+            redone[entry.trial, entry.attempt] = entry.reason
+    rows: list[dict[str, object]] = []
+    for placed in session.steps:
+        step = placed.step
+        attempt = step.trial, step.attempt
+        answer = answers.get(attempt)
+        landed = step if isinstance(step, FootStep) else None
+        stimulus = landed.stimulus if landed else None
+        heard = landed.onset.delivered if landed and landed.onset else None
+        reason = redone.get(attempt, None if answer else "no answer was confirmed")
+        rows.append(
+            {
+                "onset": round(placed.at_s, 6),
+                "duration": stimulus.samples / stimulus.rate_hz if stimulus else None,
+                "trial": step.trial,
+                "attempt": step.attempt,
+                "counted": answer is not None and attempt not in redone,
+                "presented": step.presented,
+                "answered": None if answer is None else answer.answered or NO_ANSWER,
+                "response_time": round(answer.response_time_s, 6) if answer else None,
+                "foot_speed": round(step.speed_mm_s, 3) if step.speed_mm_s is not None else None,
+                "frames_lost": step.link.lost + step.link.damaged,
+                "floored_bins": stimulus.floored_bins if stimulus else None,
+                "delivered": heard.delivered if heard else None,
+                "onset_error": _onset_error_s(landed.onset) if landed else None,
+                "redo_reason": step.reason if isinstance(step, BrokenOff) else reason,
+                "origin": origin,
+                **maskers[attempt],
+                **_timing_s(step),
+            }
+        )
+    return rows
+
+
+def _timing_s(step: FootStep | BrokenOff) -> dict[str, object]:
+    """What is known of a step's timing, by column, s."""
+    onset = step.onset if isinstance(step, FootStep) else None
+    heard = onset.delivered if onset else None
+    known_ms = {
+        "prediction_error": onset.prediction_error_ms if onset else None,
+        "delivery_error": heard.onset_error_ms if heard else None,
+        "gate_to_scheduled": onset.gate_to_scheduled_ms if onset else None,
+        "dead_time": step.dead_time_ms,
+    }
+    return {column: round(ms / 1e3, 6) for column, ms in known_ms.items() if ms is not None}
+
+
+def _onset_error_s(onset: Onset | None) -> float | None:
+    if onset is None or onset.delivered is None or onset.delivered.onset_ns is None:
+        return None
+    return round((onset.delivered.onset_ns - onset.contact_ns) / 1e9, 6)
+
+
+def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.Origin) -> None:
+    """The foot's height on a grid of the rig's rate, beginning anew with each step; between them nothing was recorded.
+
+    A device's clock that drifts leaves a place empty now and then, or puts two of its frames in one.
+    """
+    if not session.steps:
+        return
+    header = session.contents.header
+    rig = rigs.load(rig_path(journal_file))
+    if rigs.sha256(rig) != header.rig_sha256:
+        raise DatasetError(f"{rig_path(journal_file)}: is not the rig that the session was run with; restore the file")
+    path = foot_path(journal_file)
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
+    zeros_mm = _zeros_mm(session)
+    rate_hz = rig.tracker.rate_hz
+    places: list[NDArray[np.float64]] = []
+    heights: list[NDArray[np.float64]] = []
+    for placed in session.steps:
+        step = placed.step
+        part = raw[step.trace.offset : step.trace.offset + step.trace.length]
+        if hashlib.sha256(part).hexdigest() != step.trace.sha256:
+            raise DatasetError(
+                f"{path}: the frames of trial {step.trial} are not those that the journal names; restore the file"
+            )
+        _, decoded = frames.Decoder(near_us=int(placed.at_us)).feed(part)
+        seconds = placed.seconds(decoded.device_us)
+        places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
+        heights.append(rig.tracker.height_mm(decoded.counts) - zeros_mm[step.trial, step.attempt])
+    onward = np.diff(np.concatenate(places))
+    # Back where the session went on after the wall clock was set back: what was there already stays.
+    cuts = np.flatnonzero((onward > LONGEST_GAP_S * rate_hz) | (onward < -1)) + 1
+    parts = (np.split(np.concatenate(whole), cuts) for whole in (places, heights))
+    for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
+        place = (on_grid - on_grid.min()).astype(np.int64)
+        grid = np.full(int(place.max()) + 1, np.nan)
+        grid[place] = mm
+        recording = f"recording-foot{number if number > 1 else ''}_physio.tsv.gz"
+        bids.write_physio(
+            bids.beh_path(root, header.participant, header.task, recording),
+            {"foot_height": bids.PhysioColumn(grid, "Height of the sole above the panel.", "mm", 3)},
+            rate_hz=rate_hz,
+            start_s=round(float(on_grid.min()) / rate_hz, 6),
+            task=header.task,
+            description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
+            origin=origin,
+        )
+
+
+def _zeros_mm(session: _Session) -> dict[tuple[int, int], float]:
+    """By trial and attempt: how far from contact the foot rested when heights began to count from there, mm."""
+    zero_mm = 0.0
+    zeros_mm: dict[tuple[int, int], float] = {}
+    for entry in session.contents.entries:
+        if isinstance(entry, Zeroed):
+            zero_mm = entry.offset_mm
+        elif isinstance(entry, FootStep | BrokenOff):
+            zeros_mm[entry.trial, entry.attempt] = zero_mm
+    return zeros_mm
+
+
+def _text(protocol: Protocol, origin: bids.Origin) -> bids.DatasetText:
+    return bids.DatasetText(
+        study=protocol.study.id,
+        name=protocol.study.title,
+        origin=origin,
+        license="CC0-1.0" if origin == "REHEARSAL" else "n/a: ask the laboratory",
+        authors=("palpate, simulated",) if origin == "REHEARSAL" else ("The laboratory named in the protocol",),
+        tasks=tuple(task.id for task in protocol.tasks),
+        references=(protocol.study.source,),
+        readme=README[origin],
+        software_version=__version__,
+    )
+
+
+def _task_text(protocol: Protocol, task: Task, origin: bids.Origin) -> bids.TaskText:
+    return bids.TaskText(
+        id=task.id,
+        title=task.title,
+        description=f"{task.title}. {len(protocol.materials)} materials, {task.repetitions} trials each.",
+        instructions=task.instruction,
+        materials={m.id: m.description for m in protocol.materials},
+        stimulus_presentation={"SoftwareName": "palpate", "SoftwareVersion": __version__},
+        origin=origin,
+    )

@@ -1,0 +1,323 @@
+"""Counts per participant, presented and answered material -> a BIDS dataset, one row a trial.
+
+A published study seldom comes with its data. Where integer counts have been found that reproduce its printed
+tables, they can stand in the same form as any other dataset, so that the same analysis reads them. Such a
+dataset says at every turn that it is a reconstruction: no time, no order of trials and no link between
+tasks is known, and none is made up.
+
+Counts files: how often each participant gave each answer to each material, CSV.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import textwrap
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from experiment import __version__
+from experiment.dataset.bids import (
+    LABELS,
+    DatasetText,
+    TaskText,
+    new_dataset,
+    write_bytes,
+    write_description,
+    write_events,
+    write_participants,
+)
+from experiment.errors import DatasetError
+from experiment.records.events import NO_ANSWER
+
+COLUMNS = ("participant", "presented", "answered", "count")
+"""Header of a counts file."""
+
+MAX_COUNT = 10_000
+"""A count above this is taken for a slip of the pen."""
+
+Counts = Mapping[int, Mapping[tuple[str, str], int]]
+"""participant number -> (presented, answered) -> count"""
+
+
+def parse_task(text: str) -> tuple[str, Path]:
+    """`TASK=FILE` as task id and counts file.
+
+    Raises:
+        DatasetError: for any other text.
+    """
+    task, equals, file = text.partition("=")
+    if not (equals and file and re.fullmatch(r"[a-z][a-z0-9]*", task)):
+        raise DatasetError(f"got {text!r}; allowed: TASK=FILE, the task in lower-case letters and digits; mend it")
+    return task, Path(file)
+
+
+def read_counts(path: Path, materials: Sequence[str]) -> Counts:
+    """Read a counts file: CSV with the header of `COLUMNS`, answers from `materials` or `event_columns.NO_ANSWER`.
+
+    Participants are whole numbers, with or without zeros before them, but each in one way throughout the file.
+
+    Raises:
+        DatasetError: naming file and line, for anything that is not such a file.
+    """
+    lines = csv.reader(_text(path).splitlines(), strict=True)
+    counts: dict[int, dict[tuple[str, str], int]] = {}
+    spelt: dict[int, str] = {}
+    try:
+        header = next(lines, [])
+        if tuple(header) != COLUMNS:
+            raise DatasetError(f"{path}: line 1: got header {','.join(header)!r}; allowed: {','.join(COLUMNS)}")
+        for row in lines:
+            where = f"{path}: line {lines.line_num}"
+            participant, cell, count = _row(row, where, materials)
+            if (spelling := spelt.setdefault(participant, row[0])) != row[0]:
+                raise DatasetError(f"{where}: participant: got {row[0]!r}, {spelling!r} above; write one of them")
+            if cell in counts.setdefault(participant, {}):
+                raise DatasetError(f"{where}: participant {participant}, {cell} stands twice; keep one of the lines")
+            counts[participant][cell] = count
+    except csv.Error as error:
+        raise DatasetError(f"{path}: line {lines.line_num}: {error}; write plain CSV") from error
+    if not counts:
+        raise DatasetError(f"{path}: no counts below the header; give one line a cell")
+    return counts
+
+
+def materials_of(path: Path) -> tuple[str, ...]:
+    """Every material that a counts file presents, in its order.
+
+    Raises:
+        DatasetError: it cannot be read.
+    """
+    rows = csv.DictReader(_text(path).splitlines())
+    return tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of counts in UTF-8") from error
+
+
+def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tuple[str, str], int]:
+    if len(row) != len(COLUMNS):
+        raise DatasetError(f"{where}: got {len(row)} fields; allowed: {len(COLUMNS)}, {','.join(COLUMNS)}")
+    participant, presented, answered, count = row
+    if not re.fullmatch(r"0{0,5}[1-9][0-9]{0,5}", participant):
+        raise DatasetError(f"{where}: participant: got {participant!r}; allowed: a whole number from 1 to 999999")
+    if presented not in materials:
+        raise DatasetError(f"{where}: presented: got {presented!r}; allowed: {', '.join(materials)}")
+    if answered not in (*materials, NO_ANSWER):
+        raise DatasetError(f"{where}: answered: got {answered!r}; allowed: {', '.join((*materials, NO_ANSWER))}")
+    if not re.fullmatch(r"[0-9]{1,5}", count) or int(count) > MAX_COUNT:
+        raise DatasetError(f"{where}: count: got {count!r}; allowed: a whole number from 0 to {MAX_COUNT}")
+    return int(participant), (presented, answered), int(count)
+
+
+UNKNOWN = (
+    "No time is known: onset, duration and response_time are n/a. No order is known: trial numbers follow the "
+    "order of the materials presented, then of the answers. How the rows of one participant belong together is "
+    "arbitrary, and so is which participant of one task is which of another."
+)
+
+
+@dataclass(frozen=True)
+class StudyText:
+    """What is known of a published study: enough to describe its dataset.
+
+    Args:
+        id: as in the study's protocol.
+        name: title of the dataset.
+        source: where the numbers are printed.
+        materials: id -> description, in the order of the tables.
+        tasks: id -> (title, instructions).
+        license: of the dataset.
+        authors: who made the reconstruction.
+        notes: what a reader must know of these counts.
+    """
+
+    id: str
+    name: str
+    source: str
+    materials: Mapping[str, str]
+    tasks: Mapping[str, tuple[str, str]]
+    license: str
+    authors: tuple[str, ...]
+    notes: str
+
+
+OKAMOTO2012 = StudyText(
+    id="okamoto2012",
+    name="Identification of virtual and real crinkled materials by a footstep",
+    source="S. Okamoto, S. Ishikawa, H. Nagano, Y. Yamada: Spectrum-based synthesis of vibrotactile stimuli: active "
+    "footstep display for crinkle of fragile structures, Tables 1 and 2",
+    materials={
+        "copy paper": "cylinder of copy paper, 65 g/m2, 80 um",
+        "aluminum foil": "cylinder of aluminum foil, 30 g/m2, 11 um",
+        "polypropylene": "cylinder of polypropylene film, 27 g/m2, 30 um",
+        "typing paper": "cylinder of typing paper, 50 g/m2, 35 um",
+    },
+    tasks={
+        "virtual": (
+            "Task 1: virtual stimuli",
+            "Step on the panel at any speed; say which of the four materials it was. Ten trials a material, "
+            "random order; vibration synthesised from recorded spectra.",
+        ),
+        "real": (
+            "Task 2: real stimuli",
+            "Step on the thin panel that covers the cylinder; say which of the four materials it was. Ten trials a "
+            "material, random order.",
+        ),
+    },
+    license="MIT",
+    authors=("The palpate developers",),
+    notes="The cells printed for polypropylene in Table 1 add up to 0.973, and no rows of ten answers give them. Three "
+    "trials without an answer are one possible cause, and the one taken here.",
+)
+"""Section 5 and Tables 1 and 2 of the paper; materials as section 2 gives them."""
+
+
+STUDIES = {OKAMOTO2012.id: OKAMOTO2012}
+"""Published studies whose texts are held here, by id."""
+
+
+def study_text(study: str, counts: Mapping[str, Path], source: str | None = None) -> StudyText:
+    """Texts of a study: those held here, or for another study the little that its counts files tell.
+
+    Args:
+        study: the study's id.
+        counts: task id -> counts file.
+        source: where the counts come from; needed for a study that is not in `STUDIES`.
+
+    Raises:
+        DatasetError: for a bad id or file, or a study without texts and source.
+    """
+    if study in STUDIES:
+        return STUDIES[study] if source is None else replace(STUDIES[study], source=source)
+    if not re.fullmatch(r"[a-z][a-z0-9]*", study):
+        raise DatasetError(f"study: got {study!r}; allowed: lower-case letters and digits; choose another id")
+    if source is None:
+        raise DatasetError(f"no texts are held for study {study}; say with --source where its counts come from")
+    materials = {material: material for path in counts.values() for material in materials_of(path)}
+    return StudyText(
+        id=study,
+        name=f"Counts of {study}",
+        source=source,
+        materials=materials,
+        tasks={task: (task, "As in the source.") for task in counts},
+        license="n/a",
+        authors=(f"Whoever made the counts of {study}",),
+        notes="Names and order of materials are those of the counts files.",
+    )
+
+
+def import_counts(
+    counts: Mapping[str, Path], out: Path, *, study: StudyText, software_version: str = __version__
+) -> Path:
+    """Build the dataset `out` from one counts file a task, and return its folder.
+
+    Args:
+        counts: task id -> counts file; tasks in the order in which tables show them.
+        out: folder of the new dataset.
+        study: texts of the study; every task of `counts` must be among its tasks.
+        software_version: what `GeneratedBy` states.
+
+    Raises:
+        DatasetError: for a bad counts file, fewer than two materials, an unknown task, or a folder that would be
+            overwritten.
+    """
+    if len({path.name for path in counts.values()}) != len(counts):
+        raise DatasetError(f"counts files need different names, got {sorted(path.name for path in counts.values())}")
+    if unknown := set(counts) - set(study.tasks):
+        raise DatasetError(f"no such tasks in {study.id}: {sorted(unknown)}; allowed: {list(study.tasks)}")
+    tables = {task: read_counts(path, tuple(study.materials)) for task, path in counts.items()}
+    if len(study.materials) < 2:
+        raise DatasetError(
+            f"{study.id}: got one material, {', '.join(study.materials)}; allowed: two or more; give the "
+            "counts of the others too"
+        )
+    numbers = sorted({number for table in tables.values() for number in table})
+    labels = {number: f"{number:0{max(2, len(str(numbers[-1])))}d}" for number in numbers}
+    with new_dataset(out) as root:
+        write_description(root, _description(study, tables, software_version))
+        write_participants(root, ({"participant_id": f"sub-{labels[n]}"} for n in numbers), origin="RECONSTRUCTION")
+        for task, table in tables.items():
+            text = _task_text(study, task)
+            for number in sorted(table):
+                write_events(root, labels[number], text, _trials(table[number], study.materials))
+            write_bytes(root / "sourcedata" / counts[task].name, counts[task].read_bytes())
+        write_bytes(root / "sourcedata" / "README", _source(study, counts).encode())
+    return out
+
+
+def _trials(cells: Mapping[tuple[str, str], int], materials: Mapping[str, str]) -> Iterator[dict[str, object]]:
+    trial = 0
+    for presented in materials:
+        for answered in (*materials, NO_ANSWER):
+            for _ in range(cells.get((presented, answered), 0)):
+                trial += 1
+                yield {
+                    "trial": trial,
+                    "attempt": 1,
+                    "counted": True,
+                    "presented": presented,
+                    "answered": answered,
+                    "origin": "RECONSTRUCTION",
+                }
+
+
+def _task_text(study: StudyText, task: str) -> TaskText:
+    title, instructions = study.tasks[task]
+    return TaskText(
+        id=task,
+        title=title,
+        description=f"Counts consistent with the tables of: {study.source}. {UNKNOWN}",
+        instructions=instructions,
+        materials=study.materials,
+        stimulus_presentation={"SoftwareName": "not that of palpate; see the source"},
+        origin="RECONSTRUCTION",
+    )
+
+
+def _description(study: StudyText, tables: Mapping[str, Counts], software_version: str) -> DatasetText:
+    paragraphs = (
+        f"These are no original data. They are integer counts per participant, presented and answered material that "
+        f"agree with what is printed in: {study.source}. Other counts may agree as well. Nobody should draw a "
+        f"conclusion from them that the printed tables do not allow.",
+        *(f"Task {task}: {_summary(table)}." for task, table in tables.items()),
+        study.notes,
+        UNKNOWN,
+        f"A trial for which no answer is known stands with the answer {NO_ANSWER}. The counts themselves are under "
+        f"sourcedata/. BIDS asks for a column `onset` in seconds; n/a there says that it is not known.",
+    )
+    return DatasetText(
+        study=study.id,
+        name=study.name,
+        origin="RECONSTRUCTION",
+        license=study.license,
+        authors=study.authors,
+        tasks=tuple(tables),
+        references=(study.source,),
+        software_version=software_version,
+        readme="\n\n".join(textwrap.fill(paragraph, 100) for paragraph in paragraphs),
+    )
+
+
+def _summary(table: Counts) -> str:
+    answers = Counter[str]()
+    for cells in table.values():
+        for (_, answered), count in cells.items():
+            answers[answered] += count
+    people = f"{len(table)} participant{'s' if len(table) != 1 else ''}"
+    return f"{people}, {answers.total()} trials, {answers[NO_ANSWER]} without an answer"
+
+
+def _source(study: StudyText, counts: Mapping[str, Path]) -> str:
+    copies = "\n".join(f"{path.name}: counts of task {task}, unchanged" for task, path in counts.items())
+    text = (
+        f"Columns: {', '.join(COLUMNS)}. Found by a search for integer counts that reproduce the printed means, "
+        f"standard deviations and tests of: {study.source}."
+    )
+    return f"{LABELS['RECONSTRUCTION']}\n\n{copies}\n\n{textwrap.fill(text, 100)}\n"

@@ -1,0 +1,148 @@
+"""The experimenter's screen as lines of text; works over any terminal, and in a pipe.
+
+What the experimenter sees and keys while takes are recorded, as lines of text.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TextIO
+
+from experiment.desk.port import RESTS
+from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
+from experiment.recordings.plan import Condition
+from experiment.recordings.workflow import SPEED_TOLERANCE, Step
+
+
+class TerminalConsole:
+    """Implements `Console` on a text stream. Answers are keyed, shown, and confirmed with Enter.
+
+    The end of the input (Ctrl-D) interrupts as Ctrl-C does.
+    """
+
+    def __init__(self, *, write: TextIO, ask: Callable[[str], str], heading: str) -> None:
+        """Set up the screen.
+
+        Args:
+            write: where lines go.
+            ask: shows a prompt and returns the line that was typed; `input` on a terminal.
+            heading: stands at the start of every trial's line, and says REHEARSAL where it is one.
+        """
+        self._write = write
+        self._read = ask
+        self._heading = heading
+
+    def _ask(self, prompt: str) -> str:
+        try:
+            return self._read(prompt)
+        except EOFError:
+            raise KeyboardInterrupt from None
+
+    def show(self, text: str) -> None:
+        self._write.write(text + "\n")
+        self._write.flush()
+
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        self.show(f"{self._heading}  Familiarisation, {min_s / 60:.1f} to {max_s / 60:.1f} min. {instruction}")
+        self._ask("Press Enter when the participant is familiar with the materials: ")
+
+    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
+        self.show(f"{self._heading}  Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
+        offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
+        while (key := self._ask(f"{offered}  Enter keeps it\nKey: ").strip()) and key not in keys:
+            self.show(f"'{key}' does not change the level; use one of: {' '.join(keys)}, or Enter")
+        return key
+
+    def rest(self, *, why: str) -> None:
+        if why:
+            self.show(why)
+        self._ask(f"{self._heading}  {RESTS}")
+
+    def place(self, *, trial: int, material: str) -> None:
+        self._ask(f"{self._heading}  Trial {trial}. Lay out: {material}. Press Enter when it lies: ")
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+        again = f", attempt {attempt}" if attempt > 1 else ""
+        self.show(f"{self._heading}  Trial {trial} of {trials}{again}. Armed: the participant may step.")
+
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+        self.show(
+            f"{self._heading}  Trial {trial}, attempt {attempt}: {reason}; nothing was played. Armed again: the "
+            "participant may lift the foot and step."
+        )
+
+    def ask(self, *, trial: int, keys: dict[str, str]) -> str:
+        offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
+        while True:
+            key = self._ask(f"Trial {trial}, the participant said:  {offered}\nKey: ").strip().lower()
+            if key not in keys:
+                self.show(f"'{key}' is no key of this protocol; use one of: {' '.join(keys)}")
+                continue
+            if key in (LOUDER_KEY, SOFTER_KEY):
+                return key
+            if not self._ask(f"{keys[key]} - Enter confirms, anything else asks again: ").strip():
+                return key
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        self.show(f"{self._heading}  Trial {trial}: {answer or 'no answer'} is on disk.")
+
+
+KEEP, REPEAT = "k", "r"
+
+
+def _made_ready(condition: Condition) -> str:
+    return f"Lay out a fresh {condition.material}" if condition.material else "Leave the panel bare"
+
+
+class TerminalTakes:
+    """Implements `TakesConsole` on a text stream; nothing is kept without a key."""
+
+    def __init__(self, *, write: TextIO, ask: Callable[[str], str]) -> None:
+        """Set up the screen.
+
+        Args:
+            write: where lines go.
+            ask: shows a prompt and returns the line that was typed; `input` on a terminal.
+        """
+        self._write = write
+        self._ask = ask
+
+    def rest(self, *, why: str) -> None:
+        if why:
+            self._show(why)
+        self._ask(RESTS)
+
+    def place(self, condition: Condition, *, done: int, total: int) -> None:
+        self._ask(f"Take {done + 1} of {total}. {_made_ready(condition)}. Press Enter when the panel is ready: ")
+
+    def arm(self, condition: Condition, *, attempt: int) -> None:
+        again = f", attempt {attempt}" if attempt > 1 else ""
+        what = condition.material or "bare panel"
+        self._show(f"{what}, take {condition.number}{again}: step at {condition.speed_mm_s:g} mm/s.")
+
+    def keeps(self, step: Step) -> bool:
+        target = step.condition.speed_mm_s
+        verdict = "; ".join([*(step.problems or (f"within {SPEED_TOLERANCE:.0%}",)), *step.notes])
+        self._show(
+            f"Achieved {step.achieved_mm_s:.0f} mm/s, target {target:g} mm/s ({step.deviation:+.1%}): {verdict}."
+        )
+        again = f"{_made_ready(step.condition)}. Press Enter when the panel is ready again: "
+        if step.window is None:
+            self._ask(f"No take to keep. {again}")
+            return False
+        kept = self._key(f"[{KEEP}] keep  [{REPEAT}] repeat: ")
+        if kept and step.problems:
+            kept = self._key(f"It has the problems above. [{KEEP}] keep it all the same  [{REPEAT}] repeat: ")
+        if not kept:
+            self._ask(again)
+        return kept
+
+    def _key(self, prompt: str) -> bool:
+        """Whether the take is kept, by one of the two keys."""
+        while (key := self._ask(prompt).strip().lower()) not in (KEEP, REPEAT):
+            self._show(f"'{key}' is no key here; use {KEEP} or {REPEAT}")
+        return key == KEEP
+
+    def _show(self, text: str) -> None:
+        self._write.write(text + "\n")
+        self._write.flush()

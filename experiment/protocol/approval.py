@@ -1,0 +1,157 @@
+"""One form of a protocol, whatever its file looks like, and the hash of that form.
+
+The form is RFC 8785 JSON of every field, defaults included: what is approved is what is carried out, whether a
+value was written down or left to its default. So comments, the order of keys, inline tables and the way a number
+is written (`20`, `20.0`, `2e1`) do not change it.
+
+The approval of a protocol: a record beside its file that names the hash of what was approved.
+
+It shows that the protocol is the one approved, not who approved it: whoever can write the file can write the
+record. What stands in it can be checked against the board's letter.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from datetime import date
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+import rfc8785
+from pydantic import Field
+
+from experiment import storage
+from experiment.errors import Problem, ProtocolError
+from experiment.protocol import rules
+from experiment.protocol.models import Confined, Protocol, Text
+from experiment.settings import load
+
+
+def canonical(protocol: Protocol) -> bytes:
+    """RFC 8785 JSON of `protocol`, UTF-8; dates as ISO 8601 text."""
+    return rfc8785.dumps(protocol.model_dump(mode="json"))
+
+
+def sha256(protocol: Protocol) -> str:
+    """SHA-256 of the canonical form, 64 hexadecimal digits."""
+    return hashlib.sha256(canonical(protocol)).hexdigest()
+
+
+class Seal(Confined):
+    """One approval."""
+
+    RULES: ClassVar[rules.Rules] = rules.ethics
+
+    protocol_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits")]
+    approval_number: Text
+    board: Text
+    approved_on: date
+    expires_on: date
+
+
+def seal_path(protocol_path: Path) -> Path:
+    """Where the seal of a protocol file stands: `study.toml` -> `study.seal.toml`."""
+    return protocol_path.with_name(f"{protocol_path.stem}.seal.toml")
+
+
+def write(
+    protocol_path: Path,
+    protocol: Protocol,
+    *,
+    approval_number: str,
+    board: str,
+    approved_on: date,
+    expires_on: date,
+    replace: bool = False,
+) -> Seal:
+    """Record the approval of `protocol`, as loaded from `protocol_path`, beside it.
+
+    Args:
+        protocol_path: the protocol's file.
+        protocol: what was approved.
+        approval_number: as on the board's letter.
+        board: who approved.
+        approved_on: first day on which the study may run.
+        expires_on: last day on which it may.
+        replace: put the seal in the place of one for another form of the protocol.
+
+    Raises:
+        ProtocolError: a field is empty or contradicts the protocol's own ethics block, or a seal is in the way.
+    """
+    path = seal_path(protocol_path)
+    stated = {
+        "protocol_sha256": sha256(protocol),
+        "approval_number": approval_number,
+        "board": board,
+        "approved_on": approved_on,
+        "expires_on": expires_on,
+    }
+    seal = load.checked(path, Seal, stated)
+    _refuse(path, _contradictions(protocol, seal))
+    if path.exists():
+        _refuse(path, _in_the_way(path, seal, replace))
+    _write(path, seal)
+    return seal
+
+
+def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
+    """The seal under which `protocol`, as loaded from `protocol_path`, may run `today`.
+
+    Raises:
+        ProtocolError: the protocol is not sealed, was changed since, or is not approved on this day.
+    """
+    path = seal_path(protocol_path)
+    if not path.exists():
+        allowed = "a protocol that was approved and sealed; have it approved, then seal it (palpate seal)"
+        _refuse(path, [Problem("seal", None, "no seal", allowed)])
+    seal = load.read(path, Seal)
+    found = sha256(protocol)
+    problems = _contradictions(protocol, seal)
+    if seal.protocol_sha256 != found:
+        allowed = (
+            f"the hash of {protocol_path.name} ({found[:12]}...): the protocol was changed after its approval; "
+            "take the change back, or have it approved and seal it again"
+        )
+        problems.append(Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
+    if today < seal.approved_on:
+        problems.append(Problem("approved_on", None, str(seal.approved_on), f"no later than today ({today}); wait"))
+    if today > seal.expires_on:
+        allowed = f"no earlier than today ({today}): the approval has expired; have it renewed and seal again"
+        problems.append(Problem("expires_on", None, str(seal.expires_on), allowed))
+    _refuse(path, problems)
+    return seal
+
+
+def _refuse(path: Path, problems: list[Problem]) -> None:
+    if problems:
+        raise ProtocolError(str(path), problems)
+
+
+def _contradictions(protocol: Protocol, seal: Seal) -> list[Problem]:
+    return [
+        Problem(name, None, f"'{sealed}'", f"'{stated}', as the protocol's own ethics block says; mend one of them")
+        for name in ("approval_number", "approved_on", "expires_on")
+        if (stated := getattr(protocol.ethics, name)) and stated != (sealed := getattr(seal, name))
+    ]
+
+
+def _in_the_way(path: Path, seal: Seal, replace: bool) -> list[Problem]:
+    if load.read(path, Seal).protocol_sha256 == seal.protocol_sha256:
+        allowed = "no seal: this very protocol is sealed already; to seal it anew, move that file away first"
+        return [Problem("seal", None, "an existing seal", allowed)]
+    if not replace:
+        allowed = "no seal: one of another form of this protocol stands there; replace it (--replace), or move it away"
+        return [Problem("seal", None, "an existing seal", allowed)]
+    return []
+
+
+def _write(path: Path, seal: Seal) -> None:
+    storage.write(path, "".join(f"{name} = {_toml(value)}\n" for name, value in seal).encode())
+
+
+def _toml(value: str | date) -> str:
+    """A TOML value: JSON's escapes are TOML's, but TOML has DEL escaped too."""
+    if isinstance(value, date):
+        return value.isoformat()
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,274 @@
+"""Takes that were kept, until all are there: then the recordings are written and moved into place in one piece.
+
+They lie, each whole, in a folder `.NAME.partial` beside the one asked for, with the plan that they belong to. A folder
+of recordings is therefore complete or absent, and an interrupted recording goes on where it stopped, one process at a
+time; one with another plan is refused.
+
+Recordings of materials, written to disk: the files that `manifest.py` reads.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import re
+import shutil
+import zipfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from filelock import FileLock, Timeout
+from numpy.typing import NDArray
+from scipy.io import wavfile
+
+from experiment import storage
+from experiment.apparatus.ports import Window
+from experiment.apparatus.tracker.zeroing import Zero
+from experiment.errors import RecordingError
+from experiment.recordings.manifest import MANIFEST
+from experiment.recordings.plan import Condition, Plan
+
+
+@dataclass(frozen=True)
+class Take:
+    """One recording.
+
+    Attributes:
+        material: on the panel; None for the bare panel.
+        speed_mm_s: target of the foot, mm/s.
+        number: from 1, among takes of one condition.
+        samples_m_s2: acceleration, m/s^2, shape (N,).
+        achieved_mm_s: speed of the foot through the gate, mm/s; None where no tracker saw it.
+        zero: where the foot rested before, which its heights count from; None where nothing was zeroed.
+    """
+
+    material: str | None
+    speed_mm_s: float
+    number: int
+    samples_m_s2: NDArray[np.float64]
+    achieved_mm_s: float | None = None
+    zero: Zero | None = None
+
+
+def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bool, label: str, note: str = "") -> Path:
+    """Write takes as float32 WAV files with their manifest, all of them on disk when this returns.
+
+    Args:
+        directory: to make; it may exist if it is empty.
+        takes: all of one length.
+        rate_hz: sampling rate of every take, Hz.
+        simulated: whether any take was made by a simulation.
+        label: what these recordings are, in a few words.
+        note: anything more.
+
+    Returns:
+        The manifest's path. It is written last: a directory without one was not finished.
+
+    Raises:
+        RecordingError: the directory holds anything, the takes differ in length, or a sample is not finite.
+    """
+    takes = list(takes)
+    lengths = sorted({take.samples_m_s2.size for take in takes})
+    if len(lengths) != 1:
+        raise RecordingError(f"{directory}: got takes of {lengths} samples; allowed: one length; cut them alike")
+    for take in takes:
+        if not np.all(np.isfinite(take.samples_m_s2)):
+            raise RecordingError(f"take {take.number} of {take.material or 'the panel'}: NaN or infinite; record again")
+    if directory.exists() and any(directory.iterdir()):
+        raise RecordingError(f"{directory}: holds files already; allowed: a new or empty directory; choose another")
+    directory.mkdir(parents=True, exist_ok=True)
+    lines = [
+        "format = 1",
+        f"label = {_toml(label)}",
+        f"note = {_toml(note)}",
+        f"simulated = {'true' if simulated else 'false'}",
+        f"rate_hz = {rate_hz}",
+        f"samples = {lengths[0]}",
+        'unit = "m/s^2"',
+    ]
+    for place, take in enumerate(takes):
+        slug = re.sub(r"[^a-z0-9]+", "_", (take.material or "panel").lower())
+        file = f"{place:03d}_{slug}_{take.speed_mm_s:g}_{take.number}.wav"
+        buffer = io.BytesIO()
+        wavfile.write(buffer, rate_hz, take.samples_m_s2.astype(np.float32))
+        storage.write(directory / file, buffer.getvalue())
+        lines += ["", "[[takes]]", f"file = {_toml(file)}"]
+        if take.material is not None:
+            lines.append(f"material = {_toml(take.material)}")
+        lines.append(f"speed_mm_s = {float(take.speed_mm_s)!r}")
+        if take.achieved_mm_s is not None:
+            lines.append(f"achieved_mm_s = {float(take.achieved_mm_s)!r}")
+        if (zero := take.zero) is not None:
+            offset_mm, spread_mm = float(zero.offset_mm), float(zero.spread_mm)
+            lines.append(f"zero = {{ offset_mm = {offset_mm!r}, spread_mm = {spread_mm!r}, samples = {zero.samples} }}")
+        lines += [
+            f"number = {take.number}",
+            f'sha256 = "{hashlib.sha256(buffer.getvalue()).hexdigest()}"',
+        ]
+    manifest = directory / MANIFEST
+    storage.write(manifest, ("\n".join(lines) + "\n").encode())
+    return manifest
+
+
+def _toml(text: str) -> str:
+    """A TOML basic string; JSON escapes all that TOML wants escaped, but for DEL."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+PLAN = "plan.json"
+LOCK = "lock"
+
+SIMULATED = "SIMULATED crackling noise, no recording of a real object"
+"""Label of every recording that a simulation made."""
+
+_FILES = {"protocol_sha256": "the protocol", "rig_sha256": "the rig"}
+"""What hashes in a plan are of."""
+
+
+def check(out: Path, planned: Plan) -> Path:
+    """Refuse a folder that is in use, or in which something else was begun.
+
+    Returns:
+        The folder of the takes that are kept until all are there; it may not exist yet.
+
+    Raises:
+        RecordingError: saying which.
+    """
+    if out.exists() and not out.is_dir():
+        raise RecordingError(f"{out}: is a file; allowed: a new or empty folder; choose another with --out")
+    if out.exists() and any(out.iterdir()):
+        raise RecordingError(f"{out}: holds files already; allowed: a new or empty folder; choose another with --out")
+    partial = _beside(out, "partial")
+    if not (partial / PLAN).exists():
+        takes = len(list(partial.glob("*.npz")))
+        if takes:
+            raise RecordingError(
+                f"{partial}: got {takes} takes without their {PLAN}, so of what they are is not known; allowed: both; "
+                "restore it, choose another --out, or remove the folder to start clean"
+            )
+        return partial
+    try:
+        begun = json.loads((partial / PLAN).read_text("utf-8"))
+    except ValueError as error:
+        raise RecordingError(f"{partial / PLAN}: got no JSON ({error}); remove {partial} to start clean") from error
+    wanted = json.loads(json.dumps(asdict(planned)))
+    if not isinstance(begun, dict):
+        raise RecordingError(f"{partial / PLAN}: got no plan; remove {partial} to start clean")
+    differing = [_difference(key, begun.get(key), wanted[key]) for key in wanted if begun.get(key) != wanted[key]]
+    if differing:
+        raise RecordingError(
+            f"{partial}: holds an interrupted recording of another plan ({'; '.join(differing)}); "
+            "go on with that plan, choose another --out, or remove the folder to start clean"
+        )
+    return partial
+
+
+@contextmanager
+def begun(planned: Plan, out: Path) -> Iterator[Path]:
+    """The folder of kept takes, held for this process; the operating system lets go however that ends.
+
+    Raises:
+        RecordingError: as `check`; a kept take is damaged; or another process records there.
+    """
+    partial = check(out, planned)
+    partial.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(partial / LOCK)
+    try:
+        lock.acquire(blocking=False)
+    except Timeout as error:
+        raise RecordingError(
+            f"{partial}: another palpate record is under way for {out}; allowed: one; end it there, or choose another "
+            "--out"
+        ) from error
+    try:
+        # Whoever held it until now may have finished, or begun something else.
+        check(out, planned)
+        if not (partial / PLAN).exists():
+            storage.write(partial / PLAN, json.dumps(asdict(planned), indent=1).encode())
+        for place, condition in enumerate(planned.conditions()):
+            path = take_path(partial, place)
+            if path.exists():
+                _kept(path, condition)
+        yield partial
+    finally:
+        lock.release()
+        if not (partial / PLAN).exists() and not any(partial.glob("*.npz")):
+            shutil.rmtree(partial, ignore_errors=True)
+
+
+def publish(planned: Plan, out: Path, *, note: str = "") -> Path:
+    """Write the recordings from the takes that were kept, and remove those once the recordings are on disk.
+
+    Args:
+        planned: what they are of.
+        out: their folder.
+        note: what the manifest says besides.
+
+    Returns:
+        Path of the manifest.
+
+    Raises:
+        RecordingError: a take is missing or damaged.
+    """
+    partial = check(out, planned)
+    takes = [_kept(take_path(partial, place), condition) for place, condition in enumerate(planned.conditions())]
+    whole = _beside(out, "whole")
+    shutil.rmtree(whole, ignore_errors=True)
+    identity = f"protocol {planned.protocol_sha256}, rig {planned.rig_sha256}"
+    manifest = write(
+        whole,
+        takes=takes,
+        rate_hz=planned.rate_hz,
+        simulated=planned.simulated,
+        label=SIMULATED if planned.simulated else planned.source,
+        note="; ".join(filter(None, (f"recorded with palpate record, {planned.source}", note, f"SHA-256: {identity}"))),
+    )
+    if out.exists():
+        out.rmdir()
+    whole.replace(out)
+    storage.sync_folder(out.parent)
+    for kept in (*partial.glob("*.npz"), partial / PLAN):
+        kept.unlink()
+    return out / manifest.name
+
+
+def take_path(partial: Path, place: int) -> Path:
+    """Where the take at this place of the plan lies once it is kept."""
+    return partial / f"{place:04d}.npz"
+
+
+def keep(path: Path, window: Window, achieved_mm_s: float, zero: Zero | None = None) -> None:
+    """Put a take on disk: whole, or not at all. `zero` is what its heights count from, if anything."""
+    content = io.BytesIO()
+    zeros = [] if zero is None else [zero.offset_mm, zero.spread_mm, zero.samples]
+    np.savez(
+        content, samples_m_s2=window.samples_m_s2, achieved_mm_s=np.float64(achieved_mm_s), zero=np.array(zeros, float)
+    )
+    storage.write(path, content.getvalue())
+
+
+def _difference(key: str, there: object, asked: object) -> str:
+    if key in _FILES:
+        return f"{_FILES[key]} {str(there)[:12]}... there, {str(asked)[:12]}... asked for (SHA-256)"
+    return f"{key} {there!r} there, {asked!r} asked for"
+
+
+def _beside(out: Path, kind: str) -> Path:
+    # Resolved, so that "." has a name too.
+    place = out.resolve()
+    return place.with_name(f".{place.name}.{kind}")
+
+
+def _kept(path: Path, condition: Condition) -> Take:
+    try:
+        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as content:
+            samples_m_s2, achieved_mm_s = content["samples_m_s2"], float(content["achieved_mm_s"])
+            zeros = content["zero"].tolist()
+            zero = Zero(zeros[0], zeros[1], round(zeros[2])) if zeros else None
+    except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
+        raise RecordingError(f"{path}: got a damaged take ({error}); remove it, then record it again") from error
+    return Take(condition.material, condition.speed_mm_s, condition.number, samples_m_s2, achieved_mm_s, zero)

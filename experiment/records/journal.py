@@ -1,0 +1,252 @@
+"""The journal of one session: append-only JSON lines, each on disk before the session moves on.
+
+A line is `{"n": 3, "t_ns": ..., "prev": "<SHA-256 of line 2>", "entry": {...}}`. The hash chain makes any later
+change to a line visible. What stands after the last newline is torn: a write that never finished, so nothing
+that was confirmed. It is reported and dropped; anything else that does not fit is refused.
+
+A chain alone cannot show that its end was cut off. So the number and the hash of the last line on disk stand in a
+file of their own beside the journal (`.head`), written after the line: a journal that is shorter is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+from filelock import FileLock, Timeout
+from pydantic import ValidationError
+
+from experiment.clock import Clock
+from experiment.errors import JournalError, SessionLocked
+from experiment.records.entries import ENTRY, FORMAT, AnyEntry, Header
+from experiment.storage import sync_folder
+
+GENESIS = "0" * 64
+"""`prev` of the first line."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One entry with the session time at which it was written, ns."""
+
+    t_ns: int
+    entry: AnyEntry
+
+
+@dataclass(frozen=True)
+class Contents:
+    """A journal as read from disk.
+
+    Attributes:
+        lines: the whole lines, oldest first; empty when not even the header was finished.
+        torn: the bytes after the last newline.
+        size: bytes up to and including the last newline.
+        last_hash: SHA-256 of the last whole line, the `prev` of the next one.
+    """
+
+    lines: tuple[Line, ...]
+    torn: bytes
+    size: int
+    last_hash: str
+
+    @property
+    def entries(self) -> tuple[AnyEntry, ...]:
+        """The entries alone."""
+        return tuple(line.entry for line in self.lines)
+
+    @property
+    def header(self) -> Header:
+        """The header. Raises `JournalError` when there is none."""
+        if not self.lines or not isinstance(self.lines[0].entry, Header):
+            raise JournalError("a journal has no header: its session never started; run the session again")
+        return self.lines[0].entry
+
+
+def read(path: Path) -> Contents:
+    """Read and verify a journal.
+
+    Args:
+        path: the journal file.
+
+    Raises:
+        JournalError: the file cannot be read, or a whole line is broken, missing or changed.
+    """
+    # The head first: read the other way round, a journal that is being written would seem cut off.
+    head = _head(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise JournalError(f"{path}: cannot read the journal ({error.strerror}); give the path of a journal") from error
+    size = data.rfind(b"\n") + 1
+    lines: list[Line] = []
+    last_hash = GENESIS
+    for n, line in enumerate(data[:size].splitlines()):
+        lines.append(_verified(path, n, line, last_hash))
+        last_hash = hashlib.sha256(line).hexdigest()
+    _check_head(path, head, data[:size].splitlines())
+    return Contents(tuple(lines), data[size:], size, last_hash)
+
+
+def read_if_begun(path: Path) -> Contents:
+    """As `read`; `EMPTY` where the session has not begun.
+
+    Raises:
+        JournalError: as `read`, or the journal is gone although its head is there.
+    """
+    if path.exists():
+        return read(path)
+    known, _ = _head(path)
+    if known:
+        raise JournalError(f"{path}: the journal is missing: it had {known} lines; restore it from a backup")
+    return EMPTY
+
+
+def head_path(path: Path) -> Path:
+    """Where the number and hash of a journal's last line stand."""
+    return path.with_suffix(".head")
+
+
+def _head(path: Path) -> tuple[int, str]:
+    """How many lines the head says the journal has, and the hash of the last; 0 before the first line."""
+    try:
+        head = head_path(path).read_text("ascii")
+        count, last_hash = head.split() if head else ("0", GENESIS)
+        return int(count), last_hash
+    except FileNotFoundError:
+        return 0, GENESIS
+    except (OSError, ValueError) as error:
+        raise JournalError(f"{head_path(path)}: cannot be read; restore it and the journal from a backup") from error
+
+
+def _check_head(path: Path, head: tuple[int, str], lines: list[bytes]) -> None:
+    known, last_hash = head
+    remedy = "keep the file as it is and restore the journal from a backup"
+    if len(lines) < known:
+        raise JournalError(f"{path}: the journal is truncated: it had {known} lines and has {len(lines)}; {remedy}")
+    if known and hashlib.sha256(lines[known - 1]).hexdigest() != last_hash:
+        raise JournalError(f"{path}: line {known} is not the one that {head_path(path).name} names; {remedy}")
+
+
+def _verified(path: Path, n: int, line: bytes, last_hash: str) -> Line:
+    where = f"{path}: line {n + 1}"
+    remedy = "keep the file as it is and restore the journal from a backup"
+    try:
+        document = json.loads(line)
+        number, t_ns, prev = document["n"], document["t_ns"], document["prev"]
+        _check_format(where, document["entry"])
+        entry = ENTRY.validate_json(json.dumps(document["entry"]))
+    except (ValueError, KeyError, TypeError, ValidationError) as error:
+        raise JournalError(f"{where} is no journal entry ({type(error).__name__}); {remedy}") from error
+    if number != n or prev != last_hash:
+        raise JournalError(f"{where} does not follow the line before it: a line was changed or is missing; {remedy}")
+    if not isinstance(t_ns, int):
+        raise JournalError(f"{where} has no time; {remedy}")
+    if isinstance(entry, Header) != (n == 0):
+        raise JournalError(f"{where}: a journal holds one header, in its first line; {remedy}")
+    return Line(t_ns, entry)
+
+
+def _check_format(where: str, entry: dict[str, object]) -> None:
+    """Say that a journal is of another form before its models say so in their own words."""
+    if entry["kind"] == "header" and entry.get("format", 1) != FORMAT:
+        raise JournalError(
+            f"{where}: got a journal of format {entry.get('format', 1)}; allowed: {FORMAT}; read it with the palpate "
+            f"that wrote it ({entry.get('software', 'not named')})"
+        )
+
+
+class Journal:
+    """A journal open for appending; `append` returns when the entry is on disk."""
+
+    def __init__(self, path: Path, clock: Clock, contents: Contents) -> None:
+        """Continue `path` after `contents`, dropping its torn end.
+
+        Args:
+            path: the journal file; created with its folder when it does not exist.
+            clock: gives the time of each entry.
+            contents: what `read` returned, or `EMPTY` for a new journal.
+        """
+        self._clock = clock
+        self._count = len(contents.lines)
+        self._last_hash = contents.last_hash
+        self._whole = True
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file: BinaryIO = path.open("ab")
+        self._file.truncate(contents.size)
+        os.fsync(self._file.fileno())
+        self._head = os.open(head_path(path), os.O_RDWR | os.O_CREAT, 0o644)
+        if self._count:
+            self._write_head()
+        sync_folder(path.parent)
+
+    @property
+    def accepts(self) -> bool:
+        """Whether an entry may follow: the journal has a header, and no write was interrupted halfway."""
+        return self._whole and self._count > 0
+
+    def append(self, entry: AnyEntry) -> int:
+        """Write one entry and wait until it is on disk.
+
+        Returns:
+            The session time written with it, ns.
+        """
+        t_ns = self._clock.now_ns()
+        document = {
+            "n": self._count,
+            "t_ns": t_ns,
+            "prev": self._last_hash,
+            "entry": entry.model_dump(mode="json"),
+        }
+        line = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+        # An interrupt from here on leaves it open whether the line is on disk; only reading the file again tells.
+        self._whole = False
+        self._file.write(line + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        self._count += 1
+        self._last_hash = hashlib.sha256(line).hexdigest()
+        self._write_head()
+        self._whole = True
+        return t_ns
+
+    def close(self) -> None:
+        """Close the files; nothing is pending."""
+        self._file.close()
+        os.close(self._head)
+
+    def _write_head(self) -> None:
+        """In place and always as long, so that a kill leaves the old head or the new one."""
+        os.lseek(self._head, 0, os.SEEK_SET)
+        os.write(self._head, f"{self._count:012d} {self._last_hash}\n".encode("ascii"))
+        os.fsync(self._head)
+
+
+EMPTY = Contents((), b"", 0, GENESIS)
+"""A journal of which nothing is written yet."""
+
+
+@contextmanager
+def locked(folder: Path, participant: str) -> Iterator[None]:
+    """Hold a participant for this runner; the operating system lets go when the process ends, however it ends.
+
+    Raises:
+        SessionLocked: another runner holds the participant.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = FileLock(folder / f".sub-{participant}.lock")
+    try:
+        lock.acquire(blocking=False)
+    except Timeout as error:
+        raise SessionLocked(
+            f"participant {participant} is being run by another runner; end it there, or wait until it ends"
+        ) from error
+    try:
+        yield
+    finally:
+        lock.release()

@@ -1,0 +1,109 @@
+"""What a journal says is done and what remains; the same answer while a session runs and after any kill.
+
+Trials are run in the realised order. One that is put off comes again at the end of its block: after the other trials of
+the block, and after those that were put off before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from itertools import pairwise
+
+from experiment.records.entries import (
+    Answer,
+    AnyEntry,
+    BrokenOff,
+    Footer,
+    FootStep,
+    Header,
+    MaskerSet,
+    PlannedTrial,
+    Redo,
+    Resumed,
+)
+from experiment.records.journal import Contents
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Where a session stands.
+
+    Attributes:
+        header: what the session is.
+        answered: trials with an answer that counts, in the order they were answered.
+        put_off: trials that were put off to the end of their blocks, in that order.
+        attempts: attempts begun so far, by trial.
+        unanswered: the trial and attempt whose step is on disk but whose answer is not, if any.
+        footer: the last footer, if the session has ended since it was last resumed.
+        masker_db_a: level that was chosen last, dB(A), if any.
+    """
+
+    header: Header
+    answered: tuple[int, ...] = ()
+    put_off: tuple[int, ...] = ()
+    attempts: Mapping[int, int] = field(default_factory=dict)
+    unanswered: tuple[int, int] | None = None
+    footer: Footer | None = None
+    masker_db_a: float | None = None
+
+    @property
+    def remaining(self) -> tuple[PlannedTrial, ...]:
+        """Planned trials without an answer, in the order in which they are run."""
+        order, size = self.header.order, self.header.block_trials
+        left: list[PlannedTrial] = []
+        for begin in range(0, len(order), size):
+            block = [planned for planned in order[begin : begin + size] if planned.trial not in self.answered]
+            left += sorted(block, key=lambda planned: self._turn(planned.trial))
+        return tuple(left)
+
+    def _turn(self, trial: int) -> int:
+        return self.put_off.index(trial) + 1 if trial in self.put_off else 0
+
+    def after(self, entry: AnyEntry) -> Progress:
+        """Where the session stands after one more entry."""
+        done = replace(self, footer=entry if isinstance(entry, Footer) else None)
+        if isinstance(entry, FootStep):
+            return replace(done._begun(entry), unanswered=(entry.trial, entry.attempt))
+        if isinstance(entry, BrokenOff):
+            begun = replace(done._begun(entry), unanswered=None)
+            return begun._later(entry.trial) if entry.felt else begun
+        if isinstance(entry, Answer):
+            return replace(done, answered=(*done._without(entry.trial), entry.trial), unanswered=None)
+        if isinstance(entry, Redo):
+            redone = replace(done, answered=done._without(entry.trial), unanswered=None)
+            return redone._later(entry.trial) if entry.put_off else redone
+        if isinstance(entry, MaskerSet) and entry.level_db_a is not None:
+            return replace(done, masker_db_a=entry.level_db_a)
+        return done
+
+    def _begun(self, entry: FootStep | BrokenOff) -> Progress:
+        return replace(self, attempts={**self.attempts, entry.trial: entry.attempt})
+
+    def _without(self, trial: int) -> tuple[int, ...]:
+        return tuple(one for one in self.answered if one != trial)
+
+    def _later(self, trial: int) -> Progress:
+        return replace(self, put_off=(*(one for one in self.put_off if one != trial), trial))
+
+
+def progress(entries: Sequence[AnyEntry]) -> Progress:
+    """Replay a journal's entries.
+
+    Args:
+        entries: all entries, the header first.
+    """
+    header = entries[0]
+    if not isinstance(header, Header):
+        raise TypeError("the first entry of a journal is its header")
+    return reduce(Progress.after, entries[1:], Progress(header))
+
+
+def spent_ns(contents: Contents) -> int:
+    """How long the session has lasted so far, pauses between its runners left out, ns."""
+    spent, begun = 0, contents.lines[0].t_ns if contents.lines else 0
+    for before, line in pairwise(contents.lines):
+        if isinstance(line.entry, Resumed):
+            spent, begun = spent + before.t_ns - begun, line.t_ns
+    return spent + (contents.lines[-1].t_ns - begun if contents.lines else 0)

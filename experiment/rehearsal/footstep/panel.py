@@ -1,0 +1,254 @@
+"""The simulated panel: the far end of the actuator's port. It keeps what was delivered, for whoever stands on it.
+
+A rig whose actuator takes volts has a panel that answers them as its simulated response says.
+
+The simulated panel behind a simulated sound card: it listens to what the actuator's channel really carries.
+
+The channel carries samples without end. A stimulus begins with the first that is not zero, and is over when `QUIET_S`
+of zeros have followed.
+
+SIMULATED rig response, of the kind that Figure 9 of Okamoto et al. shows; no rig was measured.
+
+The figure has a peak near 360 Hz at 1.0 Vrms, and the text says that acceleration follows the voltage almost linearly
+at a fixed frequency. Both hold here by closed form: springs and voice coils pass what lies above `SUSPENSION_HZ`, the
+panel resonates at `PANEL_HZ`, and the drive saturates softly,
+
+    A(f, e) = G(f) E asinh(e / E),
+
+2.8 % below its tangent at 1.5 Vrms. The numbers are plausible choices. The simulated panel moves by this form itself,
+never by the table, so what shaping makes of the table meets a response that knows nothing of it.
+"""
+
+from __future__ import annotations
+
+import queue
+import socket
+import threading
+import time
+from math import sqrt
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus import host
+from experiment.apparatus.panel import response_table
+from experiment.apparatus.rig import ActuatorRig
+from experiment.errors import AudioError
+from experiment.rehearsal.wires.listener import Tap
+from experiment.synthesis.response import Response
+from experiment.synthesis.spectra import bin_frequencies_hz, inverse, spectrum
+
+SUSPENSION_HZ, SUSPENSION_DAMPING = 35.0, 0.5
+PANEL_HZ, PANEL_DAMPING = 360.0, 0.12
+GAIN_M_S2_PER_V = 4.0
+SOFT_V = 5.0
+
+FREQUENCIES_HZ = (*range(10, 30, 2), *range(30, 605, 5))
+"""Where the simulated rig was measured: closer together where the response is steep, relative to itself."""
+
+LEVELS_VRMS = (0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
+
+COMMENTS = (
+    "SIMULATED frequency response of the rehearsal's rig; no rig was measured.",
+    "A sinusoid of drive_vrms (V, root mean square) moves the panel by acceleration_pp_m_s2 (m/s^2, peak to peak).",
+)
+
+
+def gain(frequencies_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """G(f), amplitude of acceleration for each volt of amplitude in a small drive, m/s^2/V, shape of the argument."""
+    low, high = frequencies_hz / SUSPENSION_HZ, frequencies_hz / PANEL_HZ
+    passed = low**2 / np.hypot(1 - low**2, 2 * SUSPENSION_DAMPING * low)
+    return np.asarray(GAIN_M_S2_PER_V * passed / np.hypot(1 - high**2, 2 * PANEL_DAMPING * high))
+
+
+def answered(frequencies_hz: NDArray[np.float64], amplitudes_v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A(f, e), m/s^2, with the sign of e.
+
+    Args:
+        frequencies_hz: Hz, broadcast against `amplitudes_v`.
+        amplitudes_v: amplitudes of sinusoids, V.
+    """
+    return np.asarray(gain(frequencies_hz) * SOFT_V * np.arcsinh(amplitudes_v / SOFT_V))
+
+
+def moved(waveform_v: NDArray[np.float64], *, rate_hz: int) -> NDArray[np.float64]:
+    """How the simulated panel moves: each frequency element of the voltage answered on its own.
+
+    Args:
+        waveform_v: V, shape (n,).
+        rate_hz: its sampling rate, Hz.
+
+    Returns:
+        Acceleration, m/s^2, shape (n,).
+
+    Raises:
+        SynthesisError: voltages that are not finite.
+    """
+    coefficients_v = spectrum(waveform_v)
+    frequencies_hz = bin_frequencies_hz(bins=coefficients_v.size, rate_hz=rate_hz)
+    return inverse(answered(frequencies_hz, coefficients_v))
+
+
+def measured() -> Response:
+    """The response at the frequencies and levels of the shipped table."""
+    frequencies_hz, levels_v = np.array(FREQUENCIES_HZ, dtype=np.float64), sqrt(2) * np.array(LEVELS_VRMS)
+    return Response(frequencies_hz, levels_v, answered(frequencies_hz[:, None], levels_v))
+
+
+def write(path: Path) -> None:
+    """Write the shipped table: `protocols/rigs/rehearsal-response.csv`."""
+    response_table.write(path, measured(), comments=COMMENTS)
+
+
+_SAMPLE = np.dtype("<f4")
+_DEAF_S = 5.0
+"""A connection that sends nothing for this long has broken, s."""
+
+
+class Panel:
+    """Listens on the loopback interface for one connection a stimulus."""
+
+    def __init__(self, actuator: ActuatorRig) -> None:
+        """Listen at once.
+
+        Args:
+            actuator: says what a sample of 1.0 is, and whether samples are volts.
+        """
+        self._actuator = actuator
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.address = f"127.0.0.1:{self._server.getsockname()[1]}"
+        """Where it listens, `host:port`."""
+        self._closing = False
+        self._stimuli: queue.SimpleQueue[NDArray[np.float64]] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._listen, name="panel", daemon=True)
+        with host.elsewhere():
+            self._thread.start()
+
+    def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
+        """The next stimulus that was delivered and not felt yet.
+
+        Args:
+            timeout_s: how long to wait for one, s; 0 for none.
+
+        Returns:
+            Acceleration, m/s^2, shape (n,), at the actuator's rate; None if nothing came. A stimulus is here before
+            the actuator's `play` returns.
+        """
+        try:
+            return self._stimuli.get(block=timeout_s > 0, timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._closing = True
+        # Closing the server alone would not end an accept that is under way.
+        with socket.create_connection(self._server.getsockname(), timeout=1.0):
+            self._thread.join()
+        self._server.close()
+
+    def _listen(self) -> None:
+        while True:
+            connection, _ = self._server.accept()
+            with connection:
+                if self._closing:
+                    return
+                connection.settimeout(_DEAF_S)
+                try:
+                    data = _whole(connection)
+                except OSError:
+                    # A stimulus whose connection broke was not delivered.
+                    continue
+                if not data:
+                    # Whoever sends nothing asked whether the panel is there.
+                    continue
+                data = data[: len(data) // _SAMPLE.itemsize * _SAMPLE.itemsize]
+                self._stimuli.put(self._moved(np.frombuffer(data, _SAMPLE).astype(np.float64)))
+
+    def _moved(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        delivered = samples * self._actuator.full_scale
+        if self._actuator.shaping is None or not samples.size:
+            return delivered
+        return moved(delivered, rate_hz=self._actuator.rate_hz)
+
+
+def _whole(connection: socket.socket) -> bytes:
+    pieces = []
+    while piece := connection.recv(65536):
+        pieces.append(piece)
+    return b"".join(pieces)
+
+
+QUIET_S = 0.03
+"""Zeros that end a stimulus, s."""
+
+LONGEST_S = 10.0
+"""How much the tap must keep, s: a whole stimulus, and what came before it."""
+
+_LOOK_S = 0.005
+
+
+class CardPanel:
+    """What the foot feels, as `Panel` does it for a raw PCM port."""
+
+    def __init__(self, tap: Tap, actuator: ActuatorRig) -> None:
+        """Begin with what was carried from the moment of tapping on.
+
+        Args:
+            tap: on the actuator's channel.
+            actuator: says what a sample of 1.0 is, and whether samples are volts.
+        """
+        self._tap = tap
+        self._actuator = actuator
+        self._quiet = round(QUIET_S * actuator.rate_hz)
+        self._at = 0
+
+    def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
+        """The next stimulus that was delivered and not felt yet.
+
+        Args:
+            timeout_s: how long to wait for one to begin, s; 0 for none.
+
+        Returns:
+            Acceleration, m/s^2, shape (n,), at the actuator's rate; None if nothing came, or it is not over yet and
+            `timeout_s` is 0.
+
+        Raises:
+            AudioError: one that has begun does not end, or nobody listens to the card any more.
+        """
+        ends = time.monotonic() + timeout_s
+        while True:
+            found, begun = self._next()
+            if found is not None:
+                return self._moved(found.astype(np.float64))
+            late_s = time.monotonic() - ends
+            if not timeout_s or (late_s > 0 and not begun):
+                return None
+            if late_s > LONGEST_S:
+                raise AudioError(f"simulated sound card: a stimulus did not end within {LONGEST_S:g} s; start again")
+            time.sleep(_LOOK_S)
+
+    def close(self) -> None:
+        """Listen no more."""
+        self._tap.close()
+
+    def _next(self) -> tuple[NDArray[np.float32] | None, bool]:
+        """A stimulus that is over, if there is one; and whether one has begun."""
+        self._at, carried = self._tap.since(self._at)
+        sounding = np.flatnonzero(carried)
+        if not sounding.size:
+            self._at += len(carried)
+            return None, False
+        gaps = np.flatnonzero(np.diff(sounding) > self._quiet)
+        last = int(sounding[gaps[0]] if gaps.size else sounding[-1])
+        if not gaps.size and carried.size - last <= self._quiet:
+            return None, True
+        self._at += last + 1
+        return carried[int(sounding[0]) : last + 1], True
+
+    def _moved(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        delivered = samples * self._actuator.full_scale
+        if self._actuator.shaping is None:
+            return delivered
+        return moved(delivered, rate_hz=self._actuator.rate_hz)

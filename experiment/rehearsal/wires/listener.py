@@ -1,0 +1,171 @@
+"""REHEARSAL: listens to an output of the simulated sound card, from a process of its own.
+
+A panel on a desk takes no turn at the session's interpreter, and nor does this one: with each block of the sound server
+the session would wait for it otherwise. It asks the listener over a socket: a number in a line, answered by a line and
+the samples.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.errors import AudioError
+
+CLIENT = "panel"
+"""As JACK names it."""
+
+PATIENCE_S = 10.0
+"""How long the listener may take to begin, to answer and to end, s."""
+
+SPARE_S = 1.0
+"""So much more is held than is told, s: what the next blocks overwrite is nothing that is being told."""
+
+_LISTENING = b"listening\n"
+
+_SAMPLE_BYTES = np.float32().nbytes
+
+
+class Tap:
+    """What one output carries, kept from the moment of tapping on."""
+
+    def __init__(self, server: str, output: str, *, seconds: float) -> None:
+        """Listen from now on.
+
+        Args:
+            server: name of the running JACK server.
+            output: name of the port that is listened to.
+            seconds: how much is kept.
+
+        Raises:
+            AudioError: the server has ended, or there is no such port.
+        """
+        command = [sys.executable, "-m", "experiment.rehearsal.wires.listener", server, output, str(seconds)]
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            ours.settimeout(PATIENCE_S)
+            self._line = ours.makefile("rwb")
+            self._listener = subprocess.Popen(  # noqa: S603
+                command,
+                cwd=Path(__file__).parents[3],
+                stdin=theirs.fileno(),
+                stdout=theirs.fileno(),
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        try:
+            said = self._line.readline()
+        except OSError as error:
+            raise self._failed(str(error)) from error
+        if said != _LISTENING:
+            raise self._failed(said.decode("utf-8", "replace"))
+
+    def since(self, first: int) -> tuple[int, NDArray[np.float32]]:
+        """What was heard from a sample on.
+
+        Args:
+            first: its number, counted from the moment of tapping.
+
+        Returns:
+            The number of the first sample that is still kept, not below `first`, and the samples from there on.
+
+        Raises:
+            AudioError: the listener has ended, or does not answer.
+        """
+        try:
+            self._line.write(b"%d\n" % first)
+            self._line.flush()
+            begin, _, count = self._line.readline().partition(b" ")
+            told = self._line.read(int(count or 0) * _SAMPLE_BYTES)
+        except OSError as error:
+            raise self._failed(str(error)) from error
+        if not count or len(told) != int(count) * _SAMPLE_BYTES:
+            raise self._failed("its answer was cut off")
+        return int(begin), np.frombuffer(told, np.float32)
+
+    def close(self) -> None:
+        """Listen no more."""
+        with suppress(OSError):  # The listener has gone.
+            self._line.close()
+        try:
+            self._listener.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:  # The server stands still.
+            self._listener.kill()
+            self._listener.wait()
+
+    def _failed(self, why: str) -> AudioError:
+        self._listener.kill()
+        self.close()
+        said = f" ({why.strip()})" if why.strip() else ""
+        return AudioError(f"simulated sound card: what listens to it has ended{said}; start again")
+
+
+class Kept:
+    """The last samples of a stream without end. One thread adds while another asks."""
+
+    def __init__(self, samples: int, *, spare: int) -> None:
+        """Nothing was heard yet.
+
+        Args:
+            samples: how many of the last are told.
+            spare: how many more may be added while they are.
+        """
+        self._told = samples
+        self._ring = np.zeros(samples + spare, np.float32)
+        self._count = 0
+
+    def add(self, block: NDArray[np.float32]) -> None:
+        """Take the next samples, at most `spare`."""
+        ring = self._ring
+        at = self._count % len(ring)
+        until_end = min(len(block), len(ring) - at)
+        ring[at : at + until_end] = block[:until_end]
+        ring[: len(block) - until_end] = block[until_end:]
+        self._count += len(block)
+
+    def since(self, first: int) -> tuple[int, NDArray[np.float32]]:
+        """See `Tap.since`."""
+        count = self._count
+        first = max(first, count - self._told)
+        return first, self._ring[np.arange(first, count) % len(self._ring)]
+
+
+def listen(server: str, output: str, seconds: float, told: BinaryIO) -> None:
+    """Keep what a port carries, and tell of it who writes numbers to this process, until that one has gone."""
+    with ExitStack() as opened:
+        try:
+            import jack
+
+            client: Any = jack.Client(CLIENT, servername=server, no_start_server=True)
+            kept = Kept(round(seconds * client.samplerate), spare=round(SPARE_S * client.samplerate))
+            entry = client.inports.register("in")
+            client.set_process_callback(lambda _frames: kept.add(entry.get_array()))
+            # Who listens to nothing any more must not go on answering.
+            client.set_shutdown_callback(lambda *_: os._exit(1))
+            opened.enter_context(client)
+            client.connect(output, entry)
+        except Exception as error:
+            told.write(f"{error}\n".encode())
+            raise
+        told.write(_LISTENING)
+        told.flush()
+        for asked in sys.stdin.buffer:
+            first, samples = kept.since(int(asked))
+            told.write(b"%d %d\n" % (first, samples.size))
+            told.write(samples.tobytes())
+            told.flush()
+
+
+if __name__ == "__main__":
+    # JACK's library may have words of its own for whoever reads its output.
+    with os.fdopen(os.dup(1), "wb") as line:
+        os.dup2(2, 1)
+        listen(sys.argv[1], sys.argv[2], float(sys.argv[3]), line)

@@ -1,0 +1,290 @@
+"""REHEARSAL: the simulated sound card, a JACK server of our own with its dummy driver. It plays to nobody.
+
+Whatever the stream of a session sends to an output is there, sample for sample: `connect` is the cable from an output
+to an input, and `Tap` listens to an output from outside.
+
+REHEARSAL: the sound of one session, on a simulated sound card of its own.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from types import ModuleType, TracebackType
+from typing import Any
+
+from filelock import FileLock, Timeout
+
+from experiment.apparatus import host, opening
+from experiment.apparatus.audio import devices
+from experiment.apparatus.rig import Rig
+from experiment.clock import Clock
+from experiment.errors import AudioError
+from experiment.protocol.models import Protocol
+from experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
+from experiment.rehearsal.wires.listener import Tap
+from experiment.session.masker import open_sound
+
+HOST_API = "JACK Audio Connection Kit"
+"""Where PortAudio has the simulated card: for tests that open a stream without a rig file, which says it otherwise."""
+
+DEVICE = "system"
+"""As PortAudio names the simulated card."""
+
+STREAM = "PortAudio"
+"""The client that a session's stream is, as JACK names it."""
+
+SERVER_PRIORITY = 10
+"""Of the server's threads where the session runs in real time; JACK gives its clients five less."""
+
+READY_S = 10.0
+"""How long the server may take to start, s."""
+
+PLACES = 6
+"""Servers of this kind that may run at a time on a machine: JACK itself allows eight of any kind. A few names are used
+over and over, for JACK gives the place of a server that was killed to the next one of its name, and to no other."""
+
+_SERVER = "JACK_DEFAULT_SERVER"
+_VARIABLES = {"JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
+
+
+class SoundCard:
+    """A running JACK server; this process's streams find it, and it alone, until it is closed."""
+
+    def __init__(self, *, rate_hz: int, block: int, inputs: int, outputs: int, exact: bool = True) -> None:
+        """Start the server and wait for it. No audio stream may be open in this process.
+
+        Args:
+            rate_hz: frames a second.
+            block: frames of a period.
+            inputs: channels.
+            outputs: channels.
+            exact: a period waits until every client has done its part, so that no sample is ever lost; False for a
+                server that goes on without them, as a device does.
+
+        Raises:
+            AudioError: JACK is not installed, or the server does not start.
+        """
+        program = shutil.which("jackd")
+        if program is None:
+            raise AudioError("simulated sound card: got no jackd; allowed: JACK 2; install the system's package jackd2")
+        self._jack = _jack()
+        self._before = {name: os.environ.get(name) for name in (*_VARIABLES, _SERVER)}
+        self._folder = tempfile.TemporaryDirectory(prefix="palpate-jack-")
+        self._place: FileLock | None = None
+        os.environ.update(_VARIABLES)
+        arguments = ["-r", str(rate_hz), "-p", str(block), "-C", str(inputs), "-P", str(outputs)]
+        ends = shutil.which("setpriv")
+        # The server must not outlive this process, even where that is killed: the kernel ends it with its parent,
+        # and -T with its last client.
+        command = [*([ends, "--pdeathsig", "KILL"] if ends else []), program, *(["-S"] if exact else []), "-T"]
+        pace = ["--realtime", "--realtime-priority", str(SERVER_PRIORITY)] if host.is_real_time() else ["--no-realtime"]
+        try:
+            with host.elsewhere(), devices.looking_anew():
+                self._wiring = self._started([*command, *pace, "-n"], ["-d", "dummy", *arguments])
+        except BaseException:
+            self._tidy()
+            raise
+
+    def connect(self, output: int, *to: int) -> None:
+        """Lay a cable from an output of the session's stream to some of its inputs; channels from 1.
+
+        Raises:
+            AudioError: there is no such channel, or no stream is open.
+        """
+        for entry in to:
+            self._wired(self._wiring.connect, self._port("out", output), self._port("in", entry))
+
+    def disconnect(self, entry: int) -> None:
+        """Pull every cable from an input of the session's stream; channels from 1.
+
+        Raises:
+            AudioError: there is no such channel, or no stream is open.
+        """
+        port = self._port("in", entry)
+        for source in self._wired(self._wiring.get_all_connections, port):
+            self._wired(self._wiring.disconnect, source, port)
+
+    def tap(self, output: int, *, seconds: float) -> Tap:
+        """Listen to an output of the session's stream from now on; channels from 1.
+
+        Raises:
+            AudioError: there is no such channel, no stream is open, or the server has ended.
+        """
+        with host.elsewhere():
+            return Tap(self._name, self._port("out", output).name, seconds=seconds)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Have the server stand still meanwhile, as a driver does that hangs."""
+        self._server.send_signal(signal.SIGSTOP)
+        try:
+            yield
+        finally:
+            self._server.send_signal(signal.SIGCONT)
+
+    def close(self) -> None:
+        """Stop the server. Streams and taps must be closed before."""
+        with devices.looking_anew():
+            if self._server.poll() is None:
+                self._wiring.close()
+            self._stop()
+            self._tidy()
+
+    def _started(self, before: list[str], after: list[str]) -> Any:
+        """Start a server under the first name that is free, and return a client of it."""
+        said = f"{PLACES} run already"
+        for number in range(PLACES):
+            name = f"palpate-{number}"
+            place = FileLock(Path(tempfile.gettempdir()) / f"palpate-jack-{os.getuid()}-{number}.lock", timeout=0)
+            try:
+                place.acquire()
+            except Timeout:
+                continue
+            log = Path(self._folder.name) / "log"
+            with log.open("wb") as file:
+                self._server = subprocess.Popen(  # noqa: S603
+                    [*before, name, *after], stdout=file, stderr=file, stdin=subprocess.DEVNULL, start_new_session=True
+                )
+            self._name, os.environ[_SERVER] = name, name
+            client = None
+            try:
+                client = self._client()
+            finally:
+                if client is None:
+                    self._stop()
+                    place.release()
+            if client is not None:
+                self._place = place
+                return client
+            said = " ".join(log.read_text("utf-8", "replace").strip().splitlines()[-1:])
+        raise AudioError(
+            f"simulated sound card: JACK did not start ({said}); see that jackd runs on this machine, then start again"
+        )
+
+    def _client(self) -> Any:
+        """A client of the server, with which cables are laid; None where it has ended, or is not ready in time."""
+        ends = time.monotonic() + READY_S
+        while self._server.poll() is None and time.monotonic() < ends:
+            try:
+                return self._jack.Client("wiring", servername=self._name, no_start_server=True)
+            except self._jack.JackError:
+                time.sleep(0.02)
+        return None
+
+    def _port(self, kind: str, channel: int) -> Any:
+        # PortAudio goes on counting from stream to stream.
+        ports = self._wiring.get_ports(f"^{STREAM}:{kind}_[0-9]+$")
+        if not 1 <= channel <= len(ports):
+            raise AudioError(
+                f"simulated sound card: got channel {channel} ({kind}); allowed: 1 to {len(ports)}; open the stream "
+                "first, and with as many channels as are wired"
+            )
+        return sorted(ports, key=lambda port: int(port.shortname.rpartition("_")[2]))[channel - 1]
+
+    def _wired(self, call: Callable[..., Any], *ports: Any) -> Any:
+        try:
+            return call(*ports)
+        except self._jack.JackError as error:
+            raise AudioError(f"simulated sound card: {error}; start again") from error
+
+    def _stop(self) -> None:
+        self._server.terminate()
+        try:
+            self._server.wait(5)
+        except subprocess.TimeoutExpired:
+            self._server.kill()
+            self._server.wait()
+
+    def _tidy(self) -> None:
+        self._folder.cleanup()
+        if self._place is not None:
+            self._place.release()
+        for name, value in self._before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
+
+
+def _jack() -> ModuleType:
+    try:
+        import jack
+    except (ImportError, OSError) as error:
+        raise AudioError(
+            f"simulated sound card: JACK-Client cannot be used ({error}); install palpate[lab], and JACK 2 "
+            "(the system's package jackd2)"
+        ) from error
+    # The library's own words would stand between the experimenter's lines.
+    with suppress(AttributeError):
+        jack.set_error_function(lambda _text: None)
+        jack.set_info_function(lambda _text: None)
+    module: ModuleType = jack
+    return module
+
+
+class SimulatedSound:
+    """The card, the session's stream on it and its masker; all until it is left.
+
+    The card is wired as a rig is: the actuator's channel goes back into the loopback, and to the panel where a task has
+    one.
+    """
+
+    def __init__(self, rig: Rig, protocol: Protocol, clock: Clock, *, dose_before: float = 0.0) -> None:
+        """Start everything.
+
+        Args:
+            rig: a simulated rig with an audio device.
+            protocol: the study.
+            clock: the session's clock; it must go by itself.
+            dose_before: of the masker, what the participant's sessions of the day used up.
+
+        Raises:
+            AudioError: JACK is not installed, or does not run.
+        """
+        audio = opening.audio_of(rig)
+        channels = audio.channels
+        with ExitStack() as opened:
+            self.card = SoundCard(
+                rate_hz=audio.rate_hz, block=audio.block, inputs=channels.inputs, outputs=channels.outputs
+            )
+            opened.callback(self.card.close)
+            sound = open_sound(rig, protocol, clock=clock, dose_before=dose_before, opened=opened, device=DEVICE)
+            self.stream, self.masker = sound.stream, sound.masker
+            for entry in range(1, channels.inputs + 1):
+                self.card.disconnect(entry)
+            self._channels = channels
+            self.connect_loopback()
+            self._actuator = rig.actuator
+            self._opened = opened.pop_all()
+
+    def panel(self) -> CardPanel:
+        """The panel on the actuator's channel, from now on. Raises `AudioError`."""
+        panel = CardPanel(self.card.tap(self._channels.actuator, seconds=LONGEST_S), self._actuator)
+        self._opened.callback(panel.close)
+        return panel
+
+    def connect_loopback(self) -> None:
+        """Lay the loopback's cable, where the rig has one."""
+        if self._channels.loopback is not None:
+            self.card.connect(self._channels.actuator, self._channels.loopback)
+
+    def disconnect_loopback(self) -> None:
+        """Pull it: for tests of what a rig does then; no rehearsal pulls it."""
+        if self._channels.loopback is not None:
+            self.card.disconnect(self._channels.loopback)
+
+    def __enter__(self) -> SimulatedSound:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._opened.close()

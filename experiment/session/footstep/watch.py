@@ -1,0 +1,409 @@
+"""One step of the foot, from arming to just after contact, and the stimulus it sets off.
+
+The foot crosses the gate's bottom: its stimulus is synthesised and prepared, before the gate is given. While it falls
+on, contact is predicted from every sample and the stimulus aimed at it, until it can no longer be moved. The foot
+lands: what could not be scheduled sounds now. A foot that stops, turns back or hesitates between gate and contact has
+its stimulus withdrawn, and the step ends.
+
+What one attempt took from the tracker: the bytes for the record, the frames counted, and the times they were of.
+
+Clock and counts are kept with each read: a tracker that fails may fail at them too, and a step goes on record all the
+same.
+
+The tracker's samples, attempt after attempt: what one attempt leaves over belongs to the next.
+
+What a step leaves in the journal.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from experiment.apparatus.host import undisturbed
+from experiment.apparatus.ports import Tracker
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
+from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from experiment.apparatus.tracker.landing import Landing, LandingPredictor
+from experiment.clock import Clock
+from experiment.errors import TrackerStopped
+from experiment.records.entries import BrokenOff, FootStep, Link, PlannedTrial, Trace, TrackerClock
+from experiment.records.stimulus import Onset, Stimulus
+from experiment.session.footstep.stimulus import Sounder, Sounding
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+class Feed:
+    """Reads a tracker; samples can be put back."""
+
+    def __init__(self, tracker: Tracker) -> None:
+        """Read from `tracker`; nothing is left over yet."""
+        self.tracker = tracker
+        self._left: Samples | None = None
+
+    def drain(self) -> None:
+        """Forget what was left over, and throw away what arrived before now. Raises `TrackerStopped`."""
+        self._left = None
+        self.tracker.drain()
+
+    def read(self) -> Samples:
+        """What was put back, or the tracker's next samples, at least one. Raises `TrackerError`."""
+        left, self._left = self._left, None
+        return left if left is not None else self.tracker.read()
+
+    def put_back(self, samples: Samples) -> None:
+        """Have the next `read` begin with these; none is nothing."""
+        self._left = samples if samples.device_us.size else None
+
+
+class Taken:
+    """The samples of one attempt, read by read."""
+
+    def __init__(self, feed: Feed) -> None:
+        """Begin an attempt.
+
+        Args:
+            feed: the tracker's samples.
+        """
+        self._feed = feed
+        self._before = self._counts = feed.tracker.counts
+        self._raw = bytearray()
+        self._received = 0
+        self._newest: Samples | None = None
+        self.first_us: int | None = None
+        """Device time of the first sample; None before it came."""
+        self.newest_us: int | None = None
+        """Device time of the newest sample; None before the first."""
+        self.clock_map: ClockMap | None = None
+        """Session time of device time, as the tracker's clock stood at the newest read; None before the first."""
+
+    def next(self) -> Samples:
+        """The next samples. Raises `TrackerError`."""
+        self._file()
+        samples = self._feed.read()
+        if self.first_us is None:
+            self.first_us = int(samples.device_us[0])
+        self._newest, self.newest_us = samples, int(samples.device_us[-1])
+        tracker = self._feed.tracker
+        self.clock_map, self._counts = tracker.clock_map or self.clock_map, tracker.counts
+        return samples
+
+    def clock(self) -> ClockMap:
+        """`clock_map`, where there is one. Raises `TrackerStopped`."""
+        if self.clock_map is None:
+            raise TrackerStopped("tracker: got no sample since it was opened; see that the device is sampling")
+        return self.clock_map
+
+    def session_ns(self, device_us: float) -> int:
+        """Session time of a device time, ns, by `clock`. Raises `TrackerStopped`."""
+        return self.clock().session_ns(device_us)
+
+    def until(self, device_us: float) -> None:
+        """Wait for the first sample at this time or later, and leave what follows it to the next attempt.
+
+        A record then does not depend on how reads were cut. Raises `TrackerError`.
+        """
+        samples = self._newest if self._newest is not None else self.next()
+        while samples.device_us[-1] < device_us:
+            samples = self.next()
+        self._newest, rest = samples.cut(int(np.searchsorted(samples.device_us, device_us)) + 1)
+        self.newest_us = int(self._newest.device_us[-1])
+        self._feed.put_back(rest)
+
+    def link(self, device_us: float) -> LinkCounts:
+        """Frames counted until the newest read, received ones up to a device time within the newest read."""
+        newest = 0 if self._newest is None else int(np.searchsorted(self._newest.device_us, device_us, side="right"))
+        return replace(self._counts.since(self._before), received=self._received + newest)
+
+    def raw(self) -> bytes:
+        """Every byte taken."""
+        self._file()
+        return bytes(self._raw)
+
+    def _file(self) -> None:
+        if self._newest is not None:
+            self._raw += self._newest.raw
+            self._received += self._newest.device_us.size
+            self._newest = None
+
+
+TAIL_US = 100_000
+"""How long the foot is recorded after contact, so that the landing is on file."""
+
+
+@dataclass(frozen=True)
+class Watch:
+    """What steps are watched with; `sounder` is None in a task without synthesis."""
+
+    feed: Feed
+    detector: GateDetector
+    predictor: LandingPredictor
+    clock: Clock
+    sounder: Sounder | None
+
+
+@dataclass(frozen=True)
+class WatchedStep:
+    """What a step was.
+
+    Attributes:
+        first_us: device time of the first sample after arming.
+        clock: the tracker's, as it was known at the end of the tail.
+        gate: the passage through the gate that led to contact.
+        contact: the contact.
+        contact_ns: its session time by that clock.
+        raw: every byte of the tracker from arming to the end of the tail.
+        link: frames counted from arming to contact.
+        stimulus: what was handed to the actuator; None in a task without synthesis.
+        onset: how it met the contact; None likewise.
+    """
+
+    first_us: int
+    clock: ClockMap
+    gate: Gate
+    contact: Contact
+    contact_ns: int
+    raw: bytes
+    link: LinkCounts
+    stimulus: Stimulus | None
+    onset: Onset | None
+
+
+@dataclass(frozen=True)
+class BrokenStep:
+    """A step that ended before the foot had landed, or before its landing was on file.
+
+    Attributes:
+        first_us: device time of the first sample after arming; None where none came.
+        clock: the tracker's, as it was known in the end; None likewise, and where the tracker never told it.
+        at_us: device time of the newest sample; None likewise.
+        gate: the passage through the gate, if there was one.
+        reason: why it ended.
+        felt: whether something may have been felt.
+        stopped: the tracker's silence, where that ended it.
+        failed: what else ended it, once something may have been felt: to be raised when the step is on file.
+        raw: every byte of the tracker until then.
+        link: frames counted until then.
+    """
+
+    first_us: int | None
+    clock: ClockMap | None
+    at_us: int | None
+    gate: Gate | None
+    reason: str
+    felt: bool
+    stopped: TrackerStopped | None
+    failed: BaseException | None
+    raw: bytes
+    link: LinkCounts
+
+
+def watch(
+    parts: Watch, material: str, waiting: Callable[[], AbstractContextManager[None]] = nullcontext
+) -> WatchedStep | BrokenStep:
+    """Wait for a step, and have its stimulus sound when the foot lands.
+
+    Args:
+        parts: what it is watched with.
+        material: what is presented.
+        waiting: entered while the foot has not landed.
+
+    Raises:
+        TrackerError: the tracker's device restarted.
+        ActuatorError: the stimulus could not be handed over.
+        BaseException: any other failure, or an interrupt; like the two above only while nothing can have been felt.
+            After that it is handed out with the broken step, so that the step is not lost.
+    """
+    step = _Step(parts, material)
+    try:
+        with undisturbed():
+            with waiting():
+                reason = step.fall()
+            return step.broken(reason) if reason else step.land()
+    except TrackerStopped as stopped:
+        return step.broken(str(stopped), stopped=stopped)
+    except BaseException as failed:
+        # Nothing may sound once nobody watches.
+        broken = step.broken(_why(failed), failed=failed)
+        if broken.felt:
+            return broken
+        raise
+
+
+def _why(failed: BaseException) -> str:
+    if isinstance(failed, KeyboardInterrupt):
+        return "interrupted at the keyboard"
+    return str(failed) or type(failed).__name__
+
+
+class _Step:
+    def __init__(self, parts: Watch, material: str) -> None:
+        self._parts = parts
+        self._taken = Taken(parts.feed)
+        self._gate: Gate | None = None
+        self._contact: Contact | None = None
+        self._sounding: Sounding | None = None
+        if parts.sounder is not None:
+            self._sounding = Sounding(parts.sounder, material, self._taken.session_ns, parts.clock)
+
+    def fall(self) -> str:
+        """Follow the foot to its contact; returns why it will not land, or nothing."""
+        detector, predictor, sounding = self._parts.detector, self._parts.predictor, self._sounding
+        state, falling = detector.init(), predictor.init()
+        while True:
+            samples = self._taken.next()
+            state, events = detector.step(state, samples)
+            upcoming = deque(events)
+            aim_at: Landing | None = None
+            for us, mm in zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True):
+                falling = predictor.step(falling, us, mm)
+                while upcoming and upcoming[0].given_us <= us and self._contact is None:
+                    self._passed(upcoming.popleft(), samples.arrived_ns)
+                if self._gate is None:
+                    continue
+                if self._contact is not None:
+                    break
+                if reason := predictor.hesitates(falling, self._gate):
+                    self._taken.until(us)
+                    return reason
+                landing = predictor.landing(falling) if falling is not None and sounding is not None else None
+                if landing is not None and sounding is not None and sounding.in_time(landing):
+                    aim_at = landing
+            if aim_at is not None and sounding is not None:
+                sounding.aim(aim_at)
+            if self._contact is not None:
+                return ""
+            if self._gate is None and sounding is not None:
+                # A millimetre before the gate is given its speed is known.
+                speed_mm_s = detector.speed_mm_s(state)
+                if speed_mm_s is not None:
+                    sounding.prepare(speed_mm_s)
+
+    def land(self) -> WatchedStep:
+        """The foot is down: have the stimulus sound, and record the tail."""
+        gate, contact, taken = self._gate, self._contact, self._taken
+        if gate is None or contact is None or taken.first_us is None:
+            raise RuntimeError("no step lands before it has fallen")
+        if self._sounding is not None:
+            self._sounding.landed(contact)
+        link = taken.link(contact.us)
+        taken.until(contact.us + TAIL_US)
+        clock = taken.clock()
+        contact_ns = clock.session_ns(contact.us)
+        return WatchedStep(
+            first_us=taken.first_us,
+            clock=clock,
+            gate=gate,
+            contact=contact,
+            contact_ns=contact_ns,
+            raw=taken.raw(),
+            link=link,
+            stimulus=self._sounding.stimulus if self._sounding is not None else None,
+            onset=self._sounding.onset(contact, contact_ns) if self._sounding is not None else None,
+        )
+
+    def withdraw(self) -> bool:
+        """Take the stimulus back; returns whether nothing of it sounds."""
+        return self._sounding is None or self._sounding.withdraw()
+
+    def broken(
+        self, reason: str, *, stopped: TrackerStopped | None = None, failed: BaseException | None = None
+    ) -> BrokenStep:
+        """End it without a contact, or without the rest of its record."""
+        withdrawn, taken = self.withdraw(), self._taken
+        return BrokenStep(
+            first_us=taken.first_us,
+            clock=taken.clock_map,
+            at_us=taken.newest_us,
+            gate=self._gate,
+            reason=reason,
+            felt=self._contact is not None or not withdrawn,
+            stopped=stopped,
+            failed=failed,
+            raw=taken.raw(),
+            link=taken.link(taken.newest_us or 0),
+        )
+
+    def _passed(self, event: Gate | Contact, arrived_ns: int) -> None:
+        if isinstance(event, Contact):
+            self._contact = event
+            return
+        self._gate = event
+        if self._sounding is not None:
+            self._sounding.given(event.speed_mm_s, arrived_ns)
+
+
+@dataclass(frozen=True)
+class Armed:
+    """An attempt that was armed.
+
+    Attributes:
+        planned: the trial.
+        attempt: its number, from 1.
+        dead_time_ms: since the answer just before, ms; None without one, and in simulated time.
+    """
+
+    planned: PlannedTrial
+    attempt: int
+    dead_time_ms: float | None
+
+
+def entry(armed: Armed, seen: WatchedStep | BrokenStep, trace: Trace) -> FootStep | BrokenOff:
+    """The entry of a step.
+
+    Args:
+        armed: the attempt.
+        seen: what was seen of it.
+        trace: where its raw frames stand.
+    """
+    if isinstance(seen, BrokenStep):
+        return _broken_off(armed, seen, trace)
+    return FootStep(
+        trial=armed.planned.trial,
+        attempt=armed.attempt,
+        presented=armed.planned.presented,
+        clock=_clock(seen.clock),
+        dead_time_ms=armed.dead_time_ms,
+        gate_top_us=seen.gate.top_us,
+        gate_bottom_us=seen.gate.bottom_us,
+        contact_us=seen.contact.us,
+        speed_mm_s=seen.gate.speed_mm_s,
+        link=_link(seen.link),
+        trace=trace,
+        stimulus=seen.stimulus,
+        onset=seen.onset,
+    )
+
+
+def _broken_off(armed: Armed, seen: BrokenStep, trace: Trace) -> BrokenOff:
+    gate = seen.gate
+    return BrokenOff(
+        trial=armed.planned.trial,
+        attempt=armed.attempt,
+        presented=armed.planned.presented,
+        reason=seen.reason,
+        felt=seen.felt,
+        clock=_clock(seen.clock) if seen.clock else None,
+        dead_time_ms=armed.dead_time_ms,
+        at_us=seen.at_us,
+        gate_top_us=gate.top_us if gate else None,
+        gate_bottom_us=gate.bottom_us if gate else None,
+        speed_mm_s=gate.speed_mm_s if gate else None,
+        link=_link(seen.link),
+        trace=trace,
+    )
+
+
+def _clock(known: ClockMap) -> TrackerClock:
+    return TrackerClock(anchor_us=known.anchor_us, anchor_ns=known.anchor_ns, drift_ppm=known.drift_ppm)
+
+
+def _link(counts: LinkCounts) -> Link:
+    return Link(received=counts.received, lost=counts.lost, damaged=counts.damaged, repeated=counts.repeated)

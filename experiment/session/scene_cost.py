@@ -1,0 +1,352 @@
+"""What a task leaves out, and what that saves and costs: measured here and now, on this machine.
+
+The time and memory that a call, or an import, takes: measured here and now, on this machine.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import time
+import tracemalloc
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus.rig import Rig
+from experiment.protocol.models import Protocol
+from experiment.session import scene as scenes
+
+if TYPE_CHECKING:
+    from experiment.synthesis.crinkle import CrinkleSpectra
+    from experiment.synthesis.engine import Choice
+    from experiment.synthesis.waveforms import Renderer
+
+
+REPEATS = 5
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A time, as the median of repeats, and how far these spread.
+
+    Attributes:
+        ms: median, ms.
+        spread_ms: from the lower to the upper quartile, ms.
+    """
+
+    ms: float
+    spread_ms: float
+
+    @property
+    def measurable(self) -> bool:
+        """Whether it is more than the spread of the repeats; what is not is no saving."""
+        return abs(self.ms) > self.spread_ms
+
+
+def import_cost(modules: tuple[str, ...]) -> tuple[Taken, float | None]:
+    """Time, and the median of resident memory, kB, that importing `modules` adds to a session without them.
+
+    Each time a new interpreter first imports what every session needs. No memory where the system does not tell it.
+    """
+    code = (
+        "import importlib, json, sys, time\n"
+        "import experiment.session.run\n"
+        "def kb():\n"
+        "    try:\n"
+        "        with open('/proc/self/statm') as file:\n"
+        "            import resource\n"
+        "            return int(file.read().split()[1]) * resource.getpagesize() / 1e3\n"
+        "    except (OSError, ImportError):\n"
+        "        return None\n"
+        "held, begun = kb(), time.perf_counter()\n"
+        "for name in sys.argv[1:]:\n"
+        "    importlib.import_module(name)\n"
+        "passed = time.perf_counter() - begun\n"
+        "print(json.dumps([passed * 1e3, None if held is None else kb() - held]))\n"
+    )
+    command = [sys.executable, "-c", code, *modules]
+    outputs = [subprocess.run(command, capture_output=True, check=True).stdout for _ in range(REPEATS)]  # noqa: S603
+    runs = [json.loads(output) for output in outputs]
+    resident_kb = None if runs[0][1] is None else statistics.median(run[1] for run in runs)
+    return taken([run[0] for run in runs]), resident_kb
+
+
+def measured(call: Callable[[], object]) -> tuple[Taken, float]:
+    """What a call takes, and the memory that its result holds, kB."""
+    times = taken([ms(call) for _ in range(REPEATS)])
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    result = call()
+    held = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    del result
+    return times, held / 1e3
+
+
+def taken(ms: list[float]) -> Taken:
+    """Median and spread of repeats, ms."""
+    lower, median, upper = np.quantile(ms, [0.25, 0.5, 0.75]).tolist()
+    return Taken(median, upper - lower)
+
+
+def ms(call: Callable[[], object]) -> float:
+    """What one call takes, ms."""
+    begun = time.perf_counter()
+    call()
+    return (time.perf_counter() - begun) * 1e3
+
+
+Kind = Literal["parts", "imports", "materials", "bins", "channels", "steps"]
+
+ALWAYS = ("tracker", "gate and contact", "limiter", "exposure account", "journal", "foot trace")
+"""What no task leaves out: safety, accounting and the record."""
+
+STIMULUS_MODULES = (
+    "experiment.recordings.manifest",
+    "experiment.apparatus.panel.conditioning",
+    "experiment.synthesis.engine",
+    "experiment.synthesis.shaping",
+    "experiment.apparatus.panel.pcm_actuator",
+)
+"""What a task with virtual stimuli imports and a task with real objects does not."""
+
+SPEEDS_MM_S = tuple(float(v) for v in range(40, 420, 20))
+"""Foot speeds at which times and errors are taken."""
+
+TURNS = 51
+"""Rounds over all speeds where single steps are timed, for what lies between two ways may be less than 1 us."""
+
+
+@dataclass(frozen=True)
+class Omission:
+    """One thing that a task leaves out.
+
+    Attributes:
+        kind: what sort of thing.
+        what: in words.
+        saves: time saved, negative where leaving it out takes longer; None where there is none to measure.
+        saves_kb: memory saved, kB (1000 bytes); None as above.
+        costs: the error that leaving it out makes, in words and figures.
+    """
+
+    kind: Kind
+    what: str
+    saves: Taken | None
+    saves_kb: float | None
+    costs: str
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON; `saves_ms` is null where no difference could be measured."""
+        time = self.saves
+        return {
+            "kind": self.kind,
+            "what": self.what,
+            "saves_ms": time.ms if time is not None and time.measurable else None,
+            "spread_ms": time.spread_ms if time is not None else None,
+            "saves_kb": self.saves_kb,
+            "cost": self.costs,
+        }
+
+    def saved(self) -> str:
+        """In words."""
+        time, parts = self.saves, []
+        if time is not None and time.measurable:
+            parts.append(f"{_time(time.ms)} (repeats spread over {_time(time.spread_ms)})")
+        if self.saves_kb is not None:
+            parts.append(f"{self.saves_kb:.0f} kB")
+        saved = f"saves {' and '.join(parts)}" if parts else "what it saves is not measured"
+        if time is None or time.measurable:
+            return saved
+        seen = f"no measurable difference in time ({_time(time.ms)}, repeats spread over {_time(time.spread_ms)})"
+        return f"{saved}; {seen}" if parts else seen
+
+
+@dataclass(frozen=True)
+class TaskPlan:
+    """What one task needs and leaves out."""
+
+    task: str
+    title: str
+    needs: tuple[str, ...]
+    left_out: tuple[Omission, ...]
+    ways: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "task": self.task,
+            "needs": list(self.needs),
+            "ways": list(self.ways),
+            "never_left_out": list(ALWAYS),
+            "left_out": [omission.as_dict() for omission in self.left_out],
+        }
+
+    def text(self) -> str:
+        """For a terminal."""
+        lines = [
+            f"Task {self.task}: {self.title}",
+            "",
+            "needs",
+            *(f"  {need}" for need in self.needs),
+            *(["", "ways to compute a stimulus", *(f"  {way}" for way in self.ways)] if self.ways else []),
+            "",
+            "leaves out",
+        ]
+        for o in self.left_out:
+            lines += [f"  {o.kind:9} {o.what}", f"            {o.saved()}; costs {o.costs}"]
+        return "\n".join([*lines, "", f"never left out: {', '.join(ALWAYS)}"])
+
+
+def _time(ms: float) -> str:
+    return f"{ms:.1f} ms" if abs(ms) >= 1 else f"{ms * 1e3:.1f} us"
+
+
+def plan(*, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, recordings: Path) -> TaskPlan:
+    """Plan a task, and measure what it leaves out.
+
+    Args:
+        protocol: the study.
+        rig: gives the actuator's rate and its response table.
+        rig_folder: of the rig file, from which the table is found.
+        task_id: one of its tasks.
+        recordings: folder of the recordings of its materials.
+
+    Raises:
+        RecordingError: a recording is missing or unusable.
+        RigError: the response table is.
+    """
+    scene = scenes.plan(protocol=protocol, task_id=task_id)
+    title = protocol.task(task_id).title
+    if scene.synthesis:
+        from experiment.synthesis import engine
+
+        ways = tuple(f"{name}: {when}" for name, when in engine.TAKEN.items())
+        return TaskPlan(task_id, title, *_virtual(scene, protocol, rig, recordings), ways)
+    needs = (f"parts     {', '.join(ALWAYS)}", "steps     laying out the real object before each trial")
+    return TaskPlan(task_id, title, needs, _real(protocol, rig, rig_folder, recordings))
+
+
+def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> tuple[Omission, ...]:
+    from experiment.apparatus.panel.conditioning import open_drive
+
+    virtual = scenes.Scene("", True, True, False, tuple(material.id for material in protocol.materials))
+    load = partial(scenes.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
+    imported, imported_kb = import_cost(STIMULUS_MODULES)
+    loaded, loaded_kb = measured(load)
+    prepare = partial(scenes.prepare_stimuli, load(), protocol=protocol, output_rates_hz=(rig.actuator.rate_hz,))
+    prepared, prepared_kb = measured(prepare)
+    first, render = virtual.materials[0], prepare()
+    like = scenes.examples(render, virtual, protocol, rig.actuator.rate_hz)
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+    drive = partial(open_drive, rig_folder, rig.actuator, limit_m_s2=limit_m_s2, like=like)
+    driven, driven_kb = measured(drive) if rig.actuator.shaping is not None else (None, None)
+    shaped = drive()
+
+    def made(speed_mm_s: float) -> object:
+        """What has to be there before contact: a device that takes volts waits for no waveform in m/s^2."""
+        stimulus = render(first, speed_mm_s, rig.actuator.rate_hz).stimulus
+        return stimulus.waveform_m_s2 if shaped is None else shaped(stimulus)
+
+    rendered = taken([_step_ms(made) for _ in range(TURNS)])
+    nothing = "nothing: no stimulus is played, so not a bit of any record differs"
+    return (
+        Omission("parts", "synthesis engine: prepared stimuli of every material", prepared, prepared_kb, nothing),
+        Omission(
+            "parts",
+            "frequency shaping: voltages of every material, prepared where they fit",
+            driven,
+            driven_kb,
+            nothing,
+        ),
+        Omission("parts", "actuator and its port", None, None, nothing),
+        Omission("imports", ", ".join(STIMULUS_MODULES), imported, imported_kb, nothing),
+        Omission("materials", f"spectra of {', '.join(virtual.materials)}", loaded, loaded_kb, nothing),
+        Omission("channels", "the actuator's channel", None, None, nothing),
+        Omission("steps", "rendering a stimulus between gate and contact, each trial", rendered, None, nothing),
+    )
+
+
+def _virtual(
+    scene: scenes.Scene, protocol: Protocol, rig: Rig, recordings: Path
+) -> tuple[tuple[str, ...], tuple[Omission, ...]]:
+    from experiment.synthesis import engine
+
+    rate_hz = rig.actuator.rate_hz
+    held = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    needs = [f"parts     {', '.join(ALWAYS)}, synthesis engine, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
+    left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
+    chosen = scenes.choose(held, protocol, rate_hz)
+    promises: dict[str, list[str]] = {}
+    for material, spectra in held.items():
+        choice, exact = chosen[material], engine.choose(spectra, output_rate_hz=rate_hz)
+        kept = f"{choice.method.name}, relative error up to {choice.estimate.relative_error:.2g}"
+        needs.append(f"material  {material}: {kept}, {choice.estimate.memory_bytes / 1e3:.0f} kB")
+        promises.setdefault(choice.estimate.why, []).append(material)
+        if choice.method != exact.method:
+            left_out.append(_bins(material, spectra, choice, protocol, rate_hz))
+        dropped = spectra.dropped(spectra.grid(rate_hz))
+        if dropped:
+            lost = "all that they would add: no actuator at this rate can play them"
+            what = f"{dropped} of {spectra.samples} bins of {material}, at or above half of {rate_hz} Hz"
+            left_out.append(Omission("bins", what, None, None, lost))
+    needs += [f"error     {', '.join(materials)}: {why}" for why, materials in promises.items()]
+    needs.append(f"bins      {_felt(held, protocol)}")
+    return tuple(needs), tuple(left_out)
+
+
+def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
+    """Whether what lies outside the tactile band may be left out, and why."""
+    tactile, fastest = protocol.tactile, scenes.fastest_mm_s(protocol)
+    band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
+    if fastest == float("inf"):
+        return "all: the protocol counts a foot of any speed, so nothing is known to stay below the floor"
+    loudest, level = scenes.felt_outside(held, protocol)
+    reached = f"reaches {level:.2g} m/s^2 rms at up to {fastest:g} mm/s ({loudest})"
+    if level >= tactile.floor_m_s2:
+        return f"all of every material: what lies outside {band} {reached}, not below the floor {tactile.floor_m_s2:g}"
+    return f"{band} of every material: what lies outside {reached}, below the floor {tactile.floor_m_s2:g}"
+
+
+def _bins(material: str, spectra: CrinkleSpectra, chosen: Choice, protocol: Protocol, rate_hz: int) -> Omission:
+    """What leaving out the bins beyond the tactile band of one material saves and costs."""
+    from experiment.synthesis import engine, pruning
+
+    tactile, exact = protocol.tactile, engine.choose(spectra, output_rate_hz=rate_hz)
+    pruned, whole = (one.prepare(spectra, output_rate_hz=rate_hz) for one in (chosen, exact))
+    errors = [_relative_error(pruned(v).waveform_m_s2, whole(v).waveform_m_s2) for v in SPEEDS_MM_S]
+    saves = taken([_summed_ms(whole) - _summed_ms(pruned) for _ in range(TURNS)])
+    bins = spectra.samples - pruning.prune(spectra, band_hz=tactile.band_hz).amplitudes.shape[1]
+    fastest = scenes.fastest_mm_s(protocol)
+    loudest = pruning.loudest_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
+    lost = (
+        f"a relative error (rms) of {max(errors):.2g} at {SPEEDS_MM_S[0]:g} to {SPEEDS_MM_S[-1]:g} mm/s, claimed at "
+        f"most {chosen.estimate.relative_error:.2g}; all of it together reaches {loudest:.2g} m/s^2 rms at up to "
+        f"{fastest:g} mm/s, below the floor {tactile.floor_m_s2:g}"
+    )
+    what = f"{bins} of {spectra.samples} bins of {material}, outside {tactile.low_hz:g} to {tactile.high_hz:g} Hz"
+    saves_kb = (exact.estimate.memory_bytes - chosen.estimate.memory_bytes) / 1e3
+    return Omission("bins", what, saves, saves_kb, lost)
+
+
+def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> float:
+    """Rms of the difference as a part of the rms of what is right; 0 where both are silent."""
+    rms = float(np.sqrt(np.mean(right**2)))
+    return float(np.sqrt(np.mean((found - right) ** 2))) / rms if rms else 0.0
+
+
+def _summed_ms(render: Renderer) -> float:
+    """Time of one step to its waveform, ms."""
+    return _step_ms(lambda speed_mm_s: render(speed_mm_s).waveform_m_s2)
+
+
+def _step_ms(render: Callable[[float], object]) -> float:
+    """Time of one step, the mean over `SPEEDS_MM_S`, ms."""
+    return sum(ms(partial(render, v)) for v in SPEEDS_MM_S) / len(SPEEDS_MM_S)

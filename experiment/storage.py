@@ -1,0 +1,64 @@
+"""Files and folders that are whole and on disk, or not there: the one writer of everything outside analysis.
+
+Where the files of a session stand in a dataset.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+
+def write(path: Path, content: bytes) -> None:
+    """Put `content` at `path`, on disk when this returns: a reader finds the old file or the new one, never a part.
+
+    Raises:
+        OSError: the file system refuses; nothing is left behind.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial = Path(name)
+        partial.chmod(0o644)
+        partial.replace(path)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+    sync_folder(path.parent)
+
+
+def sync_folder(folder: Path) -> None:
+    """Have a folder's entries on disk, and its own in the folders above, where the system can say so."""
+    if not hasattr(os, "O_DIRECTORY"):
+        return
+    for one in (folder, *list(folder.resolve().parents)[:3]):
+        descriptor = os.open(one, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def participant_folder(dataset: Path, participant: str) -> Path:
+    """Where everything of a participant's sessions stands inside a dataset."""
+    return dataset / "sourcedata" / f"sub-{participant}"
+
+
+def journal_path(dataset: Path, participant: str, task: str) -> Path:
+    """Where the journal of a session stands inside a dataset."""
+    return participant_folder(dataset, participant) / f"sub-{participant}_task-{task}_journal.jsonl"
+
+
+def rig_path(journal_file: Path) -> Path:
+    """Where the rig file of a session stands, beside its journal."""
+    return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_rig.toml"))
+
+
+def foot_path(journal_file: Path) -> Path:
+    """Where the raw tracker frames of a session stand, beside its journal."""
+    return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_foot.cobs"))

@@ -1,0 +1,270 @@
+"""Participants: which tasks each does in which order, who has consented, who has withdrawn.
+
+Participants are labels and nothing else: '01', '02', ... in the order of their enrolment. A task with fewer
+participants than the study is done by those who enrol first, so whoever comes later does less, and a study that ends
+early is as far as it can be in each task. Who does several tasks is allocated to their orders by permuted blocks: a
+block holds every order once, shuffled, so the orders balance after every block.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from datetime import date
+from itertools import permutations
+from pathlib import Path
+from typing import Annotated, Literal
+
+from filelock import FileLock
+from pydantic import Field, TypeAdapter, ValidationError
+
+from experiment.errors import RosterError
+from experiment.protocol import approval
+from experiment.protocol.models import Protocol
+from experiment.records.entries import Entry
+from experiment.study.draws import Draws
+
+
+@dataclass(frozen=True)
+class Allocation:
+    """What one participant does.
+
+    Attributes:
+        participant: label.
+        tasks: ids of the tasks, in the order in which the participant does them.
+    """
+
+    participant: str
+    tasks: tuple[str, ...]
+
+
+def labels(protocol: Protocol) -> tuple[str, ...]:
+    """Labels of a study's participants, all equally wide, at least two digits."""
+    count = protocol.study.participants
+    width = max(2, len(str(count)))
+    return tuple(f"{number:0{width}d}" for number in range(1, count + 1))
+
+
+def allocate(protocol: Protocol, seed: int) -> tuple[Allocation, ...]:
+    """What every participant of a study does, in the order of enrolment.
+
+    A function of the arguments alone, on any machine: of the protocol, by its canonical hash.
+
+    Args:
+        protocol: the study.
+        seed: names the draw.
+    """
+    blocks: dict[tuple[str, ...], Iterator[tuple[str, ...]]] = {}
+    allocations = []
+    for place, participant in enumerate(labels(protocol)):
+        tasks = tuple(task.id for task in protocol.tasks if place < task.participants)
+        if protocol.task_order.kind == "counterbalanced":
+            if tasks not in blocks:
+                blocks[tasks] = _permuted_blocks(tasks, approval.sha256(protocol), seed)
+            tasks = next(blocks[tasks])
+        allocations.append(Allocation(participant, tasks))
+    return tuple(allocations)
+
+
+def _permuted_blocks(tasks: tuple[str, ...], protocol_sha256: str, seed: int) -> Iterator[tuple[str, ...]]:
+    draws = Draws("task orders", protocol_sha256, *tasks, seed)
+    while True:
+        yield from draws.shuffled(tuple(permutations(tasks)))
+
+
+def find(allocations: Sequence[Allocation], participant: str) -> Allocation:
+    """The allocation of one participant.
+
+    Raises:
+        RosterError: the study has no such participant.
+    """
+    for allocation in allocations:
+        if allocation.participant == participant:
+            return allocation
+    raise _stranger(participant, [allocation.participant for allocation in allocations])
+
+
+def _stranger(participant: str, known: Sequence[str]) -> RosterError:
+    return RosterError(
+        f"no participant '{participant}': this study has '{known[0]}' to '{known[-1]}'; give one of these"
+    )
+
+
+class Enrolled(Entry):
+    """A participant took up the next place of the study."""
+
+    kind: Literal["enrolled"] = "enrolled"
+    participant: str
+    consent_on: date | None
+
+
+class Consented(Entry):
+    """A participant who had enrolled without it gave consent."""
+
+    kind: Literal["consented"] = "consented"
+    participant: str
+    consent_on: date
+
+
+class Withdrawn(Entry):
+    """A participant withdrew, or was withdrawn. `reason` names no person and no state of health."""
+
+    kind: Literal["withdrawn"] = "withdrawn"
+    participant: str
+    reason: Annotated[str, Field(pattern=r"^[^\p{Cc}]{1,200}$")]
+
+
+AnyEntry = Annotated[Enrolled | Consented | Withdrawn, Field(discriminator="kind")]
+_ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
+
+
+@dataclass
+class Roster:
+    """The roster file of a study: one JSON line for each event, only ever appended to.
+
+    Attributes:
+        path: the file.
+        consent_on: participant -> day of consent, None while there is none; in the order of enrolment.
+        withdrawn: participant -> reason.
+    """
+
+    path: Path
+    consent_on: dict[str, date | None] = field(default_factory=dict)
+    withdrawn: dict[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, path: Path) -> Roster:
+        """Read a roster; one without a file has nobody enrolled.
+
+        Raises:
+            RosterError: the file cannot be read, or a line of it cannot be trusted.
+        """
+        roster = cls(path)
+        roster._read()
+        return roster
+
+    def enrol(self, participant: str, consent_on: date | None) -> None:
+        """Give the next place to a participant, on disk when this returns.
+
+        Args:
+            participant: label; participants enrol in the order of their labels, which keeps tasks balanced.
+            consent_on: day on which consent was given; None while it is not.
+
+        Raises:
+            RosterError: the label is taken, or not the next one.
+        """
+        self._append(Enrolled(participant=participant, consent_on=consent_on))
+
+    def consent(self, participant: str, consent_on: date) -> None:
+        """Record the consent of a participant who enrolled without it.
+
+        Raises:
+            RosterError: the participant is not enrolled, has consented already, or has withdrawn.
+        """
+        self._append(Consented(participant=participant, consent_on=consent_on))
+
+    def withdraw(self, participant: str, reason: str) -> None:
+        """Record that a participant withdrew.
+
+        Args:
+            participant: label.
+            reason: one line of at most 200 characters that names no person and no state of health.
+
+        Raises:
+            RosterError: the participant is not enrolled, or has withdrawn already.
+        """
+        try:
+            entry = Withdrawn(participant=participant, reason=reason)
+        except ValidationError as error:
+            raise RosterError(f"got the reason {reason[:40]!r}; allowed: one line of 1 to 200 characters") from error
+        self._append(entry)
+
+    def may_run(self, participant: str, protocol: Protocol) -> None:
+        """Return when `participant` may be run in the study of `protocol`.
+
+        Raises:
+            RosterError: saying why not: not of this study, not enrolled, without consent, or withdrawn.
+        """
+        if participant not in labels(protocol):
+            raise _stranger(participant, labels(protocol))
+        if participant not in self.consent_on:
+            raise RosterError(f"participant {participant} is not enrolled in {self.path}; enrol them first")
+        if participant in self.withdrawn:
+            raise RosterError(
+                f"participant {participant} withdrew ({self.withdrawn[participant]}) and is not run again; "
+                "enrol another participant"
+            )
+        if protocol.consent.required and self.consent_on[participant] is None:
+            raise RosterError(f"participant {participant} has not consented; record their consent before the session")
+
+    def _read(self) -> int:
+        """Replay the file; returns the size of its whole lines."""
+        try:
+            data = self.path.read_bytes()
+        except FileNotFoundError:
+            return 0
+        except OSError as error:
+            raise RosterError(f"{self.path}: cannot read the roster ({error.strerror}); give a file") from error
+        # What stands after the last newline is a write that never finished, so nothing that was confirmed.
+        size = data.rfind(b"\n") + 1
+        for number, line in enumerate(data[:size].splitlines(), start=1):
+            try:
+                self._apply(_ENTRY.validate_json(line))
+            except (ValidationError, RosterError) as error:
+                why = "no roster entry" if isinstance(error, ValidationError) else str(error)
+                raise RosterError(
+                    f"{self.path}: line {number}: {why}; restore the roster from a backup, nothing was changed"
+                ) from error
+        return size
+
+    def _append(self, entry: AnyEntry) -> None:
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with FileLock(self.path.with_name(f".{self.path.name}.lock")):
+                latest = Roster(self.path)
+                size = latest._read()
+                latest._apply(entry)
+                with self.path.open("ab") as file:
+                    file.truncate(size)
+                    file.write(json.dumps(entry.model_dump(mode="json"), ensure_ascii=False).encode() + b"\n")
+                    file.flush()
+                    os.fsync(file.fileno())
+        except OSError as error:
+            raise RosterError(f"{self.path}: cannot write the roster ({error.strerror}); mend that first") from error
+        self.consent_on, self.withdrawn = latest.consent_on, latest.withdrawn
+
+    def _apply(self, entry: AnyEntry) -> None:
+        participant = entry.participant
+        if isinstance(entry, Enrolled):
+            self.check_next(participant)
+            self.consent_on[participant] = entry.consent_on
+            return
+        self.check_enrolled(participant)
+        if participant in self.withdrawn:
+            raise RosterError(f"participant {participant} has withdrawn already")
+        if isinstance(entry, Consented):
+            if self.consent_on[participant] is not None:
+                raise RosterError(f"participant {participant} consented on {self.consent_on[participant]} already")
+            self.consent_on[participant] = entry.consent_on
+        else:
+            self.withdrawn[participant] = entry.reason
+
+    def check_enrolled(self, participant: str) -> None:
+        """Return when `participant` is enrolled. Raises `RosterError` otherwise."""
+        if participant not in self.consent_on:
+            raise RosterError(f"participant '{participant}' is not enrolled; enrol them first")
+
+    def check_next(self, participant: str) -> None:
+        """Return when `participant` is the next label. Raises `RosterError` otherwise."""
+        if participant in self.consent_on:
+            raise RosterError(f"participant {participant} is enrolled already; the next label is {self._next(2)}")
+        if not re.fullmatch(r"[0-9]{2,}", participant) or participant != self._next(len(participant)):
+            raise RosterError(f"got the label '{participant}'; allowed: {self._next(2)}, the next one in order")
+
+    def _next(self, width: int) -> str:
+        """The next label; as wide as those enrolled, or as `width` while there is none."""
+        width = len(next(iter(self.consent_on), "0" * width))
+        return f"{len(self.consent_on) + 1:0{width}d}"

@@ -1,0 +1,219 @@
+"""Protocol, participant and seed -> the trials of a task, in order.
+
+An order with a constraint is drawn uniformly from all orders that satisfy it: they are counted, a rank is drawn below
+that count, and the order of that rank is built. Nothing is tried and thrown away.
+
+The count. Write u for the series of (z + ... + z^r) / (1 + z + ... + z^r) in z, where r is the longest run allowed.
+Cut the n trials of one material into k chunks, where a chunk of length l has the weight u_l, and put the chunks of
+all materials in any order. Summed over all ways to cut, every sequence with a run longer than r cancels, and each
+other is counted once (Goulden and Jackson's cluster method for words without r + 1 equal letters in a row):
+
+    count = sum over k_1..k_m of  (k_1 + ... + k_m)! / (k_1! ... k_m!)  *  product of [z^n_i] u(z)^k_i
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from math import comb
+
+from experiment.errors import ScheduleError
+from experiment.protocol import approval
+from experiment.protocol.models import Protocol
+from experiment.records.entries import PlannedTrial
+from experiment.study.draws import Draws
+
+
+def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -> tuple[PlannedTrial, ...]:
+    """The trials of one participant in one task, in order.
+
+    The order is a function of the arguments alone, on any machine: of the protocol, by its canonical hash.
+
+    Args:
+        protocol: the study.
+        participant: label, as the roster has it.
+        task_id: id of the task.
+        seed: names the draw.
+
+    Raises:
+        ScheduleError: there is no such task, or no order that satisfies it.
+    """
+    known = {task.id: task for task in protocol.tasks}
+    if task_id not in known:
+        raise ScheduleError(f"no task '{task_id}' in study {protocol.study.id}; its tasks: {', '.join(known)}")
+    task = known[task_id]
+    materials = [material.id for material in protocol.materials]
+    draws = Draws("order of trials", approval.sha256(protocol), participant, task_id, seed)
+    match task.order.kind:
+        case "full-random":
+            order = draws.shuffled(materials * task.repetitions)
+        case "blocked-random":
+            order = [material for _ in range(task.repetitions) for material in draws.shuffled(materials)]
+        case "max-run":
+            # The protocol's rules give `max_run` a value with this kind.
+            counts = dict.fromkeys(materials, task.repetitions)
+            order = constrained(counts, max_run=task.order.max_run or 0, draws=draws)
+    return tuple(PlannedTrial(trial=place, presented=material) for place, material in enumerate(order, start=1))
+
+
+def block_trials(protocol: Protocol, task_id: str) -> int:
+    """How many trials make a block of a task: each material once where the order is blocked, else the whole task."""
+    task = protocol.task(task_id)
+    blocks = task.repetitions if task.order.kind == "blocked-random" else 1
+    return len(protocol.materials) * task.repetitions // blocks
+
+
+def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> list[str]:
+    """One of all orders in which no material stands more than `max_run` times in a row, each equally likely.
+
+    Args:
+        counts: material -> how often it is presented.
+        max_run: longest run allowed.
+        draws: where the rank of the order is drawn from.
+
+    Raises:
+        ScheduleError: there is no such order.
+    """
+    total = count_orders(tuple(counts.values()), max_run=max_run)
+    if total == 0:
+        raise ScheduleError(_why_impossible(counts, max_run))
+    names = list(counts)
+    rank = draws.below(total)
+    return [names[i] for i in nth_order(tuple(counts.values()), max_run=max_run, rank=rank)]
+
+
+def count_orders(counts: Sequence[int], *, max_run: int) -> int:
+    """How many orders have `counts[i]` trials of material i and no run longer than `max_run`.
+
+    Raises:
+        ScheduleError: a count is negative, or `max_run` is below 1.
+    """
+    _check(counts, max_run)
+    return _Orders(max_run).count(tuple(counts))
+
+
+def nth_order(counts: Sequence[int], *, max_run: int, rank: int) -> tuple[int, ...]:
+    """The order of rank `rank`, from 0, of those that `count_orders` counts; as indices into `counts`.
+
+    Orders are ranked by their first run: its material, then its length, then what follows.
+
+    Raises:
+        ScheduleError: the counts are no counts, or there are not so many orders.
+    """
+    _check(counts, max_run)
+    orders = _Orders(max_run)
+    left = list(counts)
+    if not 0 <= rank < orders.count(tuple(left)):
+        raise ScheduleError(f"got rank {rank}; allowed: at least 0 and below {orders.count(tuple(left))}")
+    order: list[int] = []
+    while any(left):
+        last = order[-1] if order else None
+        material, length, rank = _first_run(orders, left, last, rank)
+        left[material] -= length
+        order += [material] * length
+    return tuple(order)
+
+
+def _first_run(orders: _Orders, left: Sequence[int], last: int | None, rank: int) -> tuple[int, int, int]:
+    """Material and length of the run with which the rest of rank `rank` begins, and the rank of what follows."""
+    for material in range(len(left)):
+        if material == last:
+            continue
+        after = orders.not_starting_with(left, material)
+        for length in range(1, min(orders.max_run, left[material]) + 1):
+            count = after[left[material] - length]
+            if rank < count:
+                return material, length, rank
+            rank -= count
+    raise AssertionError("the counts of the first runs do not add up to the count of all orders")
+
+
+def _check(counts: Sequence[int], max_run: int) -> None:
+    if max_run < 1:
+        raise ScheduleError(f"runs of at most {max_run} trials: allowed is a whole number, at least 1")
+    if any(count < 0 for count in counts):
+        raise ScheduleError(f"got the numbers of trials {list(counts)}; allowed: none below 0")
+
+
+def _why_impossible(counts: Mapping[str, int], max_run: int) -> str:
+    """Only a material that outnumbers the gaps between the others can make an order impossible."""
+    name, most = max(counts.items(), key=lambda item: item[1])
+    others = sum(counts.values()) - most
+    return (
+        f"{name} {most} times among {others} other{'s' if others != 1 else ''} with runs of at most {max_run}: "
+        f"at most {max_run * (others + 1)} fit; present it less often, or allow longer runs"
+    )
+
+
+class _Orders:
+    """Counts of orders with runs of at most `max_run`; each kept once, for all arrangements of the same counts."""
+
+    def __init__(self, max_run: int) -> None:
+        self.max_run = max_run
+        self._powers: list[list[int]] = [[1]]
+        self._products: dict[tuple[int, ...], list[int]] = {(): [1]}
+        self._counts: dict[tuple[tuple[int, ...], int], list[int]] = {}
+
+    def count(self, counts: tuple[int, ...]) -> int:
+        """How many orders of these counts there are."""
+        return self._counts_up_to(counts[:-1], counts[-1])[-1] if counts else 1
+
+    def not_starting_with(self, left: Sequence[int], material: int) -> list[int]:
+        """For n from 0 to `left[material]`: the orders with n of it beside all others, that begin with another.
+
+        An order that begins with it is a run of it and then an order that does not.
+        """
+        others = (*left[:material], *left[material + 1 :])
+        found: list[int] = []
+        for count in self._counts_up_to(others, left[material]):
+            found.append(count - sum(found[max(0, len(found) - self.max_run) :]))
+        return found
+
+    def _counts_up_to(self, others: tuple[int, ...], most: int) -> list[int]:
+        """For n from 0 to `most`: how many orders have `others` and n of one more material."""
+        key = tuple(sorted(others)), most
+        if key not in self._counts:
+            product = self._product(key[0])
+            # Orders of all chunks when those of the one more material are k.
+            with_chunks = [
+                sum(weight * comb(placed + k, k) for placed, weight in enumerate(product) if weight)
+                for k in range(most + 1)
+            ]
+            self._counts[key] = [
+                sum(weight * with_chunks[k] for k, weight in enumerate(self._chunks(n)) if weight)
+                for n in range(most + 1)
+            ]
+        return self._counts[key]
+
+    def _product(self, counts: tuple[int, ...]) -> list[int]:
+        """By total number of chunks: weighted orders of the chunks of all these materials."""
+        if counts not in self._products:
+            before = self._product(counts[:-1])
+            own = self._chunks(counts[-1])
+            product = [0] * (len(before) + len(own) - 1)
+            for i, weight in enumerate(before):
+                for k, own_weight in enumerate(own):
+                    if weight and own_weight:
+                        product[i + k] += weight * own_weight * comb(i + k, k)
+            self._products[counts] = product
+        return self._products[counts]
+
+    def _chunks(self, trials: int) -> list[int]:
+        """By number of chunks k: coefficient of z^trials in u(z)^k, the weighted ways to cut `trials` into k."""
+        while len(self._powers) <= trials:
+            n = len(self._powers)
+            row = [0] * (n + 1)
+            for length in range(1, n + 1):
+                if weight := self._weight(length):
+                    for k, ways in enumerate(self._powers[n - length]):
+                        row[k + 1] += weight * ways
+            self._powers.append(row)
+        return self._powers[trials]
+
+    def _weight(self, length: int) -> int:
+        """u_length, where u = (z - z^(r+1)) / (1 - z^(r+1)) and r is the longest run."""
+        match length % (self.max_run + 1):
+            case 1:
+                return 1
+            case 0:
+                return -1
+        return 0

@@ -1,0 +1,276 @@
+"""The voltages of one material, prepared: between two neighbouring knots of the foot's speed, a weighted sum of two.
+
+By (3) and (4) a bin's amplitude is a straight line of the speed between two measured speeds, with one sign up to the
+middle and one beyond; extrapolated lines go on and are floored at zero. By (7), on straight lines between the measured
+values (`response.py`), its voltage is made of straight lines of its amplitude, limits of the gain and of the levels
+among them (`shaping.py`); and so is the acceleration that this voltage brings about. So both are made of straight lines
+of the speed, which bend at knots: where the bin reaches a level of the response, where a limit begins or ends to hold
+it back, where the voltage that it is left with passes a level, and where it is floored. The waveform at each knot of
+any bin is held. Between two of them lies their weighted sum: nothing is approximated.
+
+Two weights that add up to 1 lift no magnitude above the larger of the two, be it of volts or of the acceleration that
+they bring about. So where both knots keep the limits of amplifier and panel, what lies between them does.
+
+Where the limits have a stimulus taken down as a whole, to a part 1 / o of it, o is taken to be a straight line between
+two knots. Then what is asked for, a(v) / o(v), lies on the straight line between what is asked for at the knots, and
+all of the above holds with other weights: the part of the way is t o_2 / ((1 - t) o_1 + t o_2) where it would be t. The
+least o that the limits ask for is, like the magnitudes they are set on, nowhere above such a line. Where it is lower by
+more than `WASTE` in the middle, nothing is held; as below the slowest measured speed, where bins are floored by the
+hundred and the foot leaves time enough, beyond `FASTEST`, and of a material with too many knots for `MOST_BYTES`. There
+`driving.drive` does the work.
+
+Error: between knots a bin keeps its sign, so that the rms of neither term is above that of their sum. Each brings the
+error of its own transform, and three roundings come on top. A knot is as exact as its place: where a response is so
+steep that the rounding of a place tells, more than `MISSED` in the middle of two knots, nothing is held between them.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from math import inf
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.synthesis.crinkle import CrinkleSpectra
+from experiment.synthesis.response import AtBins, Response
+from experiment.synthesis.shaping import Shaped, drive, response_at
+from experiment.synthesis.spectra import Bins
+
+FASTEST = 1.5
+"""Waveforms are held up to this multiple of the fastest measured speed: 450 mm/s in the study of Okamoto et al."""
+
+WASTE = 0.005
+"""In the middle between knots a stimulus may be taken down by this part of it further than the limits ask. Beside the
+middle it may be twice that, as far as a straight line can lie above a curve that bends upwards only: about as much as
+the bound on its peak, `highest`, may be too high."""
+
+MISSED = 1e-12
+"""Nothing is held between knots where in the middle a weighted sum is off by this part of a piece's largest voltage; it
+may be off by some more beside it. Transforms of 24,000 points are off by a thousandth of that."""
+
+MOST_BYTES = 2**25
+"""Of waveforms, held for one material: 174 of 0.5 s at 48 kHz."""
+
+
+class Knot(NamedTuple):
+    """A speed at which a bin bends, or a piece ends.
+
+    Attributes:
+        part: of the way from a piece's lower end to its upper one.
+        scale: 1 / o, what the whole stimulus is taken down to; 1 where the limits let it pass.
+        waveform_v: V, shape (n,); None where no weighted sum with it holds.
+    """
+
+    part: float
+    scale: float
+    waveform_v: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True)
+class Piece:
+    """The speeds with the same two measured speeds around them, or beside them, and the same nearer one.
+
+    Attributes:
+        from_mm_s: its lower end.
+        to_mm_s: its upper end.
+        knots: by their parts, which rise from 0 to 1.
+    """
+
+    from_mm_s: float
+    to_mm_s: float
+    knots: tuple[Knot, ...]
+
+
+@dataclass(frozen=True)
+class DrivenBasis:
+    """Call it with a foot's speed, mm/s.
+
+    Attributes:
+        spectra: of the material.
+        pieces: by `CrinkleSpectra.neighbours`.
+    """
+
+    spectra: CrinkleSpectra
+    pieces: dict[tuple[int, int], Piece]
+
+    def __call__(self, speed_mm_s: float) -> tuple[NDArray[np.float64], float] | None:
+        """The voltages of the material's bins at this speed, V, shape (n,), and the scale that they were taken down to.
+
+        Returns:
+            What `drive` returns when it is given that scale; None where nothing is held.
+        """
+        piece = self.pieces.get(self.spectra.neighbours(speed_mm_s))
+        if piece is None or not piece.from_mm_s <= speed_mm_s <= piece.to_mm_s:
+            return None
+        part = (speed_mm_s - piece.from_mm_s) / (piece.to_mm_s - piece.from_mm_s)
+        place = min(bisect_right(piece.knots, part, key=lambda knot: knot.part), len(piece.knots) - 1)
+        return _between(piece.knots[place - 1], piece.knots[place], part)
+
+    @property
+    def nbytes(self) -> int:
+        """Of the waveforms held."""
+        return sum(
+            knot.waveform_v.nbytes
+            for piece in self.pieces.values()
+            for knot in piece.knots
+            if knot.waveform_v is not None
+        )
+
+
+def _between(low: Knot, high: Knot, part: float) -> tuple[NDArray[np.float64], float] | None:
+    """The weighted sum of two neighbours, V, shape (n,), and its scale; None where one of them is not held."""
+    if low.waveform_v is None or high.waveform_v is None:
+        return None
+    way = (part - low.part) / (high.part - low.part)
+    of_low, of_high = (1 - way) / low.scale, way / high.scale
+    over = of_low + of_high
+    voltages_v: NDArray[np.float64] = low.waveform_v * (of_low / over)
+    voltages_v += high.waveform_v * (of_high / over)
+    return voltages_v, 1 / over
+
+
+def prepare(
+    spectra: CrinkleSpectra,
+    *,
+    rate_hz: int,
+    response: Response,
+    gain_limit_v_per_m_s2: float,
+    limit_m_s2: float = inf,
+    limit_v: float = inf,
+) -> DrivenBasis:
+    """Find the knots of one material and hold their waveforms; arguments and errors as in `drive`."""
+    on = spectra.grid(rate_hz)
+    at = response_at(response, spectra.samples, spectra.rate_hz, on.carried)
+    bends_m_s2 = _bends_m_s2(at, gain_limit_v_per_m_s2)
+    whole = partial(drive, rate_hz=rate_hz, response=response, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2)
+    limited = partial(whole, limit_m_s2=limit_m_s2, limit_v=limit_v)
+    lines = {
+        place: _Line(spectra, place, ends_mm_s, at, bends_m_s2, whole, limited)
+        for place, ends_mm_s in _ends_mm_s(spectra).items()
+    }
+    bending = {place: line.bending() for place, line in lines.items()}
+    nothing, basis = DrivenBasis(spectra, {}), DrivenBasis(spectra, {})
+    if sum(parts.size for parts in bending.values()) * on.count * 8 > MOST_BYTES:
+        return nothing
+    for place, line in lines.items():
+        basis.pieces[place] = line.piece(bending[place])
+        if basis.nbytes > MOST_BYTES:
+            return nothing
+    return basis
+
+
+def _ends_mm_s(spectra: CrinkleSpectra) -> dict[tuple[int, int], tuple[float, float]]:
+    """Both ends of each piece."""
+    speeds = spectra.speeds_mm_s.tolist()
+    ends = {}
+    for i in range(len(speeds) - 1):
+        middle = (speeds[i] + speeds[i + 1]) / 2
+        ends[i, i] = speeds[i], middle
+        ends[i, i + 1] = middle, speeds[i + 1]
+    *_, last = ends
+    ends[last] = ends[last][0], FASTEST * speeds[-1]
+    return ends
+
+
+@dataclass(frozen=True)
+class _Line:
+    """One piece, to be prepared; `place` as in `DrivenBasis.pieces`."""
+
+    spectra: CrinkleSpectra
+    place: tuple[int, int]
+    ends_mm_s: tuple[float, float]
+    at: AtBins
+    bends_m_s2: NDArray[np.float64]
+    whole: Callable[..., tuple[NDArray[np.float64], Shaped]]
+    limited: Callable[..., tuple[NDArray[np.float64], Shaped]]
+
+    def piece(self, bending: NDArray[np.float64]) -> Piece:
+        knots = [self._knot(part) for part in bending.tolist()]
+        knots += [knot for low, high in pairwise(knots) for knot in self._taken_down(low, high)]
+        # Of two at one place the one without a waveform stays, and refuses.
+        knots.sort(key=lambda knot: (knot.part, knot.waveform_v is None))
+        knots = list({knot.part: knot for knot in knots}.values())
+        loudest_v = max(float(np.abs(knot.waveform_v).max()) for knot in knots if knot.waveform_v is not None)
+        gaps = (self._gap(low, high, loudest_v) for low, high in pairwise(knots))
+        knots += [gap for gap in gaps if gap is not None]
+        knots.sort(key=lambda knot: knot.part)
+        return Piece(*self.ends_mm_s, tuple(knots))
+
+    def bending(self) -> NDArray[np.float64]:
+        """Where any bin bends, as parts of the way, 0 and 1 among them."""
+        return self._bending(self._amplitudes(0.0), self._amplitudes(1.0))
+
+    def _bending(self, first_m_s2: NDArray[np.float64], last_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
+        first, last = first_m_s2[self.at.known], last_m_s2[self.at.known]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            parts = (self.bends_m_s2 - first) / (last - first)
+        return np.unique(np.concatenate([[0.0, 1.0], parts[(parts > 0) & (parts < 1)]]))
+
+    def _taken_down(self, low: Knot, high: Knot) -> list[Knot]:
+        """What lies between two neighbours, of which one at the least is taken down."""
+        if low.scale == high.scale == 1:
+            return []
+
+        first, last = (np.maximum(self._amplitudes(end.part), 0.0) * end.scale for end in (low, high))
+        bending = self._bending(first, last)[1:-1]
+        # From parts of the way between the spectra taken down to parts of the way between the speeds.
+        ways = bending * high.scale / (bending * high.scale + (1 - bending) * low.scale)
+        found = []
+        for way in ways.tolist():
+            part, scale = low.part * (1 - way) + high.part * way, 1 / ((1 - way) / low.scale + way / high.scale)
+            knot = self._knot(part, scale)
+            found.append(knot if knot.scale == scale else knot._replace(waveform_v=None))
+        return found
+
+    def _gap(self, low: Knot, high: Knot, loudest_v: float) -> Knot | None:
+        """A knot without a waveform between two neighbours whose middle their weighted sum misses."""
+        part = (low.part + high.part) / 2
+        found = _between(low, high, part)
+        if found is None:
+            return None
+        held_v, scale = found
+        wanted_v, _ = self.whole(self._bins(part), scale=scale)
+        missed = np.abs(held_v - wanted_v).max() > MISSED * loudest_v
+        wasted = scale < 1 and self.limited(self._bins(part))[1].scale * (1 - WASTE) > scale
+        return Knot(part, scale, None) if missed or wasted else None
+
+    def _knot(self, part: float, scale: float = 1.0) -> Knot:
+        waveform_v, shaped = self.limited(self._bins(part), scale=scale)
+        return Knot(part, shaped.scale, waveform_v)
+
+    def _bins(self, part: float) -> Bins:
+        coefficients = np.maximum(self._amplitudes(part), 0.0) * self.spectra.signs[self.place[1]]
+        return Bins(coefficients, self.spectra.samples, self.spectra.rate_hz)
+
+    def _amplitudes(self, part: float) -> NDArray[np.float64]:
+        """Before they are floored, m/s^2, shape (K,)."""
+        lower, (slow, fast) = self.place[0], self.ends_mm_s
+        speeds, levels = self.spectra.speeds_mm_s, self.spectra.amplitudes
+        v = slow * (1 - part) + fast * part
+        way = (v - speeds[lower]) / (speeds[lower + 1] - speeds[lower])
+        if way <= 1:
+            return np.asarray(levels[lower] * (1 - way) + levels[lower + 1] * way)
+        # From the nearer speed on, as in `at_speed`.
+        return np.asarray(levels[lower + 1] + (levels[lower + 1] - levels[lower]) * (way - 1))
+
+
+def _bends_m_s2(at: AtBins, gain_limit_v_per_m_s2: float) -> NDArray[np.float64]:
+    """Amplitudes at which voltage or acceleration of a known bin may bend, m/s^2, shape (3 L + 1, K); NaN: it does not.
+
+    Where the limit of the gain holds a bin back, its voltage goes on straight, and what it moves bends at every level.
+    """
+    low, high = at.curves[:-1], at.curves[1:]
+    low_v, high_v = at.levels_v[:-1, None], at.levels_v[1:, None]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        rise = (high_v - low_v) / (high - low)
+        limited = (low_v - rise * low) / (gain_limit_v_per_m_s2 - rise)
+        held_back = np.broadcast_to(high_v / gain_limit_v_per_m_s2, high.shape).copy()
+    limited[~((low < limited) & (limited < high))] = np.nan
+    held_back[held_back < high] = np.nan
+    return np.concatenate([at.curves, limited, held_back])

@@ -1,0 +1,178 @@
+"""The audit of files that analysts write: scores, ANOVA tables, and what is refused."""
+
+from __future__ import annotations
+
+import statistics
+from pathlib import Path
+
+import pytest
+from scipy import stats
+
+from analysis.audit.audit import audit
+from analysis.audit.print_lines import UNDECIDED
+from analysis.audit.verdicts import Line
+from experiment.errors import PublishedError
+
+SCORES = """
+study = "scores"
+source = "Somebody"
+
+[[task]]
+id = "all"
+participants = 28
+
+[[score]]
+where = "Table 1"
+task = "all"
+items = 1
+cells = [
+  { name = "ease", mean = "5.19", sd = "1.60" },
+  { name = "joy", mean = "5.21", sd = "1.60" },
+]
+
+[[t]]
+where = "Text"
+tests = [
+  { task = "all", of = "joy", df = 27, t = "4.03", p = "<0.001", null = "4" },
+  { task = "all", of = "fear", df = 27, t = "2.05", p = "0.02", null = "4" },
+]
+
+[[anova]]
+where = "Table 2"
+lines = [
+  { name = "groups", ss = "20.0", df = 2, ms = "10.0", f = "5.00", p = "0.026" },
+  { name = "error", ss = "24.0", df = 12, ms = "2.4" },
+]
+"""
+
+
+@pytest.fixture
+def scores(tmp_path: Path) -> Path:
+    file = tmp_path / "scores.toml"
+    file.write_text(SCORES, encoding="utf-8")
+    return file
+
+
+def test_scores_tests_and_anova_tables_of_any_study(scores: Path) -> None:
+    """By hand: 5.19 of 28 is the opening example of Brown and Heathers 2017. 5.21 is 146 / 28, so that 1.60 leaves the
+    sum of squares 830 alone: variance (830 - 146^2 / 28) / 27 = 2.545, t = (146 / 28 - 4) sqrt(28 / 2.545) = 4.03.
+    24 / 12 is 2, not 2.4, and 10 / 2.4 is 4.2.
+    """
+    found = audit(str(scores))
+    verdicts = {(line.subject, line.quantity): line.verdict for line in found.comparison.lines}
+    assert verdicts == {
+        ("ease", "mean"): "impossible",
+        ("ease", "SD"): "cannot be decided",
+        ("joy", "mean"): "agrees",
+        ("joy", "SD"): "agrees",
+        ("joy", "t(27)"): "agrees",
+        ("joy", "P"): "agrees",
+        ("joy", "df"): "agrees",
+        ("fear", "t(27)"): "cannot be decided",
+        ("fear", "P"): "differs",
+        ("fear", "df"): "agrees",
+        ("groups", "MS"): "agrees",
+        ("groups", "F"): "differs",
+        ("groups", "P"): "agrees",
+        ("error", "MS"): "differs",
+    }
+
+
+def test_p_of_a_lone_t_is_held_against_it(scores: Path) -> None:
+    (line,) = [one for one in audit(str(scores)).comparison.lines if (one.subject, one.quantity) == ("fear", "P")]
+    # 2.05 stands for all from 2.045, rounded, to below 2.06, truncated.
+    assert line.low == pytest.approx(2 * stats.t.sf(2.06, 27), rel=1e-6)
+    assert line.high == pytest.approx(2 * stats.t.sf(2.045, 27), rel=1e-6)
+    assert line.reason == "it is one-tailed"
+
+
+@pytest.mark.parametrize(
+    ("target", "message"),
+    [
+        ("okamoto1999", "got no study, file or folder; allowed: okamoto2012, wellman1995, or a path"),
+        ("nowhere.toml", "no such file"),
+    ],
+)
+def test_what_cannot_be_audited_is_refused(target: str, message: str) -> None:
+    with pytest.raises(PublishedError, match=message):
+        audit(target)
+
+
+def test_a_file_is_refused_with_every_problem_at_once(scores: Path) -> None:
+    text = scores.read_text(encoding="utf-8")
+    changes = [('"5.19"', "5.19"), ('task = "all"', 'task = "a"'), ('null = "4"', 'nulll = "4"'), ('"1.60"', '"-1"')]
+    for old, new in changes:
+        text = text.replace(old, new, 1)
+    scores.write_text(text, encoding="utf-8")
+    with pytest.raises(PublishedError) as caught:
+        audit(str(scores))
+    for problem in (
+        "mean: got 5.19; allowed: a number as printed, in quotes",
+        "score[0].task: got 'a'; allowed: one of: all",
+        "no such key; did you mean 'null'?",
+        "sd: got '-1'; allowed: a number as printed, not negative",
+        "null: got nothing; allowed: a number, where the file states no chance",
+    ):
+        assert problem in str(caught.value)
+
+
+def test_stars_need_their_levels(scores: Path) -> None:
+    text = scores.read_text(encoding="utf-8").replace('sd = "1.60" }', 'sd = "1.60", stars = "*" }', 1)
+    scores.write_text(text, encoding="utf-8")
+    with pytest.raises(PublishedError, match="levels: got nothing; allowed: the P below which"):
+        audit(str(scores))
+
+
+LOW = (*[1] * 9, *[2] * 11, *[3] * 6, *[4] * 2)
+"""28 answers on a scale from 1 to 7: mean 2.04, t(27) = -11.3 against 4, P = 1e-11."""
+
+
+def _stars_of(tmp_path: Path, level: str, marks: str, *, tested: bool = True) -> Line:
+    t = stats.ttest_1samp(LOW, 4).statistic
+    test = f'{{ task = "all", of = "ease", df = 27, t = "{t:.2f}", p = "<0.001", null = "4" }}'
+    file = tmp_path / "low.toml"
+    file.write_text(
+        'study = "low"\nsource = "We"\nchance = "0.25"\n[[task]]\nid = "all"\nparticipants = 28\n'
+        f'[[levels]]\nstars = "*"\np = "0.05"\n{level}\n[[score]]\nwhere = "Table"\ntask = "all"\nitems = 1\n'
+        f'cells = [{{ name = "ease", mean = "{statistics.mean(LOW):.2f}", sd = "{statistics.stdev(LOW):.2f}", '
+        f'stars = "{marks}" }}, {{ name = "joy", mean = "5.21", sd = "1.60", stars = "*" }}]\n'
+        + (f'[[t]]\nwhere = "Text"\ntests = [{test}]\n' if tested else "")
+    )
+    lines = audit(str(file)).comparison.lines
+    assert [line.verdict for line in lines if line.subject == "joy" and line.quantity == "stars"] == [UNDECIDED]
+    (line,) = [line for line in lines if line.subject == "ease" and line.quantity == "stars"]
+    return line
+
+
+@pytest.mark.parametrize(
+    ("level", "marks", "found", "verdict"),
+    [
+        ("", "*", "*", "agrees"),
+        ("above = false", "*", "*", "agrees"),
+        ("", "", "*", "differs"),
+        ("above = true", "*", "none", "differs"),
+        ("above = true", "", "none", "agrees"),
+    ],
+)
+def test_stars_below_the_null(tmp_path: Path, level: str, marks: str, found: str, verdict: str) -> None:
+    """Oracle: scipy's t of the answers. Whether a mean below the null earns stars is the study's own convention."""
+    assert stats.ttest_1samp(LOW, 4).pvalue < 1e-10
+    line = _stars_of(tmp_path, level, marks)
+    assert (line.recomputed, line.verdict) == (found, verdict)
+
+
+def test_a_score_without_a_test_is_not_held_against_the_chance_of_ratios(tmp_path: Path) -> None:
+    line = _stars_of(tmp_path, "", "*", tested=False)
+    assert (line.verdict, line.reason) == (UNDECIDED, "what it was tested against is not printed")
+
+
+def test_a_test_of_a_score_needs_its_null(scores: Path) -> None:
+    text = scores.read_text(encoding="utf-8").replace('source = "Somebody"', 'source = "Somebody"\nchance = "0.25"')
+    scores.write_text(text.replace(', null = "4"', ""), encoding="utf-8")
+    with pytest.raises(PublishedError, match="null: got nothing; allowed: a number, where the test is of a score"):
+        audit(str(scores))
+
+
+def test_against_is_for_datasets(scores: Path) -> None:
+    with pytest.raises(PublishedError, match="is no dataset"):
+        audit("okamoto2012", scores)

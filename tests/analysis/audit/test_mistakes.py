@@ -1,0 +1,181 @@
+"""Mistakes: each made by hand in a textbook sample, then looked for."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Iterable
+from fractions import Fraction
+
+import pytest
+from scipy import stats
+
+from analysis.audit import mistakes
+from analysis.audit.granularity import Moments
+from analysis.audit.mistakes import Layout, Mistake, explain
+from analysis.published import Printed
+from analysis.published.printed import Span, outward, point
+
+STUDENT = (0.7, -1.6, -0.2, -1.2, -0.1, 3.4, 3.7, 0.8, 0.0, 2.0)
+"""Student 1908, additional hours of sleep with dextro-hyoscyamine: n = 10, t = 1.33, P = 0.2176 (R, t.test(sleep))."""
+
+N = len(STUDENT)
+MEAN, SD = statistics.mean(STUDENT), statistics.stdev(STUDENT)
+D = MEAN / SD
+T = D * math.sqrt(N)
+EFFECTS = [outward(D, D)]
+MOMENTS = [Moments(N, point(Fraction(MEAN)), point(Fraction(SD) ** 2))]
+NULL = 0.3
+
+
+def _first(value: float, found: Iterable[Mistake], digits: int = 3) -> str:
+    return explain(Printed(f"{value:.{digits}f}"), found).partition("; or ")[0]
+
+
+def test_the_sample_is_students() -> None:
+    assert round(T, 4) == 1.3257
+    assert round(2 * float(stats.t.sf(T, N - 1)), 4) == 0.2176
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (MEAN * N / 15, "the sum was divided by 15 participants, where n is 10"),
+        (100 * MEAN, "it was printed as a percentage"),
+        (1 - MEAN, "it is what is left to 1"),
+        (MEAN + 0.1, ""),
+    ],
+)
+def test_of_a_mean(value: float, expected: str) -> None:
+    assert _first(value, mistakes.of_mean([outward(MEAN, MEAN)], N, [15])) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (statistics.pstdev(STUDENT), "it is the population SD, divided by n, not n - 1"),
+        (SD / math.sqrt(N), "it is the standard error"),
+        (statistics.variance(STUDENT), "it is the variance"),
+        (SD + 0.1, ""),
+    ],
+)
+def test_of_a_standard_deviation(value: float, expected: str) -> None:
+    assert _first(value, mistakes.of_sd(MOMENTS)) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (-T, "its sign is lost"),
+        (D, f"what is printed as t is Cohen's d = {D:.2f}"),
+        (MEAN / (statistics.pstdev(STUDENT) / math.sqrt(N)), "it was formed with the population SD"),
+        (D * math.sqrt(N - 1), "it was formed with sqrt(n - 1), as if from 9 participants"),
+        (D * math.sqrt(15), "it is d * sqrt(15), where n is 10"),
+        (T + 0.01, ""),
+    ],
+)
+def test_of_a_t(value: float, expected: str) -> None:
+    assert _first(value, mistakes.of_t(EFFECTS, MOMENTS, Printed(f"{value:.3f}"), N, [15])) == expected
+
+
+def test_of_a_t_against_0_in_the_place_of_chance() -> None:
+    size = (MEAN - NULL) / SD
+    found = mistakes.of_t([outward(size, size)], MOMENTS, Printed(f"{T:.3f}"), N, [])
+    assert _first(T, found) == "it is the t against 0"
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (float(stats.t.sf(T, N - 1)), "it is one-tailed"),
+        (2 * float(stats.t.sf(T, N)), "it was taken at 10 df, where n is 10"),
+        (2 * float(stats.t.sf(T, 14)), "it was taken at 14 df, where n is 10"),
+        (2 * float(stats.t.sf(D * math.sqrt(15), 14)), "it is the P of d * sqrt(15) at 14 df, where n is 10"),
+        (2 * float(stats.norm.sf(T)), "it was taken from the normal distribution"),
+        (3 * 2 * float(stats.t.sf(T, N - 1)), "it was multiplied by the 3 tests of its task"),
+        (0.9, ""),
+    ],
+)
+def test_of_a_p(value: float, expected: str) -> None:
+    found = mistakes.of_p(EFFECTS, Printed(f"{T:.2f}"), N - 1, N, [15], tests=3, t_agrees=True)
+    assert _first(value, found, 5) == expected
+
+
+def test_of_a_p_that_follows_a_wrong_t() -> None:
+    p = 2 * float(stats.t.sf(2.5, N - 1))
+    found = mistakes.of_p(EFFECTS, Printed("2.50"), N - 1, N, [15], tests=3, t_agrees=False)
+    assert _first(p, found, 4) == "it follows the printed t"
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (float(stats.t.sf(2.05, 27)), "it is one-tailed"),
+        (2 * float(stats.t.sf(2.05, 28)), "it was taken at 28 df"),
+        (2 * float(stats.norm.sf(2.05)), "it was taken from the normal distribution"),
+    ],
+)
+def test_of_a_lone_p(value: float, expected: str) -> None:
+    assert _first(value, mistakes.of_lone_p(Printed("2.0500"), 27), 5) == expected
+
+
+F, DF = 5.0, (2, 12)
+LAYOUT = Layout(DF, 15, 5, (10,))
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (1 / F, "it is one over F"),
+        (math.sqrt(F), "it is the root of F, a t"),
+        (F * 15 / 12, "its residual was divided by the number of values"),
+        (F * 2 / (F * 2 + 12), "what is printed as F is eta squared"),
+        (F * 14 / 12, "it was formed with its printed df"),
+        (F * 10 / 5, "it is that of 10 participants, where n is 5"),
+    ],
+)
+def test_of_an_f(value: float, expected: str) -> None:
+    assert _first(value, mistakes.of_f([point(Fraction(5))], LAYOUT, (2, 14))) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (float(stats.f.sf(6, *DF)), "it follows the printed F"),
+        (float(stats.f.sf(F, *DF)) / 2, "it is one-tailed"),
+        (float(stats.f.sf(F, 2, 15)), "it was taken at 2, 15 df"),
+        (float(stats.f.sf(F, 2, 13)), "it was taken at its printed df"),
+        (float(stats.f.sf(6, 2, 13)), "it follows the printed F at its printed df"),
+        (float(stats.f.sf(10, 2, 27)), "it is that of 10 participants, where n is 5"),
+    ],
+)
+def test_of_the_p_of_an_f(value: float, expected: str) -> None:
+    found = mistakes.of_p_of_f([point(Fraction(5))], Printed("6.000000"), LAYOUT, (2, 13))
+    assert _first(value, found, 6) == expected
+
+
+def test_of_degrees_of_freedom() -> None:
+    found = dict(mistakes.of_df(10, [15]))
+    assert found == {
+        10: "it is the number of participants",
+        14: "it is that of 15 participants, where n is 10",
+    }
+
+
+def test_of_the_degrees_of_freedom_of_an_f() -> None:
+    """By hand: three groups of five, and 2 x 3 cells of five."""
+    assert dict(mistakes.of_df_of_effect(LAYOUT)) == {3: "it is the number of levels"}
+    assert dict(mistakes.of_df_of_residual(LAYOUT)) == {
+        14: "it is that of all values, the effects' not taken off",
+        15: "it is the number of values",
+        13: "it is the number of values less the effect's df",
+        27: "it is that of 10 participants, where n is 5",
+        8: "it is that of repeated measures",
+    }
+    crossed = dict(mistakes.of_df_of_residual(Layout((2, 24), 30)))
+    assert crossed[30 - 1 - 1 - 2] == "it is that with the interaction in the residual"
+
+
+def test_every_mistake_that_fits_is_named_the_simplest_first() -> None:
+    wide = Span(Fraction(0), Fraction(1))
+    assert explain(Printed("0.5"), [Mistake("a", (wide,)), Mistake("b", ()), Mistake("c", (wide,))]) == "a; or c"

@@ -1,0 +1,141 @@
+"""Figures at the width of a column: no letters over letters or beyond the edge, none too small; odd datasets too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_rgb
+
+from analysis.documents.drawing import COLOURS, Sheet, told_apart
+from analysis.identification.results import compute
+from analysis.reading.dataset import read
+from analysis.reading.dissimilarities import NONE, Dissimilarities, printed
+from analysis.reading.pooling import read_pooled
+from analysis.report.figures import sheets
+from tests.analysis.datasets import MATERIALS, trials, write_dataset
+from tests.analysis.legible import check
+
+OKAMOTO = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
+
+
+def _study(root: Path, people: int, tasks: Sequence[str], materials: Sequence[str], **odd: str) -> Path:
+    rng = np.random.default_rng(4)
+
+    def session() -> list[dict[str, object]]:
+        shown = [material for material in materials for _ in range(6)]
+        said = [
+            material
+            if rng.random() < 0.6
+            else str(rng.choice([*materials, "(none)"] if "unanswered" in odd else materials))
+            for material in shown
+        ]
+        rows = trials(zip(shown, said, strict=True))
+        return [
+            {
+                **row,
+                "foot_speed": 150.0 if "still" in odd else round(float(rng.uniform(40, 400)), 1),
+                "onset_error": round(float(rng.normal(0, 5e-4)), 6),
+                "masker_level": 60.0 + int(rng.integers(8)),
+            }
+            for row in rows
+        ]
+
+    sessions: Mapping[str, Mapping[str, Sequence[Mapping[str, object]]]] = {
+        f"{who:02}": {task: session() for task in tasks} for who in range(1, people + 1)
+    }
+    return write_dataset(root, sessions, materials=materials, tasks=tasks)
+
+
+def _sheets(root: Path, dissimilarities: Dissimilarities = NONE) -> tuple[Sheet, ...]:
+    study = read(root)
+    return sheets(compute(study, {}, dissimilarities), study.label)
+
+
+LONG = ("a sheet of very thin and crackling aluminum foil", "polypropylene", "snow", "typing paper of an office")
+MANY = tuple(f"material {letter}" for letter in "abcdefghij")
+
+
+@pytest.mark.parametrize(
+    ("people", "tasks", "materials", "odd"),
+    [
+        (1, ("virtual", "real"), OKAMOTO, {}),
+        (15, ("virtual", "real"), OKAMOTO, {"unanswered": "yes"}),
+        (30, ("only",), MATERIALS, {"still": "yes"}),
+        (7, ("virtual", "real"), LONG, {"unanswered": "yes"}),
+        (6, ("one", "two", "three"), MANY, {}),
+        (4, ("one",), MATERIALS[:2], {}),
+    ],
+)
+def test_letters_stand_clear_of_one_another(
+    tmp_path: Path, people: int, tasks: Sequence[str], materials: Sequence[str], odd: Mapping[str, str]
+) -> None:
+    found = _sheets(_study(tmp_path, people, tasks, materials, **odd))
+    names = {one.name for one in found}
+    assert {"correct-ratios", "confusion", "learning", "speed", "onset-errors", "masker"} <= names
+    check(found)
+
+
+def test_the_published_studys_figures(repository_root: Path) -> None:
+    found = _sheets(repository_root / "participants" / "okamoto2012", printed())
+    names = ["correct-ratios", "confusion", "participants-virtual", "participants-real", "map", "dissimilarity"]
+    assert [one.name for one in found] == names
+    check(found)
+
+
+def test_a_hundred_participants_are_four_pages_and_more_are_said(tmp_path: Path) -> None:
+    found = [one for one in _sheets(_study(tmp_path, 103, ("real",), MATERIALS)) if one.name.startswith("participants")]
+    assert [one.name for one in found] == [f"participants-real{page}" for page in ("", "-2", "-3", "-4")]
+    assert all("The first 100 of 103 participants are drawn" in one.caption for one in found)
+    check(found)
+
+
+def _seen(colour: str, kind: str) -> np.ndarray:
+    """The colour as seen without one kind of cones (Vienot, Brettel and Mollon 1999), linear RGB."""
+    rgb = np.array(to_rgb(colour))
+    linear = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    to_lms = np.array([[17.8824, 43.5161, 4.11935], [3.45565, 27.1554, 3.86714], [0.0299566, 0.184309, 1.46709]])
+    without = {
+        "protan": np.array([[0, 2.02344, -2.52581], [0, 1, 0], [0, 0, 1]]),
+        "deutan": np.array([[1, 0, 0], [0.494207, 0, 1.24827], [0, 0, 1]]),
+    }[kind]
+    seen = np.linalg.inv(to_lms) @ without @ to_lms @ linear
+    return np.asarray(np.clip(seen, 0, 1) ** (1 / 2.4))
+
+
+@pytest.mark.parametrize("kind", ["protan", "deutan"])
+def test_colours_are_told_apart_without_red_or_green_cones(kind: str) -> None:
+    """A tenth of full scale between any two, and between the first two, which most figures need, three tenths."""
+    seen = [_seen(colour, kind) for colour in COLOURS]
+    distances = {(i, j): float(np.linalg.norm(seen[i] - seen[j])) for i, j in combinations(range(len(seen)), 2)}
+    assert min(distances.values()) > 0.1
+    assert distances[0, 1] > 0.3
+
+
+def test_what_differs_in_the_labels_of_pooled_participants_stays(tmp_path: Path) -> None:
+    """Names that begin alike: every panel and every tick tells whose it is."""
+    rng = np.random.default_rng(7)
+
+    def session() -> list[dict[str, object]]:
+        rows = trials((shown, str(rng.choice(MATERIALS))) for shown in MATERIALS * 6)
+        return [{**row, "masker_level": 60.0 + int(rng.integers(8))} for row in rows]
+
+    names = ("e_noisy_laboratory", "e_nosp12")
+    roots = [
+        write_dataset(tmp_path / name, {f"{who:02}": {"real": session()} for who in range(1, 7)}, tasks=("real",))
+        for name in names
+    ]
+    found = {one.name: one for one in sheets(compute(read_pooled(roots), {}), "")}
+    check(tuple(found.values()))
+    panels = [text.get_text().partition("\n") for text in found["participants-real"].figure.axes[0].texts]
+    ticks = [text.get_text() for text in found["masker"].figure.axes[0].get_xticklabels()]
+    for shown in ([name for name, _, _ in panels], ticks):
+        assert len(shown) == len(set(shown)) == 12
+        assert {name[-2:] for name in shown} == {f"{who:02}" for who in range(1, 7)}
+
+
+def test_a_short_label_is_shown_whole() -> None:
+    assert told_apart(["01", "participant"], 11) == ["01", "participant"]

@@ -1,0 +1,74 @@
+"""Tables as text, Markdown and CSV: no line too long, no cell lost."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from analysis.documents.tables import Section, Table, comma_separated, markdown, probability, table_text, text
+
+words = st.text("abcdefgh ", min_size=0, max_size=60).map(lambda cell: " ".join(cell.split()))
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> Table:
+    columns = draw(st.integers(1, 9))
+    row = st.tuples(*[words] * columns)
+    header = tuple(draw(st.text("ABCDEFGH", min_size=1, max_size=12)) for _ in range(columns))
+    return Table(draw(words), header, tuple(draw(st.lists(row, max_size=5))), notes=(draw(words),))
+
+
+@settings(deadline=None)
+@given(tables(), st.integers(90, 140))
+def test_no_line_is_wider_than_asked(table: Table, width: int) -> None:
+    assert all(len(line) <= width for line in table_text(table, width).split("\n"))
+
+
+@settings(deadline=None)
+@given(tables())
+def test_no_letter_of_a_cell_is_lost(table: Table) -> None:
+    shown = table_text(table, 100)
+    for letter in "abcdefgh":
+        cells = "".join(cell for row in table.rows for cell in row) + table.title + "".join(table.notes)
+        assert shown.count(letter) >= cells.count(letter)
+
+
+def test_columns_that_do_not_fit_stand_below_under_the_first_again() -> None:
+    table = Table("", ("presented", *"ABCDEF"), (("sand", *["x" * 30] * 6),))
+    lines = table_text(table, 100).split("\n")
+    assert [line.split()[0] for line in lines if line and not line.startswith("-")] == ["presented", "sand"] * 3
+
+
+def test_an_empty_column_is_no_trouble() -> None:
+    assert table_text(Table("", ("a", ""), (("x", ""),))) == "a\n-  -\nx"
+
+
+def test_a_section_shows_its_brief_tables_in_a_terminal() -> None:
+    section = Section("s", "Title", ("A sentence.",), (Table("long", ("a",), ()),), brief=(Table("short", ("b",), ()),))
+    assert text(section).startswith("Title\n=====\n\nA sentence.\n\nshort")
+    assert "### long" in markdown(section, "")
+
+
+def test_markdown_keeps_stars_and_bars() -> None:
+    shown = markdown(Section("s", "T", (), (Table("", ("a", "b"), (("x|y", "0.5***"),)),)), "REHEARSAL - x")
+    assert shown.startswith("**REHEARSAL - x**\n\n## T")
+    assert r"| x\|y | 0.5\*\*\* |" in shown
+
+
+def test_csv_keeps_every_digit_and_the_label() -> None:
+    records = ({"a": 1 / 3, "b": None}, {"a": 5.0244768e-7, "c": 'say "x", y'})
+    rows = list(csv.DictReader(io.StringIO(comma_separated(Section("s", "T", records=records), "REHEARSAL - x"))))
+    assert [float(row["a"]) for row in rows] == [1 / 3, 5.0244768e-7]
+    assert (rows[0]["b"], rows[1]["c"]) == ("", 'say "x", y')
+    assert {row["dataset"] for row in rows} == {"REHEARSAL - x"}
+
+
+@pytest.mark.parametrize(
+    ("p", "shown"), [(None, "-"), (0.346, "0.346"), (0.01, "0.010"), (0.0044446, "4.44e-3"), (8.716e-11, "8.72e-11")]
+)
+def test_probabilities(p: float | None, shown: str) -> None:
+    assert probability(p) == shown

@@ -1,0 +1,105 @@
+"""Identification: its parts meet, the generator decides the draws, and odd answers get statements."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from analysis.identification.confusion import Confusion
+from analysis.identification.identify import Identification, identify
+
+MATERIALS = ("glass", "sand", "snow")
+
+
+def _matrix(people: int = 6, *, seed: int = 1) -> Confusion:
+    rng = np.random.default_rng(seed)
+    shares = np.array([[0.7, 0.2, 0.1, 0], [0.2, 0.6, 0.2, 0], [0.1, 0.3, 0.5, 0.1]])
+    counts = np.array([rng.multinomial(8, shares) for _ in range(people)], dtype=np.int64)
+    return Confusion(MATERIALS, tuple(str(k) for k in range(people)), counts)
+
+
+def _of(counts: Sequence[Sequence[Sequence[int]]]) -> Identification:
+    table: NDArray[np.int64] = np.array(counts, dtype=np.int64)
+    labels = tuple(str(k) for k in range(len(table)))
+    return identify("real", Confusion(MATERIALS, labels, table), None, np.random.default_rng(1))
+
+
+def test_the_same_generator_gives_the_same_intervals() -> None:
+    first, again = (identify("real", _matrix(), None, np.random.default_rng(5)) for _ in range(2))
+    other = identify("real", _matrix(), None, np.random.default_rng(6))
+    assert first.cells == again.cells
+    assert first.information_interval == again.information_interval
+    assert first.cells != other.cells
+
+
+def test_every_interval_encloses_its_value() -> None:
+    found = identify("real", _matrix(), None, np.random.default_rng(5))
+    for cell in found.cells:
+        for limits in (cell.wilson, cell.clopper_pearson, cell.bootstrap):
+            assert limits is not None
+            assert limits.low <= cell.count / cell.trials <= limits.high
+    assert found.detection is not None
+    assert found.detection.interval is not None
+    assert found.detection.d_prime is not None
+    assert found.detection.interval.low < found.detection.d_prime < found.detection.interval.high
+    assert found.choice is not None
+    assert found.choice.similarities is not None
+    assert (found.choice.similarities[..., 0] <= found.choice.model.similarities + 1e-3).all()
+    assert (found.choice.similarities[..., 1] >= found.choice.model.similarities - 1e-3).all()
+
+
+def test_confusions_are_compared_with_dissimilarities() -> None:
+    table = np.array([[0, 0.2, 0.9], [0.2, 0, 0.3], [0.9, 0.3, 0]])
+    found = identify("real", _matrix(20), table, np.random.default_rng(5))
+    assert found.mantel is not None
+    assert found.mantel.r < 0
+    assert found.mantel.orders == 6
+
+
+def test_one_participant() -> None:
+    found = _of([[[5, 2, 1, 0], [1, 6, 1, 0], [0, 3, 5, 0]]])
+    assert {cell.bootstrap for cell in found.cells} == {None}
+    assert {cell.statement for cell in found.cells} == {"a bootstrap needs 3 participants, got 1"}
+    assert found.information is not None
+    assert found.information_interval is None
+    assert found.statements == {"information interval": "a bootstrap needs 3 participants, got 1"}
+    assert found.choice is not None
+    assert found.choice.statement == "a bootstrap needs 3 participants, got 1"
+
+
+def test_constant_answers() -> None:
+    """Everything is called glass: nothing is transmitted, and no similarity is defined."""
+    found = _of([[[4, 0, 0, 0]] * 3] * 4)
+    assert found.information is not None
+    assert found.information.transmitted == pytest.approx(0)
+    assert found.choice is None
+    assert found.statements["choice"].startswith("sand, snow: never recognised")
+    assert found.detection is not None
+    assert found.detection.d_prime == pytest.approx(0, abs=1e-9)
+    assert "no variance among participants" in found.detection.statement
+
+
+def test_perfect_answers() -> None:
+    found = _of([[[4, 0, 0, 0], [0, 4, 0, 0], [0, 0, 4, 0]]] * 4)
+    assert found.detection is not None
+    assert found.detection.d_prime is None
+    assert "infinite" in found.detection.statement
+    assert found.detection.moved == ("0", "1", "2", "3")
+    assert found.choice is not None
+    assert found.choice.model.biases is None
+    assert found.statements["information interval"].startswith("no variance among participants")
+
+
+def test_a_material_that_was_never_presented() -> None:
+    found = _of([[[4, 0, 0, 0], [1, 3, 0, 0], [0, 0, 0, 0]]] * 4)
+    assert found.cells[-1].statement == "nobody was presented this material"
+    assert set(found.statements) == {"information interval", "choice", "scaling"}
+
+
+def test_trials_without_an_answer_are_one_more_answer() -> None:
+    with_gaps = _of([[[4, 0, 0, 4], [0, 4, 0, 4], [0, 0, 4, 4]]] * 3)
+    assert with_gaps.information is not None
+    assert with_gaps.information.transmitted == pytest.approx(np.log2(3) / 2)

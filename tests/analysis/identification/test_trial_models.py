@@ -1,0 +1,297 @@
+"""Models of single trials: statsmodels' formula interface, known odds, and trials that cannot be modelled."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import statsmodels.api as sm
+import statsmodels.formula.api as smf
+from scipy.optimize import approx_fprime, minimize
+from scipy.special import logsumexp
+from statsmodels.genmod.generalized_estimating_equations import GEE
+
+from analysis.identification.results import compute
+from analysis.identification.trial_models import TrialLevel, gee, log_likelihood, mixed, trial_level
+from analysis.identification.trials import LATER, RESPONSE, SPEED, TRIAL, Design, design
+from analysis.reading.dataset import read
+from analysis.reading.study import Study
+from analysis.report.trial_sections import trials_section
+from analysis.statistics.exact import NotDefined
+from tests.analysis.datasets import MATERIALS, trial, write_dataset
+from tests.analysis.reference import printed
+
+
+def _session(
+    rng: np.random.Generator, skill: float, *, slope: float = 0.0, speeds: bool = True
+) -> list[dict[str, object]]:
+    rows = []
+    for number in range(1, 31):
+        shown = MATERIALS[int(rng.integers(3))]
+        speed = round(float(rng.uniform(60, 300)), 1)
+        odds = skill + slope * (speed - 180) / 100
+        said = shown if rng.random() < 1 / (1 + math.exp(-odds)) else MATERIALS[(MATERIALS.index(shown) + 1) % 3]
+        known: dict[str, object] = {"foot_speed": speed, "response_time": round(float(rng.uniform(1, 4)), 3)}
+        rows.append(trial(number, shown, said, **(known if speeds else {})))
+    return rows
+
+
+def _study(root: Path, people: int = 12, *, slope: float = 0.0, spread: float = 0.5, speeds: bool = True) -> Study:
+    rng = np.random.default_rng(11)
+    sessions = {}
+    for who in range(people):
+        skill = rng.normal(0.4, spread)
+        tasks = {task: _session(rng, skill, slope=slope, speeds=speeds) for task in ("virtual", "real")}
+        sessions[str(who)] = tasks
+    return read(write_dataset(root, sessions))
+
+
+def _with_order(study: Study) -> Study:
+    return replace(study, first_tasks={who: ("virtual", "real")[int(who) % 2] for who in study.participants})
+
+
+def test_gee_is_that_of_the_formula_interface(tmp_path: Path) -> None:
+    study = _with_order(_study(tmp_path))
+    found = gee(design(study))
+    frame = study.attempts.copy()
+    frame["right"] = (frame["presented"] == frame["answered"]).astype(int)
+    frame["later"] = [
+        int(study.first_tasks[who] != task) for who, task in zip(frame["participant"], frame["task"], strict=True)
+    ]
+    formula = (
+        "right ~ C(task, Treatment('virtual')) + C(presented, Treatment('glass')) + trial + foot_speed_mm_s"
+        " + response_time_s + later"
+    )
+    expected = smf.gee(
+        formula, "participant", frame, family=sm.families.Binomial(), cov_struct=sm.cov_struct.Exchangeable()
+    ).fit(cov_type="bias_reduced", maxiter=200)
+    names = [one.name for one in found.coefficients]
+    levels = ["real (against virtual)", "sand (against glass)", "snow (against glass)"]
+    assert names == ["intercept", *levels, TRIAL, SPEED, RESPONSE, LATER]
+    steps = np.array([1, 1, 1, 1, 10, 100, 1, 1])
+    assert [one.estimate for one in found.coefficients[1:]] == pytest.approx(
+        (expected.params * steps)[1:].tolist(), rel=1e-4
+    )
+    assert [one.error for one in found.coefficients[1:]] == pytest.approx((expected.bse * steps)[1:].tolist(), rel=1e-4)
+    assert [term.df for term in found.terms] == [1, 2, 1, 1, 1, 1]
+    assert found.participants == 12
+
+
+def _cbpp() -> Design:
+    counts = np.array(printed("cbpp")["counts"])
+    right = np.concatenate([np.arange(animals) < cases for _, cases, animals, _ in counts]).astype(np.float64)
+    herds, periods = np.repeat(counts[:, 0] - 1, counts[:, 2]), np.repeat(counts[:, 3], counts[:, 2])
+    matrix = np.column_stack([np.ones(len(right)), *(periods == period for period in (2, 3, 4))]).astype(np.float64)
+    return Design(right, herds, ("intercept", "2", "3", "4"), matrix, {"period": (1, 2, 3)}, {}, {}, ())
+
+
+def test_the_mixed_logit_is_at_maximum_likelihood() -> None:
+    """The likelihood by its definition: each herd's integral over a normal intercept, at 60 Hermite nodes."""
+    data = _cbpp()
+    nodes, weights = np.polynomial.hermite_e.hermegauss(60)
+
+    def minus_log_likelihood(parameters: np.ndarray) -> float:
+        odds = (data.matrix @ parameters[:4])[:, None] + np.exp(parameters[4]) * nodes
+        by_herd = np.zeros((15, nodes.size))
+        np.add.at(by_herd, data.participants, data.correct[:, None] * odds - np.logaddexp(0, odds))
+        return -float(logsumexp(by_herd + np.log(weights / weights.sum()), axis=1).sum())
+
+    best = minimize(minus_log_likelihood, np.zeros(5), options={"gtol": 1e-6})
+    found = mixed(data)
+    assert [one.estimate for one in found.coefficients] == pytest.approx(best.x[:4].tolist(), abs=2e-4)
+    assert found.spread == pytest.approx(np.exp(best.x[4]), abs=2e-4)
+
+
+@pytest.mark.parametrize("sd", [0.0, 0.3, 1.0, 3.0])
+def test_the_likelihood_is_that_of_a_fine_trapezoid(sd: float) -> None:
+    """The integral over the intercept by its definition, in 4,000 steps from -10 to 10 SD."""
+    data = _cbpp()
+    nodes = np.linspace(-10, 10, 4001)
+    weights = np.exp(-(nodes**2) / 2) / np.sqrt(2 * np.pi) * (nodes[1] - nodes[0])
+    coefficients = np.array([-1.2, -0.8, 0.3, -1.5])
+
+    def direct(parameters: np.ndarray) -> float:
+        odds = (data.matrix @ parameters[:4])[:, None] + parameters[4] * nodes
+        by_herd = np.zeros((15, nodes.size))
+        np.add.at(by_herd, data.participants, data.correct[:, None] * odds - np.logaddexp(0, odds))
+        return float(logsumexp(by_herd, axis=1, b=weights).sum())
+
+    value, slopes = log_likelihood(
+        correct=data.correct, matrix=data.matrix, participants=data.participants, coefficients=coefficients, sd=sd
+    )
+    at = np.append(coefficients, sd)
+    assert value == pytest.approx(direct(at), abs=1e-4)
+    assert slopes.tolist() == pytest.approx(approx_fprime(at, direct, 1e-6).tolist(), abs=2e-3)
+
+
+def test_without_differences_among_participants_it_is_the_plain_logit(tmp_path: Path) -> None:
+    """Against statsmodels' Logit, from the same trials."""
+    trials = design(_study(tmp_path, 12))
+    plain = sm.Logit(trials.correct, trials.matrix)
+    coefficients = np.linspace(-0.5, 0.5, trials.matrix.shape[1])
+    value, slopes = log_likelihood(
+        correct=trials.correct,
+        matrix=trials.matrix,
+        participants=trials.participants,
+        coefficients=coefficients,
+        sd=0.0,
+    )
+    assert value == pytest.approx(plain.loglike(coefficients), abs=1e-9)
+    assert slopes.tolist() == pytest.approx([*plain.score(coefficients).tolist(), 0.0], abs=1e-9)
+
+
+def test_known_odds_come_back(tmp_path: Path) -> None:
+    """The foot's speed changes the log odds by 1 per 100 mm/s; everyone differs by an SD of 0.5."""
+    trials = design(_study(tmp_path, 30, slope=1.0))
+    for model in (gee(trials), mixed(trials)):
+        speed = next(one for one in model.coefficients if one.name == SPEED)
+        assert speed.estimate == pytest.approx(1.0, abs=0.25)
+    assert mixed(trials).spread == pytest.approx(0.5, abs=0.25)
+
+
+def test_the_same_trials_give_the_same_numbers(tmp_path: Path) -> None:
+    trials = design(_study(tmp_path, 8))
+    assert mixed(trials) == mixed(trials)
+
+
+def test_what_is_not_in_the_dataset_is_said(tmp_path: Path) -> None:
+    trials = design(_study(tmp_path, speeds=False))
+    assert trials.absent == {
+        SPEED: "known of 0 of 720 trials",
+        RESPONSE: "known of 0 of 720 trials",
+        LATER: "the order of the tasks is not known of everyone",
+    }
+    assert trials.names[-1] == TRIAL
+
+
+def test_trials_without_a_value_are_left_out_and_counted(tmp_path: Path) -> None:
+    study = _study(tmp_path)
+    study.attempts.loc[study.attempts.index[:7], "foot_speed_mm_s"] = float("nan")
+    trials = design(study)
+    assert (trials.left_out, trials.gone, len(trials.correct)) == ({"virtual": 7}, (), 713)
+
+
+def _known(study: Study, column: str, trials: np.ndarray) -> None:
+    study.attempts.loc[~trials, column] = float("nan")
+
+
+def test_a_covariate_of_one_task_alone_is_dropped_and_not_the_other_task(tmp_path: Path) -> None:
+    """Speeds in the virtual task alone and response times in the real one alone: half of all trials each, none both."""
+    study = _study(tmp_path)
+    virtual = (study.attempts["task"] == "virtual").to_numpy()
+    _known(study, "foot_speed_mm_s", virtual)
+    _known(study, "response_time_s", ~virtual)
+    trials = design(study)
+    assert trials.absent[SPEED] == "known of 0 of 360 trials of task real"
+    assert trials.absent[RESPONSE] == "known of 0 of 360 trials of task virtual"
+    assert "task" in trials.terms
+    assert (trials.left_out, len(trials.correct)) == ({}, 720)
+
+
+def test_a_covariate_that_one_material_lacks_is_dropped_and_not_the_material(tmp_path: Path) -> None:
+    study = _study(tmp_path)
+    _known(study, "foot_speed_mm_s", (study.attempts["presented"] != "snow").to_numpy())
+    trials = design(study)
+    assert trials.absent[SPEED].endswith("trials of material snow")
+    assert len(trials.correct) == 720
+
+
+def test_covariates_that_hardly_meet_are_not_used_together(tmp_path: Path) -> None:
+    """Each is known of 60 % of every task's trials, both of 20 %: the one known of fewer goes, and says so."""
+    study = _study(tmp_path)
+    place = study.attempts["trial"].to_numpy() % 10
+    _known(study, "foot_speed_mm_s", place < 6)
+    _known(study, "response_time_s", place >= 4)
+    trials = design(study)
+    assert trials.absent[RESPONSE] == f"known of 432 of 720 trials, and together with {SPEED} of 144"
+    assert SPEED in trials.terms
+    assert trials.left_out == {"virtual": 144, "real": 144}
+
+
+def test_participants_without_a_trial_left_are_named(tmp_path: Path) -> None:
+    study = _study(tmp_path)
+    _known(study, "foot_speed_mm_s", (study.attempts["participant"] != "3").to_numpy())
+    assert design(study).gone == ("3",)
+    said = trials_section(compute(study, {})).paragraphs
+    assert (
+        "Left out, without one of the values used: 60 trials (30 in virtual, 30 in real); nothing is left of the "
+        "participants 3." in said
+    )
+
+
+def test_one_order_of_tasks_for_all_cannot_be_told_from_the_task(tmp_path: Path) -> None:
+    study = _study(tmp_path)
+    trials = design(replace(study, first_tasks=dict.fromkeys(study.participants, "virtual")))
+    assert trials.absent[LATER].startswith("in these trials it cannot be told from task, material")
+    assert np.linalg.matrix_rank(trials.matrix) == len(trials.names)
+
+
+def test_without_a_trial_there_is_no_model(tmp_path: Path) -> None:
+    study = _study(tmp_path, 2)
+    study.attempts["included"] = False
+    with pytest.raises(NotDefined, match="no trial is left"):
+        design(study)
+
+
+def test_a_reconstruction_has_no_single_trials(repository_root: Path) -> None:
+    found = trial_level(read(repository_root / "participants" / "okamoto2012"))
+    assert (found.gee, found.mixed) == (None, None)
+    assert "no order of trials" in found.statements["GEE logit and mixed logit"]
+
+
+def test_a_material_that_is_always_recognised(tmp_path: Path) -> None:
+    study = _study(tmp_path)
+    always = study.attempts["presented"] == "snow"
+    study.attempts.loc[always, "answered"] = "snow"
+    with pytest.raises(NotDefined, match="every answer to material snow is right"):
+        design(study)
+
+
+def test_participants_who_answer_alike_have_no_standard_errors_of_the_gee(tmp_path: Path) -> None:
+    """All do the same: their scores, which add up to zero, are zero each, and so is the covariance between them."""
+    rows = _session(np.random.default_rng(5), 0.4)
+    study = read(write_dataset(tmp_path, {str(who): {"virtual": rows} for who in range(9)}))
+    with pytest.raises(NotDefined, match="standard errors by participant are not defined for the GEE logit"):
+        gee(design(study))
+
+
+def test_terms_that_cannot_be_told_apart_have_no_standard_errors_of_the_gee() -> None:
+    data = _cbpp()
+    matrix = np.column_stack([data.matrix, data.matrix[:, 1:].sum(axis=1) + data.matrix[:, 0]])
+    twice = replace(data, matrix=matrix, names=(*data.names, "again"), terms={"again": (4,)})
+    with pytest.raises(NotDefined, match="or terms cannot be told apart"):
+        gee(twice)
+
+
+def test_odds_without_limit_are_named() -> None:
+    """In the fourth period no animal fell ill: its odds are those of never."""
+    data = _cbpp()
+    never = replace(data, correct=np.where(data.matrix[:, 3] > 0, 0.0, data.correct))
+    with pytest.raises(NotDefined, match="the odds of 4 have no limit"):
+        mixed(never)
+
+
+def test_what_statsmodels_says_of_a_fit_that_converges_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    fit = GEE.fit
+
+    def warn(self: GEE, **options: object) -> object:
+        warnings.warn("the scale is odd", RuntimeWarning, stacklevel=2)
+        return fit(self, **options)
+
+    monkeypatch.setattr(GEE, "fit", warn)
+    found = gee(_cbpp())
+    assert found.warned == ("the scale is odd",)
+    results = SimpleNamespace(trials=TrialLevel(found, None, {}, {}, (), {}))
+    (table,) = trials_section(results).tables  # type: ignore[arg-type]
+    assert table.notes[-1] == "statsmodels said on the way: the scale is odd."
+
+
+def test_too_few_participants(tmp_path: Path) -> None:
+    found = trial_level(_study(tmp_path, 4))
+    assert set(found.statements) == {"GEE logit", "mixed logit"}
+    assert "participants, got 4" in found.statements["GEE logit"]

@@ -1,0 +1,164 @@
+"""The whole of `palpate numerics`, at a tiny extent: what it prints, writes and judges."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from analysis.numerics import numerics
+from analysis.numerics.measured import FULL, QUICK
+from analysis.numerics.numerics import Numerics
+from experiment.cli.recordings import engine
+from experiment.errors import DatasetError
+from experiment.synthesis import response
+from experiment.synthesis.limiter import limit
+from tests.analysis.numerics.test_numerics_measured import TINY
+
+NAMES = {
+    "synthesis.csv",
+    "resampling.csv",
+    "shaping.csv",
+    "noise.csv",
+    "cases.csv",
+    "numerics.md",
+    "numerics.png",
+    "numerics.svg",
+}
+
+
+@pytest.fixture(scope="module")
+def result() -> Numerics:
+    return numerics.compute(TINY, limit=limit)
+
+
+def test_everything_holds(result: Numerics) -> None:
+    assert result.broken == ()
+    assert not result.failed
+    assert result.verdict.startswith("All of ")
+
+
+def test_the_command_ends_with_1_where_a_limiter_lets_nan_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    def passes(wave: np.ndarray, peak: float) -> tuple[np.ndarray, int]:
+        return np.asarray(wave, dtype=np.float64), 0
+
+    made = {"whole": numerics.compute(TINY, limit=limit), "broken": numerics.compute(TINY, limit=passes)}
+    for name, code in (("whole", 0), ("broken", 1)):
+        monkeypatch.setattr(numerics, "run", lambda name=name, **_: made[name])
+        assert CliRunner().invoke(engine, ["numerics"], catch_exceptions=False).exit_code == code
+    assert made["broken"].broken != ()
+
+
+def test_a_file_in_the_way_is_found_before_anything_is_measured(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def measured(**_: object) -> Numerics:
+        raise AssertionError("measured")
+
+    monkeypatch.setattr(numerics, "run", measured)
+    (tmp_path / "noise.csv").write_text("mine")
+    with pytest.raises(DatasetError, match="holds files that are not palpate's"):
+        CliRunner().invoke(engine, ["numerics", "--out", str(tmp_path)], catch_exceptions=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["noise.csv"]
+    with pytest.raises(DatasetError, match="is a file; choose a folder"):
+        CliRunner().invoke(engine, ["numerics", "--out", str(tmp_path / "noise.csv")], catch_exceptions=False)
+
+
+def test_progress_counts_every_step() -> None:
+    totals: list[int] = []
+    ticks: list[None] = []
+    made = numerics.compute(
+        replace(TINY, lengths=(50,), output_rates_hz=(48_000,)),
+        limit=limit,
+        total=totals.append,
+        tick=lambda: ticks.append(None),
+    )
+    assert totals == [len(ticks)] == [len(made.measured) + len(made.outcomes)]
+
+
+def test_quick_and_full_differ_in_extent_alone(monkeypatch: pytest.MonkeyPatch, result: Numerics) -> None:
+    asked = []
+    monkeypatch.setattr(numerics, "compute", lambda extent, **_: asked.append(extent) or result)
+    numerics.run(quick=True, limit=limit)
+    numerics.run(quick=False, limit=limit)
+    assert asked == [QUICK, FULL]
+
+
+def test_a_broken_invariant_fails_and_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(response, "not_rising", lambda _: None)
+    made = numerics.compute(replace(TINY, lengths=(50,), output_rates_hz=(48_000,)), limit=limit)
+    assert made.failed
+    assert "response, a plateau between two levels: the table: accepted" in made.broken
+    assert "response, a reversal between two levels: the table: accepted" in made.text()
+    assert max(map(len, made.text().splitlines())) <= 100
+    assert made.as_dict()["failed"] is True
+
+
+def test_an_error_above_its_claim_fails_and_is_named(result: Numerics) -> None:
+    claimed = next(one for one in result.measured if one.claimed is not None)
+    made = replace(result, measured=(replace(claimed, error=1.0),), outcomes=())
+    assert made.failed
+    (line,) = made.broken
+    assert line.startswith(f"synthesis, {claimed.way}: error 1, above ")
+
+
+def test_an_error_that_is_no_number_fails(result: Numerics) -> None:
+    unclaimed = next(one for one in result.measured if one.claimed is None)
+    assert replace(result, measured=(replace(unclaimed, error=float("nan")),)).failed
+
+
+def test_what_a_terminal_shows(result: Numerics) -> None:
+    shown = result.text()
+    assert max(map(len, shown.splitlines())) <= 100
+    assert shown.startswith("SIMULATED spectra")
+    for title in ("Synthesis", "Resampling", "Frequency shaping", "Noise of the masker", "Extreme cases"):
+        assert title in shown
+    assert "N = 60 at 48000 Hz, 170 mm/s" in shown
+    assert " ".join(result.verdict.split()) in " ".join(shown.split())
+
+
+def test_json_has_every_row(result: Numerics) -> None:
+    document = json.loads(json.dumps(result.as_dict(), allow_nan=False))
+    assert (document["failed"], document["label"]) == (result.failed, "SIMULATED spectra")
+    rows = sum(len(document[slug]) for slug in ("synthesis", "resampling", "shaping", "noise"))
+    assert rows == len(result.measured)
+    assert len(document["cases"]) == len(result.outcomes)
+    assert float(document["software"]["oracle_epsilon"]) > 0
+
+
+def test_files_are_whole_and_may_be_written_again(result: Numerics, tmp_path: Path) -> None:
+    files = numerics.write(result, tmp_path)
+    assert {path.name for path in files} == NAMES == set(numerics.FILES)
+    assert (tmp_path / "numerics.png").read_bytes().startswith(b"\x89PNG")
+    assert b"<svg" in (tmp_path / "numerics.svg").read_bytes()
+    with (tmp_path / "synthesis.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    measured = [one for one in result.measured if one.subject == "synthesis"]
+    assert [float(row["error"]) for row in rows] == [one.error for one in measured]
+    assert {row["dataset"] for row in rows} == {"SIMULATED spectra"}
+    with (tmp_path / "cases.csv").open(encoding="utf-8", newline="") as file:
+        assert [row["holds"] for row in csv.DictReader(file)] == [str(one.holds) for one in result.outcomes]
+    page = (tmp_path / "numerics.md").read_text(encoding="utf-8")
+    assert page.startswith("**SIMULATED spectra**")
+    assert result.verdict in page
+    assert numerics.write(result, tmp_path) == files
+
+
+def test_a_file_of_someone_else_is_left_alone(result: Numerics, tmp_path: Path) -> None:
+    (tmp_path / "noise.csv").write_text("mine", "utf-8")
+    with pytest.raises(DatasetError, match="holds files that are not palpate's"):
+        numerics.write(result, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["noise.csv"]
+
+
+def test_two_runs_measure_and_judge_the_same(result: Numerics) -> None:
+    other = numerics.compute(TINY, limit=limit)
+    assert [(one.given, one.holds) for one in other.outcomes] == [(one.given, one.holds) for one in result.outcomes]
+    for again, first in zip(other.measured, result.measured, strict=True):
+        assert (again.way, again.given, again.claimed) == (first.way, first.given, first.claimed)
+        assert again.error == pytest.approx(first.error, rel=1e-6, abs=1e-15)

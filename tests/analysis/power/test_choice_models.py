@@ -1,0 +1,189 @@
+"""Choice models: printed tables, datasets and files become shares and spreads, or an error says what is missing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from analysis import published
+from analysis.power import choice_models
+from analysis.power.choice_models import Answers, draw
+from experiment.errors import PowerError, ProtocolError
+from experiment.protocol.models import Protocol
+from experiment.protocol.shipped import shipped
+from experiment.records.events import NO_ANSWER
+from experiment.settings import load
+from tests.analysis.datasets import trials, write_dataset
+
+MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
+
+FILE = """format = 1
+source = "a pilot"
+""" + "".join(
+    f"""
+[[rows]]
+task = "{task}"
+presented = "{material}"
+answers = [0.4, 0.3, 0.2, {last}]
+spread = 0.1
+"""
+    for task, last in (("virtual", 0.1), ("real", 0.05))
+    for material in MATERIALS
+)
+
+
+@pytest.fixture(scope="module")
+def protocol() -> Protocol:
+    return load.load(shipped("okamoto2012.toml"))
+
+
+def test_print_gives_back_its_means_and_standard_deviations(protocol: Protocol) -> None:
+    """Okamoto, Tables 1 and 2: one spread a row makes the sum of its four variances that of the printed ones."""
+    printed = published.load("okamoto2012")
+    assert printed is not None
+    model = choice_models.find("published", protocol)
+    cells = {(c.task, c.presented, c.answered): c for c in printed.tables()}
+    for answers in model.tasks:
+        people = {"virtual": 15, "real": 10}[answers.task]
+        for i, shown in enumerate(MATERIALS):
+            row = [cells[answers.task, shown, said] for said in MATERIALS]
+            assert answers.shares[i, :4] == pytest.approx([c.mean.value for c in row], abs=0.004)
+            p, q = answers.shares[i, :4], answers.spread[i] + (1 - answers.spread[i]) / 10
+            # A sample's p (1 - p) is too small by variance / n, so that its variance is printed a little too large.
+            printed_variance = sum(c.sd.value**2 for c in row if c.sd)
+            assert (p * (1 - p)).sum() * q == pytest.approx(printed_variance * (1 - q / people), rel=1e-9)
+    assert model.notes == ("virtual, polypropylene: printed ratios leave 0.027, taken as no material named",)
+    assert "Table 1 and Table 2" in model.source
+
+
+def test_a_fit_finds_the_model_that_made_the_data(tmp_path: Path, protocol: Protocol) -> None:
+    truth = Answers("virtual", np.array([[0.6, 0.2, 0.1, 0.05, 0.05]] * 4), np.array([0.0, 0.1, 0.3, 0.6]))
+    people = 400
+    counts = draw(truth, trials=10, participants=people, studies=1, random=np.random.default_rng(3))[:, :, 0]
+    said = (*MATERIALS, NO_ANSWER)
+    sessions = {}
+    for person in range(people):
+        answers = [
+            (shown, said[j]) for i, shown in enumerate(MATERIALS) for j in range(5) for _ in range(counts[i, j, person])
+        ]
+        sessions[f"{person:03d}"] = {"virtual": trials(answers), "real": trials(answers[:40])}
+    root = write_dataset(tmp_path / "data", sessions, materials=MATERIALS, origin="REHEARSAL")
+    model = choice_models.find(str(root), protocol)
+    assert [answers.task for answers in model.tasks] == ["virtual", "real"]
+    assert model.tasks[0].shares == pytest.approx(truth.shares, abs=0.03)
+    assert model.tasks[0].spread == pytest.approx(truth.spread, abs=0.05)
+    assert "REHEARSAL" in model.source
+
+
+def test_a_dataset_of_one_participant_has_no_spread(tmp_path: Path, protocol: Protocol) -> None:
+    rows = trials((shown, shown) for shown in MATERIALS)
+    root = write_dataset(tmp_path / "data", {"01": {"virtual": rows, "real": rows}}, materials=MATERIALS)
+    with pytest.raises(PowerError, match=r"copy paper: got 1 participant; allowed: at least 2"):
+        choice_models.find(str(root), protocol)
+
+
+def test_a_dataset_of_other_materials_lacks_these(tmp_path: Path, protocol: Protocol) -> None:
+    rows = trials([("glass", "glass"), ("sand", "snow")])
+    root = write_dataset(tmp_path / "data", {"01": {"virtual": rows, "real": rows}})
+    with pytest.raises(PowerError, match=r"got nothing for task every task, aluminum foil, copy paper"):
+        choice_models.find(str(root), protocol)
+
+
+def test_participants_less_apart_than_trials_make_them_have_no_spread(tmp_path: Path, protocol: Protocol) -> None:
+    rows = trials([(shown, said) for shown in MATERIALS for said in MATERIALS])
+    root = write_dataset(
+        tmp_path / "data", {label: {"virtual": rows, "real": rows} for label in ("01", "02")}, materials=MATERIALS
+    )
+    model = choice_models.find(str(root), protocol)
+    assert not np.concatenate([answers.spread for answers in model.tasks]).any()
+    assert "virtual, copy paper: participants differ less than trials alone would make them" in model.notes[0]
+
+
+def test_a_file_is_taken_as_stated(tmp_path: Path, protocol: Protocol) -> None:
+    file = tmp_path / "pilot.toml"
+    file.write_text(FILE, "utf-8")
+    model = choice_models.find(str(file), protocol)
+    assert model.source == "stated in pilot.toml: a pilot"
+    assert model.tasks[0].shares[0] == pytest.approx([0.4, 0.3, 0.2, 0.1, 0.0])
+    assert model.tasks[0].shares[0, 4] == 0
+    assert model.tasks[1].shares[2] == pytest.approx([0.4, 0.3, 0.2, 0.05, 0.05])
+    assert np.all(model.tasks[1].spread == 0.1)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "error", "message"),
+    [
+        ("0.3, 0.2, 0.1]", "0.3, 0.9, 0.1]", ProtocolError, r"line 7: rows\[0\]\.answers: .*add up to 1 at most"),
+        ("0.3, 0.2, 0.1]", "0.3, 0.1]", PowerError, r"got 3 answers; allowed: 4, in the order of the protocol"),
+        ("spread = 0.1", "spread = 1.0", ProtocolError, r"line 8: rows\[0\]\.spread: got 1\.0"),
+        ('presented = "copy', 'presented = "soft', PowerError, r"got a row for task virtual, soft paper"),
+        ('task = "virtual"', 'task = "real"', PowerError, r"got a row for task real, copy paper"),
+        ("format = 1", "format = 2", ProtocolError, r"line 1: format: got 2; allowed: 1"),
+        ("spread = 0.1", "sprawl = 0.1", ProtocolError, r"did you mean 'spread'"),
+    ],
+)
+def test_a_bad_file_is_refused(
+    tmp_path: Path, protocol: Protocol, old: str, new: str, error: type[Exception], message: str
+) -> None:
+    file = tmp_path / "pilot.toml"
+    file.write_text(FILE.replace(old, new, 1), "utf-8")
+    with pytest.raises(error, match=message):
+        choice_models.find(str(file), protocol)
+
+
+def test_a_file_without_one_of_the_rows_is_refused(tmp_path: Path, protocol: Protocol) -> None:
+    file = tmp_path / "pilot.toml"
+    file.write_text(FILE[: FILE.rindex("[[rows]]")], "utf-8")
+    with pytest.raises(PowerError, match="got nothing for task real, typing paper; allowed: every task and material"):
+        choice_models.find(str(file), protocol)
+
+
+def test_guessing_is_chance(protocol: Protocol) -> None:
+    for answers in choice_models.guessing(protocol).tasks:
+        assert answers.shares[:, :4] == pytest.approx(np.full((4, 4), 0.25))
+        assert not answers.shares[:, 4].any()
+        assert not answers.spread.any()
+
+
+def test_a_study_without_print_has_no_published_model(protocol: Protocol) -> None:
+    own = protocol.model_copy(update={"study": protocol.study.model_copy(update={"id": "mine"})})
+    with pytest.raises(PowerError, match="--model published: got no model of that name for study mine"):
+        choice_models.find("published", own)
+    assert choice_models.find("okamoto2012", own).tasks[0].task == "virtual"
+
+
+def test_print_that_lacks_a_material_says_which(protocol: Protocol) -> None:
+    other = protocol.materials[0].model_copy(update={"id": "silk"})
+    own = protocol.model_copy(update={"materials": (other, *protocol.materials[1:])})
+    with pytest.raises(PowerError, match="tables of okamoto2012: got nothing for task virtual, silk answered silk"):
+        choice_models.find("published", own)
+
+
+def test_print_that_adds_up_to_more_than_one_is_noted(tmp_path: Path, protocol: Protocol) -> None:
+    """Polypropylene of Table 1, whose four means add up to 0.973 in print, with 0.65 set to 0.85: 1.173."""
+    text = (Path(published.__file__).parent / "okamoto2012.toml").read_text(encoding="utf-8")
+    old = 'mean = "0.65", sd = "0.27"'
+    assert old in text
+    file = tmp_path / "misprint.toml"
+    file.write_text(text.replace(old, 'mean = "0.85", sd = "0.27"', 1), encoding="utf-8")
+    model = choice_models.from_print(published.read(file), protocol)
+    assert [note for note in model.notes if "add up to" in note] == [
+        "virtual, polypropylene: printed ratios add up to 1.173, more than rounding explains; one of them is wrong in "
+        "print, and all are scaled to add up to 1"
+    ]
+    assert model.tasks[0].shares[2, 2] == pytest.approx(0.85 / 1.173)
+
+
+def test_print_without_participants_and_trials_has_no_spread(protocol: Protocol) -> None:
+    printed = published.load("okamoto2012")
+    assert printed is not None
+    with pytest.raises(PowerError, match="got no number of participants and trials for task virtual"):
+        choice_models.from_print(replace(printed, tasks=()), protocol)
+
+
+def test_a_published_study_of_another_kind_lacks_the_tasks(protocol: Protocol) -> None:
+    with pytest.raises(PowerError, match="the tables of wellman1995"):
+        choice_models.find("wellman1995", protocol)

@@ -1,0 +1,312 @@
+"""Power: against closed forms and exact enumeration, the same for any number of jobs; what is said of edge cases."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from fractions import Fraction
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.stats
+from statsmodels.stats.power import TTestPower
+from statsmodels.stats.proportion import proportion_confint
+
+from analysis.power import planned_tests, report, simulate, workers
+from analysis.power.choice_models import Answers, ChoiceModel
+from analysis.power.simulate import Chunk, Power
+from analysis.statistics.t_tests import t_against_chance
+from experiment.errors import DatasetError, PowerError
+from experiment.protocol.models import PlannedTest, Protocol
+from experiment.protocol.shipped import shipped
+from experiment.settings import load
+
+SLUGS = ("model", "needed", "power", "control", "estimates", "undefined")
+HERE = partial(workers.on_cores, jobs=1)
+
+
+def protocol(
+    *tests: PlannedTest, materials: int = 4, repetitions: int = 10, people: tuple[int, ...] = (15, 10)
+) -> Protocol:
+    """The footstep study with other numbers; all of its own tests by default."""
+    own = load.load(shipped("okamoto2012.toml"))
+    tasks = tuple(
+        task.model_copy(update={"repetitions": repetitions, "participants": count})
+        for task, count in zip(own.tasks, people, strict=False)
+    )
+    return own.model_copy(
+        update={
+            "tasks": tasks,
+            "study": own.study.model_copy(update={"participants": people[0]}),
+            "materials": own.materials[:materials],
+            "analysis": tests or own.analysis,
+        }
+    )
+
+
+def t_test(chance: float, alpha: float = 0.05) -> PlannedTest:
+    return PlannedTest(test="t against chance", tasks=("virtual",), question="?", chance=chance, alpha=alpha)
+
+
+def two_answers(p: float, spread: float) -> ChoiceModel:
+    """Two materials, each answered correctly with probability `p` on average."""
+    return ChoiceModel("test", (Answers("virtual", np.array([[p, 1 - p, 0], [1 - p, p, 0]]), np.full(2, spread)),))
+
+
+def run(study: Protocol, model: ChoiceModel, **changed: Any) -> Power:
+    asked: dict[str, Any] = {"participants": (6,), "studies": 300, "seed": 1, "target": 0.8, "runner": HERE} | changed
+    return simulate.run(study, planned_tests.design(study, {}), model, **asked)
+
+
+def guess(study: Protocol) -> ChoiceModel:
+    from analysis.power.choice_models import find
+
+    return find("okamoto2012", study)
+
+
+def test_power_of_nearly_normal_ratios_is_that_of_the_noncentral_t() -> None:
+    """statsmodels TTestPower. Ratios of 400 trials around one half, participants 0.1 apart: close to normal."""
+    rho, trials, chance = 0.04, 400, 0.45
+    study = protocol(t_test(chance), materials=2, repetitions=trials, people=(12,))
+    result = run(study, two_answers(0.5, rho), participants=(6, 12, 25), studies=20_000)
+    sd = math.sqrt(0.25 * (rho + (1 - rho) / trials))
+    for size in (6, 12, 25):
+        expected = TTestPower().power((0.5 - chance) / sd, size, 0.05)
+        for question in result.questions[:2]:
+            row = result.row(question, size)
+            assert row is not None
+            assert row.power == pytest.approx(expected, abs=0.012)
+
+
+def exact_power(
+    people: int, trials: int, p: float, spread: float, chance: Fraction, alpha: float
+) -> tuple[float, float]:
+    """Probability that P lies below alpha, and that it is not defined: every outcome, with scipy's beta-binomial."""
+    if spread:
+        of_count = scipy.stats.betabinom(trials, p * (1 / spread - 1), (1 - p) * (1 / spread - 1))
+    else:
+        of_count = scipy.stats.binom(trials, p)
+    weights = of_count.pmf(np.arange(trials + 1))
+    significant = undefined = 0.0
+    for counts in itertools.product(range(trials + 1), repeat=people):
+        test = t_against_chance([Fraction(count, trials) for count in counts], chance)
+        weight = math.prod(weights[count] for count in counts)
+        undefined += weight * (test.p is None)
+        significant += weight * (test.p is not None and test.p < alpha)
+    return significant, undefined
+
+
+@pytest.mark.parametrize(
+    ("people", "trials", "p", "spread"), [(2, 3, 0.8, 0.0), (3, 2, 0.7, 0.3), (3, 4, 0.9, 0.1), (4, 2, 0.5, 0.6)]
+)
+def test_power_of_tiny_designs_is_that_of_every_outcome_counted(
+    people: int, trials: int, p: float, spread: float
+) -> None:
+    alpha = 0.3
+    study = protocol(t_test(0.5, alpha), materials=2, repetitions=trials, people=(people,))
+    result = run(study, two_answers(p, spread), participants=(people,), studies=40_000, seed=11)
+    for kind, at in (("model", p), ("guessing", 0.5)):
+        significant, undefined = exact_power(people, trials, at, spread * (kind == "model"), Fraction(1, 2), alpha)
+        for question in result.questions[:2]:
+            row = result.row(question, people, kind)  # type: ignore[arg-type]
+            assert row is not None
+            assert row.power == pytest.approx(significant, abs=0.011)
+            assert row.tally.undefined / row.tally.studies == pytest.approx(undefined, abs=0.011)
+
+
+def test_the_type_i_error_of_a_t_test_is_near_alpha() -> None:
+    study = protocol(t_test(0.5), materials=2, repetitions=400, people=(12,))
+    result = run(study, two_answers(0.6, 0.0), participants=(12,), studies=20_000)
+    row = result.row(result.questions[0], 12, "guessing")
+    assert row is not None
+    assert row.interval is not None
+    low, high = row.interval
+    assert low <= 0.05 <= high
+
+
+def test_wilsons_interval_covers() -> None:
+    """Over 200 seeds the 95 % interval holds the exact power about 95 times in 100."""
+    study = protocol(t_test(0.5, 0.3), materials=2, repetitions=2, people=(3,))
+    expected, _ = exact_power(3, 2, 0.7, 0.3, Fraction(1, 2), 0.3)
+    held = 0
+    for seed in range(200):
+        result = run(study, two_answers(0.7, 0.3), participants=(3,), studies=400, seed=seed)
+        row = result.row(result.questions[0], 3)
+        assert row is not None
+        assert row.interval is not None
+        held += row.interval[0] <= expected <= row.interval[1]
+    assert scipy.stats.binomtest(held, 200, 0.95).pvalue > 0.001
+
+
+def document(result: Power) -> str:
+    return json.dumps(report.as_dict(result), allow_nan=False)
+
+
+def backwards(work: Any, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Any]]:
+    return ((place, work(chunks[place])) for place in reversed(range(len(chunks))))
+
+
+def test_the_same_seed_gives_the_same_bytes_in_any_order_and_number_of_jobs() -> None:
+    study = protocol()
+    model = guess(study)
+    asked = {"participants": (3, 5), "studies": 1500}
+    first = document(run(study, model, **asked))
+    assert document(run(study, model, **asked, runner=backwards)) == first
+    assert document(run(study, model, **asked, runner=partial(workers.on_cores, jobs=2))) == first
+    assert document(run(study, model, **asked, seed=2)) != first
+
+
+def _die(_: int) -> None:
+    os._exit(1)
+
+
+def test_a_process_that_is_killed_is_an_error_in_a_line() -> None:
+    with pytest.raises(PowerError, match="--jobs 2: the system ended a process that worked"):
+        list(workers.on_cores(_die, [1, 2], jobs=2))
+
+
+def test_power_at_a_size_does_not_depend_on_the_sizes_beside_it() -> None:
+    study = protocol()
+    model = guess(study)
+    alone, beside = run(study, model), run(study, model, participants=(20, 6, 4, 6))
+    assert beside.participants == (4, 6, 20)
+    assert [row for row in beside.rows if row.participants == 6] == list(alone.rows)
+
+
+def test_progress_counts_every_chunk() -> None:
+    totals: list[int] = []
+    ticks: list[None] = []
+    study = protocol()
+    run(study, guess(study), studies=2500, total=totals.append, tick=lambda: ticks.append(None))
+    assert totals == [len(ticks)] == [6]
+
+
+def test_a_chunk_of_many_participants_holds_fewer_studies(monkeypatch: pytest.MonkeyPatch) -> None:
+    study = protocol()
+    whole = run(study, guess(study), participants=(4,), studies=20)
+    monkeypatch.setattr(simulate, "CHUNK_CELLS", 20 * 7 * 9)
+    held: list[int] = []
+
+    def seen(work: Any, chunks: Sequence[Chunk]) -> Iterator[tuple[int, Any]]:
+        held.extend(chunk.studies for chunk in chunks)
+        return HERE(work, chunks)
+
+    parts = run(study, guess(study), participants=(4,), studies=20, runner=seen)
+    assert held == [9, 9, 2] * 2
+    assert [row.tally.studies for row in parts.rows] == [row.tally.studies for row in whole.rows]
+
+
+def test_one_participant_defines_nothing_and_says_so() -> None:
+    study = protocol()
+    result = run(study, guess(study), participants=(1,))
+    assert {row.tally.undefined for row in result.rows} == {300}
+    assert {row.power for row in result.rows if row.question.alpha is not None} == {0.0}
+    shown = report.text(result)
+    assert "one participant" in shown
+    assert "nan" not in shown.split()
+    assert "NaN" not in document(result)
+
+
+def test_participants_who_are_all_the_same_are_counted() -> None:
+    certain = ChoiceModel("test", tuple(Answers(task, np.eye(4, 5), np.zeros(4)) for task in ("virtual", "real")))
+    study = protocol()
+    result = run(study, certain)
+    rows = [row for row in result.rows if row.kind == "model"]
+    assert {row.tally.undefined for row in rows} == {300}
+    assert "no variance" in report.text(result)
+    assert result.row(result.questions[0], 6).quantiles is None  # type: ignore[union-attr]
+
+
+def test_the_smallest_number_is_stated_with_its_uncertainty() -> None:
+    study = protocol(t_test(0.5), materials=2, repetitions=400, people=(12,))
+    result = run(study, two_answers(0.5, 0.04), participants=(3,), studies=100)
+    question = result.questions[0]
+    (row,) = [r for r in result.rows if r.question == question and r.kind == "model"]
+    shares = {4: 79, 6: 85, 8: 70, 10: 81, 12: 85, 14: 95}
+    rows = tuple(replace(row, participants=n, tally=replace(row.tally, significant=k)) for n, k in shares.items())
+    needed = replace(result, rows=rows, participants=tuple(shares)).needed(question)
+    # Wilson's limits of 70, 81, 85 and 95 of 100: 0.604 to 0.781, 0.722 to 0.875, 0.767 to 0.907, 0.888 to 0.978.
+    assert (needed.earliest, needed.likely, needed.surely) == (10, 10, 14)
+    never = replace(result, rows=rows[:1], participants=(4,)).needed(question)
+    assert (never.earliest, never.likely, never.surely) == (4, None, None)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"participants": ()}, r"--participants: got none; allowed: numbers from 1 to 1000"),
+        ({"participants": (0, 3)}, r"--participants: got 0, 3; allowed"),
+        ({"participants": (1001,)}, r"--participants: got 1001; allowed"),
+        ({"studies": 0}, r"--studies 0: allowed: 1 to 1000000"),
+    ],
+)
+def test_sizes_beyond_what_is_allowed_are_refused(changed: dict[str, Any], message: str) -> None:
+    study = protocol()
+    with pytest.raises(PowerError, match=message):
+        run(study, guess(study), **changed)
+
+
+def test_counts_whose_squares_are_not_exact_are_refused() -> None:
+    study = protocol(t_test(0.25), repetitions=1000)
+    many = tuple(study.materials[0].model_copy(update={"id": f"m{i}"}) for i in range(60))
+    with pytest.raises(PowerError, match="whose squares are exact"):
+        run(study.model_copy(update={"materials": many}), guess(study), participants=(1000,))
+
+
+def test_files_say_simulated_and_may_be_written_again(tmp_path: Path) -> None:
+    study = protocol()
+    result = run(study, guess(study), participants=(4, 15))
+    files = report.write(result, tmp_path / "out")
+    assert {path.name for path in files} == {
+        *(f"{slug}.{kind}" for slug in SLUGS for kind in ("csv", "md", "tex")), "power.svg", "power.png",
+    }  # fmt: skip
+    for path in (tmp_path / "out").iterdir():
+        if path.suffix != ".png":
+            text = path.read_text("utf-8")
+            assert "SIMULATED studies" in text, path
+            assert "nan" not in text.lower().split(","), path
+    before = {path: path.read_bytes() for path in files}
+    assert report.write(result, tmp_path / "out") == files
+    assert {path: path.read_bytes() for path in files} == before
+    (tmp_path / "out" / "power.md").write_text("mine", "utf-8")
+    with pytest.raises(DatasetError, match=r"power\.md is no output of palpate"):
+        report.write(result, tmp_path / "out")
+
+
+def test_the_monte_carlo_error_stands_where_the_shares_do(tmp_path: Path) -> None:
+    """Wilson's interval from statsmodels; a terminal has no room for one a share, and names the widest."""
+    study = protocol(t_test(0.25))
+    result = run(study, guess(study), participants=(4, 15))
+    shown = " ".join(report.text(result).split())
+    assert "In brackets" not in shown
+    reaches: list[tuple[simulate.Row, float]] = []
+    for row in result.rows:
+        low, high = proportion_confint(row.tally.significant, 300, method="wilson")
+        share = row.tally.significant / 300
+        reaches.append((row, max(high - share, share - low)))
+    by_size = max(reach for row, reach in reaches if row.kind == "model" and not row.question.adjusted)
+    planned = max(reach for row, reach in reaches if row.participants == 15)
+    said = re.findall(r"Wilson's 95 % intervals reach at most (\S+) to either side", shown)
+    assert [float(one) for one in said] == [math.ceil(by_size * 1000) / 1000, math.ceil(planned * 1000) / 1000]
+    report.write(result, tmp_path / "out")
+    for name in ("power.md", "needed.md"):
+        assert "In brackets after a share: Wilson's 95 % interval" in (tmp_path / "out" / name).read_text("utf-8")
+
+
+def test_what_a_terminal_shows() -> None:
+    study = protocol()
+    result = run(study, guess(study), participants=(4, 15))
+    shown = report.text(result)
+    assert max(map(len, shown.splitlines())) <= 100
+    assert shown.startswith("SIMULATED studies")
+    for title in ("Simulated studies", "Power by number of participants", "Estimates", "Not defined", "needed"):
+        assert title in shown
+    assert "4 (4, 3)" in shown

@@ -1,0 +1,79 @@
+"""Reliabilities as they are shown: who was left out of a matrix, and why a form has no value."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from analysis.documents.tables import Section
+from analysis.identification.results import Results, compute
+from analysis.reading.dataset import read
+from analysis.report.sections import anova_section, icc_section
+from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
+
+
+def _section(root: Path, sessions: dict[str, dict[str, list[dict[str, object]]]]) -> Section:
+    return icc_section(_results(root, sessions))
+
+
+def _results(root: Path, sessions: dict[str, dict[str, list[dict[str, object]]]]) -> Results:
+    return compute(read(write_dataset(root, sessions)), {})
+
+
+def test_participants_left_out_of_a_matrix_are_named_under_it(tmp_path: Path) -> None:
+    """5 was never presented glass; 6 did one task alone."""
+    sessions = {str(k): {"virtual": balanced(k), "real": balanced(k + 1)} for k in range(1, 5)}
+    sessions["5"] = {"virtual": trials([("sand", "sand"), ("snow", "snow")]), "real": balanced(9)}
+    sessions["6"] = {"virtual": balanced(3)}
+    notes = [
+        tuple(note for note in table.notes if note.startswith("Left out"))
+        for table in _section(tmp_path, sessions).tables[:5]
+    ]
+    in_virtual = ("Left out of virtual, having had no trial of a material: 5.",)
+    in_both = ("Left out of every task together, having had no trial of a task or a material: 5, 6.",)
+    assert notes == [in_virtual, in_virtual, (), (), in_both]
+
+
+def test_many_are_counted_in_the_terminal_and_named_in_the_report(tmp_path: Path) -> None:
+    sessions = {str(k): {"virtual": balanced(k)} for k in range(1, 5)}
+    sessions |= {str(k): {"virtual": trials([("sand", "sand"), ("snow", "sand")])} for k in range(5, 19)}
+    found = _section(tmp_path, sessions)
+    ten = ", ".join(map(str, range(5, 15)))
+    assert found.brief[0].notes[0].endswith(f": {ten} and 4 more, named in the report.")
+    assert found.tables[0].notes[0].endswith(f": {ten}, 15, 16, 17, 18.")
+
+
+def test_forms_without_a_test_or_a_value_say_why(tmp_path: Path) -> None:
+    """Everyone answers alike: agreement is perfect, and nothing is left to test it against."""
+    alike = {str(k): {"virtual": balanced(1, 9)} for k in range(1, 4)}
+    notes = _section(tmp_path / "alike", alike).tables[0].notes
+    assert (
+        notes[0] == "ICC(1,1), ICC(1,k): no variance within targets, so F and P are not defined; nor is the interval."
+    )
+    assert notes[1].startswith("ICC(2,1), ICC(3,1), ICC(2,k), ICC(3,k): no variance beside that of targets and raters")
+    # Correct ratios 1/2, 1/2, 0; 0, 1/2, 1/2; 1/2, 0, 1/2: the materials' means are the same, so that MS targets is 0.
+    right = [trials([(m, m if k != i else "sand" if m != "sand" else "snow") for i, m in enumerate(MATERIALS)]
+                    + [(m, "sand" if m != "sand" else "snow") for m in MATERIALS]) for k in range(3)]  # fmt: skip
+    section = _section(tmp_path / "level", {str(k): {"virtual": rows} for k, rows in enumerate(right)})
+    wanted = (
+        "the variance that it is a share of is estimated as zero or less, so it is not defined; nor is the interval."
+    )
+    assert f"ICC(1,k), ICC(2,k), ICC(3,k): {wanted}" in section.tables[1].notes
+    assert f"ICC(1,k), ICC(2,k), ICC(3,k) of virtual: {wanted}" in section.brief[0].notes
+
+
+def test_dashes_where_every_answer_is_right_have_their_reason(tmp_path: Path) -> None:
+    """Nothing varies, and nothing is taken for anything."""
+    right = trials((material, material) for material in MATERIALS)
+    results = _results(tmp_path, {str(k): {"virtual": right, "real": right} for k in range(1, 6)})
+    components = icc_section(results).brief[-1]
+    assert {row[1] for row in components.rows} == {"-"}
+    assert any(note.startswith("Not defined: no component is above zero") for note in components.notes)
+    assert [line for line in anova_section(results).paragraphs if line.startswith("No one-way")] == [
+        f"No one-way ANOVA of {task}: no material was taken for another." for task in ("virtual", "real")
+    ]
+
+
+def test_a_variance_component_icc_that_cannot_be_is_said(tmp_path: Path) -> None:
+    results = _results(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})
+    assert results.components is None
+    assert f"No variance-component ICC: {results.two_way_statement}." in icc_section(results).paragraphs

@@ -1,0 +1,60 @@
+"""Sections of the report: an interval that cannot be computed is told of."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from analysis.identification.results import compute
+from analysis.reading.dataset import read
+from analysis.report import sections
+from analysis.report.figures import sheets
+from analysis.report.identification_sections import confusions_section
+from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
+
+
+def test_limits_of_effect_sizes(repository_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scipy.special.nctdtr", lambda *_: float("nan"))
+    monkeypatch.setattr("scipy.special.ncfdtr", lambda *_: float("nan"))
+    results = compute(read(repository_root / "participants" / "okamoto2012"), {})
+    notes = [note for table in sections.tests_section(results).tables for note in table.notes]
+    assert len(notes) == 8
+    assert notes[0] == "copy paper: no interval of d, the noncentral t cannot be computed so far out."
+    said = sections.anova_section(results).paragraphs
+    assert sum("interval of partial η²" in one for one in said) == 2 + 9
+    assert any(one.startswith("Not defined: two-way, type III, material: interval of partial η²;") for one in said)
+
+
+def test_corrections_beyond_what_can_be_transmitted(tmp_path: Path) -> None:
+    """Perfect answers to three materials, 48 trials: log2 3 less (0 - 2) / (2 x 48 ln 2) is 1.615 bits of 1.585."""
+    perfect = trials([(material, material) for material in MATERIALS for _ in range(4)])
+    level = trials([(shown, said) for shown in MATERIALS for said in MATERIALS])
+    sessions = {str(k): {"virtual": perfect, "real": level} for k in range(4)}
+    study = read(write_dataset(tmp_path, sessions))
+    found = confusions_section(compute(study, {}), study.materials, ()).tables[0]
+    assert found.rows[0][2] == "1.585"
+    assert found.rows[0][5:] == ("1.615", "1.615")
+    above, below = found.notes[1:]
+    assert above.startswith("virtual: a corrected value is above the bits presented, and no more can be transmitted")
+    assert below.startswith("real: a corrected value is below 0, and no less can be transmitted")
+
+
+def test_the_interval_of_the_information(tmp_path: Path) -> None:
+    study = read(write_dataset(tmp_path, {"1": {"virtual": balanced(1)}, "2": {"virtual": balanced(2)}}))
+    said = confusions_section(compute(study, {}), study.materials, ()).paragraphs
+    assert "Not defined: virtual, interval of the information: a bootstrap needs 3 participants, got 2." in said
+
+
+def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_trials(tmp_path: Path) -> None:
+    """A bootstrap needs three; a window of ten is longer than the session."""
+    said = ("glass", "sand", "snow", "sand", "glass")
+    rows = trials(zip(("glass", "sand", "snow", "glass", "sand"), said, strict=True))
+    study = read(write_dataset(tmp_path, {str(who): {"real": rows} for who in (1, 2)}, tasks=("real",)))
+    results = compute(study, {})
+    tables = confusions_section(results, study.materials, ()).tables
+    (notes,) = [table.notes for table in tables if "similarity-choice" in table.title]
+    assert not any("In brackets" in note for note in notes)
+    assert "No intervals: a bootstrap needs 3 participants, got 2." in notes
+    (learning,) = [one for one in sheets(results, "") if one.name == "learning"]
+    assert learning.caption.startswith("Share of right answers in 5 successive trials;")

@@ -1,0 +1,64 @@
+"""Rational arithmetic: against numpy's least squares and the standard library's statistics."""
+
+from __future__ import annotations
+
+import statistics
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from analysis.statistics.exact import NotDefined, integers, mean, reductions, sum_of_squares
+
+counts = st.lists(st.integers(0, 40), min_size=2, max_size=12)
+
+
+@settings(deadline=None)
+@given(counts)
+def test_mean_and_sum_of_squares_are_those_of_the_standard_library(values: list[int]) -> None:
+    exact = [Fraction(value, 10) for value in values]
+    assert mean(exact) == statistics.mean(exact)
+    assert sum_of_squares(exact) == statistics.pvariance(exact) * len(exact)
+
+
+def test_no_digit_is_lost_beside_a_large_constant() -> None:
+    values = [Fraction(10**13) + Fraction(k, 10) for k in (4, 3, 5)]
+    assert sum_of_squares(values) == Fraction(2, 100)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_reductions_are_those_of_weighted_least_squares(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    design = random.integers(-1, 2, size=(7, 4))
+    design[:, 3] = design[:, 0] + design[:, 1]
+    weights = random.integers(1, 9, size=7)
+    response = random.integers(0, 20, size=7)
+    root = np.sqrt(weights)
+    weighted = design.T * weights
+    sizes = [1, 2, 3, 4]
+    got = reductions((weighted @ design).tolist(), (weighted @ response).tolist(), sizes)
+    for size in sizes:
+        part = design[:, :size]
+        fitted = part @ np.linalg.lstsq(part * root[:, None], response * root, rcond=None)[0]
+        assert float(got[size - 1]) == pytest.approx(float(np.sum(weights * fitted**2)), abs=1e-9)
+
+
+def test_integers_stand_for_the_same_values() -> None:
+    values = [Fraction(1, 10), 0.75, 3, np.float64(0.5)]
+    whole, common = integers(values)
+    assert (whole, common) == ([2, 15, 60, 10], 20)
+
+
+def test_nothing_has_no_mean() -> None:
+    for statistic in (mean, sum_of_squares):
+        with pytest.raises(NotDefined, match="no value"):
+            statistic([])
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_values_must_be_finite(value: float) -> None:
+    with pytest.raises(ValueError, match="finite"):
+        integers([0.5, value])

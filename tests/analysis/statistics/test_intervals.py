@@ -1,0 +1,44 @@
+"""Binomial intervals: against print, statsmodels, and their definition."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+from statsmodels.stats.proportion import proportion_confint
+
+from analysis.statistics.intervals import clopper_pearson, wilson
+from tests.analysis.reference import printed
+
+
+@pytest.mark.parametrize(("count", "trials", "score", "exact"), printed("newcombe")["intervals"])
+def test_printed_intervals(count: int, trials: int, score: list[float], exact: list[float]) -> None:
+    for found, wanted in ((wilson(count, trials), score), (clopper_pearson(count, trials), exact)):
+        assert [found.low, found.high] == pytest.approx(wanted, abs=6e-5)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(1, 400), st.floats(0, 1), st.sampled_from([0.8, 0.95, 0.99]))
+def test_they_are_those_of_statsmodels(trials: int, share: float, confidence: float) -> None:
+    count = round(share * trials)
+    for found, method in (
+        (wilson(count, trials, confidence), "wilson"),
+        (clopper_pearson(count, trials, confidence), "beta"),
+    ):
+        expected = proportion_confint(count, trials, alpha=1 - confidence, method=method)
+        assert (found.low, found.high) == pytest.approx(expected, abs=1e-10)
+
+
+@pytest.mark.parametrize(("count", "trials"), [(3, 10), (149, 150), (40, 100)])
+def test_the_exact_limits_have_their_tails(count: int, trials: int) -> None:
+    found = clopper_pearson(count, trials)
+    assert stats.binom.sf(count - 1, trials, found.low) == pytest.approx(0.025)
+    assert stats.binom.cdf(count, trials, found.high) == pytest.approx(0.025)
+
+
+@pytest.mark.parametrize(("count", "trials"), [(0, 0), (3, 2), (-1, 4)])
+def test_impossible_counts_are_refused(count: int, trials: int) -> None:
+    for interval in (wilson, clopper_pearson):
+        with pytest.raises(ValueError, match="allowed: a count"):
+            interval(count, trials)

@@ -1,0 +1,70 @@
+"""What `palpate doctor` calls a part that fails while it is looked at, and one that fails as it is closed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from experiment.apparatus import opening, rig
+from experiment.apparatus import opening as opening_audio
+from experiment.apparatus.doctor import audio, doctor, tracker
+from experiment.apparatus.doctor.verdict import Check
+from experiment.clock import ManualClock
+from experiment.errors import AudioError, PalpateError, TrackerError
+from experiment.protocol.shipped import shipped
+
+RIG = rig.load(shipped("rigs/headless.toml"))
+ENDS = doctor.FarEnds(port="nowhere")
+
+
+class Part:
+    """A tracker or a stream; one part of it fails."""
+
+    rate_hz = 48_000
+
+    def __init__(self, failing: str, error: PalpateError) -> None:
+        self._failing, self._error = failing, error
+
+    @property
+    def health(self) -> None:
+        self._fails("health")
+
+    def close(self) -> None:
+        self._fails("close")
+
+    def _fails(self, part: str) -> None:
+        if part == self._failing:
+            raise self._error
+
+
+def red(checks: Iterator[Check]) -> list[tuple[str, str]]:
+    return [(check.name, check.measured) for check in checks if check.verdict == "red"]
+
+
+@pytest.mark.parametrize(("failing", "name"), [("checks", "tracker"), ("close", "tracker closing")])
+def test_a_tracker_that_fails_is_named_by_what_failed(monkeypatch: pytest.MonkeyPatch, failing: str, name: str) -> None:
+    part = Part(failing, TrackerError("tracker: got no device; see to it"))
+
+    def checks(device: Part, *_: object, **__: object) -> tuple[Check, ...]:
+        device._fails("checks")
+        return ()
+
+    monkeypatch.setattr(opening, "open_tracker", lambda *_, **__: part)
+    monkeypatch.setattr(tracker, "checks", checks)
+    assert red(doctor._tracker(RIG, ENDS, ManualClock(0))) == [(name, "tracker: got no device")]
+
+
+@pytest.mark.parametrize(("failing", "name"), [("health", "audio stream"), ("close", "audio closing")])
+def test_audio_that_fails_is_named_by_what_failed_and_the_tracker_is_looked_at_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, failing: str, name: str
+) -> None:
+    part = Part(failing, AudioError("audio: the stream broke; start again"))
+    monkeypatch.setattr(opening_audio, "open_probing", lambda *_, **__: part)
+    monkeypatch.setattr(opening, "open_tracker", lambda *_, **__: Part("", TrackerError("")))
+    for module, check in ((tracker, "checks"), (audio, "steady"), (audio, "loopback")):
+        monkeypatch.setattr(module, check, lambda *_, **__: ())
+    assert RIG.audio is not None
+    found = list(doctor._audio(RIG, RIG.audio, ENDS, ManualClock(0)))
+    assert red(iter(found)) == [(name, "audio: the stream broke")]
+    assert "tracker port" in [check.name for check in found]

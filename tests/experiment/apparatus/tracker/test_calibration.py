@@ -1,0 +1,164 @@
+"""Calibrating: points, residuals and noise against sensors that are known, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.rig import Rig
+from experiment.apparatus.tracker import calibration
+from experiment.apparatus.tracker.calibration import Level
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
+from experiment.errors import RigError, TrackerError
+from experiment.protocol.models import Step
+
+TODAY = date(2026, 5, 4)
+STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
+
+
+@pytest.fixture(scope="session")
+def rehearsal_file(repository_root: Path) -> Path:
+    return repository_root / "protocols" / "rigs" / "rehearsal.toml"
+
+
+@pytest.fixture(scope="session")
+def rehearsal(rehearsal_file: Path) -> Rig:
+    return rigs.load(rehearsal_file)
+
+
+def real(rig: Rig, **tracker: object) -> Rig:
+    identity = rig.rig.model_copy(update={"simulated": False})
+    return rig.model_copy(update={"rig": identity, "tracker": rig.tracker.model_copy(update=tracker)})
+
+
+class Heights:
+    """Implements `Tracker`: a foot at the same heights for ever."""
+
+    counts = LinkCounts()
+    clock_map = ClockMap(anchor_us=0, anchor_ns=0)
+
+    def __init__(self, heights_mm: Iterable[float]) -> None:
+        self._heights_mm = np.array(list(heights_mm), dtype=float)
+
+    def drain(self) -> None: ...
+
+    def read(self) -> Samples:
+        n = self._heights_mm.size
+        return Samples(np.arange(n), self._heights_mm, bytes(n), np.arange(n) + 1, 0)
+
+    def reconnect(self, timeout_s: float) -> None: ...
+
+    def close(self) -> None: ...
+
+
+@given(st.floats(0.5, 100.0), st.sampled_from([1, -1]), st.integers(2, 8))
+def test_a_straight_sensor_has_no_residuals(counts_per_mm: float, way: int, count: int) -> None:
+    mm = np.linspace(-5, 60, count)
+    levels = [Level(float(h), np.full(50, 30_000 + way * counts_per_mm * h)) for h in mm[::-1]]
+    made = calibration.calibrate(levels, TODAY)
+    counts = [point.counts for point in made.points]
+    assert counts == sorted(counts)
+    assert [point.mm for point in made.points] == pytest.approx(mm[::way].tolist())
+    assert [point.residual_mm for point in made.points] == pytest.approx([0.0] * count, abs=1e-9)
+    assert made.noise_mm == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_residual_of_a_bent_sensor_is_the_chords_distance() -> None:
+    # mm = c^2: at the middle of three points c - h, c, c + h the chord lies h^2 above the parabola.
+    made = calibration.calibrate([Level(float(c * c), np.full(9, float(c))) for c in (10, 14, 18)], TODAY)
+    assert [point.residual_mm for point in made.points] == pytest.approx([0.0, -16.0, 0.0])
+
+
+def test_noise_is_that_of_the_readings_in_mm() -> None:
+    rng = np.random.default_rng(1)
+    levels = [Level(h, 40 * h + 500 + rng.normal(0, 4.0, 20_000)) for h in (0.0, 10.0, 50.0)]
+    made = calibration.calibrate(levels, TODAY)
+    assert made.noise_mm == pytest.approx(0.1, rel=0.03)
+    assert [point.counts for point in made.points] == pytest.approx([500, 900, 2500], abs=1)
+
+
+@pytest.mark.parametrize(
+    ("levels", "message"),
+    [
+        ([(0.0, 5.0)], "got the heights 0 mm; allowed: two or more"),
+        ([(0.0, 5.0), (0.0, 9.0)], "got the heights 0, 0 mm; allowed: two or more, all different"),
+        ([(0.0, 5.0), (10.0, 50.0), (20.0, 40.0)], "got 50 counts at 10 mm and 40 at 20 mm.* all rise"),
+        ([(0.0, 50.0), (10.0, 50.0)], ".* readings that all rise or all fall with height"),
+        ([(0.0, 50.0), (10.0, 90.0), (20.0, 50.0)], ".* readings that all rise or all fall with height"),
+        ([(0.0, 50.0), (10.0, 50.4)], ".*6 spreads apart"),
+    ],
+)
+def test_readings_that_are_no_calibration_are_refused(levels: list[tuple[float, float]], message: str) -> None:
+    with pytest.raises(TrackerError, match=f"calibration: {message}"):
+        calibration.calibrate([Level(mm, np.full(10, counts)) for mm, counts in levels], TODAY)
+
+
+def test_noise_that_hides_the_step_is_refused() -> None:
+    rng = np.random.default_rng(1)
+    with pytest.raises(TrackerError, match=r"with a spread of .*see that nothing moves"):
+        calibration.calibrate([Level(h, 100 + h + rng.normal(0, 9.0, 500)) for h in (0.0, 20.0)], TODAY)
+
+
+def test_the_age_of_a_calibration_is_checked(rehearsal: Rig) -> None:
+    calibration.check_age(rehearsal, TODAY)
+    for day_of in (date(2026, 4, 4), TODAY):
+        calibration.check_age(real(rehearsal, calibrated_on=day_of, calibration_days=30), TODAY)
+    with pytest.raises(
+        RigError, match=r"calibrated_on: got 2026-04-03; allowed: at most 30 days before .*calibrate tr"
+    ):
+        calibration.check_age(real(rehearsal, calibrated_on=date(2026, 4, 3), calibration_days=30), TODAY)
+    with pytest.raises(RigError, match="calibrated_on: got 2026-05-05"):
+        calibration.check_age(real(rehearsal, calibrated_on=date(2026, 5, 5), calibration_days=30), TODAY)
+    with pytest.raises(RigError, match="without calibrated_on and calibration_days"):
+        calibration.check_age(real(rehearsal), TODAY)
+
+
+def test_a_sensor_beyond_its_calibration_is_refused(rehearsal: Rig) -> None:
+    calibration.check_reading(Heights([70.0, 69.0, 100.0]), rehearsal.tracker)
+    for held in (-5.0, 100.0):
+        with pytest.raises(
+            TrackerError, match=f"at or beyond {held:g} mm, .*allowed: -5 to 100 mm; see that the sensor"
+        ):
+            calibration.check_reading(Heights([held, held, 30.0]), rehearsal.tracker)
+
+
+def test_a_rig_file_keeps_all_but_its_calibration(rehearsal: Rig, rehearsal_file: Path, tmp_path: Path) -> None:
+    levels = [Level(h, np.full(9, 4000 - 30 * h)) for h in (-2.0, 0.0, 30.0)]
+    made = calibration.calibrate(levels, TODAY)
+    after = calibration.calibrated(rehearsal, made, 60)
+    before = rehearsal_file.read_text("utf-8")
+    (tmp_path / "rig.toml").write_text(calibration.rewritten(before, after), "utf-8")
+    again = rigs.load(tmp_path / "rig.toml")
+    assert again == after
+    assert (again.tracker.calibrated_on, again.tracker.calibration_days) == (TODAY, 60)
+    assert [(p.counts, p.mm) for p in again.tracker.calibration] == [(3100, 30.0), (4000, 0.0), (4060, -2.0)]
+    for line in before.splitlines():
+        if not line.startswith(("counts", "mm", "[[tracker.calibration]]")):
+            assert line in (tmp_path / "rig.toml").read_text("utf-8").splitlines(), line
+
+
+def test_the_report_says_whether_it_reaches_past_the_gate(rehearsal: Rig) -> None:
+    def told(*heights_mm: float) -> str:
+        made = calibration.calibrate([Level(h, np.full(9, 40 * h + 500)) for h in heights_mm], TODAY)
+        return "\n".join(calibration.report(made, calibration.calibrated(rehearsal, made, 90), STEP))
+
+    assert "It reaches past the gate (20 mm) and the panel (0 mm)." in told(-2.0, 0.0, 50.0)
+    assert "Not far enough: rig 'rehearsal': tracker.calibration reaches from 0 to 20 mm" in told(0.0, 20.0)
+
+
+@pytest.mark.parametrize("text", ["", "5", "5,5", "a,b", "0,nan", "0;10"])
+def test_heights_that_are_none_are_refused(text: str) -> None:
+    with pytest.raises(RigError, match=r"--points: got .*; allowed: two or more different heights in mm"):
+        calibration.heights_asked(text)
+
+
+def test_heights_are_read() -> None:
+    assert calibration.heights_asked("-2, 0,10.5") == (-2.0, 0.0, 10.5)

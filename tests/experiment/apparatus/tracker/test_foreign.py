@@ -1,0 +1,127 @@
+"""Somebody else's driver may raise anything, at any moment: it is told as the driver's fault, in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.ports import Tracker
+from experiment.apparatus.tracker import guarded
+from experiment.clock import ManualClock
+from experiment.errors import RigError, TrackerError
+from experiment.protocol.shipped import shipped
+
+DRIVER = """
+from experiment.apparatus.tracker.frames import LinkCounts
+
+
+class Tracker:
+    counts, clock_map = LinkCounts(), None
+
+    def __init__(self, port, settings, *, clock, clock_map):
+        {opens}
+
+    def drain(self):
+        pass
+
+    def read(self):
+        {reads}
+
+    def reconnect(self, timeout_s):
+        pass
+
+    def close(self):
+        {closes}
+"""
+
+Opens = Callable[..., Tracker]
+
+
+@pytest.fixture
+def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Opens:
+    """Opens a driver that does what is said in its `__init__`, `read` and `close`; `more` stands below its class."""
+    monkeypatch.syspath_prepend(tmp_path)
+    module = f"driver_{abs(hash(request.node.nodeid))}"
+
+    def open_it(*, opens: str = "pass", reads: str = "pass", closes: str = "pass", more: str = "") -> Tracker:
+        (tmp_path / f"{module}.py").write_text(DRIVER.format(opens=opens, reads=reads, closes=closes) + more, "utf-8")
+        before = rigs.load(shipped("rigs/rehearsal.toml"))
+        settings = before.tracker.model_copy(update={"driver": f"{module}:Tracker"})
+        rig = before.model_copy(update={"tracker": settings})
+        return guarded.open_foreign(rig, "none", clock=ManualClock(0), clock_map=None)
+
+    return open_it
+
+
+def test_a_driver_that_exits_ends_nothing(opened: Opens) -> None:
+    with pytest.raises(TrackerError, match=r"failed at `open` \(SystemExit: 7\); see to the device"):
+        opened(opens="raise SystemExit(7)")
+
+
+def test_a_driver_that_exits_while_it_is_read_ends_nothing(opened: Opens) -> None:
+    with pytest.raises(TrackerError, match=r"failed at `read` \(SystemExit: no more\)"):
+        opened(reads="raise SystemExit('no more')").read()
+
+
+def test_a_module_that_exits_while_it_is_imported_is_refused(opened: Opens) -> None:
+    with pytest.raises(RigError, match=r"tracker.driver: got 'driver_.*' \(SystemExit: 7\); allowed"):
+        opened(more="raise SystemExit(7)\n")
+
+
+def test_the_keyboard_still_ends_a_driver(opened: Opens) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        opened(reads="raise KeyboardInterrupt").read()
+
+
+@pytest.mark.parametrize("given", ["None", "(1, 0, 0, 0)", "{}"])
+def test_counts_that_are_none_are_the_drivers_fault(opened: Opens, given: str) -> None:
+    tracker = opened(opens=f"self.counts = {given}")
+    with pytest.raises(TrackerError, match=r"failed at `counts` \(TypeError: got .*, not LinkCounts\)"):
+        _ = tracker.counts
+
+
+@pytest.mark.parametrize("given", ["5", "(0, 1)", "False"])
+def test_a_clock_map_that_is_none_is_the_drivers_fault(opened: Opens, given: str) -> None:
+    tracker = opened(opens=f"self.clock_map = {given}")
+    with pytest.raises(TrackerError, match=r"failed at `clock_map` \(TypeError: got .*, not a ClockMap"):
+        _ = tracker.clock_map
+
+
+def test_a_driver_without_counts_is_at_fault(opened: Opens) -> None:
+    tracker = opened(more="del Tracker.counts\n")
+    with pytest.raises(TrackerError, match=r"failed at `counts` \(AttributeError: "):
+        _ = tracker.counts
+
+
+def test_what_is_no_samples_is_the_drivers_fault(opened: Opens) -> None:
+    with pytest.raises(TrackerError, match=r"failed at `read` \(TypeError: got \[1, 2\], not Samples\)"):
+        opened(reads="return [1, 2]").read()
+
+
+def test_a_driver_that_fails_to_close_too_hides_nothing(opened: Opens) -> None:
+    tracker = opened(reads="1 / 0", closes="raise RuntimeError('close too')")
+    both = r"`read` \(ZeroDivisionError: division by zero\).*; and then: .*`close` \(RuntimeError: close too\)"
+    with pytest.raises(TrackerError, match=both), ExitStack() as stack:
+        stack.callback(tracker.close)
+        tracker.read()
+
+
+def test_a_driver_that_only_fails_to_close_is_told_so(opened: Opens) -> None:
+    tracker = opened(closes="raise RuntimeError('stuck')")
+    with pytest.raises(TrackerError, match=r"^tracker: its driver '.*' failed at `close` \(RuntimeError: stuck\)"):
+        tracker.close()
+
+
+@pytest.mark.parametrize("error", ["ValueError", "TypeError", "AttributeError"])
+def test_a_driver_whose_own_opening_fails_is_still_a_driver(opened: Opens, error: str) -> None:
+    with pytest.raises(TrackerError, match=rf"failed at `open` \({error}: no device\); see to the device"):
+        opened(opens=f"raise {error}('no device')")
+
+
+def test_a_class_that_is_called_otherwise_is_no_driver(opened: Opens) -> None:
+    with pytest.raises(RigError, match=r"\(TypeError: .*clock.*\); allowed: palpate-frames"):
+        opened(more="Tracker.__init__ = lambda self, port, settings: None\n")

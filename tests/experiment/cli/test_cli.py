@@ -1,0 +1,295 @@
+"""The command from outside: its screens, its JSON, and one line for whatever is wrong."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from datetime import date, timedelta
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import wavfile
+
+from experiment.apparatus import rig as rigs
+from experiment.protocol.shipped import shipped
+from experiment.records import journal
+from experiment.rehearsal.footstep.foot import Foot
+from experiment.rehearsal.wires.serial_line import SerialLine
+from tests.conftest import Palpate
+
+
+@pytest.fixture
+def protocol(tmp_path: Path) -> Path:
+    path = tmp_path / "study.toml"
+    path.write_bytes(shipped("okamoto2012.toml").read_bytes())
+    return path
+
+
+def lines(text: str) -> list[str]:
+    return text.strip().splitlines()
+
+
+def test_check_prints_the_boards_page(palpate: Palpate, protocol: Path) -> None:
+    code, out, err = palpate("check", protocol)
+    assert (code, err) == (0, "")
+    assert "Nagoya University" in out
+    assert max(map(len, lines(out))) <= 100
+
+
+def test_check_prints_every_error_at_once_with_line_path_and_what_is_allowed(palpate: Palpate, protocol: Path) -> None:
+    text = protocol.read_text("utf-8")
+    text = text.replace('kind = "full-random"', 'kind = "random"').replace("repetitions = 10", "repetitions = 0")
+    protocol.write_text(text.replace("participants = 15", 'participants = "many"', 1), "utf-8")
+    code, out, err = palpate("check", protocol)
+    assert (code, out) == (2, "")
+    assert lines(err)[0] == f"palpate: {protocol}: 5 errors"
+    assert len(lines(err)) == 6
+    kind = text[: text.index('kind = "random"')].count("\n") + 1
+    assert f'  line {kind}: tasks[0].order.kind: got "random"' in err.replace("'", '"')
+    assert "full-random, blocked-random, max-run" in err
+    code, out, _ = palpate("check", protocol, "--json")
+    document = json.loads(out)
+    assert (code, document["valid"], len(document["errors"])) == (2, False, 5)
+
+
+def test_check_json_holds_the_whole_protocol(palpate: Palpate, protocol: Path) -> None:
+    code, out, err = palpate("check", protocol, "--json")
+    document = json.loads(out)
+    assert (code, err, document["valid"]) == (0, "", True)
+    assert document["protocol"]["materials"][0]["id"] == "copy paper"
+
+
+def test_schedule_is_the_same_in_text_and_json(palpate: Palpate, protocol: Path) -> None:
+    _, text, _ = palpate("schedule", protocol, "-p", "03", "--seed", 5)
+    _, out, _ = palpate("schedule", protocol, "-p", "03", "--seed", 5, "--json")
+    tasks = json.loads(out)["tasks"]
+    assert {task["task"] for task in tasks} == {"virtual", "real"}
+    printed = [line.split(maxsplit=1)[1] for line in lines(text) if not line.startswith("Participant")]
+    assert printed == [trial["presented"] for task in tasks for trial in task["order"]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["check", "none.toml"], "none.toml"),
+        (["schedule", shipped("okamoto2012.toml"), "-p", "99"], "no participant '99': this study has '01' to '15'"),
+        (["journal", "none.jsonl"], "none.jsonl: cannot read the journal"),
+        (["spectrum", "none.wav"], "none.wav"),
+        (["analyse", "none"], "none"),
+        (["rehearse", "--participants", 16, "--out", "unused"], "the protocol has 15; give 1 to 15"),
+        (["rehearse", "--rig", "none.toml", "--out", "unused"], "none.toml"),
+        (["rehearse", "--rig", shipped("rigs/headless.toml"), "--out", "unused"], "add --real-time, or give a rig"),
+    ],
+)
+def test_what_is_wrong_is_one_line_and_exit_code_2(
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[object], said: str
+) -> None:
+    found = [Path(a).resolve() if isinstance(a, Path) else a for a in arguments]
+    monkeypatch.chdir(tmp_path)
+    code, out, err = palpate(*found)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert "Traceback" not in err
+    assert "REHEARSAL" not in err, "a progress bar was drawn"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_fault_in_palpate_itself_is_one_line_too(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*_: object, **__: object) -> None:
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("experiment.records.journal.read", broken)
+    code, _, err = palpate("journal", "any.jsonl")
+    assert code == 70
+    assert lines(err)[0].startswith("palpate: a fault in palpate itself (ZeroDivisionError)")
+    report = Path(lines(err)[0].rsplit(" ", 1)[1])
+    assert "ZeroDivisionError" in report.read_text()
+    report.unlink()
+
+
+def test_spectrum_never_draws_over_a_file_that_nobody_named(
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    wavfile.write(tmp_path / "a.wav", 5000, np.sin(np.arange(500)))
+    (tmp_path / "a_spectrum.png").write_text("precious")
+    assert json.loads(palpate("spectrum", "a.wav", "--json")[1])["plot"] == "a_spectrum-2.png"
+    assert (tmp_path / "a_spectrum.png").read_text() == "precious"
+    assert "is the recording itself" in palpate("spectrum", "a.wav", "--plot", "a.wav")[2]
+
+
+def test_spectrum_lists_plots_and_gives_json(palpate: Palpate, tmp_path: Path) -> None:
+    t = np.arange(5000) / 5000
+    wavfile.write(tmp_path / "two.wav", 5000, (np.sin(2 * np.pi * 120 * t) + 0.5 * np.sin(2 * np.pi * 700 * t)) / 2)
+    code, out, _ = palpate("spectrum", tmp_path / "two.wav", "--plot", tmp_path / "two.svg", "--json")
+    assert code == 0
+    assert json.loads(out)["peaks_hz"] == pytest.approx([120.0, 700.0], abs=0.5)
+    assert (tmp_path / "two.svg").read_text().startswith("<?xml")
+
+
+@pytest.mark.parametrize("name", ["shock_ring_a0.txt", "shock_ring_a7.txt", "shock_ring_a23.txt"])
+def test_spectrum_finds_the_ringing_of_real_recordings(
+    palpate: Palpate, shared: Path, tmp_path: Path, name: str
+) -> None:
+    # ../shared/recordings/README.md: one damped sinusoid near 802 Hz.
+    _, out, _ = palpate("spectrum", shared / "recordings" / name, "--plot", tmp_path / "ring.png", "--json")
+    assert json.loads(out)["peaks_hz"][0] == pytest.approx(802, abs=10)
+
+
+class TestALaboratorysStudy:
+    """Seal, enrol and run refuse what the board did not approve."""
+
+    @pytest.fixture
+    def rig(self, tmp_path: Path) -> Path:
+        path = tmp_path / "rig.toml"
+        shutil.copy(shipped("rigs/rehearsal-response.csv"), tmp_path)
+        text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
+        text = text.replace("[tracker]", f"[tracker]\ncalibrated_on = {date.today()}\ncalibration_days = 30")
+        text = text.replace('port = "rehearsal"', f'port = "{(tmp_path / "no-such-port").as_posix()}"')
+        path.write_text(text.replace('address = "rehearsal"', 'address = "127.0.0.1:9"'), "utf-8")
+        return path
+
+    def seal(self, palpate: Palpate, protocol: Path, expires_on: date | None = None) -> tuple[int, str, str]:
+        today = date.today()
+        expires_on = expires_on or today + timedelta(days=30)
+        approved_on = expires_on - timedelta(days=300)
+        return palpate(
+            "seal", protocol, "--approval-number", "17", "--approved-on", approved_on, "--expires-on", expires_on
+        )
+
+    @pytest.fixture(autouse=True)
+    def seed(self, protocol: Path, seed_for: Callable[[Path, str], int]) -> None:
+        """Seeds under which participant 01 does the real task first."""
+        self.real_first = lambda: seed_for(protocol, "real")
+
+    def enrol(self, palpate: Palpate, protocol: Path, participant: str = "01") -> tuple[int, str, str]:
+        where = ["--dataset", protocol.with_name("dataset"), "--seed", self.real_first()]
+        return palpate("enrol", protocol, "-p", participant, "--consent-on", date.today(), *where)
+
+    def run(self, palpate: Palpate, protocol: Path, rig: Path, task: str = "real") -> tuple[int, str, str]:
+        root = protocol.with_name("dataset")
+        return palpate("run", protocol, "-p", "01", "--task", task, "--rig", rig, "--dataset", root)
+
+    def test_each_missing_step_is_named(self, palpate: Palpate, protocol: Path, rig: Path) -> None:
+        root = protocol.with_name("dataset")
+        assert "seal it" in self.run(palpate, protocol, rig)[2]
+        assert self.seal(palpate, protocol)[0] == 0
+        assert "participant 01 is not enrolled" in self.run(palpate, protocol, rig)[2]
+        where = ["--dataset", root]
+        assert palpate("enrol", protocol, "-p", "01", *where, "--seed", self.real_first())[0] == 0
+        assert "participant 01 has not consented" in self.run(palpate, protocol, rig)[2]
+        assert palpate("consent", protocol, "-p", "01", "--consent-on", date.today(), *where)[0] == 0
+        assert "01 does task 'real' before 'virtual'; run that one" in self.run(palpate, protocol, rig, "virtual")[2]
+        code, _, err = self.run(palpate, protocol, rig)
+        assert (code, len(lines(err))) == (2, 1)
+        assert "no-such-port: no such port" in err
+        assert not list(root.glob("sourcedata/sub-*"))
+
+    def test_a_protocol_changed_after_its_approval_is_refused(
+        self, palpate: Palpate, protocol: Path, rig: Path
+    ) -> None:
+        self.seal(palpate, protocol)
+        protocol.write_text(protocol.read_text("utf-8").replace("repetitions = 10", "repetitions = 12"), "utf-8")
+        code, _, err = self.run(palpate, protocol, rig)
+        assert code == 2
+        assert "the protocol was changed after its approval" in err
+
+    def test_an_expired_approval_is_refused(self, palpate: Palpate, protocol: Path, rig: Path) -> None:
+        self.seal(palpate, protocol, date.today() - timedelta(days=1))
+        assert "the approval has expired" in self.run(palpate, protocol, rig)[2]
+
+    def test_a_simulated_rig_is_refused(self, palpate: Palpate, protocol: Path) -> None:
+        self.seal(palpate, protocol)
+        self.enrol(palpate, protocol)
+        _, _, err = self.run(palpate, protocol, shipped("rigs/rehearsal.toml"))
+        assert "the rig is simulated" in err
+
+    def test_nobody_withdraws_while_their_session_runs(self, palpate: Palpate, protocol: Path) -> None:
+        root = protocol.with_name("dataset")
+        self.seal(palpate, protocol)
+        self.enrol(palpate, protocol)
+        asked = ("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")
+        before = (root / "sourcedata" / "roster.jsonl").read_bytes()
+        with journal.locked(root / "sourcedata" / "sub-01", "01"):
+            code, _, err = palpate(*asked)
+        assert code == 2
+        assert "participant 01 is being run by another runner; end it there" in err
+        assert (root / "sourcedata" / "roster.jsonl").read_bytes() == before
+        assert palpate(*asked)[0] == 0
+
+    def test_nobody_withdraws_who_is_not_enrolled(self, palpate: Palpate, protocol: Path) -> None:
+        root = protocol.with_name("dataset")
+        self.seal(palpate, protocol)
+        self.enrol(palpate, protocol)
+        code, _, err = palpate("withdraw", protocol, "-p", "02", "--dataset", root, "--reason", "asked to stop")
+        assert code == 2
+        assert "participant '02' is not enrolled" in err
+        assert not (root / "sourcedata" / "sub-02").exists()
+
+    def test_a_withdrawn_participant_is_not_run(self, palpate: Palpate, protocol: Path, rig: Path) -> None:
+        root = protocol.with_name("dataset")
+        self.seal(palpate, protocol)
+        self.enrol(palpate, protocol)
+        assert palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")[0] == 0
+        assert "participant 01 withdrew (asked to stop)" in self.run(palpate, protocol, rig)[2]
+
+    def test_a_refused_enrolment_begins_nothing(self, palpate: Palpate, protocol: Path) -> None:
+        assert "allowed: 01" in self.enrol(palpate, protocol, "02")[2]
+        assert not protocol.with_name("dataset").exists()
+
+    @pytest.mark.parametrize("left", ["nothing", "folder", "seed"])
+    def test_a_study_whose_beginning_was_killed_begins_again(self, palpate: Palpate, protocol: Path, left: str) -> None:
+        root = protocol.with_name("dataset")
+        self.enrol(palpate, protocol)
+        (root / "sourcedata" / "roster.jsonl").unlink()
+        (root / "sourcedata" / "protocol.toml").unlink()
+        for path in root.glob("sourcedata/.roster*"):
+            path.unlink()
+        if left != "seed":
+            (root / "sourcedata" / "seed.json").unlink()
+        if left == "nothing":
+            shutil.rmtree(root)
+        assert self.enrol(palpate, protocol)[0] == 0
+
+    def test_a_study_never_writes_into_another_dataset(self, palpate: Palpate, protocol: Path) -> None:
+        root = protocol.with_name("dataset")
+        root.mkdir()
+        (root / "data.tsv").write_text("precious")
+        _, _, err = palpate("enrol", protocol, "-p", "01", "--dataset", root)
+        assert "choose another folder with --dataset" in err
+        assert [path.name for path in root.iterdir()] == ["data.tsv"]
+
+    def test_a_silent_port_pauses_the_session_with_the_remedy(
+        self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        root = protocol.with_name("dataset")
+        line = SerialLine()
+        foot = Foot(line, rigs.load(rig).tracker, real_time=True)
+        missing = (rig.parent / "no-such-port").as_posix()
+        rig.write_text(rig.read_text("utf-8").replace(missing, line.url), "utf-8")
+        protocol.write_text(protocol.read_text("utf-8").replace("min_s = 180", "min_s = 0"), "utf-8")
+        self.seal(palpate, protocol)
+        self.enrol(palpate, protocol)
+
+        def falls_silent(prompt: str) -> str:
+            if "Lay out" in prompt:
+                foot.close()
+            return ""
+
+        monkeypatch.setattr("builtins.input", falls_silent)
+        monkeypatch.setattr("experiment.session.attempt.RECONNECT_S", 0.2)
+        code, out, err = self.run(palpate, protocol, rig)
+        assert code == 0, err
+        assert "Trial 1 of 40. Armed" in out
+        assert "no frame for 200 ms" in out
+        assert "The session waits for 0.2 s; nothing is lost." in out
+        assert "The session is paused: 0 answers. tracker at" in out
+        file = root / "sourcedata" / "sub-01" / "sub-01_task-real_journal.jsonl"
+        code, out, _ = palpate("journal", file)
+        assert code == 0
+        assert "ended: paused (tracker at" in out
+        code, out, err = self.run(palpate, protocol, rig)
+        line.unplug()
+        assert (code, "Trial" in out, "no frame for 200 ms" in err) == (2, False, True)

@@ -1,0 +1,89 @@
+"""`palpate power`, as the analyst calls it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from experiment.protocol.shipped import shipped
+from tests.conftest import Palpate
+
+QUICK = ("--studies", "50", "--jobs", "1")
+
+
+def test_power_prints_and_writes(palpate: Palpate, tmp_path: Path) -> None:
+    code, out, err = palpate(
+        "power", shipped("okamoto2012.toml"), *QUICK, "--participants", "4-5,15", "--out", tmp_path
+    )
+    assert code == 0
+    assert out.startswith("SIMULATED studies")
+    assert "4, 5, 15" in " ".join(out.split())
+    assert (tmp_path / "power.png").is_file()
+    assert "Traceback" not in err
+
+
+def test_power_as_json_is_json_alone(palpate: Palpate) -> None:
+    code, out, err = palpate(
+        "power", shipped("okamoto2012.toml"), *QUICK, "--participants", "5", "--alpha", "0.01", "--seed", "3", "--json"
+    )
+    assert (code, err) == (0, "")
+    document = json.loads(out)
+    assert (document["label"], document["seed"], document["participants"]) == ("SIMULATED studies", 3, [5])
+    assert {row["alpha"] for row in document["power_rows"]} == {0.01}
+    assert sum(row["studies"] for row in document["power_rows"]) == 50 * len(document["power_rows"])
+
+
+def test_power_from_a_dataset_tests_the_published_pair(palpate: Palpate, repository_root: Path) -> None:
+    dataset = repository_root / "participants" / "okamoto2012"
+    code, out, _ = palpate("power", shipped("okamoto2012.toml"), *QUICK, "--participants", "5", "--model", dataset)
+    assert code == 0
+    assert "RECONSTRUCTION" in out
+    assert "aluminum foil and typing paper" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--participants", "5-3"), "--participants: got '5-3'; allowed: whole numbers and rising ranges"),
+        (("--participants", "many"), "--participants: got 'many'; allowed"),
+        (("--participants", ""), "--participants: got ''; allowed"),
+        (("--alpha", "1"), "--alpha 1.0: allowed: a number between 0 and 1"),
+        (("--alpha", "nan"), "--alpha nan: allowed"),
+        (("--target", "0"), "--target 0.0: allowed"),
+        (("--studies", "0"), "--studies 0: allowed"),
+        (("--model", "nobody"), "--model nobody: got no model of that name"),
+        (("--model", "no.toml"), "no such file"),
+    ],
+)
+def test_power_refuses_in_a_line(palpate: Palpate, arguments: tuple[str, ...], message: str) -> None:
+    code, out, err = palpate("power", shipped("okamoto2012.toml"), *QUICK, *arguments)
+    assert (code, out) == (2, "")
+    assert message in err
+    assert "Traceback" not in err
+
+
+def test_a_scheduler_that_does_not_answer_is_named(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    from analysis.power import workers
+
+    monkeypatch.setattr(workers, "PATIENCE", "1s")
+    code, _, err = palpate(
+        "power", shipped("okamoto2012.toml"), *QUICK, "--participants", "4", "--scheduler", "tcp://127.0.0.1:9"
+    )
+    assert code == 2
+    assert "palpate: --scheduler tcp://127.0.0.1:9: got no answer" in err
+
+
+def test_power_can_be_interrupted(palpate: Palpate, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from analysis.power import simulate
+
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(simulate, "simulate", interrupted)
+    code, _, err = palpate("power", shipped("okamoto2012.toml"), *QUICK, "--out", tmp_path / "out")
+    assert code == 130
+    assert "nothing was written" in err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,74 @@
+"""Counts files: read whole, or refused by line."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from experiment.dataset.reconstruction import COLUMNS, parse_task, read_counts
+from experiment.errors import DatasetError
+
+HEADER = ",".join(COLUMNS) + "\n"
+MATERIALS = ("sand", "snow")
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "line 1: got header ''; allowed: participant,presented,answered,count"),
+        ("a,b\n", "line 1: got header 'a,b'"),
+        (HEADER, "no counts below the header"),
+        (HEADER + "1,sand,snow\n", "line 2: got 3 fields; allowed: 4"),
+        (HEADER + "1,sand,snow,2\n0,sand,sand,1\n", "line 3: participant: got '0'; allowed: a whole number from 1"),
+        (HEADER + "x,sand,snow,2\n", "line 2: participant: got 'x'"),
+        (HEADER + "00,sand,snow,2\n", "line 2: participant: got '00'"),
+        (HEADER + "01,sand,snow,2\n1,snow,snow,3\n", "line 3: participant: got '1', '01' above; write one of them"),
+        (HEADER + "1,ice,snow,2\n", "line 2: presented: got 'ice'; allowed: sand, snow"),
+        (HEADER + "1,(none),snow,2\n", "line 2: presented: got '(none)'"),
+        (HEADER + "1,sand,ice,2\n", "line 2: answered: got 'ice'; allowed: sand, snow, (none)"),
+        (HEADER + "1,sand,snow,-1\n", "line 2: count: got '-1'; allowed: a whole number from 0"),
+        (HEADER + "1,sand,snow,1.5\n", "line 2: count: got '1.5'"),
+        (HEADER + "1,sand,snow,10001\n", "line 2: count: got '10001'"),
+        (HEADER + f"1,sand,snow,{'9' * 5000}\n", "line 2: count: got '999"),
+        (HEADER + "1,sand,snow,2\n1,sand,snow,2\n", "line 3: participant 1, ('sand', 'snow') stands twice"),
+        (HEADER + '1,"sand,snow,2\n', "line 2: unexpected end of data"),
+    ],
+)
+def test_a_bad_counts_file_is_refused_by_line(tmp_path: Path, content: str, message: str) -> None:
+    path = tmp_path / "counts.csv"
+    path.write_text(content)
+    with pytest.raises(DatasetError, match=re.escape(message)) as error:
+        read_counts(path, MATERIALS)
+    assert str(path) in str(error.value)
+
+
+@given(st.binary(max_size=200))
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_bytes_are_counts_or_one_error(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "counts.csv"
+    path.write_bytes(HEADER.encode() + content)
+    error = ""
+    try:
+        counts = read_counts(path, MATERIALS)
+    except DatasetError as refusal:
+        error, counts = str(refusal), {}
+    assert counts or str(path) in error
+
+
+def test_a_missing_counts_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match=r"nowhere\.csv: cannot be read"):
+        read_counts(tmp_path / "nowhere.csv", MATERIALS)
+
+
+def test_a_task_and_its_file_are_read_from_one_word() -> None:
+    assert parse_task("virtual=a=b.csv") == ("virtual", Path("a=b.csv"))
+
+
+@pytest.mark.parametrize("text", ["", "virtual", "virtual=", "=a.csv", "Task 1=a.csv"])
+def test_anything_else_is_refused(text: str) -> None:
+    with pytest.raises(DatasetError, match="allowed: TASK=FILE"):
+        parse_task(text)

@@ -1,0 +1,50 @@
+"""Rows of the events table, from a journal's entries."""
+
+from __future__ import annotations
+
+import pytest
+
+from experiment.dataset import build
+from experiment.records.entries import AnyEntry, BrokenOff, Link, MaskerSet, Trace
+from experiment.records.journal import Contents, Line
+
+
+def _step(trial: int, attempt: int = 1) -> BrokenOff:
+    return BrokenOff(
+        trial=trial,
+        attempt=attempt,
+        presented="glass",
+        reason="the foot turned back",
+        felt=False,
+        clock=None,
+        dead_time_ms=None,
+        at_us=1000 * trial,
+        gate_top_us=None,
+        gate_bottom_us=None,
+        speed_mm_s=None,
+        link=Link(received=1, lost=0, damaged=0, repeated=0),
+        trace=Trace(offset=0, length=0, sha256=""),
+    )
+
+
+def _masker(level_db_a: float | None) -> MaskerSet:
+    return MaskerSet(level_db_a=level_db_a, dose=0.0, daily_level_db_a=None)
+
+
+def _levels(entries: list[AnyEntry]) -> list[object]:
+    lines = tuple(Line(number, entry) for number, entry in enumerate(entries))
+    steps = tuple(build.Placed(entry, entry.at_us or 0, 0.0, 0.0) for entry in entries if isinstance(entry, BrokenOff))
+    rows = build._rows(build._Session(Contents(lines=lines, torn=b"", size=0, last_hash=""), steps), "PARTICIPANT")
+    return [row.get("masker_level", "no column") for row in rows]
+
+
+@pytest.mark.parametrize(
+    ("entries", "levels"),
+    [
+        ([_step(1), _step(2)], ["no column", "no column"]),
+        ([_masker(60.0), _step(1), _step(1, 2), _masker(63.0), _step(2)], [60.0, 60.0, 63.0]),
+        ([_masker(60.0), _step(1), _masker(None), _step(2)], [60.0, None]),
+    ],
+)
+def test_an_attempt_has_the_level_that_was_set_last(entries: list[AnyEntry], levels: list[object]) -> None:
+    assert _levels(entries) == levels

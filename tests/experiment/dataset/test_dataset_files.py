@@ -1,0 +1,133 @@
+"""Writing BIDS files: round trips, missing values, whole files or none."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from experiment.dataset.bids import PhysioColumn, beh_path, new_dataset, write_bytes, write_physio, write_table
+from experiment.errors import DatasetError
+from experiment.records.events import EVENT_COLUMNS, FURTHER_COLUMNS
+from tests.analysis.datasets import trial, write_dataset
+
+samples = st.lists(st.one_of(st.just(float("nan")), st.floats(-1e4, 1e4)), max_size=60)
+
+
+def _column(values: list[float], decimals: int = 2) -> PhysioColumn:
+    return PhysioColumn(np.array(values, dtype=np.float64), "Height.", "mm", decimals)
+
+
+def _physio(folder: Path, columns: dict[str, PhysioColumn]) -> tuple[list[list[str]], dict[str, object]]:
+    path = folder / "sub-1_task-a_recording-foot_physio.tsv.gz"
+    write_physio(path, columns, rate_hz=2000.0, start_s=-0.5, task="a", description="A foot.", origin="REHEARSAL")
+    text = gzip.decompress(path.read_bytes()).decode()
+    sidecar = json.loads((folder / "sub-1_task-a_recording-foot_physio.json").read_text())
+    return [line.split("\t") for line in text.splitlines()], sidecar
+
+
+@settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(samples, st.integers(0, 4))
+def test_samples_come_back_to_the_last_decimal(tmp_path: Path, values: list[float], decimals: int) -> None:
+    rows, _ = _physio(tmp_path, {"height": _column(values, decimals), "gap": _column([np.nan] * len(values))})
+    assert len(rows) == len(values)
+    for (cell, gap), value in zip(rows, values, strict=True):
+        assert gap == "n/a"
+        if np.isnan(value):
+            assert cell == "n/a"
+        else:
+            assert float(cell) == pytest.approx(value, abs=0.500001 * 10.0**-decimals)
+
+
+def test_the_sidecar_describes_the_recording(tmp_path: Path) -> None:
+    _, sidecar = _physio(tmp_path, {"height": _column([1.0])})
+    assert (sidecar["SamplingFrequency"], sidecar["StartTime"], sidecar["Columns"]) == (2000.0, -0.5, ["height"])
+    assert sidecar["height"] == {"Description": "Height.", "Units": "mm"}
+    assert str(sidecar["Description"]).startswith("REHEARSAL")
+
+
+def test_the_same_recording_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        _physio(tmp_path / name, {"height": _column([1.0, np.nan, 2.0])})
+    one, other = (next((tmp_path / name).glob("*.gz")).read_bytes() for name in ("a", "b"))
+    assert one == other
+
+
+def test_columns_of_different_length_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="one length"):
+        _physio(tmp_path, {"a": _column([1.0]), "b": _column([1.0, 2.0])})
+
+
+def test_cells_of_a_table(tmp_path: Path) -> None:
+    path = tmp_path / "t.tsv"
+    row = {"a": None, "b": True, "c": 0.1, "d": float("nan"), "e": "x y"}
+    assert write_table(path, "abcdef", [row]) == 1
+    assert path.read_text() == "a\tb\tc\td\te\tf\nn/a\t1\t0.1\tn/a\tx y\tn/a\n"
+
+
+def test_a_further_column_stands_in_the_table_and_its_dictionary_where_some_row_has_it(tmp_path: Path) -> None:
+    root = write_dataset(
+        tmp_path, {"1": {"real": [trial(1, "sand", "sand"), trial(2, "sand", "snow", dead_time=0.01)]}}
+    )
+    path = beh_path(root, "1", "real", "events.tsv")
+    header, *rows = [line.split("\t") for line in path.read_text().splitlines()]
+    assert header == [*EVENT_COLUMNS, "dead_time"]
+    assert [row[-1] for row in rows] == ["n/a", "0.01"]
+    described = json.loads(path.with_suffix(".json").read_text())
+    assert described["dead_time"] == FURTHER_COLUMNS["dead_time"]
+    assert not {"masker_level", "gate_to_scheduled"} & set(described)
+
+
+@pytest.mark.parametrize("cell", ["", "a\tb", "a\nb", "a\rb"])
+def test_a_cell_that_would_break_the_table_is_refused(tmp_path: Path, cell: str) -> None:
+    with pytest.raises(ValueError, match="one line without tabs"):
+        write_table(tmp_path / "t.tsv", "a", [{"a": cell}])
+    assert not (tmp_path / "t.tsv").exists()
+
+
+def test_an_unknown_column_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"no such columns: \['b'\]"):
+        write_table(tmp_path / "t.tsv", "a", [{"b": 1}])
+
+
+@pytest.mark.parametrize("label", ["", "0 1", "../1", "a_b", "ü"])
+def test_labels_are_those_of_bids(tmp_path: Path, label: str) -> None:
+    with pytest.raises(DatasetError, match="letters and digits"):
+        beh_path(tmp_path, label, "real", "events.tsv")
+
+
+def test_a_file_that_cannot_be_written_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "a.json"
+    write_bytes(path, b"old")
+
+    def fail(self: Path, target: Path) -> Path:
+        raise OSError(28, "No space left on device", str(target))
+
+    monkeypatch.setattr(Path, "replace", fail)
+    with pytest.raises(DatasetError, match=r"cannot write .*a\.json: No space left on device"):
+        write_bytes(path, b"new")
+    assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("a.json", b"old")]
+
+
+def test_a_dataset_that_fails_halfway_leaves_nothing(tmp_path: Path) -> None:
+    def build() -> None:
+        with new_dataset(tmp_path / "out") as root:
+            write_bytes(root / "a" / "b", b"half")
+            raise DatasetError("stop")
+
+    with pytest.raises(DatasetError, match="stop"):
+        build()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_empty_folder_may_become_a_dataset(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    with new_dataset(tmp_path / "out") as root:
+        write_bytes(root / "a", b"whole")
+    assert (tmp_path / "out" / "a").read_bytes() == b"whole"

@@ -1,0 +1,191 @@
+"""Event times of sessions whose tracker's clock drifts, against the times at which things truly happened."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from experiment import storage
+from experiment.apparatus import rig
+from experiment.apparatus.tracker import clock_map as clock_maps
+from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
+from experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples, encode
+from experiment.apparatus.tracker.serial_tracker import KEPT_S
+from experiment.clock import ManualClock
+from experiment.dataset import build
+from experiment.errors import TrackerStopped
+from experiment.protocol.shipped import shipped
+from experiment.records.entries import Footer, PlannedTrial
+from experiment.session import attempt, runner
+from experiment.settings import load
+from tests.experiment.session.bench import HEADER
+from tests.experiment.session.scripted import START_NS, ScriptedConsole
+
+TRIALS = 8
+LOST = 5
+"""The step, from 0, in which the tracker is unplugged."""
+
+ORIGINS_US = (5_000_000, 1_000_000_000)
+"""Device time when the tracker is first powered, and when it is back."""
+
+BATCH = 4
+"""Samples a read, at 1 kHz of the device's own clock."""
+
+
+class Wandering:
+    """Implements `Tracker`: its clock is off by `drift_ppm`; reads come late, one in a hundred by up to 31 ms."""
+
+    def __init__(self, clock: ManualClock, drift_ppm: float) -> None:
+        self._clock = clock
+        self._ns_per_us = 1000 * (1 + drift_ppm * 1e-6)
+        self._rng = np.random.default_rng(5)
+        self.counts = LinkCounts()
+        self.contacts_ns: list[float] = []
+        """When the foot truly landed, step by step."""
+        self._boots_ns: list[int] = []
+        self._power()
+
+    def true_ns(self, device_us: float) -> float:
+        """When it truly was that time of the device."""
+        boot = int(device_us >= ORIGINS_US[1])
+        return self._boots_ns[boot] + (device_us - ORIGINS_US[boot]) * self._ns_per_us
+
+    @property
+    def clock_map(self) -> ClockMap | None:
+        return self._state.map() if self._state else None
+
+    def drain(self) -> None:
+        # The thread that stamps arrivals goes on until its store is full.
+        full_ns = self._read_ns + KEPT_S * 1e9
+        while self.true_ns(self._next_us + 1000 * BATCH) < self._clock.now_ns():
+            if self.true_ns(self._next_us) < full_ns:
+                self._take()
+            else:
+                self._next_us += 1000 * BATCH
+        self._read_ns = self._clock.now_ns()
+        self._falls_ns = self._clock.now_ns() + int(self._rng.uniform(0.1, 3.0) * 1e9)
+        self._mm_s = float(self._rng.uniform(60, 390))
+        self.contacts_ns.append(self._falls_ns + 30 / self._mm_s * 1e9)
+
+    def read(self) -> Samples:
+        us, arrived_ns = self._take()
+        self._clock.sleep_ns(arrived_ns - self._clock.now_ns())
+        self._read_ns = self._clock.now_ns()
+        fallen_s = (np.array([self.true_ns(one) for one in us.tolist()]) - self._falls_ns) / 1e9
+        height_mm = np.clip(30 - self._mm_s * fallen_s, 0, 30)
+        if len(self._boots_ns) == 1 and len(self.contacts_ns) > LOST and height_mm[-1] < 5:
+            self.contacts_ns.pop()
+            raise TrackerStopped("tracker: the port has gone")
+        raw = [encode(int(one) // 1000, int(one), 30_000) for one in us]
+        return Samples(us, height_mm, b"".join(raw), np.cumsum([len(frame) for frame in raw]), arrived_ns)
+
+    def reconnect(self, timeout_s: float) -> None:
+        self._clock.sleep_ns(1_500_000_000)
+        self._power()
+
+    def close(self) -> None: ...
+
+    def _power(self) -> None:
+        self._boots_ns.append(self._clock.now_ns())
+        self._next_us = ORIGINS_US[len(self._boots_ns) - 1]
+        self._read_ns = self._arrived_ns = self._clock.now_ns()
+        self._state: ClockState | None = None
+
+    def _take(self) -> tuple[NDArray[np.int64], int]:
+        us = self._next_us + 1000 * np.arange(1, BATCH + 1)
+        self._next_us = int(us[-1])
+        late_ns = self._rng.exponential(2e5) + (self._rng.uniform(0, 31e6) if self._rng.random() < 0.01 else 0)
+        self._arrived_ns = max(self._arrived_ns, int(self.true_ns(us[-1]) + late_ns))
+        at = self._next_us, self._arrived_ns
+        self._state = clock_maps.step(self._state, *at) if self._state else clock_maps.init(*at)
+        self.counts = self.counts.plus(LinkCounts(received=BATCH))
+        return us, self._arrived_ns
+
+
+def run(dataset_root: Path, clock: ManualClock, tracker: Wandering, keys: str, trials: int) -> Footer:
+    """A session of the real task, or what remains of it."""
+    rig_file = shipped("rigs/rehearsal.toml")
+    order = tuple(PlannedTrial(trial=n, presented="copy paper") for n in range(1, trials + 1))
+    changed = {"order": order, "task": "real", "block_trials": trials, "rig_sha256": rig.sha256(rig.load(rig_file))}
+    devices = attempt.Devices(
+        tracker=tracker,
+        tracker_port="wandering",
+        noise_mm=0.1,
+        actuator=None,
+        render=None,
+        console=ScriptedConsole(clock, keys, before_ask=lambda: clock.sleep_ns(4_000_000_000)),
+        clock=clock,
+        masker=None,
+        reconnect_s=300.0,
+    )
+    return runner.run(
+        protocol=load.load(shipped("okamoto2012.toml")),
+        header=HEADER.model_copy(update=changed),
+        devices=devices,
+        rig_file=rig_file,
+        dataset=dataset_root,
+    )
+
+
+def heights(root: Path) -> dict[float, int]:
+    """Of each recording of the foot, in their order: when it starts, s, and its rows, n/a left out."""
+    found = {}
+    for path in sorted(root.glob("sub-01/beh/*_physio.tsv.gz"), key=lambda path: (len(path.name), path.name)):
+        sidecar = json.loads(path.with_name(path.name.removesuffix(".tsv.gz") + ".json").read_text())
+        with gzip.open(path, "rt") as file:
+            found[sidecar["StartTime"]] = sum(row.strip() != "n/a" for row in file)
+    return found
+
+
+@pytest.mark.parametrize("drift_ppm", [50.0, 5000.0, -5000.0])
+def test_events_stand_where_they_happened_whatever_the_trackers_clock_does(tmp_path: Path, drift_ppm: float) -> None:
+    clock = ManualClock(START_NS)
+    tracker = Wandering(clock, drift_ppm)
+    footer = run(tmp_path, clock, tracker, "c" * TRIALS, TRIALS)
+    assert footer == Footer(reason="complete", answered=TRIALS)
+    path = storage.journal_path(tmp_path, "01", "real")
+    session = build._read(path)
+    zero_ns = next(entry.t_ns for entry in session.contents.entries if entry.kind == "tracker")
+    landed = [placed for placed in session.steps if placed.step.kind == "step"]
+    contacts_ns = np.array([placed.at_s for placed in landed]) * 1e9 + zero_ns
+    assert np.abs(contacts_ns - tracker.contacts_ns).max() < 0.1e6
+    # The frames of a step, those of the broken one included, from arming on.
+    raw, frames = storage.foot_path(path).read_bytes(), 0
+    for placed in session.steps:
+        trace = placed.step.trace
+        _, decoded = Decoder(near_us=int(placed.at_us)).feed(raw[trace.offset : trace.offset + trace.length])
+        true_ns = np.array([tracker.true_ns(us) for us in decoded.device_us.tolist()])
+        assert np.abs(placed.seconds(decoded.device_us) * 1e9 + zero_ns - true_ns).max() < 0.2e6
+        frames += decoded.device_us.size
+    assert len(session.steps) == TRIALS + 1
+    # The device's millisecond is not the session's: some places of the grid stay empty, or take two frames.
+    build._write_foot(tmp_path, session, path, "REHEARSAL")
+    (kept,) = heights(tmp_path).values()
+    assert frames * (1 - 1.1e-6 * abs(drift_ppm)) - 2 * len(session.steps) <= kept <= frames
+
+
+@pytest.mark.parametrize("before_s", [0.0, 86_400.0])
+def test_a_wall_clock_that_was_set_back_before_a_session_went_on_overwrites_no_frame(
+    tmp_path: Path, before_s: float
+) -> None:
+    first = ManualClock(START_NS)
+    assert run(tmp_path, first, Wandering(first, 0.0), "cccq", 5).reason == "paused"
+    path = storage.journal_path(tmp_path, "01", "real")
+    opened_ns = next(entry.t_ns for entry in build._read(path).contents.entries if entry.kind == "tracker")
+    # To just where the first step was, or a day before.
+    second = ManualClock(opened_ns - int(before_s * 1e9))
+    assert run(tmp_path, second, Wandering(second, 0.0), "cc", 5).reason == "complete"
+    session = build._read(path)
+    build._write_foot(tmp_path, session, path, "REHEARSAL")
+    frames = [placed.step.trace.length // FRAME_BYTES for placed in session.steps]
+    # Four steps were before the pause, two after. Each has a place of its own.
+    assert len(frames) == 6
+    found = heights(tmp_path)
+    assert list(found.values()) == [sum(frames[:4]), sum(frames[4:])]
+    start_s, again_s = found
+    assert again_s - start_s == pytest.approx(-before_s, abs=4.0)

@@ -1,0 +1,104 @@
+"""The experimenter's screen while takes are recorded: what it shows, and which keys it takes."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+
+from experiment.apparatus.ports import Rester, Window
+from experiment.desk.port import RESTS, Console
+from experiment.desk.terminal import TerminalConsole, TerminalTakes
+from experiment.recordings.plan import Condition
+from experiment.recordings.workflow import RigConsole, Step
+
+CONDITION = Condition("copy paper", 100.0, 2)
+WINDOW = Window(np.zeros(4), clipped=0)
+
+
+class Keys:
+    """Answers prompts with typed lines; every line must be used."""
+
+    def __init__(self, *lines: str) -> None:
+        self.lines = list(lines)
+        self.prompts: list[str] = []
+
+    def __call__(self, prompt: str) -> str:
+        self.prompts.append(prompt)
+        return self.lines.pop(0)
+
+
+def screen(*lines: str) -> tuple[TerminalTakes, Keys, io.StringIO]:
+    keys, written = Keys(*lines), io.StringIO()
+    return TerminalTakes(write=written, ask=keys), keys, written
+
+
+@pytest.mark.parametrize(
+    ("achieved", "shown"),
+    [
+        (104.0, "Achieved 104 mm/s, target 100 mm/s (+4.0%): within 10%."),
+        (88.0, "Achieved 88 mm/s, target 100 mm/s (-12.0%): speed off by -12%, more than 10%."),
+    ],
+)
+def test_the_achieved_speed_stands_beside_its_target(achieved: float, shown: str) -> None:
+    # A take off its target is kept only by a second key.
+    console, keys, written = screen("k", *(["k"] if "off" in shown else []))
+    assert console.keeps(Step(CONDITION, achieved, WINDOW))
+    assert written.getvalue() == shown + "\n"
+    assert keys.lines == []
+
+
+def test_a_knock_that_was_left_out_is_told_of() -> None:
+    console, _, written = screen("k", "")
+    console.keeps(Step(CONDITION, 100.0, WINDOW, knock_ms=412.3))
+    assert written.getvalue().endswith("within 10%; a knock 412 ms before contact was left out.\n")
+    console.keeps(Step(CONDITION, 100.0, None, knock_ms=412.3))
+    assert written.getvalue().endswith("nothing shook the panel; a knock 412 ms before contact was left out.\n")
+
+
+def test_a_take_with_problems_can_be_repeated_at_the_second_question() -> None:
+    console, keys, _ = screen("k", "r", "")
+    assert not console.keeps(Step(CONDITION, 88.0, WINDOW))
+    assert keys.prompts[-1].startswith(f"Lay out a fresh {CONDITION.material}. ")
+    assert keys.lines == []
+
+
+def test_repeat_waits_until_the_panel_is_ready_again() -> None:
+    console, keys, _ = screen("r", "")
+    assert not console.keeps(Step(CONDITION, 100.0, WINDOW))
+    assert keys.lines == []
+
+
+def test_other_keys_keep_nothing() -> None:
+    console, keys, written = screen("", "keep", "K")
+    assert console.keeps(Step(CONDITION, 100.0, WINDOW))
+    assert "'keep' is no key here; use k or r" in written.getvalue()
+    assert keys.lines == []
+
+
+def test_silence_cannot_be_kept() -> None:
+    console, keys, written = screen("")
+    assert not console.keeps(Step(CONDITION, 100.0, None))
+    assert "nothing shook the panel" in written.getvalue()
+    assert keys.lines == []
+
+
+def test_what_lies_on_the_panel_is_asked_for() -> None:
+    console, keys, written = screen("", "")
+    console.place(CONDITION, done=4, total=60)
+    console.place(Condition(None, 50.0, 1), done=0, total=60)
+    console.arm(CONDITION, attempt=2)
+    assert keys.prompts[0].startswith("Take 5 of 60. Lay out a fresh copy paper.")
+    assert keys.prompts[1].startswith("Take 1 of 60. Leave the panel bare.")
+    assert written.getvalue() == "copy paper, take 2, attempt 2: step at 100 mm/s.\n"
+
+
+def test_a_recording_asks_for_a_resting_foot_in_the_words_of_a_session() -> None:
+    console, keys, written = screen("", "")
+    TerminalConsole(write=written, ask=keys, heading="Participant 01.").rest(why="")
+    console.rest(why="")
+    assert keys.prompts == [f"Participant 01.  {RESTS}", RESTS]
+    for port in (Console, RigConsole):
+        assert Rester in port.__mro__
+        assert "rest" not in vars(port)

@@ -1,0 +1,203 @@
+"""The journal against torn ends, changed bytes and second runners."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from experiment.clock import ManualClock
+from experiment.errors import JournalError, SessionLocked
+from experiment.records import journal
+from experiment.records.entries import Answer, AnyEntry, Footer, Phase
+from tests.experiment.session.bench import HEADER
+
+ANSWER = Answer(trial=1, attempt=1, presented="foil", answered=None, key="n", response_time_s=0.25)
+ENTRIES: tuple[AnyEntry, ...] = (
+    HEADER,
+    Phase(state="familiarising"),
+    ANSWER,
+    Footer(reason="complete", answered=1),
+)
+
+
+def write(path: Path, entries: tuple[AnyEntry, ...] = ENTRIES) -> bytes:
+    clock = ManualClock(10)
+    opened = journal.Journal(path, clock, journal.EMPTY)
+    for entry in entries:
+        opened.append(entry)
+        clock.sleep_ns(5)
+    opened.close()
+    return path.read_bytes()
+
+
+def test_what_was_written_is_read_back(tmp_path: Path) -> None:
+    write(tmp_path / "j")
+    contents = journal.read(tmp_path / "j")
+    assert contents.entries == ENTRIES
+    assert [line.t_ns for line in contents.lines] == [10, 15, 20, 25]
+    assert contents.torn == b""
+
+
+def test_each_line_carries_the_hash_of_the_one_before(tmp_path: Path) -> None:
+    lines = write(tmp_path / "j").splitlines()
+    previous = [hashlib.sha256(line).hexdigest() for line in lines]
+    assert [json.loads(line)["prev"] for line in lines] == ["0" * 64, *previous[:-1]]
+
+
+def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: Path) -> None:
+    data = write(tmp_path / "whole")
+    path = tmp_path / "cut"
+    for length in range(len(data) + 1):
+        path.write_bytes(data[:length])
+        contents = journal.read(path)
+        kept = data[:length].count(b"\n")
+        assert contents.entries == ENTRIES[:kept]
+        assert len(contents.torn) == length - contents.size
+        opened = journal.Journal(path, ManualClock(0), contents)
+        opened.append(ANSWER if kept else HEADER)
+        opened.close()
+        assert journal.read(path).entries == (*ENTRIES[:kept], ANSWER if kept else HEADER)
+        journal.head_path(path).unlink()
+
+
+@given(position=st.integers(min_value=0), bit=st.integers(min_value=0, max_value=7))
+@settings(max_examples=150, deadline=None)
+def test_no_flipped_bit_passes_unless_in_the_last_line(position: int, bit: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "j"
+        data = bytearray(write(path))
+        journal.head_path(path).unlink()
+        last = data.rstrip(b"\n").rfind(b"\n") + 1
+        data[position % last] ^= 1 << bit
+        path.write_bytes(data)
+        with pytest.raises(JournalError, match=r"line \d"):
+            journal.read(path)
+
+
+def test_a_missing_or_doubled_line_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    lines = write(path).splitlines(keepends=True)
+    journal.head_path(path).unlink()
+    for changed in ([lines[0], *lines[2:]], [*lines[:2], lines[1], *lines[2:]], lines[1:]):
+        path.write_bytes(b"".join(changed))
+        with pytest.raises(JournalError, match="restore the journal from a backup"):
+            journal.read(path)
+
+
+def test_a_broken_last_line_with_its_newline_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    data = write(path)
+    journal.head_path(path).unlink()
+    path.write_bytes(data[:-10] + b"\n")
+    with pytest.raises(JournalError, match="line 4 is no journal entry"):
+        journal.read(path)
+
+
+def test_an_end_that_was_cut_off_is_noticed(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    data = write(path)
+    for length in range(len(data)):
+        path.write_bytes(data[:length])
+        with pytest.raises(JournalError, match=rf"truncated: it had 4 lines and has {data[:length].count(10)}; keep"):
+            journal.read(path)
+    path.write_bytes(data + b'{"n":4,"t_')
+    assert journal.read(path).torn == b'{"n":4,"t_'
+
+
+def test_a_head_behind_its_journal_is_a_kill_between_the_two(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    write(path, ENTRIES[:3])
+    early = journal.head_path(path).read_bytes()
+    assert early.startswith(b"000000000003 ")
+    path.unlink()
+    write(path)
+    journal.head_path(path).write_bytes(early)
+    assert journal.read(path).entries == ENTRIES
+    journal.head_path(path).write_bytes(early[:20])
+    with pytest.raises(JournalError, match=r"line 3 is not the one that j\.head names"):
+        journal.read(path)
+    journal.head_path(path).write_bytes(early[:5])
+    with pytest.raises(JournalError, match="restore it and the journal from a backup"):
+        journal.read(path)
+
+
+@pytest.mark.parametrize("operation", ["write", "flush", "fsync", "_write_head"])
+@pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
+def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str, after: bool
+) -> None:
+    path = tmp_path / "j"
+    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened.append(HEADER)
+    owner = {"fsync": os, "_write_head": opened}.get(operation, opened._file)
+    real = getattr(owner, operation)
+
+    def interrupted(*arguments: object) -> object:
+        if after:
+            real(*arguments)
+        raise KeyboardInterrupt
+
+    if owner is opened._file:
+        opened._file = InterruptedFile(opened._file, operation, interrupted)
+    else:
+        monkeypatch.setattr(owner, operation, interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        opened.append(ANSWER)
+    monkeypatch.undo()
+    assert not opened.accepts
+    opened.close()
+    contents = journal.read(path)
+    assert contents.entries in ((HEADER,), (HEADER, ANSWER))
+    again = journal.Journal(path, ManualClock(0), contents)
+    again.append(ENTRIES[3])
+    again.close()
+    assert journal.read(path).entries == (*contents.entries, ENTRIES[3])
+
+
+class InterruptedFile:
+    """A file of which one method is replaced."""
+
+    def __init__(self, file: BinaryIO, name: str, method: Callable[..., object]) -> None:
+        self._file = file
+        setattr(self, name, method)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self._file, name)
+
+
+@pytest.mark.parametrize(("format_", "named"), [(None, "format 1"), (2, "format 2"), (4, "format 4")])
+def test_a_journal_of_another_format_is_refused_in_words(tmp_path: Path, format_: int | None, named: str) -> None:
+    path = tmp_path / "j"
+    line = json.loads(write(path, ENTRIES[:1]))
+    del line["entry"]["format"]
+    # Another form may have anything in it.
+    line["entry"] |= {"format": format_, "colour": "red"} if format_ else {"colour": "red"}
+    path.write_text(json.dumps(line) + "\n")
+    journal.head_path(path).unlink()
+    with pytest.raises(JournalError, match=rf"line 1: got a journal of {named}; allowed: 3; .*\(palpate 0\)"):
+        journal.read(path)
+
+
+def test_a_missing_journal_is_named(tmp_path: Path) -> None:
+    with pytest.raises(JournalError, match="give the path of a journal"):
+        journal.read(tmp_path / "none")
+
+
+def test_a_participant_is_held_by_one_runner(tmp_path: Path) -> None:
+    with (
+        journal.locked(tmp_path, "01"),
+        pytest.raises(SessionLocked, match="participant 01 is being run by another runner"),
+        journal.locked(tmp_path, "01"),
+    ):
+        pass
+    with journal.locked(tmp_path, "01"):
+        pass

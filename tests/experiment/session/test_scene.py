@@ -1,0 +1,246 @@
+"""What a task needs, and the opening of just that."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from experiment.apparatus import rig as rigs
+from experiment.protocol.models import Protocol
+from experiment.protocol.shipped import shipped
+from experiment.rehearsal.footstep import recorded_takes
+from experiment.session import scene, scene_cost
+from experiment.session import scene_cost as cost
+from experiment.settings import load
+from experiment.synthesis import engine
+from experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
+from experiment.synthesis.spectra import inverse
+
+STIMULUS = ("experiment.synthesis", "experiment.recordings.", "experiment.apparatus.panel.pcm_actuator", "scipy")
+
+
+@pytest.fixture(scope="module")
+def protocol() -> Protocol:
+    return load.load(shipped("okamoto2012.toml"))
+
+
+@pytest.fixture(scope="module")
+def recordings(protocol: Protocol, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded_takes.make_recordings(tmp_path_factory.mktemp("made") / "r", protocol=protocol, seed=1).parent
+
+
+def test_a_real_task_needs_no_synthesis_no_actuator_and_no_spectra(protocol: Protocol) -> None:
+    real = scene.plan(protocol=protocol, task_id="real")
+    assert (real.synthesis, real.actuator, real.place, real.materials) == (False, False, True, ())
+    virtual = scene.plan(protocol=protocol, task_id="virtual")
+    assert (virtual.synthesis, virtual.actuator, virtual.place, len(virtual.materials)) == (True, True, False, 4)
+
+
+def test_a_session_of_the_real_task_imports_none_of_their_modules(repository_root: Path, tmp_path: Path) -> None:
+    # The whole of `palpate run` up to the tracker's port, which is missing.
+    code = f"""
+import sys
+from pathlib import Path
+from datetime import date, timedelta
+from experiment import enrolment, roster, study
+from experiment.desk.terminal import TerminalConsole
+from experiment.errors import TrackerError
+from experiment.protocol import load, seal
+from experiment.protocol.shipped import shipped
+here = Path({str(tmp_path)!r})
+file, rig = here / "study.toml", here / "rig.toml"
+file.write_bytes(shipped("okamoto2012.toml").read_bytes())
+text = shipped("rigs/rehearsal.toml").read_text().replace("simulated = true", "simulated = false")
+text = text.replace("[tracker]", f"[tracker]\\ncalibrated_on = {{date.today()}}\\ncalibration_days = 30")
+rig.write_text(text.replace('"rehearsal"', '"127.0.0.1:9"'))
+(here / "rehearsal-response.csv").write_bytes(shipped("rigs/rehearsal-response.csv").read_bytes())
+protocol = load.load(file)
+today = date.today()
+seal.write(file, protocol, approval_number="1", board="b", approved_on=today, expires_on=today + timedelta(1))
+seed = next(s for s in range(99) if roster.allocate(protocol, s)[0].tasks[0] == "real")
+enrolment.enrol(file, "01", today, root=here / "dataset", seed=seed)
+console = TerminalConsole(write=sys.stderr, ask=input, heading="")
+try:
+    study.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",
+              recordings=None, console=console)
+except TrackerError:
+    print([name for name in sys.modules if name.startswith({STIMULUS!r})])
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=repository_root, capture_output=True, text=True, check=False
+    )
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr
+
+
+@pytest.fixture(scope="module")
+def held(protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
+    virtual = scene.plan(protocol=protocol, task_id="virtual")
+    return scene.load_spectra(scene=virtual, protocol=protocol, recordings=recordings)
+
+
+def counting_up_to(protocol: Protocol, limit_mm_s: float) -> Protocol:
+    """The same study, of which trials of feet above this speed do not count."""
+    rules = tuple(
+        rule.model_copy(update={"limit": limit_mm_s}) if rule.when == "speed-above" else rule
+        for rule in protocol.exclusion
+    )
+    return protocol.model_copy(update={"exclusion": rules})
+
+
+def outside_rms(spectra: CrinkleSpectra, speed_mm_s: float) -> float:
+    """Rms of the waveform, less that of its part up to 500 Hz, in samples rather than by Parseval."""
+    c = at_speed(spectra, speed_mm_s=speed_mm_s).coefficients.copy()
+    c[:501] = 0.0
+    return float(np.sqrt(np.mean(inverse(c) ** 2)))
+
+
+def test_the_shipped_study_leaves_out_no_bin_for_copy_paper_is_felt_beyond_the_band(
+    protocol: Protocol, held: dict[str, CrinkleSpectra]
+) -> None:
+    assert {c.method.name for c in scene.choose(held, protocol, 5000).values()} == {"basis waveforms"}
+    loudest, level = scene.felt_outside(held, protocol)
+    assert (loudest, level) == ("copy paper", pytest.approx(outside_rms(held["copy paper"], 600.0), rel=1e-12))
+    assert level > protocol.tactile.floor_m_s2
+
+
+def test_a_study_of_slow_feet_leaves_out_what_lies_beyond_the_band_of_every_material(
+    protocol: Protocol, held: dict[str, CrinkleSpectra], recordings: Path
+) -> None:
+    slow = counting_up_to(protocol, 120.0)
+    chosen = scene.choose(held, slow, 5000)
+    assert {c.method.name for c in chosen.values()} == {"basis waveforms, 0 to 500 Hz"}
+    for spectra in held.values():
+        assert max(outside_rms(spectra, v) for v in np.linspace(0, 120, 61)) < slow.tactile.floor_m_s2
+    virtual = scene.plan(protocol=slow, task_id="virtual")
+    render = scene.open_stimuli(scene=virtual, protocol=slow, recordings=recordings, output_rates_hz=(5000,))
+    for material, spectra in held.items():
+        exact = engine.choose(spectra, output_rate_hz=5000).prepare(spectra, output_rate_hz=5000)
+        for speed in (40.0, 100.0, 137.0, 380.0):
+            right, found = exact(speed), render(material, speed, 5000)
+            error = np.sqrt(np.mean((found.stimulus.waveform_m_s2 - right.waveform_m_s2) ** 2))
+            assert 0 < error <= found.computed.relative_error * np.sqrt(np.mean(right.waveform_m_s2**2))
+            assert found.computed.method == "basis waveforms, 0 to 500 Hz"
+            assert found.stimulus.floored_bins == right.floored_bins
+        assert render(material, 380.0, 5000).stimulus.floored_bins > 0
+
+
+def test_one_material_that_is_felt_beyond_the_band_keeps_all_bins_of_all(
+    protocol: Protocol, held: dict[str, CrinkleSpectra]
+) -> None:
+    """At up to 350 mm/s polypropylene and typing paper would stay below 0.3 m/s^2 rms, copy paper and foil do not."""
+    some = counting_up_to(protocol, 350.0)
+    reached = {material: max(outside_rms(s, v) for v in (0.0, 300.0, 350.0)) for material, s in held.items()}
+    assert {material for material, level in reached.items() if level < 0.3} == {"polypropylene", "typing paper"}
+    assert {c.method.name for c in scene.choose(held, some, 5000).values()} == {"basis waveforms"}
+    quiet = {material: held[material] for material in ("polypropylene", "typing paper")}
+    assert {c.method.name for c in scene.choose(quiet, some, 5000).values()} == {"basis waveforms, 0 to 500 Hz"}
+
+
+def test_where_any_speed_counts_nothing_is_left_out(protocol: Protocol, held: dict[str, CrinkleSpectra]) -> None:
+    any_speed = protocol.model_copy(update={"exclusion": ()})
+    assert {c.method.name for c in scene.choose(held, any_speed, 5000).values()} == {"basis waveforms"}
+
+
+@pytest.mark.parametrize(("rms_m_s2", "pruned"), [(0.27, True), (0.33, False)])
+@pytest.mark.parametrize("seconds", [0.25, 0.5, 2.0, 4.0])
+def test_what_is_felt_does_not_depend_on_how_long_it_was_recorded(
+    protocol: Protocol, rms_m_s2: float, pruned: bool, seconds: float
+) -> None:
+    """One noise above 500 Hz, of known rms, beside a tone at 100 Hz: in longer takes each bin holds less of it."""
+    samples = round(5000 * seconds)
+    t = np.arange(samples) / 5000
+    f = np.fft.rfftfreq(samples, 1 / 5000)
+    rng = np.random.default_rng(8)
+    noise = np.fft.irfft(((f > 600) & (f < 2000)) * np.exp(2j * np.pi * rng.random(f.size)), samples)
+    noise *= rms_m_s2 / np.sqrt(np.mean(noise**2))
+    take = noise + np.sin(2 * np.pi * 100 * t)
+    spectra = subtract(
+        speeds_mm_s=[50.0, 300.0],
+        rate_hz=5000,
+        panel_object_takes=np.broadcast_to(take, (2, 1, samples)),
+        panel_takes=np.zeros((2, 1, samples)),
+    )
+    choice = scene.choose({"noise": spectra}, protocol, 5000)["noise"]
+    assert ("500 Hz" in choice.method.name) == pruned
+    assert scene.felt_outside({"noise": spectra}, protocol)[1] == pytest.approx(rms_m_s2, rel=0.02)
+
+
+def test_the_plan_lists_and_measures_what_each_task_leaves_out(protocol: Protocol, recordings: Path) -> None:
+    rig = rigs.load(shipped("rigs/rehearsal.toml"))
+    here: dict[str, Any] = {"rig": rig, "rig_folder": shipped("rigs/rehearsal.toml").parent, "recordings": recordings}
+    real = scene_cost.plan(protocol=protocol, task_id="real", **here)
+    assert {omission.kind for omission in real.left_out} == {"parts", "imports", "materials", "channels", "steps"}
+    assert not any("synthesis" in need or "actuator" in need or "spectra" in need for need in real.needs)
+    assert len([omission for omission in real.left_out if omission.saves is not None]) == 5
+    assert all(omission.saves.ms > 0 for omission in real.left_out if omission.saves is not None)
+    assert real.ways == ()
+    virtual = scene_cost.plan(protocol=protocol, task_id="virtual", **here)
+    assert [omission.kind for omission in virtual.left_out] == ["steps"]
+    assert "bins      all of every material: what lies outside 0 to 500 Hz reaches 3 m/s^2 rms at up to 600 mm/s" in (
+        virtual.text()
+    )
+    assert "error     copy paper, aluminum foil, polypropylene, typing paper: each waveform is an" in virtual.text()
+    assert all(f"  {name}: {when}" in virtual.text() for name, when in engine.TAKEN.items())
+    slow = scene_cost.plan(protocol=counting_up_to(protocol, 120.0), task_id="virtual", **here)
+    bins = [omission for omission in slow.left_out if omission.kind == "bins"]
+    assert [omission.what.split(" of ")[2].split(",")[0] for omission in bins] == [m.id for m in protocol.materials]
+    assert all(omission.saves_kb is not None and omission.saves_kb > 0 for omission in bins)
+    assert all("m/s^2 rms at up to 120 mm/s, below the floor 0.3" in omission.costs for omission in bins)
+    for planned in (real, virtual, slow):
+        assert "never left out: tracker, gate and contact, limiter, exposure account, journal" in planned.text()
+
+
+def test_no_part_is_measured_with_the_spectra_of_the_materials(
+    protocol: Protocol, recordings: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stimuli are prepared from spectra that are there: loading them is the row of the materials alone."""
+    running: list[str] = []
+    load, measured = scene.load_spectra, cost.measured
+    loaded_within = []
+
+    def watched(call: Callable[[], object]) -> tuple[cost.Taken, float]:
+        running.append("row")
+        loaded_within.append(0)
+        result = measured(call)
+        running.pop()
+        return result
+
+    def counted(**given: Any) -> object:
+        if running:
+            loaded_within[-1] += 1
+        return load(**given)
+
+    monkeypatch.setattr(cost, "measured", watched)
+    monkeypatch.setattr(scene, "load_spectra", counted)
+    rig = rigs.load(shipped("rigs/rehearsal.toml"))
+    folder = shipped("rigs/rehearsal.toml").parent
+    scene_cost.plan(protocol=protocol, rig=rig, rig_folder=folder, task_id="real", recordings=recordings)
+    assert loaded_within == [cost.REPEATS + 1, 0, 0]
+
+
+def test_what_lies_within_the_spread_of_the_repeats_is_no_saving() -> None:
+    noise, gain, loss = (
+        scene_cost.Omission("bins", "some", cost.Taken(ms, 0.002), 128.0, "nothing") for ms in (-0.0001, 0.05, -0.05)
+    )
+    assert noise.saved() == "saves 128 kB; no measurable difference in time (-0.1 us, repeats spread over 2.0 us)"
+    assert (noise.as_dict()["saves_ms"], noise.as_dict()["spread_ms"]) == (None, 0.002)
+    assert gain.saved() == "saves 50.0 us (repeats spread over 2.0 us) and 128 kB"
+    assert loss.as_dict()["saves_ms"] == -0.05
+    assert scene_cost.Omission("steps", "some", None, None, "nothing").saved() == "what it saves is not measured"
+
+
+def test_a_spread_is_that_between_the_quartiles() -> None:
+    assert cost.taken([5.0, 1.0, 2.0, 4.0, 3.0]) == cost.Taken(3.0, 2.0)
+
+
+def test_what_the_plan_says_is_imported_is_not_there_before() -> None:
+    time, kb = cost.import_cost(("json",))
+    more, more_kb = cost.import_cost(scene_cost.STIMULUS_MODULES)
+    assert more.ms > time.ms
+    assert kb is None or (more_kb is not None and more_kb > kb)

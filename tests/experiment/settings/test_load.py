@@ -1,0 +1,280 @@
+"""Every error of a file at once, at its place, in words for whoever writes the file."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from experiment.errors import Problem, ProtocolError
+from experiment.protocol.models import Protocol
+from experiment.settings import load, problems
+from tests.experiment.protocol.small import SMALL, changed, document, leaves, places, protocol, without
+
+JARGON = re.compile(r"pydantic|validat|input|instance|tuple|dict|NoneType|literal|regex|pattern|str\b|int\b", re.I)
+OPTIONAL = {
+    ("exclusion",),
+    ("duration",),
+    ("ethics", "approved_on"),
+    ("ethics", "expires_on"),
+    ("analysis", 1, "alpha"),
+}
+
+
+def refused(tmp_path: Path, text: str | bytes) -> tuple[Problem, ...]:
+    file = tmp_path / "study.toml"
+    file.write_bytes(text.encode() if isinstance(text, str) else text)
+    with pytest.raises(ProtocolError) as caught:
+        load.load(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    return caught.value.problems
+
+
+def line_of(text: str, marker: str) -> int:
+    (line,) = (i for i, line in enumerate(text.split("\n"), start=1) if marker in line)
+    return line
+
+
+def test_small_protocol_loads(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    file.write_text(SMALL, encoding="utf-8")
+    loaded = load.load(file)
+    assert loaded == protocol()
+    assert loaded.materials[1].description.startswith("[[materials]]")
+
+
+@pytest.mark.parametrize("encode", [lambda t: t.replace("\n", "\r\n").encode(), lambda t: b"\xef\xbb\xbf" + t.encode()])
+def test_files_of_windows_editors_load_alike(tmp_path: Path, encode: object) -> None:
+    file = tmp_path / "study.toml"
+    file.write_bytes(encode(SMALL))  # type: ignore[operator]
+    assert load.load(file) == protocol()
+
+
+# Old text, new text (`MARK` stands in the line where the problem is), path, got, part of what is allowed.
+MISTAKES = [
+    (
+        'kind = "max-run"',
+        'kind = "maxrun"',
+        "tasks[0].order.kind",
+        "'maxrun'",
+        "one of: full-random, blocked-random, max",
+    ),
+    (
+        "participants = 6 }",
+        "participants = 0 }",
+        "study.participants",
+        "0",
+        "a whole number at least 1 and at most 10000",
+    ),
+    ("samples = 1000", "samples = 2.0", "synthesis.samples", "2.0", "a whole number"),
+    ("gate_top_mm = 18", "gate_top_mm = nan", "step.gate_top_mm", "nan", "a number greater than 0"),
+    ("    110,", "    '110',", "synthesis.speeds_mm_s[1]", "'110'", "a number greater than 0"),
+    ("    110,", "    40,", "synthesis.speeds_mm_s[1]", "40", "greater than the one before it (60)"),
+    ("contact_mm = 0.5", "contact_mm = 9", "step.contact_mm", "9", "less than gate_bottom_mm (9)"),
+    ("gate_bottom_mm = 9", "gate_bottom_mm = 19", "step.gate_bottom_mm", "19", "less than gate_top_mm (18)"),
+    (
+        "approved_on = 2020-02-01",
+        'approved_on = "2020-02-01"',
+        "ethics.approved_on",
+        "'2020-02-01'",
+        "a date without quotes",
+    ),
+    (
+        "expires_on = 2021-02-01",
+        "expires_on = 2020-02-01",
+        "ethics.expires_on",
+        "2020-02-01",
+        "a date after approved_on",
+    ),
+    ("required = true", 'required = "yes"', "consent.required", "'yes'", "true or false"),
+    (
+        'noise = "pink"',
+        'nois = "pink"',
+        "masker.nois",
+        "'pink'",
+        "no such key; did you mean 'noise'? allowed keys: cri",
+    ),
+    ('key = "k"', 'key = "K"', "materials[1].key", "'K'", "one ASCII character, neither a capital letter nor"),
+    ('key = "k"', 'key = "0"', "answers.no_answer_key", "'0'", "a key of its own: materials[1].key has it already"),
+    ('id = "cork"', 'id = "Felt"', "materials[1].id", "'Felt'", "a name of its own: materials[0].id has it already"),
+    ('id = "cork"', 'id = "n/a"', "materials[1].id", "'n/a'", "any name but"),
+    ('spoken = ["cork"]', 'spoken = ["Cloth"]', "materials[1].spoken[0]", "'Cloth'", "a phrase of its own"),
+    (
+        'spoken = ["cork"]',
+        "spoken = []",
+        "materials[1].spoken",
+        "an array of 0",
+        "an array of at least 1, each one line",
+    ),
+    ('id = "two"', 'id = "Two"', "tasks[1].id", "'Two'", "lower-case letters and digits"),
+    ("participants = 4", "participants = 7", "tasks[1].participants", "7", "at most study.participants (6)"),
+    (", max_run = 2 }", " }", "tasks[0].order.max_run", "nothing", "kind 'max-run' needs it"),
+    (
+        'order.kind = "blocked-random"',
+        "order = 3",
+        "tasks[1].order",
+        "3",
+        "a table with the keys: kind, max_run (optional)",
+    ),
+    (
+        "familiarisation.max_s = 66",
+        "familiarisation.max_s = 5",
+        "tasks[1].familiarisation.max_s",
+        "5",
+        "at least min_s (6)",
+    ),
+    ("max_s = 55", "max_s = 1980", "tasks[0].familiarisation.max_s", "1980", "less than the longest session"),
+    ("repetitions = 3", "repetitions = 201", "tasks[0].repetitions", "201", "at most 200 with order 'max-run'"),
+    ("longest_min = 35", "longest_min = 19", "duration.longest_min", "19", "at least shortest_min (20)"),
+    ("limit = 13", "limit = -1", "exclusion[0].limit", "-1", "a number at least 0"),
+    ('action = "exclude-participant"', 'action = "exclude-trial"', "exclusion[1].action", "'exclude-trial'", "about a"),
+    ('id = "gone"', 'id = "gaps"', "exclusion[1].id", "'gaps'", "a name of its own"),
+    ("chance = 0.5", "chance = 1", "analysis[0].chance", "1", "a number greater than 0 and less than 1"),
+    ('form = "ICC(2,1)"', "chance = 0.5", "analysis[1].chance", "0.5", "only 't against chance' has this key"),
+    (
+        'tasks = ["one"]',
+        'tasks = ["tow"]',
+        "analysis[1].tasks[0]",
+        "'tow'",
+        "a task of this protocol, one of: one, two",
+    ),
+    ('tasks = ["one"]', 'tasks = ["one", "one"]', "analysis[1].tasks[1]", "'one'", "each task once"),
+    ('test = "ICC"', 'test = "two-way ANOVA"', "analysis[1].tasks", "an array of 1", "at least 2 tasks"),
+    ("masker_level_db_a = 71", "masker_level_db_a = 86", "exposure.masker_level_db_a", "86", "at most 85"),
+    ("vibration_peak_m_s2 = 12.5", "vibration_peak_m_s2 = 101", "exposure.vibration_peak_m_s2", "101", "at most 100"),
+    ('title = "The first"', 'title = " "', "tasks[0].title", "' '", "text, not blank"),
+]
+
+# The problem stands in the line of this text, not in that of the change.
+ELSEWHERE = {"answers.no_answer_key": 'no_answer_key = "0"', "analysis[1].tasks": 'tasks = ["one"]'}
+
+
+@pytest.mark.parametrize(("old", "new", "path", "got", "allowed"), MISTAKES, ids=[mistake[2] for mistake in MISTAKES])
+def test_one_mistake(tmp_path: Path, old: str, new: str, path: str, got: str, allowed: str) -> None:
+    assert SMALL.count(old) == 1
+    text = SMALL.replace(old, new)
+    found = {problem.path: problem for problem in refused(tmp_path, text)}
+    problem = found[path]
+    assert problem.line == line_of(SMALL, ELSEWHERE.get(path, old))
+    assert got in problem.got
+    assert allowed in problem.allowed
+
+
+def test_every_mistake_at_once_in_the_order_of_lines(tmp_path: Path) -> None:
+    # Each of these hides another's cause: with it, that other rule has nothing to compare.
+    hiding = {
+        "step.gate_top_mm",
+        "step.gate_bottom_mm",
+        "ethics.approved_on",
+        "tasks[0].order.kind",
+        "study.participants",
+        "tasks[1].id",
+    }
+    text, expected = SMALL, set()
+    for old, new, path, _, _ in MISTAKES:
+        if old in text and path not in hiding:
+            text = text.replace(old, new)
+            expected.add(path)
+    assert len(expected) > 20
+    found = refused(tmp_path, text)
+    # The key that `nois` should have been is missing too.
+    assert {problem.path for problem in found} == expected | {"masker.noise"}
+    lines = [problem.line for problem in found if problem.line is not None]
+    assert lines == sorted(lines)
+    assert len({problem.path for problem in found}) == len(found)
+
+
+def test_a_rule_is_checked_though_a_type_is_wrong_elsewhere(tmp_path: Path) -> None:
+    text = SMALL.replace("gate_top_mm = 18", "gate_top_mm = '18'").replace("contact_mm = 0.5", "contact_mm = 10")
+    assert [problem.path for problem in refused(tmp_path, text)] == ["step.gate_top_mm", "step.contact_mm"]
+
+
+@pytest.mark.parametrize("path", [path for path, _ in places(document()) if isinstance(path[-1], str)], ids=str)
+def test_a_missing_key_is_named_at_its_table(path: tuple[str | int, ...]) -> None:
+    broken = without(document(), path)
+    lines = {path[:-1]: 17} if path[:-1] else {}
+    found = {problem.path: problem for problem in problems.find(Protocol, broken, lines)}
+    if path in OPTIONAL:
+        assert not found
+        return
+    problem = found[problems.written(path)]
+    assert problem.got == "nothing"
+    assert problem.line == (17 if path[:-1] else None)
+    assert not JARGON.search(problem.allowed)
+
+
+@pytest.mark.parametrize(("path", "value"), list(places(document())), ids=str)
+def test_a_wrong_type_is_named_in_plain_words(path: tuple[str | int, ...], value: object) -> None:
+    wrong = 7.5 if isinstance(value, str | dict | tuple | bool) else {"a": 1}
+    found = {problem.path: problem for problem in problems.find(Protocol, changed(document(), path, wrong), {path: 3})}
+    problem = found[problems.written(path)]
+    assert problem.line == 3
+    assert problem.got in ("7.5", "a table")
+    assert not JARGON.search(problem.allowed)
+
+
+@pytest.mark.parametrize("path", [path for path, _ in leaves(document()) if len(str(path[-1])) > 4], ids=str)
+def test_a_typing_error_in_a_key_is_recognised(path: tuple[str | int, ...]) -> None:
+    *parents, key = path
+    misspelt = (*parents, str(key)[:2] + "q" + str(key)[2:])
+    broken = changed(without(document(), path), misspelt, "x")
+    found = {problem.path: problem for problem in problems.find(Protocol, broken, {})}
+    assert f"did you mean '{key}'?" in found[problems.written(misspelt)].allowed
+
+
+def test_an_unknown_key_is_quoted_where_it_needs_quotes(tmp_path: Path) -> None:
+    (problem,) = refused(tmp_path, SMALL.replace("[masker]", '[masker]\n"a key" = 1'))
+    assert problem.path == 'masker."a key"'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "column", "allowed"),
+    [
+        ('noise = "pink"', 'noise "pink"', line_of(SMALL, 'noise = "pink"'), 7, "Expected '=' after a key"),
+        ("[masker]", "[masker]\n[masker]", line_of(SMALL, "[masker]") + 1, 8, "Cannot declare"),
+        ('noise = "pink"', 'noise = "pink', line_of(SMALL, 'noise = "pink"'), 14, "Illegal character"),
+        ("alpha = 0.01\n", "alpha = '''", SMALL.count("\n"), 12, "TOML"),
+    ],
+)
+def test_broken_syntax(tmp_path: Path, old: str, new: str, line: int, column: int, allowed: str) -> None:
+    (problem,) = refused(tmp_path, SMALL.replace(old, new))
+    assert problem.line == line
+    assert problem.path == f"column {column}"
+    assert allowed in problem.allowed
+    assert problem.allowed.endswith("mend this first")
+
+
+@pytest.mark.parametrize("text", [f"a = {'[' * 5000}", f"a = {'9' * 5000}"])
+def test_absurd_text_is_refused(tmp_path: Path, text: str) -> None:
+    (problem,) = refused(tmp_path, text)
+    assert problem.allowed.startswith("TOML; ")
+
+
+def test_an_empty_file_misses_every_required_table(tmp_path: Path) -> None:
+    missing = {problem.path for problem in refused(tmp_path, "")}
+    assert missing == {name for name, field in Protocol.model_fields.items() if field.is_required()}
+
+
+def test_what_is_not_utf8_is_named_by_line_and_byte(tmp_path: Path) -> None:
+    (problem,) = refused(tmp_path, SMALL.replace("Grey felt", "Gr\u00e4y felt").encode("latin-1"))
+    assert problem.line == line_of(SMALL, "Grey felt")
+    assert problem.path == "byte 18 of the line"
+    assert "0xe4" in problem.got
+    assert "UTF-8" in problem.allowed
+
+
+def test_a_missing_file_suggests_one_with_a_near_name(tmp_path: Path) -> None:
+    (tmp_path / "okamoto2012.toml").write_text("", encoding="utf-8")
+    with pytest.raises(ProtocolError, match=r"no such file; allowed: .* did you mean .*okamoto2012\.toml\?"):
+        load.load(tmp_path / "okamoto.toml")
+
+
+def test_a_missing_file_in_a_missing_folder(tmp_path: Path) -> None:
+    with pytest.raises(ProtocolError, match=r"no such file; allowed: the path of a TOML file$"):
+        load.load(tmp_path / "nowhere" / "study.toml")
+
+
+def test_a_folder_is_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ProtocolError, match="got a folder; allowed: the path of a TOML file"):
+        load.load(tmp_path)

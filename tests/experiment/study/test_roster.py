@@ -1,0 +1,250 @@
+"""Task orders balance while participants enrol, and nobody runs who may not."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from datetime import date
+from itertools import permutations
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiment.errors import RosterError
+from experiment.protocol.models import Protocol
+from experiment.study.roster import Allocation, Roster, allocate, find, labels
+from tests.experiment.protocol.small import changed, document, okamoto2012, protocol
+
+TODAY = date(2020, 6, 1)
+
+
+def study(participants: int, tasks: dict[str, int], kind: str = "counterbalanced") -> Protocol:
+    """The small protocol with these participants in these tasks."""
+    base: Any = document()
+    one = {**base["tasks"][0], "repetitions": 3}
+    base = changed(base, ("study", "participants"), participants)
+    base = changed(base, ("task_order", "kind"), kind)
+    first = next(iter(tasks))
+    analysis = ({**base["analysis"][0], "tasks": (first,)},)
+    made = tuple({**one, "id": task, "participants": count} for task, count in tasks.items())
+    return Protocol.model_validate({**base, "tasks": made, "analysis": analysis})
+
+
+@given(st.integers())
+def test_the_published_study_is_balanced_after_every_second_participant(seed: int) -> None:
+    allocations = allocate(Protocol.model_validate(okamoto2012()), seed)
+    assert [allocation.participant for allocation in allocations] == [f"{n:02d}" for n in range(1, 16)]
+    # Section 5.1: all 15 did Task 1, ten of them Task 2, half of these in either order.
+    for enrolled in range(2, 11, 2):
+        orders = Counter(allocation.tasks for allocation in allocations[:enrolled])
+        assert orders == {("virtual", "real"): enrolled // 2, ("real", "virtual"): enrolled // 2}
+    assert {allocation.tasks for allocation in allocations[10:]} == {("virtual",)}
+
+
+@given(st.integers(), st.integers(1, 40))
+def test_three_tasks_balance_after_every_sixth_participant(seed: int, participants: int) -> None:
+    allocations = allocate(study(participants, {"a": participants, "b": participants, "c": participants}), seed)
+    assert len(allocations) == participants
+    for begin in range(0, participants - 5, 6):
+        block = [allocation.tasks for allocation in allocations[begin : begin + 6]]
+        assert sorted(block) == sorted(permutations("abc"))
+
+
+def test_those_who_do_the_same_tasks_balance_among_themselves() -> None:
+    allocations = allocate(study(12, {"a": 12, "b": 8, "c": 2}), 5)
+    assert [sorted(allocation.tasks) for allocation in allocations] == [["a", "b", "c"]] * 2 + [["a", "b"]] * 6 + [
+        ["a"]
+    ] * 4
+    assert Counter(allocation.tasks for allocation in allocations[2:8]) == {("a", "b"): 3, ("b", "a"): 3}
+
+
+def test_either_order_comes_first_about_as_often() -> None:
+    first = Counter(allocate(Protocol.model_validate(okamoto2012()), seed)[0].tasks for seed in range(200))
+    # Binomial, n = 200, p = 1/2: 4 standard deviations are 28.
+    assert abs(first["virtual", "real"] - 100) < 28
+
+
+def test_a_fixed_order_is_that_of_the_file() -> None:
+    allocations = allocate(study(4, {"b": 4, "a": 3}, kind="fixed"), 1)
+    assert [allocation.tasks for allocation in allocations] == [("b", "a")] * 3 + [("b",)]
+
+
+def test_allocation_is_a_function_of_protocol_and_seed() -> None:
+    small = study(40, {"a": 40, "b": 40})
+    retitled = small.model_copy(update={"study": small.study.model_copy(update={"title": "Another"})})
+    assert allocate(small, 1) == allocate(small, 1)
+    assert len({allocate(small, 1), allocate(small, 2), allocate(retitled, 1)}) == 3
+
+
+@pytest.mark.parametrize(
+    ("participants", "first", "last"), [(1, "01", "01"), (99, "01", "99"), (100, "001", "100"), (1000, "0001", "1000")]
+)
+def test_labels_are_equally_wide(participants: int, first: str, last: str) -> None:
+    found = labels(study(participants, {"a": participants}))
+    assert (found[0], found[-1], len(found)) == (first, last, participants)
+    assert len({len(label) for label in found}) == 1
+
+
+def test_a_participant_is_found() -> None:
+    assert find(allocate(protocol(), 1), "05") == Allocation("05", ("one",))
+
+
+@pytest.mark.parametrize("stranger", ["00", "07", "5", "", "sub-05"])
+def test_a_stranger_is_refused(stranger: str) -> None:
+    with pytest.raises(RosterError, match=f"no participant '{stranger}': this study has '01' to '06'; give one of"):
+        find(allocate(protocol(), 1), stranger)
+
+
+@pytest.fixture
+def roster(tmp_path: Path) -> Roster:
+    return Roster.load(tmp_path / "study" / "roster.jsonl")
+
+
+def test_a_participant_with_consent_may_run(roster: Roster) -> None:
+    roster.enrol("01", TODAY)
+    roster.may_run("01", protocol())
+    Roster.load(roster.path).may_run("01", protocol())
+
+
+def test_the_file_holds_labels_and_days_alone(roster: Roster) -> None:
+    roster.enrol("01", TODAY)
+    roster.enrol("02", None)
+    roster.consent("02", TODAY)
+    roster.withdraw("01", "asked to stop")
+    assert [json.loads(line) for line in roster.path.read_text(encoding="utf-8").splitlines()] == [
+        {"kind": "enrolled", "participant": "01", "consent_on": "2020-06-01"},
+        {"kind": "enrolled", "participant": "02", "consent_on": None},
+        {"kind": "consented", "participant": "02", "consent_on": "2020-06-01"},
+        {"kind": "withdrawn", "participant": "01", "reason": "asked to stop"},
+    ]
+    read = Roster.load(roster.path)
+    assert read == roster
+    assert (read.consent_on, read.withdrawn) == ({"01": TODAY, "02": TODAY}, {"01": "asked to stop"})
+
+
+def test_lines_are_only_ever_appended(roster: Roster) -> None:
+    before = b""
+    for act in (
+        lambda: roster.enrol("01", TODAY),
+        lambda: roster.enrol("02", TODAY),
+        lambda: roster.withdraw("02", "moved away"),
+    ):
+        act()
+        now = roster.path.read_bytes()
+        assert now.startswith(before)
+        assert now.count(b"\n") == before.count(b"\n") + 1
+        before = now
+
+
+def test_without_consent_nobody_runs(roster: Roster) -> None:
+    roster.enrol("01", None)
+    with pytest.raises(RosterError, match="participant 01 has not consented; record their consent before the session"):
+        roster.may_run("01", protocol())
+    roster.consent("01", TODAY)
+    roster.may_run("01", protocol())
+
+
+def test_where_consent_is_not_required_none_is_asked_for(roster: Roster) -> None:
+    roster.enrol("01", None)
+    roster.may_run("01", Protocol.model_validate(changed(document(), ("consent", "required"), False)))
+
+
+def test_who_withdrew_does_not_run(roster: Roster) -> None:
+    roster.enrol("01", TODAY)
+    roster.withdraw("01", "asked to stop")
+    with pytest.raises(RosterError, match=r"participant 01 withdrew \(asked to stop\) and is not run again"):
+        roster.may_run("01", protocol())
+
+
+def test_who_is_not_enrolled_does_not_run(roster: Roster) -> None:
+    with pytest.raises(RosterError, match=r"participant 02 is not enrolled in .*; enrol them first"):
+        roster.may_run("02", protocol())
+    with pytest.raises(RosterError, match="no participant '07': this study has '01' to '06'"):
+        roster.may_run("07", protocol())
+
+
+@pytest.mark.parametrize("label", ["02", "1", "001", "first", "", "٠١"])
+def test_participants_enrol_in_the_order_of_their_labels(roster: Roster, label: str) -> None:
+    roster.enrol("01", TODAY) if label == "001" else None
+    with pytest.raises(RosterError, match=f"got the label '{label}'; allowed: 0[12], the next one in order"):
+        roster.enrol(label, TODAY)
+
+
+def test_a_place_is_given_once(roster: Roster) -> None:
+    roster.enrol("01", TODAY)
+    with pytest.raises(RosterError, match="participant 01 is enrolled already; the next label is 02"):
+        roster.enrol("01", TODAY)
+
+
+def test_wide_labels_stay_wide(roster: Roster) -> None:
+    roster.enrol("001", TODAY)
+    with pytest.raises(RosterError, match="got the label '02'; allowed: 002"):
+        roster.enrol("02", TODAY)
+    roster.enrol("002", TODAY)
+
+
+def test_what_has_happened_does_not_happen_again(roster: Roster) -> None:
+    roster.enrol("01", TODAY)
+    with pytest.raises(RosterError, match="participant 01 consented on 2020-06-01 already"):
+        roster.consent("01", TODAY)
+    roster.withdraw("01", "asked to stop")
+    with pytest.raises(RosterError, match="participant 01 has withdrawn already"):
+        roster.withdraw("01", "asked to stop")
+    with pytest.raises(RosterError, match="participant '02' is not enrolled"):
+        roster.withdraw("02", "asked to stop")
+
+
+@pytest.mark.parametrize("reason", ["", "two\nlines", "x" * 201])
+def test_a_reason_is_one_line(roster: Roster, reason: str) -> None:
+    roster.enrol("01", TODAY)
+    with pytest.raises(RosterError, match="allowed: one line of 1 to 200 characters"):
+        roster.withdraw("01", reason)
+    assert not roster.withdrawn
+
+
+def test_two_consoles_never_give_one_place_twice(roster: Roster) -> None:
+    other = Roster.load(roster.path)
+    roster.enrol("01", TODAY)
+    with pytest.raises(RosterError, match="participant 01 is enrolled already"):
+        other.enrol("01", TODAY)
+    other.enrol("02", TODAY)
+    assert list(Roster.load(roster.path).consent_on) == ["01", "02"]
+
+
+def test_a_torn_last_line_was_never_confirmed(roster: Roster) -> None:
+    roster.enrol("01", TODAY)
+    whole = roster.path.read_bytes()
+    roster.path.write_bytes(whole + b'{"kind": "enrolled", "partic')
+    torn = Roster.load(roster.path)
+    assert list(torn.consent_on) == ["01"]
+    torn.enrol("02", TODAY)
+    assert list(Roster.load(roster.path).consent_on) == ["01", "02"]
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        (b"no json", "no roster entry"),
+        (b'{"kind": "enrolled", "participant": "02", "consent_on": null, "name": "x"}', "no roster entry"),
+        (b'{"kind": "enrolled", "participant": "03", "consent_on": null}', "got the label '03'; allowed: 02"),
+        (b'{"kind": "withdrawn", "participant": "02", "reason": "x"}', "participant '02' is not enrolled"),
+        (b"\xff\xfe", "no roster entry"),
+    ],
+)
+def test_a_line_that_cannot_be_trusted_is_refused_and_kept(roster: Roster, line: bytes, why: str) -> None:
+    roster.enrol("01", TODAY)
+    broken = roster.path.read_bytes() + line + b"\n"
+    roster.path.write_bytes(broken)
+    for act in (lambda: Roster.load(roster.path), lambda: roster.enrol("02", TODAY)):
+        with pytest.raises(RosterError, match=f"roster.jsonl: line 2: {why}.*restore the roster from a backup"):
+            act()
+    assert roster.path.read_bytes() == broken
+    assert list(roster.consent_on) == ["01"]
+
+
+def test_a_folder_is_no_roster(tmp_path: Path) -> None:
+    with pytest.raises(RosterError, match="cannot read the roster"):
+        Roster.load(tmp_path)
