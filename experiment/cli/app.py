@@ -94,7 +94,7 @@ def schedule(protocol_file: ProtocolFile, participant: Participant, seed: Seed =
     for position, (task, order) in enumerate(orders.items(), start=1):
         typer.echo(f"Participant {allocation.participant}, task {position}: {task} (seed {seed})")
         for planned in order:
-            typer.echo(f"{planned.trial:4d}  {planned.presented}")
+            typer.echo(f"{planned.trial:4d}  {' and '.join(planned.presented)}")
 
 
 @app.command(epilog="Example: palpate rehearse protocols/okamoto2012.toml --participants 3 --seed 7 --out trial-run")

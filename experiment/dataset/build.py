@@ -17,8 +17,9 @@ from experiment.dataset import bids
 from experiment.errors import DatasetError
 from experiment.protocol.models import Protocol, Task
 from experiment.records import journal
-from experiment.records.entries import Answer, BrokenOff, FootStep, MaskerSet, Redo, TrackerOpened, Zeroed
+from experiment.records.entries import Answer, MaskerSet, Redo, TrackerOpened
 from experiment.records.events import NO_ANSWER
+from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.stimulus import Onset
 from experiment.settings import load
 from experiment.storage import foot_path, rig_path
@@ -172,7 +173,7 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
                 "trial": step.trial,
                 "attempt": step.attempt,
                 "counted": answer is not None and attempt not in redone,
-                "presented": step.presented,
+                "presented": " | ".join(step.presented),
                 "answered": None if answer is None else answer.answered or NO_ANSWER,
                 "response_time": round(answer.response_time_s, 6) if answer else None,
                 "foot_speed": round(step.speed_mm_s, 3) if step.speed_mm_s is not None else None,

@@ -1,30 +1,39 @@
-"""Models of every journal entry.
+"""Models of the journal entries that every kind of trial shares.
 
-A journal is one session (one participant doing one task): a `Header`, then entries, then a `Footer`.
+A journal is one session, which is one participant doing one task: a `Header`, then entries, then a `Footer`. What a
+kind of trial leaves on record of an attempt stands in a module of its own (`footstep.py`).
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
-from pydantic import Field, TypeAdapter
+from pydantic import BaseModel, ConfigDict
 
-from experiment.records.stimulus import Onset, Record, Stimulus
+FORMAT: Literal[4] = 4
+"""The format of the journal: its models and their meaning.
 
-FORMAT: Literal[3] = 3
-"""Of the journal: models and their meaning. 1 was never written down; 2 had one line from device to session time,
-without drift, for all steps since the tracker was opened, and no times of scheduling and arming."""
+Format 1 was never written down. Format 2 had one line from device time to session time, without drift, for all steps
+since the tracker was opened, and no times of scheduling and arming. Format 3 presented one material as plain text and
+journaled the hash of an acceleration waveform on rigs that play voltages.
+"""
+
+
+class Record(BaseModel):
+    """Base of everything that is kept on record."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
 
 
 class Entry(Record):
-    """Base of every entry; the journal adds number, time and the hash of the line before."""
+    """Base of every journal entry; the journal adds number, time and the hash of the line before."""
 
 
 class PlannedTrial(Record):
-    """One place in the realised order: trial number from 1, and the material presented there."""
+    """One place in the realised order: the trial's number from 1, and what is presented: one material, or a pair."""
 
     trial: int
-    presented: str
+    presented: tuple[str, ...]
 
 
 class Header(Entry):
@@ -35,7 +44,7 @@ class Header(Entry):
     """
 
     kind: Literal["header"] = "header"
-    format: Literal[3] = FORMAT
+    format: Literal[4] = FORMAT
     study: str
     protocol_sha256: str
     software: str
@@ -61,17 +70,12 @@ class TrackerOpened(Entry):
     t_ns: int
 
 
-class Zeroed(Entry):
-    """Heights count from where the foot rested on the panel, from now on.
+class Trace(Record):
+    """Where the raw tracker frames of an attempt stand in the session's file of them."""
 
-    `offset_mm`: how far above the protocol's contact the calibration had it, median of `samples`; `spread_mm`: their
-    standard deviation.
-    """
-
-    kind: Literal["zeroed"] = "zeroed"
-    offset_mm: float
-    spread_mm: float
-    samples: int
+    offset: int
+    length: int
+    sha256: str
 
 
 class MaskerSet(Entry):
@@ -94,89 +98,13 @@ class Phase(Entry):
     detail: str = ""
 
 
-class Link(Record):
-    """Frames of the tracker between arming and contact; `received` counts those up to contact."""
-
-    received: int
-    lost: int
-    damaged: int
-    repeated: int
-
-
-class Trace(Record):
-    """Where the raw frames of a step stand in the session's foot file."""
-
-    offset: int
-    length: int
-    sha256: str
-
-
-class TrackerClock(Record):
-    """Which session time a device time is, as it was known at the end of a step: a straight line.
-
-    `anchor_us` was at `anchor_ns`, and since then the session's clock ran ahead of the device's by `drift_ppm`.
-    """
-
-    anchor_us: int
-    anchor_ns: int
-    drift_ppm: float
-
-
-class FootStep(Entry):
-    """One step of the foot, in device time, with the stimulus it set off.
-
-    `dead_time_ms`: from the confirmed answer to the trial before until this one was armed, without the time in which
-    its object was laid out; None where no answer came just before, and in simulated time.
-    """
-
-    kind: Literal["step"] = "step"
-    trial: int
-    attempt: int
-    presented: str
-    clock: TrackerClock
-    dead_time_ms: float | None
-    gate_top_us: float
-    gate_bottom_us: float
-    contact_us: float
-    speed_mm_s: float
-    link: Link
-    trace: Trace
-    stimulus: Stimulus | None
-    onset: Onset | None
-
-
-class BrokenOff(Entry):
-    """A step that ended before the foot had landed, or before its landing was on file; its stimulus was withdrawn
-    where it still could be.
-
-    `gate_top_us`, `gate_bottom_us` and `speed_mm_s` are None where the foot had not passed the gate, `at_us` (device
-    time of the newest sample) and `clock` where none had come. `felt`: something may have been felt, so the trial is
-    put off to the end of its block; else it is armed again at once. `dead_time_ms`: as in `FootStep`.
-    """
-
-    kind: Literal["broken-off"] = "broken-off"
-    trial: int
-    attempt: int
-    presented: str
-    reason: str
-    felt: bool
-    clock: TrackerClock | None
-    dead_time_ms: float | None
-    at_us: int | None
-    gate_top_us: float | None
-    gate_bottom_us: float | None
-    speed_mm_s: float | None
-    link: Link
-    trace: Trace
-
-
 class Answer(Entry):
-    """A confirmed answer; `answered` is None where the participant gave none."""
+    """A confirmed answer: one of those that the kind of trial allows, or None where the participant gave none."""
 
     kind: Literal["answer"] = "answer"
     trial: int
     attempt: int
-    presented: str
+    presented: tuple[str, ...]
     answered: str | None
     key: str
     response_time_s: float
@@ -210,10 +138,3 @@ class Footer(Entry):
     reason: Literal["complete", "paused", "error"]
     detail: str = ""
     answered: int
-
-
-AnyEntry = Annotated[
-    Header | TrackerOpened | Zeroed | MaskerSet | Phase | FootStep | BrokenOff | Answer | Redo | Resumed | Footer,
-    Field(discriminator="kind"),
-]
-ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)

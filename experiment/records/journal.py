@@ -17,15 +17,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
+from typing import Annotated, BinaryIO
 
 from filelock import FileLock, Timeout
-from pydantic import ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from experiment.clock import Clock
 from experiment.errors import JournalError, SessionLocked
-from experiment.records.entries import ENTRY, FORMAT, AnyEntry, Header
+from experiment.records.entries import FORMAT, Answer, Footer, Header, MaskerSet, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.storage import sync_folder
+
+AnyEntry = Annotated[
+    Header | TrackerOpened | Zeroed | MaskerSet | Phase | FootStep | BrokenOff | Answer | Redo | Resumed | Footer,
+    Field(discriminator="kind"),
+]
+ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
 
 GENESIS = "0" * 64
 """`prev` of the first line."""

@@ -11,19 +11,9 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import pairwise
 
-from experiment.records.entries import (
-    Answer,
-    AnyEntry,
-    BrokenOff,
-    Footer,
-    FootStep,
-    Header,
-    MaskerSet,
-    PlannedTrial,
-    Redo,
-    Resumed,
-)
-from experiment.records.journal import Contents
+from experiment.records.entries import Answer, Footer, Header, MaskerSet, PlannedTrial, Redo, Resumed
+from experiment.records.footstep import BrokenOff, FootStep
+from experiment.records.journal import AnyEntry, Contents
 
 
 @dataclass(frozen=True)

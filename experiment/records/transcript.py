@@ -3,21 +3,9 @@
 from __future__ import annotations
 
 from experiment.clock import utc
-from experiment.records.entries import (
-    Answer,
-    AnyEntry,
-    BrokenOff,
-    Footer,
-    FootStep,
-    Header,
-    MaskerSet,
-    Phase,
-    Redo,
-    Resumed,
-    TrackerOpened,
-    Zeroed,
-)
-from experiment.records.journal import Contents
+from experiment.records.entries import Answer, Footer, Header, MaskerSet, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.footstep import BrokenOff, FootStep, Zeroed
+from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
 from experiment.records.stimulus import Onset
 
@@ -65,13 +53,13 @@ def _said(entry: AnyEntry) -> str:
             link = entry.link
             played = "a stimulus played" if entry.stimulus else "no stimulus"
             return (
-                f"trial {entry.trial}.{entry.attempt}: {entry.presented}, {entry.speed_mm_s:.1f} mm/s, {played}; "
+                f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, {entry.speed_mm_s:.1f} mm/s, {played}; "
                 f"frames {link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated"
                 f"{_met(entry.onset)}{_dead(entry.dead_time_ms)}"
             )
         case BrokenOff():
             again = "put off to the end of the block" if entry.felt else "armed again"
-            said = f"trial {entry.trial}.{entry.attempt}: {entry.presented}, broken off and {again}: {entry.reason}"
+            said = f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, broken off and {again}: {entry.reason}"
             return f"{said}{_dead(entry.dead_time_ms)}"
         case Answer():
             answered = entry.answered or "no answer"
@@ -84,6 +72,10 @@ def _said(entry: AnyEntry) -> str:
             return f"resumed with {len(entry.remaining)} trials left{torn}"
         case Footer():
             return f"ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}"
+
+
+def _presented(entry: FootStep | BrokenOff) -> str:
+    return " and ".join(entry.presented)
 
 
 def _met(onset: Onset | None) -> str:

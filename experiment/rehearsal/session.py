@@ -15,12 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment import storage
-from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel.conditioning import open_drive
-from experiment.apparatus.ports import Actuator, Played, Spectrum, Wanted
+from experiment.apparatus.ports import Actuator, Played, Spectrum, Tracker, Wanted
 from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.clock import ManualClock, MonotonicClock
+from experiment.clock import Clock, ManualClock, MonotonicClock
 from experiment.dataset import build
 from experiment.desk.port import Console
 from experiment.errors import Interrupted
@@ -32,8 +30,9 @@ from experiment.rehearsal.footstep.materials import SimulatedMaterials
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
 from experiment.rehearsal.footstep.participant import SimulatedParticipant, Tick
 from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.rehearsal.wires.sound_card import SimulatedSound
-from experiment.session import attempt, masker, run, runner, scene
+from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
+from experiment.session import runner, scene
+from experiment.session.laboratory import header, open_laboratory
 from experiment.settings import load
 from experiment.synthesis.spectra import Bins
 
@@ -97,9 +96,6 @@ class _Silent:
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 """When simulated time begins, so that the same seed writes the same files."""
 
-RECONNECT_S = 2.0
-"""How long a rehearsal waits for its tracker, s."""
-
 TASK_NS = 2 * 3600 * 10**9
 """In simulated time each task of a participant starts this long after the one before, break included."""
 
@@ -153,87 +149,107 @@ def _rehearse_task(
     tick: Tick,
     screen: Console | None,
 ) -> None:
-    planned = scene.plan(protocol=protocol, task_id=task_id)
     clock = MonotonicClock() if job.real_time else ManualClock(_simulated_now_ns(job, task_id, position))
-    header = run.header(
+    recordings = job.dataset / build.RECORDINGS if scene.plan(protocol=protocol, task_id=task_id).synthesis else None
+    rig_file = job.dataset / "sourcedata" / "rig.toml"
+    ends = SimulatedEnds(job, protocol, rig, materials, task_id, clock, tick, screen)
+    with open_laboratory(
         protocol=protocol,
         rig=rig,
+        rig_folder=rig_file.parent,
         participant=job.participant,
         task_id=task_id,
-        position=position,
-        seed=job.seed,
-        recordings=job.dataset / build.RECORDINGS if planned.synthesis else None,
-        rehearsal=True,
+        dataset=job.dataset,
+        recordings=recordings,
         clock=clock,
-    )
-    with ExitStack() as opened:
-        got = opened.enter_context(host.raised()) if job.real_time else ""
-        line = opened.enter_context(SerialLine())
-        powered_ns = clock.now_ns()
-        foot = Foot(line, rig.tracker, real_time=job.real_time)
-        opened.callback(foot.close)
-        # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
-        known = None if job.real_time else ClockMap(anchor_us=0, anchor_ns=powered_ns)
-        contact_mm = protocol.step.contact_mm
-        tracker = opening.open_tracker(rig, clock=clock, port=line.url, clock_map=known, contact_mm=contact_mm)
-        opened.callback(tracker.close)
-        sound: SimulatedSound | None = None
-        if rig.audio is not None:
-            dose = masker.dose_before(job.dataset, protocol, job.participant, clock)
-            sound = opened.enter_context(SimulatedSound(rig, protocol, clock, dose_before=dose))
-        panel: Panel | CardPanel | None = None
-        actuator: Actuator | None = None
-        render: scene.Render | None = None
-        if planned.synthesis:
-            recordings = job.dataset / build.RECORDINGS
-            rates_hz = (rig.actuator.rate_hz,)
-            render = scene.open_stimuli(
-                scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=rates_hz
-            )
-        if planned.actuator:
-            limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-            like = scene.examples(render, planned, protocol, rig.actuator.rate_hz) if render is not None else ()
-            drive = open_drive(job.dataset / "sourcedata", rig.actuator, limit_m_s2=limit_m_s2, like=like)
-            if sound is not None and rig.actuator.driver == "audio":
-                panel = sound.panel()
-                actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
-            else:
-                panel = Panel(rig.actuator)
-                opened.callback(panel.close)
-                actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=panel.address)
-            opened.callback(actuator.close)
-            if job.control == "silence":
-                actuator = SilentActuator(actuator)
-        participant = SimulatedParticipant(
+        ends=ends,
+    ) as devices:
+        asked = header(
             protocol=protocol,
-            materials=materials,
-            who=(job.participant, task_id),
-            entropy=(job.seed, int(job.participant), [task.id for task in protocol.tasks].index(task_id)),
-            foot=foot,
-            powered_ns=powered_ns,
-            panel=panel,
-            actuator_rate_hz=rig.actuator.rate_hz,
+            rig=rig,
+            participant=job.participant,
+            task_id=task_id,
+            position=position,
+            seed=job.seed,
+            recordings=recordings,
+            rehearsal=True,
             clock=clock,
-            real_time=job.real_time,
-            tick=tick,
-            screen=screen,
         )
-        devices = attempt.Devices(
-            tracker=tracker,
-            tracker_port=line.url,
-            noise_mm=rig.tracker.noise_mm,
-            actuator=actuator,
-            render=render,
-            console=participant,
-            clock=clock,
-            masker=sound.masker if sound is not None else None,
-            reconnect_s=RECONNECT_S,
-            priority=got,
-        )
-        rig_file = job.dataset / "sourcedata" / "rig.toml"
-        footer = runner.run(protocol=protocol, header=header, devices=devices, rig_file=rig_file, dataset=job.dataset)
+        footer = runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=job.dataset)
     if footer.reason == "paused":
         raise Interrupted(f"the rehearsal was paused ({footer.detail}); the same command goes on with it")
+
+
+class SimulatedEnds:
+    """Implements `FarEnds`: a simulated foot, panel and participant."""
+
+    reconnect_s = 2.0
+
+    def __init__(
+        self,
+        job: Job,
+        protocol: Protocol,
+        rig: rigs.Rig,
+        materials: SimulatedMaterials,
+        task_id: str,
+        clock: Clock,
+        tick: Tick,
+        screen: Console | None,
+    ) -> None:
+        """Nothing is set up yet; each far end is when the session opens its port."""
+        self.real_time = job.real_time
+        self._job, self._protocol, self._rig, self._materials = job, protocol, rig, materials
+        self._task_id, self._clock, self._tick, self._screen = task_id, clock, tick, screen
+        self._card: WiredCard | None = None
+        self._panel: Panel | CardPanel | None = None
+
+    def sound_device(self, opened: ExitStack) -> str:
+        self._card = opened.enter_context(WiredCard(self._rig))
+        return DEVICE
+
+    def wire_sound(self) -> None:
+        if self._card is not None:
+            self._card.wire()
+
+    def panel(self, opened: ExitStack) -> str | None:
+        if self._card is not None and self._rig.actuator.driver == "audio":
+            self._panel = self._card.panel()
+            return None
+        panel = Panel(self._rig.actuator)
+        opened.callback(panel.close)
+        self._panel = panel
+        return panel.address
+
+    def hand_over(self, actuator: Actuator) -> Actuator:
+        return SilentActuator(actuator) if self._job.control == "silence" else actuator
+
+    def tracker(self, opened: ExitStack) -> tuple[str, ClockMap | None]:
+        line = opened.enter_context(SerialLine())
+        self._powered_ns = self._clock.now_ns()
+        self._foot = Foot(line, self._rig.tracker, real_time=self.real_time)
+        opened.callback(self._foot.close)
+        # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
+        return line.url, None if self.real_time else ClockMap(anchor_us=0, anchor_ns=self._powered_ns)
+
+    def check(self, tracker: Tracker, rig: rigs.Rig) -> None:
+        """Check nothing: the simulated foot sends no frame before its first step in simulated time."""
+
+    def console(self) -> Console:
+        job, tasks = self._job, [task.id for task in self._protocol.tasks]
+        return SimulatedParticipant(
+            protocol=self._protocol,
+            materials=self._materials,
+            who=(job.participant, self._task_id),
+            entropy=(job.seed, int(job.participant), tasks.index(self._task_id)),
+            foot=self._foot,
+            powered_ns=self._powered_ns,
+            panel=self._panel,
+            actuator_rate_hz=self._rig.actuator.rate_hz,
+            clock=self._clock,
+            real_time=self.real_time,
+            tick=self._tick,
+            screen=self._screen,
+        )
 
 
 def _simulated_now_ns(job: Job, task_id: str, position: int) -> int:

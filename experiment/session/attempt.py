@@ -1,54 +1,22 @@
-"""One attempt at one trial: lay out, arm, watch the step, put it on disk, ask, and put the answer on disk.
+"""One attempt at one trial of any kind: make it ready, watch it, put it on disk, ask, and put the answer on disk.
 
-The keys with which the experimenter logs what the participant said.
-
-The states of a session and the one table of what may follow what.
+The states of a session, and the one table of what may follow what, stand here too.
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import BinaryIO
 
-from experiment.apparatus.ports import Actuator, Masker, Tracker
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.gate import GateDetector
-from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
-from experiment.apparatus.tracker.zeroing import ZeroedTracker
-from experiment.clock import Clock, lasted_ms
+from experiment.apparatus.ports import Masker
+from experiment.clock import Clock
 from experiment.desk.port import Console
-from experiment.errors import SessionError, TrackerError, TrackerStopped
+from experiment.errors import SessionError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records.entries import Answer, AnyEntry, Header, PlannedTrial, Redo, Trace, TrackerOpened, Zeroed
-from experiment.session import interrupts, scene
-from experiment.session.footstep.stimulus import Sounder
-from experiment.session.footstep.watch import Armed, BrokenStep, Feed, Watch, WatchedStep, entry, watch
+from experiment.records.entries import Answer, Header, PlannedTrial, Redo
+from experiment.session import interrupts
+from experiment.session.kind import KindDevices, Log
 from experiment.session.masker import KEYS, Masking
-
-
-def keys(protocol: Protocol) -> dict[str, str]:
-    """What each key stands for, as the experimenter reads it: answers first, then what the session understands."""
-    spoken = {m.key: m.id + (f" ('{m.spoken[0]}')" if m.spoken[0] != m.id else "") for m in protocol.materials}
-    return spoken | {
-        protocol.answers.no_answer_key: "no answer",
-        protocol.answers.redo_key: "do this trial again",
-        protocol.answers.pause_key: "pause",
-    }
-
-
-def material_of(protocol: Protocol, key: str) -> str | None:
-    """The material that `key` names; None for the key of no answer.
-
-    Raises:
-        KeyError: the key names no answer.
-    """
-    if key == protocol.answers.no_answer_key:
-        return None
-    return {m.key: m.id for m in protocol.materials}[key]
 
 
 class State(StrEnum):
@@ -115,38 +83,20 @@ def follow(state: State, event: Event) -> State:
         raise SessionError(f"a session that is {state} got {event}; allowed: {allowed}") from None
 
 
-RECONNECT_S = 300.0
-"""How long a session with a participant in the room waits for a tracker that stopped, s."""
-
-CLOCKS_PART_US = 10e6
-"""Device and session time may part by this much: a slow step, and what came before the first."""
-
-CLOCKS_DRIFT = 0.01
-"""And by this part of the time passed: the largest drift that clock_map.py believes, twice a ceramic resonator's."""
-
-
 @dataclass(frozen=True)
 class Devices:
-    """The opened parts of a session; what its scene leaves out is None.
+    """The opened parts of a session.
 
     Attributes:
-        tracker: where the foot is; a `ZeroedTracker` is zeroed before the first attempt, and when it has come back.
-        tracker_port: what the journal calls its port.
-        noise_mm: of the tracker's sensor, mm rms; None where the rig file does not state it.
-        actuator: what shakes the panel.
-        masker: noise on the headphones; None where the rig has no sound.
-        render: what makes stimuli.
+        trials: the devices of the task's kind of trial.
         console: the experimenter's screen.
         clock: the session's.
-        reconnect_s: how long a session waits for a tracker that stopped, s; then it is paused.
+        masker: noise on the headphones; None where the rig has no sound.
+        reconnect_s: how long a session waits for a device that fell silent, s; then it is paused.
         priority: of the session's threads, in words; empty where it does not matter, in simulated time.
     """
 
-    tracker: Tracker
-    tracker_port: str
-    noise_mm: float | None
-    actuator: Actuator | None
-    render: scene.Render | None
+    trials: KindDevices
     console: Console
     clock: Clock
     masker: Masker | None
@@ -154,26 +104,11 @@ class Devices:
     priority: str = ""
 
 
-@dataclass(frozen=True)
-class _Parted:
-    """The tracker's clock has parted from the session's: the one to go by, and why the session cannot go on."""
-
-    clock: ClockMap
-    error: TrackerError
-
-
 class Attempts:
     """The attempts of one session, one after the other."""
 
     def __init__(
-        self,
-        *,
-        protocol: Protocol,
-        header: Header,
-        devices: Devices,
-        write: Callable[[AnyEntry], None],
-        foot: BinaryIO,
-        masking: Masking | None,
+        self, *, protocol: Protocol, header: Header, devices: Devices, log: Log, masking: Masking | None
     ) -> None:
         """Set up before the first attempt.
 
@@ -181,73 +116,56 @@ class Attempts:
             protocol: the study.
             header: what the session is.
             devices: the opened parts.
-            write: puts an entry into the journal and returns when it is on disk.
-            foot: takes the tracker's raw frames.
+            log: puts entries and raw frames on disk.
             masking: the session's masker, if it has one.
         """
-        self._protocol = protocol
-        self._trials = len(header.order)
-        self._scene = scene.plan(protocol=protocol, task_id=header.task)
-        self._devices = devices
-        self._write = write
-        self._foot = foot
+        self._spoken = protocol.answers
+        self._console, self._clock = devices.console, devices.clock
+        self._log = log
         self._masking = masking
-        self._keys = keys(protocol) | (KEYS if masking is not None else {})
-        self._feed = Feed(devices.tracker)
-        noise_mm = NOISE_MM if devices.noise_mm is None else devices.noise_mm
-        self._watch = Watch(
-            feed=self._feed,
-            detector=GateDetector(protocol.step),
-            predictor=LandingPredictor(protocol.step, noise_mm=noise_mm),
-            clock=devices.clock,
-            sounder=Sounder(devices.render, devices.actuator) if devices.render and devices.actuator else None,
+        self._kind = devices.trials.begin(
+            protocol=protocol, header=header, console=devices.console, clock=devices.clock, log=log
         )
-        self._opened: TrackerOpened | None = None
-        self._broken: BrokenStep | None = None
         self._answered_ns: int | None = None
         self._outage = ""
         self._undelivered = 0
 
     def run(self, planned: PlannedTrial, attempt: int) -> Event:
-        """One attempt.
+        """Run one attempt.
 
         Args:
             planned: the trial.
             attempt: its number, from 1.
 
         Returns:
-            `ANSWERED`, `REDONE`, `BROKEN_OFF`, `LOST` (the tracker stopped; see `outage`), or `PAUSE`.
+            `ANSWERED`, `REDONE`, `BROKEN_OFF`, `LOST` (a device fell silent; see `outage`), or `PAUSE`.
 
         Raises:
             PalpateError: a part failed.
         """
+        answered_ns, self._answered_ns = self._answered_ns, None
         try:
-            armed = Armed(planned, attempt, self._arm(planned, attempt))
+            self._kind.ready(planned, attempt, answered_ns)
         except TrackerStopped as stopped:
-            # No step had begun: nothing is on file of it, and the same attempt is armed again.
+            # Nothing had begun: nothing is on file of it, and the same attempt is armed again.
             self._outage = str(stopped)
             return Event.LOST
-        # Whatever goes wrong, the step is put on disk first: it may have been felt.
+        # Whatever goes wrong, the attempt is put on disk first: it may have been felt.
         with interrupts.held() as interrupt:
-            seen = watch(self._watch, planned.presented, interrupt.let_through)
-            parted = self._parted(seen)
-            if parted is not None:
-                seen = _by(parted.clock, seen)
-            self._write(entry(armed, seen, self._keep(seen.raw)))
-            if failed := (isinstance(seen, BrokenStep) and seen.failed) or (parted and parted.error):
-                raise failed
-        if isinstance(seen, BrokenStep):
-            self._broken = seen
-            self._outage = seen.reason if seen.stopped else ""
-            return Event.LOST if seen.stopped else Event.BROKEN_OFF
-        heard = seen.onset.delivered if seen.onset is not None else None
-        if heard is not None:
-            self._undelivered = 0 if heard.delivered else self._undelivered + 1
-        if reason := self._repeat_reason(seen):
-            self._write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
-            self._devices.console.show(f"Trial {planned.trial} comes again at the end of its block: {reason}.")
+            seen = self._kind.watch(interrupt.let_through)
+            self._log.write(seen.entry)
+            if seen.failed is not None:
+                raise seen.failed
+        if seen.answerable_ns is None:
+            self._outage = seen.reason if seen.lost else ""
+            return Event.LOST if seen.lost else Event.BROKEN_OFF
+        if seen.delivered is not None:
+            self._undelivered = 0 if seen.delivered else self._undelivered + 1
+        if seen.repeat:
+            self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=seen.repeat, put_off=True))
+            self._console.show(f"Trial {planned.trial} comes again at the end of its block: {seen.repeat}.")
             return Event.REDONE
-        return self._ask(planned, attempt, seen)
+        return self._ask(planned, attempt, seen.answerable_ns)
 
     @property
     def outage(self) -> str:
@@ -256,120 +174,41 @@ class Attempts:
 
     @property
     def undelivered(self) -> int:
-        """How many steps in a row, up to the last, had a stimulus that was not delivered."""
+        """How many attempts in a row, up to the last, had a stimulus that was not delivered."""
         return self._undelivered
 
-    def reconnected(self) -> None:
-        """The tracker is back: its device time may be another."""
-        self._opened, self._broken, self._outage = None, None, ""
+    def reconnect(self, timeout_s: float) -> None:
+        """Wait until the device that fell silent is back. Raises `TrackerStopped`."""
+        self._kind.reconnect(timeout_s)
+        self._outage = ""
 
-    def _arm(self, planned: PlannedTrial, attempt: int) -> float | None:
-        """Have the trial stepped. After a step that broke off the foot is still watched, so that nothing is missed.
-
-        Returns:
-            The dead time since the answer just before, ms; None without one.
-
-        Raises:
-            TrackerStopped: it cannot be watched.
-        """
-        devices, broken, answered_ns = self._devices, self._broken, self._answered_ns
-        self._broken = self._answered_ns = None
-        if isinstance(devices.tracker, ZeroedTracker) and devices.tracker.due:
-            self._zero(devices.tracker)
-        if broken is not None and not broken.felt:
-            devices.console.rearm(trial=planned.trial, attempt=attempt, reason=broken.reason)
-            return None
-        laid_ns = 0
-        if self._scene.place:
-            begun_ns = devices.clock.now_ns()
-            devices.console.place(trial=planned.trial, material=planned.presented)
-            laid_ns = devices.clock.now_ns() - begun_ns
-        self._feed.drain()
-        devices.console.arm(trial=planned.trial, attempt=attempt, trials=self._trials)
-        return None if answered_ns is None else lasted_ms(devices.clock, answered_ns + laid_ns)
-
-    def _zero(self, tracker: ZeroedTracker) -> None:
-        zero = tracker.settle(self._devices.console)
-        self._write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
-        self._devices.console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
-
-    def _ask(self, planned: PlannedTrial, attempt: int, seen: WatchedStep) -> Event:
-        devices, spoken = self._devices, self._protocol.answers
-        key = devices.console.ask(trial=planned.trial, keys=self._keys)
+    def _ask(self, planned: PlannedTrial, attempt: int, answerable_ns: int) -> Event:
+        console, spoken, answers = self._console, self._spoken, self._kind.answers(planned)
+        keys = {key: meaning.words for key, meaning in answers.items()} | {
+            spoken.no_answer_key: "no answer",
+            spoken.redo_key: "do this trial again",
+            spoken.pause_key: "pause",
+            **(KEYS if self._masking is not None else {}),
+        }
+        key = console.ask(trial=planned.trial, keys=keys)
         while self._masking is not None and self._masking.change(key):
-            key = devices.console.ask(trial=planned.trial, keys=self._keys)
+            key = console.ask(trial=planned.trial, keys=keys)
         if key in (spoken.pause_key, spoken.redo_key):
             pauses = key == spoken.pause_key
             reason = "paused before the answer" if pauses else "asked for by the experimenter"
-            self._write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
+            self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
             return Event.PAUSE if pauses else Event.REDONE
-        self._answered_ns = devices.clock.now_ns()
-        answered = material_of(self._protocol, key)
-        self._write(
+        self._answered_ns = self._clock.now_ns()
+        answered = None if key == spoken.no_answer_key else answers[key].answer
+        self._log.write(
             Answer(
                 trial=planned.trial,
                 attempt=attempt,
                 presented=planned.presented,
                 answered=answered,
                 key=key,
-                response_time_s=(self._answered_ns - seen.contact_ns) / 1e9,
+                response_time_s=(self._answered_ns - answerable_ns) / 1e9,
             )
         )
-        devices.console.confirmed(trial=planned.trial, answer=answered)
+        console.confirmed(trial=planned.trial, answer=answered)
         return Event.ANSWERED
-
-    def _parted(self, seen: WatchedStep | BrokenStep) -> _Parted | None:
-        """Journal the tracker's first frame; returns whether its clock has parted from the session's since."""
-        if seen.first_us is None or seen.clock is None:
-            return None
-        port, now_ns = self._devices.tracker_port, self._devices.clock.now_ns()
-        at_us = (seen.at_us or 0) if isinstance(seen, BrokenStep) else int(seen.contact.us)
-        if self._opened is None:
-            first_ns = seen.clock.session_ns(seen.first_us)
-            self._opened = TrackerOpened(port=port, device_us=seen.first_us, t_ns=first_ns)
-            self._write(self._opened)
-        # Where the foot is late on one clock and early on the other, the device restarted between two steps.
-        passed_us = (now_ns - self._opened.t_ns) / 1e3
-        ahead_us = at_us - self._opened.device_us - passed_us
-        if abs(ahead_us) <= CLOCKS_PART_US + CLOCKS_DRIFT * abs(passed_us):
-            return None
-        error = TrackerError(
-            f"tracker at {port}: its clock and the session's part by {ahead_us / 1e6:.1f} s; "
-            "the device restarted, or does not count microseconds; see to it, then resume the session"
-        )
-        # The step was now, whatever its device says.
-        return _Parted(ClockMap(at_us, now_ns), error)
-
-    def _keep(self, raw: bytes) -> Trace:
-        """Put raw frames on disk; says where they stand."""
-        offset = self._foot.tell()
-        self._foot.write(raw)
-        self._foot.flush()
-        os.fsync(self._foot.fileno())
-        return Trace(offset=offset, length=len(raw), sha256=hashlib.sha256(raw).hexdigest())
-
-    def _repeat_reason(self, seen: WatchedStep) -> str | None:
-        """Why the protocol has this attempt done again, if it has."""
-        heard = seen.onset.delivered if seen.onset is not None else None
-        for rule in self._protocol.exclusion:
-            if rule.action != "repeat-trial":
-                continue
-            limit = rule.limit or 0.0
-            broken = {
-                "frames-lost": seen.link.lost + seen.link.damaged > limit,
-                "speed-below": seen.gate.speed_mm_s < limit,
-                "speed-above": seen.gate.speed_mm_s > limit,
-                "undelivered": heard is not None and not heard.delivered,
-            }
-            if broken.get(rule.when, False):
-                return f"{rule.id}: {rule.reason}"
-        return None
-
-
-def _by(clock: ClockMap, seen: WatchedStep | BrokenStep) -> WatchedStep | BrokenStep:
-    """The step by another clock."""
-    if isinstance(seen, BrokenStep):
-        return replace(seen, clock=clock)
-    contact_ns = clock.session_ns(seen.contact.us)
-    onset = seen.onset.model_copy(update={"contact_ns": contact_ns}) if seen.onset is not None else None
-    return replace(seen, clock=clock, contact_ns=contact_ns, onset=onset)

@@ -5,77 +5,24 @@ from __future__ import annotations
 import shutil
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from experiment import __version__, storage
-from experiment.apparatus import host, opening
+from experiment import storage
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Actuator
 from experiment.apparatus.tracker import calibration
-from experiment.clock import Clock, MonotonicClock, day, utc
+from experiment.clock import Clock, MonotonicClock, day
 from experiment.dataset import build
 from experiment.desk.port import Console
 from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import approval
 from experiment.protocol.models import Protocol
 from experiment.records import journal
-from experiment.records.entries import Footer, Header
+from experiment.records.entries import Footer
 from experiment.records.progress import progress
-from experiment.session import attempt, runner, scene
+from experiment.session import runner, scene
+from experiment.session.far_ends import RealEnds
+from experiment.session.laboratory import header, open_laboratory
 from experiment.settings import load
-from experiment.study import enrolment, roster, schedule
-
-if TYPE_CHECKING:
-    from experiment.session.masker import Sound
-
-
-def header(
-    *,
-    protocol: Protocol,
-    rig: rigs.Rig,
-    participant: str,
-    task_id: str,
-    position: int,
-    seed: int,
-    recordings: Path | None,
-    rehearsal: bool,
-    clock: Clock,
-) -> Header:
-    """What a session is, with its trials in order.
-
-    Args:
-        protocol: the study.
-        rig: the rig it runs on.
-        participant: label.
-        task_id: id of the task.
-        position: which of the participant's tasks this is, from 1.
-        seed: of the study's draws.
-        recordings: folder of the recordings that stimuli are made from; None where there are none.
-        rehearsal: whether the participant is simulated.
-        clock: says when it begins.
-    """
-    return Header(
-        study=protocol.study.id,
-        protocol_sha256=approval.sha256(protocol),
-        software=f"palpate {__version__}",
-        rig=rig.rig.name,
-        rig_sha256=rigs.sha256(rig),
-        recordings_sha256=_recordings_sha256(recordings) if recordings is not None else None,
-        seed=seed,
-        participant=participant,
-        task=task_id,
-        task_position=position,
-        rehearsal=rehearsal,
-        started_utc=utc(clock.now_ns()),
-        block_trials=schedule.block_trials(protocol, task_id),
-        order=schedule.schedule(protocol=protocol, participant=participant, task_id=task_id, seed=seed),
-    )
-
-
-def _recordings_sha256(folder: Path) -> str:
-    from experiment.recordings import manifest
-
-    return manifest.sha256(folder)
+from experiment.study import enrolment, roster
 
 
 def run(
@@ -119,40 +66,22 @@ def run(
     allocation = roster.find(roster.allocate(protocol, seed), participant)
     _check_turn(root, allocation, task_id)
     _wait_for_break(root, protocol, allocation, task_id, clock, console)
+    planned = scene.plan(protocol=protocol, task_id=task_id)
+    used = _keep_recordings(root, recordings, protocol, planned) if planned.synthesis else None
     with ExitStack() as opened:
-        got = opened.enter_context(host.raised())
-        console.show(f"Priority: {got}.")
-        planned = scene.plan(protocol=protocol, task_id=task_id)
-        sound: Sound | None = None
-        if rig.audio is not None:
-            from experiment.session.masker import dose_before, open_sound
-
-            dose = dose_before(root, protocol, participant, clock)
-            sound = open_sound(rig, protocol, clock=clock, dose_before=dose, opened=opened)
-        else:
-            console.show(
-                f"Masker: the rig has no audio device. Play {protocol.masker.noise} noise by other means. "
-                f"{protocol.masker.criterion} At most {protocol.exposure.masker_level_db_a:g} dB(A)."
+        devices = opened.enter_context(
+            open_laboratory(
+                protocol=protocol,
+                rig=rig,
+                rig_folder=rig_file.parent,
+                participant=participant,
+                task_id=task_id,
+                dataset=root,
+                recordings=used,
+                clock=clock,
+                ends=RealEnds(console),
             )
-        render: scene.Render | None = None
-        actuator: Actuator | None = None
-        used: Path | None = None
-        if planned.synthesis:
-            used = _keep_recordings(root, recordings, protocol, planned)
-            rates_hz = (rig.actuator.rate_hz,)
-            render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=used, output_rates_hz=rates_hz)
-        if planned.actuator:
-            from experiment.apparatus.panel.conditioning import open_drive
-
-            limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-            like = scene.examples(render, planned, protocol, rig.actuator.rate_hz) if render is not None else ()
-            drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, like=like)
-            stream = sound.stream if sound is not None else None
-            actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=stream)
-            opened.callback(actuator.close)
-        tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.step.contact_mm)
-        opened.callback(tracker.close)
-        calibration.check_reading(tracker, rig.tracker)
+        )
         asked = header(
             protocol=protocol,
             rig=rig,
@@ -163,18 +92,6 @@ def run(
             recordings=used,
             rehearsal=False,
             clock=clock,
-        )
-        devices = attempt.Devices(
-            tracker=tracker,
-            tracker_port=rig.tracker.port,
-            noise_mm=rig.tracker.noise_mm,
-            actuator=actuator,
-            render=render,
-            console=console,
-            clock=clock,
-            masker=sound.masker if sound is not None else None,
-            reconnect_s=attempt.RECONNECT_S,
-            priority=got,
         )
         try:
             footer = runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=root)

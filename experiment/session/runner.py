@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 from collections import Counter
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
-from typing import BinaryIO, Literal
+from typing import Literal
 
 from experiment.apparatus import opening
+from experiment.clock import Clock
 from experiment.errors import JournalError, PalpateError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import journal
-from experiment.records.entries import AnyEntry, Footer, Header, Phase, Redo, Resumed
+from experiment.records.entries import Footer, Header, Phase, Redo, Resumed, Trace
+from experiment.records.journal import AnyEntry
 from experiment.records.progress import Progress, progress, spent_ns
 from experiment.session import interrupts
 from experiment.session.attempt import Attempts, Devices, Event, State, follow
@@ -55,10 +59,8 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
             return done.footer
         if not contents.lines:
             opening.keep(rig_file, rig_path(path))
-        foot = foot_path(path).open("ab")
-        opened = journal.Journal(path, devices.clock, contents)
-        session = _Session(protocol=protocol, done=done, devices=devices, opened=opened, foot=foot)
-        return session.run(contents)
+        with closing(_Log(path, devices.clock, contents, done)) as log:
+            return _Session(protocol=protocol, devices=devices, log=log).run(contents)
 
 
 def _check_same_session(path: Path, found: Header, asked: Header) -> None:
@@ -73,31 +75,46 @@ def _check_same_session(path: Path, found: Header, asked: Header) -> None:
             )
 
 
+class _Log:
+    """Implements `Log`: the session's journal and its file of raw tracker frames."""
+
+    def __init__(self, path: Path, clock: Clock, contents: journal.Contents, done: Progress) -> None:
+        self.done = done
+        """Where the session stands by what is on disk, as it would after a kill."""
+        self._frames = foot_path(path).open("ab")
+        self._journal = journal.Journal(path, clock, contents)
+
+    @property
+    def accepts(self) -> bool:
+        """Whether an entry may follow what is on disk."""
+        return self._journal.accepts
+
+    def write(self, entry: AnyEntry) -> None:
+        self._journal.append(entry)
+        self.done = self.done.after(entry)
+
+    def keep(self, raw: bytes) -> Trace:
+        offset = self._frames.tell()
+        self._frames.write(raw)
+        self._frames.flush()
+        os.fsync(self._frames.fileno())
+        return Trace(offset=offset, length=len(raw), sha256=hashlib.sha256(raw).hexdigest())
+
+    def close(self) -> None:
+        self._frames.close()
+        self._journal.close()
+
+
 class _Session:
-    def __init__(
-        self,
-        *,
-        protocol: Protocol,
-        done: Progress,
-        devices: Devices,
-        opened: journal.Journal,
-        foot: BinaryIO,
-    ) -> None:
+    def __init__(self, *, protocol: Protocol, devices: Devices, log: _Log) -> None:
         self._protocol = protocol
-        self._task = protocol.task(done.header.task)
-        self._done = done
+        self._task = protocol.task(log.done.header.task)
         self._devices = devices
-        self._journal = opened
-        self._foot = foot
+        self._log = log
         masker = devices.masker
-        self._masking = Masking(masker, devices.console, self._write) if masker is not None else None
+        self._masking = Masking(masker, devices.console, log.write) if masker is not None else None
         self._attempts = Attempts(
-            protocol=protocol,
-            header=done.header,
-            devices=devices,
-            write=self._write,
-            foot=foot,
-            masking=self._masking,
+            protocol=protocol, header=log.done.header, devices=devices, log=log, masking=self._masking
         )
         self._state = State.READY
 
@@ -106,34 +123,30 @@ class _Session:
             self._devices.clock.now_ns() + int(self._protocol.exposure.session_min * 60e9) - spent_ns(contents)
         )
         try:
-            try:
-                self._begin(contents)
-                if self._masking is not None:
-                    self._masking.choose(self._protocol.masker.criterion, self._done.masker_db_a)
-                pause = self._trials()
-            except PalpateError as error:
-                self._follow(Event.FAIL)
-                # It has ended as it is; whoever presses the key meanwhile wants no more.
-                with suppress(KeyboardInterrupt):
-                    self._end("error", str(error))
-                raise
-            except KeyboardInterrupt:
-                pause = "interrupted at the keyboard"
-            self._follow(Event.PAUSE if pause else Event.EXHAUSTED)
-            return self._end("paused" if pause else "complete", pause)
-        finally:
-            self._foot.close()
-            self._journal.close()
+            self._begin(contents)
+            if self._masking is not None:
+                self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a)
+            pause = self._trials()
+        except PalpateError as error:
+            self._follow(Event.FAIL)
+            # It has ended as it is; whoever presses the key meanwhile wants no more.
+            with suppress(KeyboardInterrupt):
+                self._end("error", str(error))
+            raise
+        except KeyboardInterrupt:
+            pause = "interrupted at the keyboard"
+        self._follow(Event.PAUSE if pause else Event.EXHAUSTED)
+        return self._end("paused" if pause else "complete", pause)
 
     def _trials(self) -> str:
         """Attempt after attempt until every trial is answered; returns why the session pauses, or nothing."""
         begun: Counter[int] = Counter()
-        while self._done.remaining:
-            planned = self._done.remaining[0]
+        while self._log.done.remaining:
+            planned = self._log.done.remaining[0]
             if pause := self._why_not(planned.trial, begun):
                 return pause
             begun[planned.trial] += 1
-            event = self._attempts.run(planned, self._done.attempts.get(planned.trial, 0) + 1)
+            event = self._attempts.run(planned, self._log.done.attempts.get(planned.trial, 0) + 1)
             if event not in (Event.BROKEN_OFF, Event.LOST):
                 self._follow(Event.STEPPED)
             if event is Event.PAUSE:
@@ -158,53 +171,47 @@ class _Session:
     def _wait_for_tracker(self) -> str:
         """Have the tracker plugged in again; returns why the session pauses instead, or nothing."""
         console, lost, wait_s = self._devices.console, self._attempts.outage, self._devices.reconnect_s
-        self._write(Phase(state=self._state, detail=lost))
+        self._log.write(Phase(state=self._state, detail=lost))
         console.show(f"{lost}. The session waits for {wait_s:g} s; nothing is lost.")
         try:
-            self._devices.tracker.reconnect(wait_s)
+            self._attempts.reconnect(wait_s)
         except TrackerStopped as stopped:
             return str(stopped)
-        self._attempts.reconnected()
         self._follow(Event.FOUND)
-        self._write(Phase(state=self._state, detail="the tracker is back"))
+        self._log.write(Phase(state=self._state, detail="the tracker is back"))
         console.show("The tracker is back; the trial is armed again.")
         return ""
-
-    def _write(self, entry: AnyEntry) -> None:
-        """Put an entry on disk; what remains follows from it, as it would after a kill."""
-        self._journal.append(entry)
-        self._done = self._done.after(entry)
 
     def _follow(self, event: Event) -> None:
         self._state = follow(self._state, event)
 
     def _end(self, reason: Literal["complete", "paused", "error"], detail: str = "") -> Footer:
-        footer = Footer(reason=reason, detail=detail, answered=len(self._done.answered))
+        footer = Footer(reason=reason, detail=detail, answered=len(self._log.done.answered))
         # After an interrupt in the middle of a write only a new reading of the journal may add to it.
-        accepts = self._journal.accepts
+        accepts = self._log.accepts
         with interrupts.held():
             if self._masking is not None:
                 self._masking.end(note=accepts)
             if accepts:
-                self._journal.append(footer)
+                self._log.write(footer)
         return footer
 
     def _begin(self, contents: journal.Contents) -> None:
-        done = self._done
+        done = self._log.done
         if contents.lines:
             remaining = tuple(planned.trial for planned in done.remaining)
             torn = contents.torn.decode("utf-8", "backslashreplace")
-            self._write(Resumed(torn=torn, remaining=remaining))
+            self._log.write(Resumed(torn=torn, remaining=remaining))
             if torn:
                 self._devices.console.show(f"A torn last line of the journal was dropped: {torn[:60]!r}")
             if done.unanswered is not None:
                 trial, attempt = done.unanswered
                 reason = "the session was interrupted before the answer"
-                self._write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=False))
+                self._log.write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=False))
         else:
-            self._journal.append(done.header)
+            self._log.write(done.header)
         if priority := self._devices.priority:
-            self._write(Phase(state=self._state, detail=f"priority: {priority}"))
+            self._log.write(Phase(state=self._state, detail=f"priority: {priority}"))
         if done.attempts:
             self._follow(Event.RESUME)
         else:
@@ -215,7 +222,7 @@ class _Session:
     def _familiarise(self) -> None:
         wanted = self._task.familiarisation
         clock = self._devices.clock
-        self._write(Phase(state=self._state))
+        self._log.write(Phase(state=self._state))
         begun_ns = clock.now_ns()
         left_s = wanted.min_s
         while True:
@@ -224,4 +231,4 @@ class _Session:
             if left_s <= 0:
                 break
         lasted_s = (clock.now_ns() - begun_ns) / 1e9
-        self._write(Phase(state="familiarised", detail=f"{lasted_s:.1f} s"))
+        self._log.write(Phase(state="familiarised", detail=f"{lasted_s:.1f} s"))

@@ -52,7 +52,7 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
             # The protocol's rules give `max_run` a value with this kind.
             counts = dict.fromkeys(materials, task.repetitions)
             order = constrained(counts, max_run=task.order.max_run or 0, draws=draws)
-    return tuple(PlannedTrial(trial=place, presented=material) for place, material in enumerate(order, start=1))
+    return tuple(PlannedTrial(trial=place, presented=(material,)) for place, material in enumerate(order, start=1))
 
 
 def block_trials(protocol: Protocol, task_id: str) -> int:

@@ -13,7 +13,8 @@ import pytest
 from experiment.errors import DatasetError
 from experiment.protocol.shipped import shipped
 from experiment.records import journal
-from experiment.records.entries import FootStep, MaskerSet, Redo, Zeroed
+from experiment.records.entries import MaskerSet, Redo
+from experiment.records.footstep import FootStep, Zeroed
 from experiment.rehearsal import session, study
 from experiment.rehearsal.footstep.panel import CardPanel
 from experiment.rehearsal.wires.sound_card import SimulatedSound

@@ -19,7 +19,8 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.protocol.shipped import shipped
 from experiment.records import journal
-from experiment.records.entries import AnyEntry, Footer
+from experiment.records.entries import Footer
+from experiment.records.journal import AnyEntry
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.foot import Faults
 from experiment.rehearsal.footstep.panel import Panel

@@ -1,9 +1,7 @@
 """REHEARSAL: the simulated sound card, a JACK server of our own with its dummy driver. It plays to nobody.
 
 Whatever the stream of a session sends to an output is there, sample for sample: `connect` is the cable from an output
-to an input, and `Tap` listens to an output from outside.
-
-REHEARSAL: the sound of one session, on a simulated sound card of its own.
+to an input, `Tap` listens to an output from outside, and `WiredCard` lays the cables of a rig.
 """
 
 from __future__ import annotations
@@ -25,12 +23,9 @@ from filelock import FileLock, Timeout
 from experiment.apparatus import host, opening
 from experiment.apparatus.audio import devices
 from experiment.apparatus.rig import Rig
-from experiment.clock import Clock
 from experiment.errors import AudioError
-from experiment.protocol.models import Protocol
 from experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
 from experiment.rehearsal.wires.listener import Tap
-from experiment.session.masker import open_sound
 
 HOST_API = "JACK Audio Connection Kit"
 """Where PortAudio has the simulated card: for tests that open a stream without a rig file, which says it otherwise."""
@@ -230,43 +225,34 @@ def _jack() -> ModuleType:
     return module
 
 
-class SimulatedSound:
-    """The card, the session's stream on it and its masker; all until it is left.
+class WiredCard:
+    """A sound card wired as a rig is: the actuator's channel leads back into the loopback, and to a panel if there is one.
 
-    The card is wired as a rig is: the actuator's channel goes back into the loopback, and to the panel where a task has
-    one.
+    The card and its panel end when it is left.
     """
 
-    def __init__(self, rig: Rig, protocol: Protocol, clock: Clock, *, dose_before: float = 0.0) -> None:
-        """Start everything.
-
-        Args:
-            rig: a simulated rig with an audio device.
-            protocol: the study.
-            clock: the session's clock; it must go by itself.
-            dose_before: of the masker, what the participant's sessions of the day used up.
-
-        Raises:
-            AudioError: JACK is not installed, or does not run.
-        """
+    def __init__(self, rig: Rig) -> None:
+        """Start the card of a simulated rig with an audio device. Raises `AudioError` where JACK does not run."""
         audio = opening.audio_of(rig)
-        channels = audio.channels
+        self._actuator, self._channels = rig.actuator, audio.channels
         with ExitStack() as opened:
             self.card = SoundCard(
-                rate_hz=audio.rate_hz, block=audio.block, inputs=channels.inputs, outputs=channels.outputs
+                rate_hz=audio.rate_hz,
+                block=audio.block,
+                inputs=audio.channels.inputs,
+                outputs=audio.channels.outputs,
             )
             opened.callback(self.card.close)
-            sound = open_sound(rig, protocol, clock=clock, dose_before=dose_before, opened=opened, device=DEVICE)
-            self.stream, self.masker = sound.stream, sound.masker
-            for entry in range(1, channels.inputs + 1):
-                self.card.disconnect(entry)
-            self._channels = channels
-            self.connect_loopback()
-            self._actuator = rig.actuator
             self._opened = opened.pop_all()
 
+    def wire(self) -> None:
+        """Lay the rig's cables alone, once a stream is open; JACK connects a new stream to every input by itself."""
+        for entry in range(1, self._channels.inputs + 1):
+            self.card.disconnect(entry)
+        self.connect_loopback()
+
     def panel(self) -> CardPanel:
-        """The panel on the actuator's channel, from now on. Raises `AudioError`."""
+        """Return the panel on the actuator's channel, from now on. Raises `AudioError`."""
         panel = CardPanel(self.card.tap(self._channels.actuator, seconds=LONGEST_S), self._actuator)
         self._opened.callback(panel.close)
         return panel
@@ -281,7 +267,7 @@ class SimulatedSound:
         if self._channels.loopback is not None:
             self.card.disconnect(self._channels.loopback)
 
-    def __enter__(self) -> SimulatedSound:
+    def __enter__(self) -> WiredCard:
         return self
 
     def __exit__(

@@ -5,8 +5,9 @@ from __future__ import annotations
 import pytest
 
 from experiment.dataset import build
-from experiment.records.entries import AnyEntry, BrokenOff, Link, MaskerSet, Trace
-from experiment.records.journal import Contents, Line
+from experiment.records.entries import MaskerSet, Trace
+from experiment.records.footstep import BrokenOff, Link
+from experiment.records.journal import AnyEntry, Contents, Line
 
 
 def _step(trial: int, attempt: int = 1) -> BrokenOff:

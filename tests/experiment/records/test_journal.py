@@ -17,7 +17,8 @@ from hypothesis import strategies as st
 from experiment.clock import ManualClock
 from experiment.errors import JournalError, SessionLocked
 from experiment.records import journal
-from experiment.records.entries import Answer, AnyEntry, Footer, Phase
+from experiment.records.entries import Answer, Footer, Phase
+from experiment.records.journal import AnyEntry
 from tests.experiment.session.bench import HEADER
 
 ANSWER = Answer(trial=1, attempt=1, presented="foil", answered=None, key="n", response_time_s=0.25)

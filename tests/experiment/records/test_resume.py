@@ -6,19 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.records.entries import (
-    Answer,
-    AnyEntry,
-    BrokenOff,
-    Footer,
-    FootStep,
-    Header,
-    Link,
-    PlannedTrial,
-    Redo,
-    Trace,
-    TrackerClock,
-)
+from experiment.records.entries import Answer, Footer, Header, PlannedTrial, Redo, Trace
+from experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock
+from experiment.records.journal import AnyEntry
 from experiment.records.progress import progress
 from tests.experiment.session.bench import HEADER
 

@@ -18,7 +18,8 @@ from experiment.errors import PalpateError
 from experiment.protocol.models import Protocol
 from experiment.protocol.shipped import shipped
 from experiment.records import journal
-from experiment.records.entries import BrokenOff, Footer, Header, PlannedTrial
+from experiment.records.entries import Footer, Header, PlannedTrial
+from experiment.records.footstep import BrokenOff
 from experiment.records.stimulus import Computed, Delivered
 from experiment.session import attempt, runner
 from experiment.session.scene import Rendered

@@ -13,7 +13,8 @@ from experiment.apparatus.tracker.frames import Samples
 from experiment.errors import AudioError
 from experiment.protocol.models import Protocol
 from experiment.records import journal
-from experiment.records.entries import Footer, FootStep
+from experiment.records.entries import Footer
+from experiment.records.footstep import FootStep
 from experiment.session import interrupts
 from experiment.session.attempt import Attempts
 from tests.experiment.session.bench import bench, entries, felt_and_on_file, header

@@ -12,7 +12,8 @@ from experiment.clock import ManualClock
 from experiment.errors import JournalError
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
-from experiment.records.entries import Answer, Footer, FootStep, Header, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.entries import Answer, Footer, Header, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.footstep import FootStep
 from experiment.records.stimulus import Stimulus
 from tests.experiment.session.bench import COMPUTED, ORDER, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole, ScriptedTracker, step_samples

@@ -10,7 +10,8 @@ import pytest
 from experiment.apparatus.tracker.frames import Samples
 from experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
 from experiment.protocol.models import Protocol
-from experiment.records.entries import BrokenOff, Footer, FootStep, Redo
+from experiment.records.entries import Footer, Redo
+from experiment.records.footstep import BrokenOff, FootStep
 from experiment.session import runner
 from tests.experiment.session.bench import DELIVERED, bench, entries, felt_and_on_file, header, in_pieces
 from tests.experiment.session.scripted import START_NS, step_samples

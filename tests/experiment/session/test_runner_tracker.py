@@ -15,7 +15,8 @@ from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records.entries import BrokenOff, Footer, FootStep, Phase, TrackerOpened, Zeroed
+from experiment.records.entries import Footer, Phase, TrackerOpened
+from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from tests.experiment.session.bench import ORDER, bench, entries, header
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples, step_samples
 

@@ -1,0 +1,89 @@
+"""Models of what a footstep leaves in the journal: where the foot rested, and each step with its stimulus."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from experiment.records.entries import Entry, Record, Trace
+from experiment.records.stimulus import Onset, Stimulus
+
+
+class Zeroed(Entry):
+    """Heights count from where the foot rested on the panel, from now on.
+
+    `offset_mm`: how far above the protocol's contact the calibration had it, median of `samples`; `spread_mm`: their
+    standard deviation.
+    """
+
+    kind: Literal["zeroed"] = "zeroed"
+    offset_mm: float
+    spread_mm: float
+    samples: int
+
+
+class Link(Record):
+    """Frames of the tracker between arming and contact; `received` counts those up to contact."""
+
+    received: int
+    lost: int
+    damaged: int
+    repeated: int
+
+
+class TrackerClock(Record):
+    """Which session time a device time is, as it was known at the end of a step: a straight line.
+
+    `anchor_us` was at `anchor_ns`, and since then the session's clock ran ahead of the device's by `drift_ppm`.
+    """
+
+    anchor_us: int
+    anchor_ns: int
+    drift_ppm: float
+
+
+class FootStep(Entry):
+    """One step of the foot, in device time, with the stimulus it set off.
+
+    `dead_time_ms`: from the confirmed answer to the trial before until this one was armed, without the time in which
+    its object was laid out; None where no answer came just before, and in simulated time.
+    """
+
+    kind: Literal["step"] = "step"
+    trial: int
+    attempt: int
+    presented: tuple[str, ...]
+    clock: TrackerClock
+    dead_time_ms: float | None
+    gate_top_us: float
+    gate_bottom_us: float
+    contact_us: float
+    speed_mm_s: float
+    link: Link
+    trace: Trace
+    stimulus: Stimulus | None
+    onset: Onset | None
+
+
+class BrokenOff(Entry):
+    """A step that ended before the foot had landed, or before its landing was on file; its stimulus was withdrawn
+    where it still could be.
+
+    `gate_top_us`, `gate_bottom_us` and `speed_mm_s` are None where the foot had not passed the gate, `at_us` (device
+    time of the newest sample) and `clock` where none had come. `felt`: something may have been felt, so the trial is
+    put off to the end of its block; else it is armed again at once. `dead_time_ms`: as in `FootStep`.
+    """
+
+    kind: Literal["broken-off"] = "broken-off"
+    trial: int
+    attempt: int
+    presented: tuple[str, ...]
+    reason: str
+    felt: bool
+    clock: TrackerClock | None
+    dead_time_ms: float | None
+    at_us: int | None
+    gate_top_us: float | None
+    gate_bottom_us: float | None
+    speed_mm_s: float | None
+    link: Link
+    trace: Trace

@@ -1,0 +1,323 @@
+"""Footstep trials, a kind of trial: lay out and arm, watch the step, and say what goes on record of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from experiment.apparatus import opening
+from experiment.apparatus.ports import Actuator, Tracker
+from experiment.apparatus.rig import Rig
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import LinkCounts
+from experiment.apparatus.tracker.gate import GateDetector
+from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
+from experiment.apparatus.tracker.zeroing import ZeroedTracker
+from experiment.clock import Clock, lasted_ms
+from experiment.desk.port import Console
+from experiment.errors import RecordingError, TrackerError
+from experiment.protocol.models import Protocol
+from experiment.records.entries import Header, PlannedTrial, Trace, TrackerOpened
+from experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock, Zeroed
+from experiment.session import scene
+from experiment.session.far_ends import FarEnds
+from experiment.session.footstep.stimulus import Sounder
+from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
+from experiment.session.kind import Log, Meaning, Seen
+from experiment.session.scene import Render
+
+if TYPE_CHECKING:
+    from experiment.apparatus.audio.stream import AudioStream
+
+CLOCKS_PART_US = 10e6
+"""Device and session time may part by this much: a slow step, and what came before the first."""
+
+CLOCKS_DRIFT = 0.01
+"""And by this part of the time passed: the largest drift that clock_map.py believes, twice a ceramic resonator's."""
+
+
+@dataclass(frozen=True)
+class FootstepDevices:
+    """Implements `KindDevices`; what the task's scene leaves out is None.
+
+    Attributes:
+        tracker: where the foot is; a `ZeroedTracker` is zeroed before the first attempt, and when it has come back.
+        tracker_port: what the journal calls its port.
+        noise_mm: of the tracker's sensor, mm rms; None where the rig file does not state it.
+        actuator: what shakes the panel.
+        render: what makes stimuli.
+    """
+
+    tracker: Tracker
+    tracker_port: str
+    noise_mm: float | None
+    actuator: Actuator | None
+    render: Render | None
+
+    def begin(self, *, protocol: Protocol, header: Header, console: Console, clock: Clock, log: Log) -> Footsteps:
+        return Footsteps(self, protocol=protocol, header=header, console=console, clock=clock, log=log)
+
+
+def open_footsteps(
+    *,
+    protocol: Protocol,
+    rig: Rig,
+    rig_folder: Path,
+    task_id: str,
+    recordings: Path | None,
+    clock: Clock,
+    stream: AudioStream | None,
+    ends: FarEnds,
+    opened: ExitStack,
+) -> FootstepDevices:
+    """Open what a task of footsteps needs; arguments and errors as in `laboratory.open_laboratory`.
+
+    Args:
+        stream: the session's audio stream, for an actuator that is a channel of it.
+        opened: closes what is opened here.
+    """
+    planned = scene.plan(protocol=protocol, task_id=task_id)
+    render: Render | None = None
+    if planned.synthesis:
+        if recordings is None:
+            raise RecordingError(f"task '{task_id}': got no recordings; allowed: a folder of them; name it")
+        rates_hz = (rig.actuator.rate_hz,)
+        render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=rates_hz)
+    actuator: Actuator | None = None
+    if planned.actuator:
+        from experiment.apparatus.panel.conditioning import open_drive
+
+        limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+        like = scene.examples(render, planned, protocol, rig.actuator.rate_hz) if render is not None else ()
+        drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2, like=like)
+        address = ends.panel(opened)
+        actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=address, stream=stream)
+        opened.callback(actuator.close)
+        actuator = ends.hand_over(actuator)
+    port, clock_map = ends.tracker(opened)
+    contact_mm = protocol.step.contact_mm
+    tracker = opening.open_tracker(rig, clock=clock, port=port, clock_map=clock_map, contact_mm=contact_mm)
+    opened.callback(tracker.close)
+    ends.check(tracker, rig)
+    return FootstepDevices(tracker, port or rig.tracker.port, rig.tracker.noise_mm, actuator, render)
+
+
+@dataclass(frozen=True)
+class Armed:
+    """An attempt that was armed.
+
+    Attributes:
+        planned: the trial.
+        attempt: its number, from 1.
+        dead_time_ms: since the answer just before, ms, without the time in which an object was laid out; None where no
+            answer came just before, and in simulated time.
+    """
+
+    planned: PlannedTrial
+    attempt: int
+    dead_time_ms: float | None
+
+
+@dataclass(frozen=True)
+class _Parted:
+    """The tracker's clock has parted from the session's: the one to go by, and why the session cannot go on."""
+
+    clock: ClockMap
+    error: TrackerError
+
+
+class Footsteps:
+    """Implements `Kind`: each attempt is one step of the foot."""
+
+    def __init__(
+        self,
+        devices: FootstepDevices,
+        *,
+        protocol: Protocol,
+        header: Header,
+        console: Console,
+        clock: Clock,
+        log: Log,
+    ) -> None:
+        """Set up before the first attempt; arguments as in `KindDevices.begin`."""
+        step = protocol.step
+        self._protocol = protocol
+        self._trials = len(header.order)
+        self._place = scene.plan(protocol=protocol, task_id=header.task).place
+        self._devices = devices
+        self._console = console
+        self._clock = clock
+        self._log = log
+        self._answers = {m.key: Meaning(m.id, _spoken(m.id, m.spoken[0])) for m in protocol.materials}
+        self._watch = Watch(
+            feed=Feed(devices.tracker),
+            detector=GateDetector(step),
+            predictor=LandingPredictor(step, noise_mm=NOISE_MM if devices.noise_mm is None else devices.noise_mm),
+            clock=clock,
+            sounder=Sounder(devices.render, devices.actuator) if devices.render and devices.actuator else None,
+        )
+        self._opened: TrackerOpened | None = None
+        self._broken: BrokenStep | None = None
+        self._armed: Armed | None = None
+
+    def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
+        """Arm the attempt. After a step that broke off the foot is still watched, so that nothing is missed."""
+        console, clock, tracker = self._console, self._clock, self._devices.tracker
+        broken, self._broken = self._broken, None
+        if isinstance(tracker, ZeroedTracker) and tracker.due:
+            self._zero(tracker)
+        if broken is not None and not broken.felt:
+            console.rearm(trial=planned.trial, attempt=attempt, reason=broken.reason)
+            self._armed = Armed(planned, attempt, None)
+            return
+        laid_ns = 0
+        if self._place:
+            begun_ns = clock.now_ns()
+            console.place(trial=planned.trial, material=planned.presented[0])
+            laid_ns = clock.now_ns() - begun_ns
+        self._watch.feed.drain()
+        console.arm(trial=planned.trial, attempt=attempt, trials=self._trials)
+        dead_time_ms = None if answered_ns is None else lasted_ms(clock, answered_ns + laid_ns)
+        self._armed = Armed(planned, attempt, dead_time_ms)
+
+    def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:
+        """Watch the step that was armed, and put its raw frames on disk."""
+        armed = self._armed
+        if armed is None:
+            raise RuntimeError("no step is watched before it was armed")
+        step = watch(self._watch, armed.planned.presented[0], waiting)
+        parted = self._parted(step)
+        if parted is not None:
+            step = _by(parted.clock, step)
+        trace = self._log.keep(step.raw)
+        error = parted.error if parted is not None else None
+        if isinstance(step, BrokenStep):
+            self._broken = step
+            return Seen(
+                _broken_off(armed, step, trace),
+                reason=step.reason,
+                lost=step.stopped is not None,
+                failed=step.failed or error,
+            )
+        heard = step.onset.delivered if step.onset is not None else None
+        return Seen(
+            _foot_step(armed, step, trace),
+            answerable_ns=step.contact_ns,
+            failed=error,
+            delivered=None if heard is None else heard.delivered,
+            repeat=self._repeat(step),
+        )
+
+    def answers(self, planned: PlannedTrial) -> dict[str, Meaning]:  # noqa: ARG002
+        """Return the materials of the study by their keys; in every trial the same."""
+        return self._answers
+
+    def reconnect(self, timeout_s: float) -> None:
+        """Wait for the tracker; its device time may be another when it is back."""
+        self._devices.tracker.reconnect(timeout_s)
+        self._opened = self._broken = None
+
+    def _zero(self, tracker: ZeroedTracker) -> None:
+        zero = tracker.settle(self._console)
+        self._log.write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
+        self._console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
+
+    def _parted(self, step: WatchedStep | BrokenStep) -> _Parted | None:
+        """Journal the tracker's first frame; return whether its clock has parted from the session's since."""
+        if step.first_us is None or step.clock is None:
+            return None
+        port, now_ns = self._devices.tracker_port, self._clock.now_ns()
+        at_us = (step.at_us or 0) if isinstance(step, BrokenStep) else int(step.contact.us)
+        if self._opened is None:
+            first_ns = step.clock.session_ns(step.first_us)
+            self._opened = TrackerOpened(port=port, device_us=step.first_us, t_ns=first_ns)
+            self._log.write(self._opened)
+        # Where the foot is late on one clock and early on the other, the device restarted between two steps.
+        passed_us = (now_ns - self._opened.t_ns) / 1e3
+        ahead_us = at_us - self._opened.device_us - passed_us
+        if abs(ahead_us) <= CLOCKS_PART_US + CLOCKS_DRIFT * abs(passed_us):
+            return None
+        error = TrackerError(
+            f"tracker at {port}: its clock and the session's part by {ahead_us / 1e6:.1f} s; "
+            "the device restarted, or does not count microseconds; see to it, then resume the session"
+        )
+        # The step was now, whatever its device says.
+        return _Parted(ClockMap(at_us, now_ns), error)
+
+    def _repeat(self, step: WatchedStep) -> str:
+        """Return why the protocol has this step done again, if it has."""
+        heard = step.onset.delivered if step.onset is not None else None
+        for rule in self._protocol.exclusion:
+            if rule.action != "repeat-trial":
+                continue
+            limit = rule.limit or 0.0
+            broken = {
+                "frames-lost": step.link.lost + step.link.damaged > limit,
+                "speed-below": step.gate.speed_mm_s < limit,
+                "speed-above": step.gate.speed_mm_s > limit,
+                "undelivered": heard is not None and not heard.delivered,
+            }
+            if broken.get(rule.when, False):
+                return f"{rule.id}: {rule.reason}"
+        return ""
+
+
+def _spoken(material: str, said: str) -> str:
+    return material if said == material else f"{material} ('{said}')"
+
+
+def _by(clock: ClockMap, step: WatchedStep | BrokenStep) -> WatchedStep | BrokenStep:
+    """Return the step by another clock."""
+    if isinstance(step, BrokenStep):
+        return replace(step, clock=clock)
+    contact_ns = clock.session_ns(step.contact.us)
+    onset = step.onset.model_copy(update={"contact_ns": contact_ns}) if step.onset is not None else None
+    return replace(step, clock=clock, contact_ns=contact_ns, onset=onset)
+
+
+def _foot_step(armed: Armed, step: WatchedStep, trace: Trace) -> FootStep:
+    return FootStep(
+        trial=armed.planned.trial,
+        attempt=armed.attempt,
+        presented=armed.planned.presented,
+        clock=_clock(step.clock),
+        dead_time_ms=armed.dead_time_ms,
+        gate_top_us=step.gate.top_us,
+        gate_bottom_us=step.gate.bottom_us,
+        contact_us=step.contact.us,
+        speed_mm_s=step.gate.speed_mm_s,
+        link=_link(step.link),
+        trace=trace,
+        stimulus=step.stimulus,
+        onset=step.onset,
+    )
+
+
+def _broken_off(armed: Armed, step: BrokenStep, trace: Trace) -> BrokenOff:
+    gate = step.gate
+    return BrokenOff(
+        trial=armed.planned.trial,
+        attempt=armed.attempt,
+        presented=armed.planned.presented,
+        reason=step.reason,
+        felt=step.felt,
+        clock=_clock(step.clock) if step.clock else None,
+        dead_time_ms=armed.dead_time_ms,
+        at_us=step.at_us,
+        gate_top_us=gate.top_us if gate else None,
+        gate_bottom_us=gate.bottom_us if gate else None,
+        speed_mm_s=gate.speed_mm_s if gate else None,
+        link=_link(step.link),
+        trace=trace,
+    )
+
+
+def _clock(known: ClockMap) -> TrackerClock:
+    return TrackerClock(anchor_us=known.anchor_us, anchor_ns=known.anchor_ns, drift_ppm=known.drift_ppm)
+
+
+def _link(counts: LinkCounts) -> Link:
+    return Link(received=counts.received, lost=counts.lost, damaged=counts.damaged, repeated=counts.repeated)

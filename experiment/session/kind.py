@@ -1,0 +1,118 @@
+"""The seam between a session and its kinds of trial: what a session lends a kind, and what it asks of one.
+
+A session knows trials, attempts, answers and the journal. What happens between arming and the question, and on which
+devices, is the kind's: `footstep/` is one. A kind never imports another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Protocol
+
+from experiment.clock import Clock
+from experiment.desk.port import Console
+from experiment.protocol.models import Protocol as StudyProtocol
+from experiment.records.entries import Header, PlannedTrial, Trace
+from experiment.records.journal import AnyEntry
+
+
+class Log(Protocol):
+    """What a session puts on disk for a kind; both calls return when it is there."""
+
+    def write(self, entry: AnyEntry) -> None:
+        """Put an entry into the journal."""
+        ...
+
+    def keep(self, raw: bytes) -> Trace:
+        """Put the raw tracker frames of an attempt into the session's file of them; return where they stand."""
+        ...
+
+
+@dataclass(frozen=True)
+class Meaning:
+    """What an answer key stands for.
+
+    Attributes:
+        answer: what goes on record: one of the kind's answers.
+        words: how the experimenter reads it.
+    """
+
+    answer: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a session needs to know of one attempt, once its device's frames are on disk.
+
+    Attributes:
+        entry: what goes on record of the attempt.
+        answerable_ns: session time from which the participant could answer; None where the attempt broke off.
+        reason: why it broke off; empty where it did not.
+        lost: whether it broke off because a device fell silent; `Kind.reconnect` waits for that one.
+        failed: what has to be raised once the entry is on file; None where nothing has.
+        delivered: whether the stimulus was measured to be as intended; None where nothing measured it.
+        repeat: the rule of the protocol that has the attempt done again, and why; empty where none has.
+    """
+
+    entry: AnyEntry
+    answerable_ns: int | None = None
+    reason: str = ""
+    lost: bool = False
+    failed: BaseException | None = None
+    delivered: bool | None = None
+    repeat: str = ""
+
+
+class Kind(Protocol):
+    """The trials of one session, one attempt after the other."""
+
+    def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
+        """Lay out and arm an attempt.
+
+        Args:
+            planned: the trial.
+            attempt: its number, from 1.
+            answered_ns: session time of the answer just before; None without one.
+
+        Raises:
+            TrackerStopped: the device fell silent; nothing had begun, and the same attempt is armed again later.
+        """
+        ...
+
+    def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:
+        """Follow the attempt that is ready to its end, with its stimulus.
+
+        Args:
+            waiting: entered while nothing can have been felt.
+
+        Raises:
+            PalpateError: a part failed before anything can have been felt; later failures come with what was seen.
+        """
+        ...
+
+    def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:
+        """Return what each answer key stands for in this trial."""
+        ...
+
+    def reconnect(self, timeout_s: float) -> None:
+        """Wait until the device that fell silent is back. Raises `TrackerStopped` when it is not back in time."""
+        ...
+
+
+class KindDevices(Protocol):
+    """The opened devices of one kind."""
+
+    def begin(self, *, protocol: StudyProtocol, header: Header, console: Console, clock: Clock, log: Log) -> Kind:
+        """Begin a session with them.
+
+        Args:
+            protocol: the study.
+            header: what the session is.
+            console: the experimenter's screen.
+            clock: the session's.
+            log: where the session's entries and frames go.
+        """
+        ...

@@ -1,0 +1,143 @@
+"""The laboratory of one session: opens everything that its task needs, in order, and closes it in reverse.
+
+A session with a participant and a rehearsal open the same parts by the same lines. What differs is an argument: what
+stands at the far ends of the ports (`FarEnds`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from experiment import __version__
+from experiment.apparatus import host
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.rig import Rig
+from experiment.clock import Clock, utc
+from experiment.protocol import approval
+from experiment.protocol.models import Protocol
+from experiment.records.entries import Header
+from experiment.session import masker
+from experiment.session.attempt import Devices
+from experiment.session.far_ends import FarEnds
+from experiment.session.footstep.trials import open_footsteps
+from experiment.study import schedule
+
+
+@contextmanager
+def open_laboratory(
+    *,
+    protocol: Protocol,
+    rig: Rig,
+    rig_folder: Path,
+    participant: str,
+    task_id: str,
+    dataset: Path,
+    recordings: Path | None,
+    clock: Clock,
+    ends: FarEnds,
+) -> Iterator[Devices]:
+    """Open what a task needs.
+
+    Args:
+        protocol: the study.
+        rig: the rig.
+        rig_folder: the folder that holds the rig file, from which the files that it names are found.
+        participant: label; what their sessions of the day used up of the masker's dose counts.
+        task_id: one of the study's tasks.
+        dataset: folder of the study's dataset.
+        recordings: folder of the recordings that stimuli are made from; None where the task needs none.
+        clock: the session's.
+        ends: what stands at the far ends of the ports.
+
+    Yields:
+        The opened parts; they are closed when this is left.
+
+    Raises:
+        PalpateError: a part cannot be opened; what was opened before it is closed again.
+    """
+    with ExitStack() as opened:
+        priority = opened.enter_context(host.raised()) if ends.real_time else ""
+        sound: masker.Sound | None = None
+        if rig.audio is not None:
+            dose = masker.dose_before(dataset, protocol, participant, clock)
+            device = ends.sound_device(opened)
+            sound = masker.open_sound(rig, protocol, clock=clock, dose_before=dose, opened=opened, device=device)
+            ends.wire_sound()
+        trials = open_footsteps(
+            protocol=protocol,
+            rig=rig,
+            rig_folder=rig_folder,
+            task_id=task_id,
+            recordings=recordings,
+            clock=clock,
+            stream=sound.stream if sound is not None else None,
+            ends=ends,
+            opened=opened,
+        )
+        console = ends.console()
+        if priority:
+            console.show(f"Priority: {priority}.")
+        if sound is None:
+            console.show(
+                f"Masker: the rig has no audio device. Play {protocol.masker.noise} noise by other means. "
+                f"{protocol.masker.criterion} At most {protocol.exposure.masker_level_db_a:g} dB(A)."
+            )
+        yield Devices(
+            trials=trials,
+            console=console,
+            clock=clock,
+            masker=sound.masker if sound is not None else None,
+            reconnect_s=ends.reconnect_s,
+            priority=priority,
+        )
+
+
+def header(
+    *,
+    protocol: Protocol,
+    rig: Rig,
+    participant: str,
+    task_id: str,
+    position: int,
+    seed: int,
+    recordings: Path | None,
+    rehearsal: bool,
+    clock: Clock,
+) -> Header:
+    """Return what a session is, with its trials in order.
+
+    Args:
+        protocol: the study.
+        rig: the rig it runs on.
+        participant: label.
+        task_id: id of the task.
+        position: which of the participant's tasks this is, from 1.
+        seed: of the study's draws.
+        recordings: folder of the recordings that stimuli are made from; None where there are none.
+        rehearsal: whether the participant is simulated.
+        clock: says when it begins.
+    """
+    return Header(
+        study=protocol.study.id,
+        protocol_sha256=approval.sha256(protocol),
+        software=f"palpate {__version__}",
+        rig=rig.rig.name,
+        rig_sha256=rigs.sha256(rig),
+        recordings_sha256=_recordings_sha256(recordings) if recordings is not None else None,
+        seed=seed,
+        participant=participant,
+        task=task_id,
+        task_position=position,
+        rehearsal=rehearsal,
+        started_utc=utc(clock.now_ns()),
+        block_trials=schedule.block_trials(protocol, task_id),
+        order=schedule.schedule(protocol=protocol, participant=participant, task_id=task_id, seed=seed),
+    )
+
+
+def _recordings_sha256(folder: Path) -> str:
+    from experiment.recordings import manifest
+
+    return manifest.sha256(folder)
