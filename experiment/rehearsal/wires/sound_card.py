@@ -226,7 +226,7 @@ def _jack() -> ModuleType:
 
 
 class WiredCard:
-    """A sound card wired as a rig is: the actuator's channel leads back into the loopback, and to a panel if there is one.
+    """A sound card wired as a rig is: the actuator's channel leads into the loopback and to the panel.
 
     The card and its panel end when it is left.
     """
