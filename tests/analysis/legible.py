@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,13 +28,14 @@ def check(found: Sequence[Sheet]) -> None:
             assert inside, (one.name, text)
         for (first, box), (second, other) in combinations(letters, 2):
             assert not _overlap(box, other), (one.name, first, second)
-        sizes = [text.get_fontsize() for text in one.figure.findobj(Text) if text.get_text().strip()]
+        sizes = [float(text.get_fontsize()) for text in one.figure.findobj(Text) if text.get_text().strip()]
         assert min(sizes) >= 7, one.name
 
 
 def _letters(figure: Figure) -> list[tuple[str, np.ndarray]]:
     """Every text that is drawn, with its corners, pixels."""
-    canvas = FigureCanvasAgg(figure)
+    # matplotlib gives its canvas no types.
+    canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()
     drawn: list[Text] = []
     draw = Text.draw

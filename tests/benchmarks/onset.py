@@ -36,7 +36,9 @@ def feet(noise_mm: float, rate_hz: int) -> Sensed:
     for speed_mm_s in rng.uniform(50, 400, STEPS):
         step = movement.trajectory(rng, float(speed_mm_s), hesitation="none")
         us = np.arange(int(step.gate_top_us) - int(rng.integers(1000)), int(step.contact_us), 1_000_000 // rate_hz)
-        made.append((us, step.at(us) + rng.normal(0, noise_mm, us.size), step.contact_us, float(speed_mm_s)))
+        made.append(
+            (us, step.at(us.astype(np.float64)) + rng.normal(0, noise_mm, us.size), step.contact_us, float(speed_mm_s))
+        )
     return made
 
 

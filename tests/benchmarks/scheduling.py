@@ -211,7 +211,7 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
             step = movement.trajectory(rng, float(rng.uniform(50, 400)), hesitation="none")
             us = np.arange(int(step.gate_top_us) - 50_000, int(step.lift_us), 1000)
             screen.arm(trial=n + 1, attempt=1, trials=steps)
-            tracker.load(us, step.at(us) + rng.normal(0, 0.1, us.size))
+            tracker.load(us, step.at(us.astype(np.float64)) + rng.normal(0, 0.1, us.size))
             watch(parts, protocol.materials[n % 4].id)
     return actuator.waited_ms
 

@@ -13,6 +13,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from experiment.dataset import build
@@ -40,9 +41,7 @@ def start_up() -> tuple[float, float]:
     times: tuple[list[float], list[float]] = ([], [])
     for _ in range(STARTS):
         for command, taken in zip(commands, times, strict=True):
-            taken.append(
-                seconds(lambda command=command: subprocess.run(command, stdout=subprocess.DEVNULL, check=True))
-            )
+            taken.append(seconds(partial(subprocess.run, command, stdout=subprocess.DEVNULL, check=True)))
     return statistics.median(times[0]), statistics.median(times[1])
 
 
@@ -66,7 +65,7 @@ def main() -> None:
     )
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        times = [seconds(lambda seed=seed: rehearse(folder, seed, 1, 2)) for seed in range(REHEARSALS)]
+        times = [seconds(partial(rehearse, folder, seed, 1, 2)) for seed in range(REHEARSALS)]
         trials = 160
         print(
             f"one process                 {trials / statistics.median(times):8.1f} trials/s   "
@@ -78,7 +77,11 @@ def main() -> None:
         planned = scene.plan(protocol=protocol, task_id="virtual")
         render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=folder / "0-1" / build.RECORDINGS)
         speeds = [60.0 + i for i in range(RENDERS)]
-        rendered = [seconds(lambda v=v: render("copy paper", v, 48_000).stimulus.waveform_m_s2) for v in speeds]
+
+        def sounded(speed_mm_s: float) -> object:
+            return render("copy paper", speed_mm_s, 48_000).stimulus.waveform_m_s2
+
+        rendered = [seconds(partial(sounded, v)) for v in speeds]
         print(
             f"gate to waveform            {statistics.median(rendered) * 1e3:8.3f} ms   "
             f"(0.5 s at 48 kHz, median of {RENDERS}; worst {max(rendered) * 1e3:.3f} ms)"

@@ -103,7 +103,8 @@ def readings(rate_hz: int, foot: str) -> list[int]:
         way_mm = HIGHEST_MM - LOWEST_MM
         gone_mm = np.arange(0.0, 2 * way_mm, SPEED_MM_S / rate_hz) if foot == "moves" else np.zeros(rate_hz)
         height_mm = LOWEST_MM + np.abs(way_mm - gone_mm)
-    return settings(rate_hz).counts(height_mm + rng.normal(0.0, NOISE_MM, height_mm.size)).tolist()
+    counts: list[int] = settings(rate_hz).counts(height_mm + rng.normal(0.0, NOISE_MM, height_mm.size)).tolist()
+    return counts
 
 
 def send(line: int, rate_hz: int, foot: str) -> None:

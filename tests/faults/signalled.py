@@ -11,7 +11,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from itertools import count
 from typing import Any
@@ -19,11 +19,11 @@ from typing import Any
 from experiment.cli import options
 from experiment.desk.port import Console
 from experiment.rehearsal import pool
-from experiment.rehearsal.session import Job
+from experiment.rehearsal.session import Job, rehearse_participant
 
 HALT = 30
 
-rehearse_participant, progress, wait = pool.rehearse_participant, options.progress, pool.wait
+progress = options.progress
 given, enough = count(1), threading.Event()
 
 
@@ -67,12 +67,12 @@ def signalling(number: int) -> Callable[..., object]:
 
 
 if __name__ in ("__main__", "__mp_main__"):
-    pool.rehearse_participant = halting
+    vars(pool)["rehearse_participant"] = halting
 
 if __name__ == "__main__":
     from experiment.cli import app
 
-    pool.wait = signalling(int(sys.argv[1]))  # type: ignore[assignment]
-    options.progress = counting(int(sys.argv[2]))  # type: ignore[assignment]
+    vars(pool)["wait"] = signalling(int(sys.argv[1]))
+    vars(options)["progress"] = counting(int(sys.argv[2]))
     sys.argv[1:] = sys.argv[3:]
     app.main()

@@ -7,6 +7,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -21,7 +22,7 @@ KILLS = 200
 
 
 @pytest.fixture(scope="module")
-def killed(tmp_path_factory: pytest.TempPathFactory, repository_root: Path) -> list[dict[str, object]]:
+def killed(tmp_path_factory: pytest.TempPathFactory, repository_root: Path) -> list[dict[str, Any]]:
     folder = tmp_path_factory.mktemp("kill")
     run = subprocess.run(
         [sys.executable, "-m", "tests.faults.killer", str(folder), str(KILLS), "20"],
@@ -33,21 +34,22 @@ def killed(tmp_path_factory: pytest.TempPathFactory, repository_root: Path) -> l
         env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
     )
     assert run.returncode == 0, run.stderr
-    return json.loads(run.stdout)
+    studies: list[dict[str, Any]] = json.loads(run.stdout)
+    return studies
 
 
-def test_it_was_killed_as_often_as_asked(killed: list[dict[str, object]]) -> None:
+def test_it_was_killed_as_often_as_asked(killed: list[dict[str, Any]]) -> None:
     assert sum(one["kills"] for one in killed) == KILLS
 
 
 def test_every_confirmed_answer_is_on_disk_once_and_every_order_is_the_planned_one(
-    killed: list[dict[str, object]],
+    killed: list[dict[str, Any]],
 ) -> None:
     protocol = load.load(shipped("okamoto2012.toml"))
     for one in killed:
         confirmed = {tuple(c[:3]): c[3] for c in one["confirmed"]}
         assert len(confirmed) == len(one["confirmed"]), "an answer was confirmed twice"
-        answered = {}
+        answered: dict[tuple[str, str, int], str | None] = {}
         for who in roster.allocate(protocol, one["seed"])[:2]:
             for task in who.tasks:
                 entries = journal.read(storage.journal_path(Path(one["out"]), who.participant, task)).entries

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 from experiment.protocol.shipped import shipped
 from experiment.rehearsal import study
 
 
-def rehearse(out: Path, **changed: object) -> Path:
-    asked: dict[str, object] = {"participants": 1, "seed": 1} | changed
+def rehearse(out: Path, **changed: Any) -> Path:
+    asked: dict[str, Any] = {"participants": 1, "seed": 1} | changed
     return study.rehearse(
         protocol_file=shipped("okamoto2012.toml"), rig_file=shipped("rigs/rehearsal.toml"), out=out, **asked
     )

@@ -90,6 +90,7 @@ def test_a_stimulus_is_heard_and_felt_as_it_was_intended(actuator: Actuator, pan
         assert (heard.gain, heard.residual_db) == (1.0, -200.0)
         # How far session time and the stream's went apart meanwhile is the machine's affair, and on the record.
         assert heard.onset_ns is not None
+        assert heard.onset_error_ms is not None
         assert heard.onset_error_ms == pytest.approx((heard.onset_ns - heard.requested_ns) / MS)
         assert heard.delivered == (abs(heard.onset_error_ms) <= 2.0), heard.reason
         felt = panel.felt(1.0)

@@ -86,9 +86,9 @@ def card(tmp_path: Path) -> Iterator[Card]:
 
 
 def test_a_card_that_is_taken_before_it_is_opened_is_said_to_be_held(card: Card) -> None:
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    pipe = subprocess.PIPE
     command = [*card.command, "-c", OPENS]
-    with subprocess.Popen(command, env=card.environment, text=True, **pipes) as opening:
+    with subprocess.Popen(command, env=card.environment, text=True, stdin=pipe, stdout=pipe, stderr=pipe) as opening:
         assert opening.stdout is not None
         listed = opening.stdout.readline()
         card.hold()

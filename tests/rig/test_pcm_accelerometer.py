@@ -41,6 +41,14 @@ class Stopped(ManualClock):
     """Stands still, so that the whole stream arrives at once: its last sample is the present one."""
 
 
+def wait_until_heard(device: PcmAccelerometer, samples: int) -> None:
+    """Wait until the device has taken this many samples from its stream since it was armed."""
+    listening = device._listening
+    assert listening is not None
+    with listening._changed:
+        assert listening._changed.wait_for(lambda: listening._count == samples, 5)
+
+
 def heard_of(serve: Serve, samples: np.ndarray, *, earliest: int, latest: int, length: int, size: int = 4096) -> Heard:
     """What is heard of samples, in samples of the stream."""
     clock = Stopped(10_000 * MS)
@@ -48,11 +56,8 @@ def heard_of(serve: Serve, samples: np.ndarray, *, earliest: int, latest: int, l
     data = pcm(samples)
     device = accelerometer(serve([data[i : i + size] for i in range(0, len(data), size)]), clock)
     device.arm(length)
-    listening = device._listening
-    assert listening is not None
     # The clock stands, so everything has to be there before the stream can be timed.
-    with listening._changed:
-        assert listening._changed.wait_for(lambda: listening._count == samples.size, 5)
+    wait_until_heard(device, samples.size)
     return device.heard(earliest_ns=(begun_ms + earliest) * MS, latest_ns=(begun_ms + latest) * MS)
 
 
@@ -174,17 +179,13 @@ def test_a_stall_does_not_move_the_take(monkeypatch: pytest.MonkeyPatch) -> None
         device = accelerometer(sensor.address, clock)
         device.arm(400)
         sensor.shake(take(), 300 * MS, np.random.default_rng(2))
-        listening = device._listening
-        assert listening is not None
         for piece in range(1, 150):
             due_ns = 10 * MS * piece
             clock.sleep_ns(due_ns - clock.now_ns())
             if piece % 3 == 0:
                 continue
             sensor.send()
-            expected = sensor._sent
-            with listening._changed:
-                assert listening._changed.wait_for(lambda expected=expected: listening._count == expected, 5)
+            wait_until_heard(device, sensor._sent)
         heard = device.heard(earliest_ns=250 * MS, latest_ns=450 * MS)
     finally:
         sensor.close()
@@ -205,9 +206,7 @@ def test_what_is_held_is_bounded_and_times_stay_true(monkeypatch: pytest.MonkeyP
         for _ in range(602):
             clock.sleep_ns(100 * MS)
             sensor.send()
-            expected = sensor._sent
-            with listening._changed:
-                assert listening._changed.wait_for(lambda expected=expected: listening._count == expected, 5)
+            wait_until_heard(device, sensor._sent)
         assert sum(piece.size for piece, _ in listening._pieces) <= 500 + 100 + 100
         heard = device.heard(earliest_ns=59_950 * MS, latest_ns=60_100 * MS)
     finally:

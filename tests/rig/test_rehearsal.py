@@ -29,7 +29,7 @@ def ratios(root: Path, task: str) -> np.ndarray:
     counts = np.zeros((4, 4))
     for row in counted(root, task):
         counts[MATERIALS.index(row["presented"]), MATERIALS.index(row["answered"])] += 1
-    return counts / counts.sum(axis=1, keepdims=True)
+    return np.asarray(counts / counts.sum(axis=1, keepdims=True))
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -15,6 +16,7 @@ from experiment.errors import DatasetError, Interrupted, JournalError, ProtocolE
 from experiment.protocol.shipped import shipped
 from experiment.records import journal
 from experiment.rehearsal import session, study
+from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.foot import Faults, Foot
 from experiment.rehearsal.footstep.movement import Trajectory
 from tests.rig.rehearsed import counted, rehearse
@@ -99,30 +101,30 @@ def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_t
 ) -> None:
     """The second begins while the first makes the folder, and again just when it has made it."""
     out, refused = tmp_path / "made", 0
-    make, participant, is_begun = study.simulated.make_recordings, study.rehearse_participant, study._is_begun
+    make, participant, is_begun = recorded_takes.make_recordings, session.rehearse_participant, study._is_begun
 
     def second() -> None:
         nonlocal refused
         with monkeypatch.context() as within:
             # It looked before the first had made anything.
             within.setattr(study, "_is_begun", lambda *_: False)
-            within.setattr(study.simulated, "make_recordings", make)
+            within.setattr(recorded_takes, "make_recordings", make)
             with pytest.raises(DatasetError, match="another palpate rehearse makes it at this moment"):
                 rehearse(out)
         refused += 1
 
-    def making(*at: Path, **what: object) -> Path:
+    def making(*at: Path, **what: Any) -> object:
         second()
         return make(*at, **what)
 
-    def beginning(*of: object) -> None:
+    def beginning(*of: Any) -> None:
         plan = study.Plan(**json.loads((out / "sourcedata" / study.PLAN).read_text("utf-8")))
         second()
         assert is_begun(out, plan)
         monkeypatch.setattr(study, "rehearse_participant", participant)
         participant(*of)
 
-    monkeypatch.setattr(study.simulated, "make_recordings", making)
+    monkeypatch.setattr(recorded_takes, "make_recordings", making)
     monkeypatch.setattr(study, "rehearse_participant", beginning)
     assert rehearse(out) == out
     assert refused == 2

@@ -7,6 +7,7 @@ import statistics
 from collections.abc import Mapping
 from decimal import ROUND_HALF_EVEN
 from fractions import Fraction
+from functools import partial
 from typing import Any
 
 import pytest
@@ -182,7 +183,7 @@ def test_the_n_of_a_printed_df_and_of_all_tasks_is_named(made: dict[str, Any]) -
     """12 and 9 participants are 21; nobody else says 17."""
     for size, df in ((21, 11), (17, 16)):
         text = f"{_true(0)[0] * size**0.5:.2f}"
-        document = printed_study.changed(made, lambda test, df=df, text=text: test.update(t=text, df=df))
+        document = printed_study.changed(made, partial(dict.update, t=text, df=df))
         (line,) = _accused(document, f"t({df})")
         assert f"it is d * sqrt({size}), where n is 12" in line.reason
 

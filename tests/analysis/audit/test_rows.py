@@ -80,7 +80,7 @@ def test_a_row_of_true_counts_always_stands(answers: int, n: int, trials: int, d
 
 def test_a_row_with_trials_left_out_says_how_many() -> None:
     """Four participants, ten trials; two of the forty are dropped from the first answer's counts."""
-    counts = [(6, 4), (5, 5), (3, 5), (7, 3)]
+    counts: list[tuple[int, ...]] = [(6, 4), (5, 5), (3, 5), (7, 3)]
     row = examine(_cells(_printed(counts, 10, 3), 10), 4, 10, {})
     assert not row.stands
     assert (row.trials, row.fewest, row.most, row.missing) == (40, 38, 38, 2)
@@ -105,7 +105,7 @@ def test_a_truncated_cell_is_named_and_no_other() -> None:
 
 
 def test_what_a_test_pins_is_used() -> None:
-    counts = [(1, 2), (1, 2), (2, 1), (0, 3)]
+    counts: list[tuple[int, ...]] = [(1, 2), (1, 2), (2, 1), (0, 3)]
     cells = _cells(_printed(counts, 3, 1), 3)
     variance = statistics.variance([Fraction(row[0], 3) for row in counts])
     assert examine(cells, 4, 3, {0: Span(variance, variance)}).stands

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.identification.confusion import confusion
+from analysis.identification.confusion import Confusion, confusion
 from experiment.records.events import NO_ANSWER
 
 MATERIALS = ("glass", "sand", "snow")
@@ -19,10 +19,15 @@ rows = st.lists(
 )
 
 
+def _confusion(answers: list[tuple[str, str, str]]) -> Confusion:
+    participants, presented, answered = zip(*answers, strict=True)
+    return confusion(participants, presented, answered, MATERIALS)
+
+
 @settings(deadline=None)
 @given(rows)
 def test_means_and_deviations_are_those_of_pandas(answers: list[tuple[str, str, str]]) -> None:
-    matrix = confusion(*zip(*answers, strict=True), MATERIALS)
+    matrix = _confusion(answers)
     frame = pd.DataFrame(answers, columns=["participant", "presented", "answered"])
     for i, presented in enumerate(MATERIALS):
         shown = frame[frame["presented"] == presented]
@@ -42,7 +47,7 @@ def test_means_and_deviations_are_those_of_pandas(answers: list[tuple[str, str, 
 @settings(deadline=None)
 @given(rows)
 def test_every_row_adds_up_to_one(answers: list[tuple[str, str, str]]) -> None:
-    sums = confusion(*zip(*answers, strict=True), MATERIALS).means().sum(axis=1)
+    sums = _confusion(answers).means().sum(axis=1)
     assert np.all(np.isnan(sums) | np.isclose(sums, 1))
 
 
@@ -51,7 +56,7 @@ def test_every_row_adds_up_to_one(answers: list[tuple[str, str, str]]) -> None:
 def test_the_order_of_trials_does_not_matter(answers: list[tuple[str, str, str]], random: object) -> None:
     shuffled = list(answers)
     random.shuffle(shuffled)  # type: ignore[attr-defined]
-    one, other = (confusion(*zip(*order, strict=True), MATERIALS) for order in (answers, shuffled))
+    one, other = (_confusion(order) for order in (answers, shuffled))
     np.testing.assert_array_equal(one.means(), other.means())
     assert one.most_confused() == other.most_confused()
 

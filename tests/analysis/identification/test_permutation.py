@@ -19,7 +19,7 @@ def _symmetric(seed: int, size: int) -> NDArray[np.float64]:
     table = np.random.default_rng(seed).integers(0, 6, size=(size, size)).astype(float)
     table = np.triu(table, 1)
     table[0, 1], table[0, 2] = 7, 0
-    return table + table.T
+    return np.asarray(table + table.T)
 
 
 @settings(max_examples=20, deadline=None)

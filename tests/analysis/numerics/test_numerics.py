@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from typer.testing import CliRunner
 
 from analysis.numerics import numerics
-from analysis.numerics.measured import FULL, QUICK
+from analysis.numerics.measured import FULL, QUICK, Extent
 from analysis.numerics.numerics import Numerics
 from experiment.cli.recordings import engine
 from experiment.errors import DatasetError
@@ -44,7 +45,7 @@ def test_everything_holds(result: Numerics) -> None:
 
 
 def test_the_command_ends_with_1_where_a_limiter_lets_nan_pass(monkeypatch: pytest.MonkeyPatch) -> None:
-    def passes(wave: np.ndarray, peak: float) -> tuple[np.ndarray, int]:
+    def passes(wave: ArrayLike, peak: float) -> tuple[np.ndarray, int]:
         return np.asarray(wave, dtype=np.float64), 0
 
     made = {"whole": numerics.compute(TINY, limit=limit), "broken": numerics.compute(TINY, limit=passes)}
@@ -82,8 +83,13 @@ def test_progress_counts_every_step() -> None:
 
 
 def test_quick_and_full_differ_in_extent_alone(monkeypatch: pytest.MonkeyPatch, result: Numerics) -> None:
-    asked = []
-    monkeypatch.setattr(numerics, "compute", lambda extent, **_: asked.append(extent) or result)
+    asked: list[Extent] = []
+
+    def compute(extent: Extent, **_: object) -> Numerics:
+        asked.append(extent)
+        return result
+
+    monkeypatch.setattr(numerics, "compute", compute)
     numerics.run(quick=True, limit=limit)
     numerics.run(quick=False, limit=limit)
     assert asked == [QUICK, FULL]

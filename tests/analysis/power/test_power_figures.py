@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
@@ -39,7 +40,7 @@ def test_points_and_bands_are_power_and_its_interval() -> None:
     report.powers(axes, result, questions)
     for question, line, band in zip(questions, axes.lines, axes.collections, strict=False):
         rows = [result.row(question, size) for size in (4, 8, 15)]
-        assert list(line.get_ydata()) == [row.power for row in rows if row]
-        drawn = {tuple(point) for point in band.get_paths()[0].vertices.tolist()}
+        assert np.asarray(line.get_ydata()).tolist() == [row.power for row in rows if row]
+        drawn = {tuple(point) for point in np.asarray(band.get_paths()[0].vertices).tolist()}
         assert {(row.participants, limit) for row in rows if row for limit in row.interval or ()} <= drawn
     assert {str(text.get_text()) for text in axes.texts} == {"target\n0.8", "alpha\n0.05"}

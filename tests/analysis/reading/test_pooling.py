@@ -28,8 +28,8 @@ def _lab(root: Path, first: int, *, study: str = "lab", origin: Origin = "PARTIC
 
 def _counts(study: Study) -> int:
     trials = study.trials("real")
-    columns = (trials[column].tolist() for column in ("participant", "presented", "answered"))
-    return int(confusion(*columns, study.materials).counts.sum())
+    participants, presented, answered = (trials[c].tolist() for c in ("participant", "presented", "answered"))
+    return int(confusion(participants, presented, answered, study.materials).counts.sum())
 
 
 def test_every_trial_counts_once(tmp_path: Path) -> None:

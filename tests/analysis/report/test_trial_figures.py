@@ -16,7 +16,7 @@ def _edges(errors_ms: np.ndarray) -> np.ndarray:
     """Of the bins that are drawn."""
     axes = Figure().add_subplot()
     onset_errors(axes, {"real": OnsetErrors(tuple(errors_ms.tolist()), 0.0, 1.0, 1.0)})
-    return np.unique(axes.patches[0].get_path().vertices[:, 0])
+    return np.unique(np.asarray(axes.patches[0].get_path().vertices)[:, 0])
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 2000))

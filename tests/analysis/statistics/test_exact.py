@@ -47,7 +47,7 @@ def test_reductions_are_those_of_weighted_least_squares(seed: int) -> None:
 
 
 def test_integers_stand_for_the_same_values() -> None:
-    values = [Fraction(1, 10), 0.75, 3, np.float64(0.5)]
+    values: list[int | float | Fraction] = [Fraction(1, 10), 0.75, 3, np.float64(0.5)]
     whole, common = integers(values)
     assert (whole, common) == ([2, 15, 60, 10], 20)
 

@@ -31,11 +31,11 @@ def test_expectations_by_traces_give_the_same_components(seed: int) -> None:
     """E[y'Qy] = sum over components of trace(Z'QZ) times the component (Searle, Casella, McCulloch 1992, ch. 5)."""
     random = np.random.default_rng(seed)
     first, second = [], []
-    for a in "vrw"[: random.integers(2, 4)]:
-        for b in "abcd"[:3]:
+    for one in "vrw"[: random.integers(2, 4)]:
+        for other in "abcd"[:3]:
             size = int(random.integers(1, 6))
-            first += [a] * (size + 1)
-            second += [b] * (size + 1)
+            first += [one] * (size + 1)
+            second += [other] * (size + 1)
     y = random.integers(0, 11, size=len(first)) / 10
     a, b, ab = _indicator(first), _indicator(second), _indicator([f + s for f, s in zip(first, second, strict=True)])
     main, full = _projection(a, b), _projection(ab)

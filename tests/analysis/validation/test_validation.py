@@ -83,7 +83,7 @@ def test_takes_are_averaged_as_asked_and_the_other_average_is_told(average: Aver
 
     def at_200(takes: np.ndarray, how: Average) -> np.ndarray:
         c = spectrum(takes[2])
-        return np.abs(c.mean(axis=0)) if how == "signed" else np.abs(c).mean(axis=0)
+        return np.asarray(np.abs(c.mean(axis=0)) if how == "signed" else np.abs(c).mean(axis=0))
 
     for how, pairs in ((average, made.pairs), (other, made.other.pairs)):
         own = {n: np.maximum(at_200(t, how) - at_200(recorded.panel, how), 0) for n, t in recorded.objects.items()}

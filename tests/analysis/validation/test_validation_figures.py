@@ -49,7 +49,7 @@ def test_every_confusing_ratio_of_table_2_is_a_point_and_its_pair_is_told() -> N
     """Okamoto et al., Table 2, of the real materials: typing paper was taken for aluminum foil with ratio 0.36."""
     found = _sheets(of_the_paper(SPEEDS, 3), of_the_paper(FRESH, 10))
     (axes,) = found["confusions"].figure.axes
-    points = {str(line.get_label()): sorted(line.get_ydata()) for line in axes.lines}
+    points = {str(line.get_label()): sorted(np.asarray(line.get_ydata()).tolist()) for line in axes.lines}
     assert len(points) == 6
     assert 0.36 in points["aluminum foil / typing paper"]
     assert sum(map(len, points.values())) == 12

@@ -64,7 +64,12 @@ def machine(monkeypatch: pytest.MonkeyPatch) -> Made:
 def started(first: Callable[[], object] = lambda: None) -> set[int]:
     """Where a thread runs that is started here, once it has made a call."""
     seen: list[set[int]] = []
-    thread = threading.Thread(target=lambda: (first(), seen.append(os.sched_getaffinity(0))))
+
+    def run() -> None:
+        first()
+        seen.append(os.sched_getaffinity(0))
+
+    thread = threading.Thread(target=run)
     thread.start()
     thread.join()
     return seen[0]

@@ -110,10 +110,10 @@ def test_nothing_is_collected_while_undisturbed() -> None:
     gc.callbacks.append(watch)
     try:
         with host.undisturbed():
-            kept = [[] for _ in range(100_000)]
+            kept: list[list[int]] = [[] for _ in range(100_000)]
             assert not seen
         assert len(kept) == 100_000
-        more = [[] for _ in range(100_000)]
+        more: list[list[int]] = [[] for _ in range(100_000)]
     finally:
         gc.callbacks.remove(watch)
     assert seen

@@ -162,7 +162,7 @@ class TestALaboratorysStudy:
     @pytest.fixture(autouse=True)
     def seed(self, protocol: Path, seed_for: Callable[[Path, str], int]) -> None:
         """Seeds under which participant 01 does the real task first."""
-        self.real_first = lambda: seed_for(protocol, "real")
+        self.real_first: Callable[[], int] = lambda: seed_for(protocol, "real")
 
     def enrol(self, palpate: Palpate, protocol: Path, participant: str = "01") -> tuple[int, str, str]:
         where = ["--dataset", protocol.with_name("dataset"), "--seed", self.real_first()]

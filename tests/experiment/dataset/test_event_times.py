@@ -48,6 +48,7 @@ class Wandering:
         self.contacts_ns: list[float] = []
         """When the foot truly landed, step by step."""
         self._boots_ns: list[int] = []
+        self._read_ns = 0
         self._power()
 
     def true_ns(self, device_us: float) -> float:

@@ -140,7 +140,8 @@ Where = tuple[str | int, ...]
 
 def document() -> dict[str, Any]:
     """The small protocol as tables, arrays as tuples."""
-    return _tuples(tomllib.loads(SMALL))
+    tables: dict[str, Any] = _tuples(tomllib.loads(SMALL))
+    return tables
 
 
 def protocol() -> Protocol:
@@ -150,7 +151,8 @@ def protocol() -> Protocol:
 
 def okamoto2012() -> dict[str, Any]:
     """The published study as tables, arrays as tuples."""
-    return _tuples(tomllib.loads(OKAMOTO2012.read_text(encoding="utf-8")))
+    tables: dict[str, Any] = _tuples(tomllib.loads(OKAMOTO2012.read_text(encoding="utf-8")))
+    return tables
 
 
 def places(value: object, at: Where = ()) -> Iterator[tuple[Where, Any]]:

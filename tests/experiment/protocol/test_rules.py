@@ -20,13 +20,13 @@ LOST = {"id": "lost", "when": "frames-lost", "limit": 0, "action": "repeat-trial
 
 
 def with_rules(*rules: dict[str, Any]) -> dict[str, Any]:
-    return changed(document(), ("exclusion",), rules)
+    return {**document(), "exclusion": rules}
 
 
 def with_tasks(count: int) -> dict[str, Any]:
     study = document()
     tasks = tuple({**study["tasks"][0], "id": name} for name in ("one", "two", "c", "d", "e", "f", "g")[:count])
-    return changed(study, ("tasks",), tasks)
+    return {**study, "tasks": tasks}
 
 
 BROKEN = [

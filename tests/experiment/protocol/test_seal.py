@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -131,10 +132,11 @@ def test_the_seal_of_another_form_is_replaced_on_request_alone(file: Path) -> No
 def test_a_damaged_seal_is_refused_and_kept(file: Path) -> None:
     path = file.parent / "small.seal.toml"
     path.write_text("protocol_sha256 = 'abc'\nboard = 3\n", encoding="utf-8")
-    for attempt in (
+    attempts: tuple[Callable[[], object], ...] = (
         lambda: approval.verify(file, protocol(), date(2020, 6, 1)),
         lambda: approval.write(file, protocol(), **APPROVAL, replace=True),
-    ):
+    )
+    for attempt in attempts:
         with pytest.raises(ProtocolError, match="line 1: protocol_sha256: got 'abc'; allowed: 64 hexadecimal digits"):
             attempt()
     assert path.read_text(encoding="utf-8").startswith("protocol_sha256 = 'abc'")

@@ -47,7 +47,7 @@ class World:
 
     def read(self) -> Samples:
         t_us = np.arange(0, int(40e6 / self._next), 1000)
-        height_mm = 30.0 - self._next * t_us / 1e6
+        height_mm = 30.0 - self._next * (t_us / 1e6)
         begin_us, self._us = self._us, self._us + int(t_us[-1]) + 1000
         self.clock.sleep_ns((begin_us + int(t_us[-1])) * 1000 + HELD_UP_NS - self.clock.now_ns())
         return Samples(t_us + begin_us, height_mm, b"", np.zeros(t_us.size, np.int64), self.clock.now_ns())

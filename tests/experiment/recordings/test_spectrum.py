@@ -21,7 +21,7 @@ def recording(samples: np.ndarray, rate_hz: float, **more: object) -> Recording:
 
 
 def sinusoid(frequency_hz: float, *, rate_hz: float, n: int, amplitude: float = 1.0, phase: float = 0.3) -> np.ndarray:
-    return amplitude * np.sin(2 * np.pi * frequency_hz * np.arange(n) / rate_hz + phase)
+    return np.asarray(amplitude * np.sin(2 * np.pi * frequency_hz * np.arange(n) / rate_hz + phase))
 
 
 @pytest.mark.parametrize(

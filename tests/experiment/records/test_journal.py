@@ -148,7 +148,7 @@ def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
         raise KeyboardInterrupt
 
     if owner is opened._file:
-        opened._file = InterruptedFile(opened._file, operation, interrupted)
+        monkeypatch.setattr(opened, "_file", InterruptedFile(opened._file, operation, interrupted))
     else:
         monkeypatch.setattr(owner, operation, interrupted)
     with pytest.raises(KeyboardInterrupt):

@@ -8,8 +8,9 @@ import pytest
 from pydantic import ValidationError
 
 from experiment import storage
+from experiment.apparatus.tracker.frames import Samples
 from experiment.clock import ManualClock
-from experiment.errors import JournalError
+from experiment.errors import JournalError, PalpateError
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
 from experiment.records.entries import Answer, Footer, Header, Phase, Redo, Resumed, TrackerOpened
@@ -147,7 +148,7 @@ def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Pat
 
 
 def test_the_protocols_rule_repeats_a_step_that_lost_frames(protocol: Protocol, tmp_path: Path) -> None:
-    steps = [step_samples(2_000_000 * n, 150.0) for n in range(1, 5)]
+    steps: list[Samples | PalpateError] = [step_samples(2_000_000 * n, 150.0) for n in range(1, 5)]
     one = bench("cpt", steps, lost=(21, 20, 0, 0))
     one.run(protocol, header("real"), tmp_path)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]

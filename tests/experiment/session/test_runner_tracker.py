@@ -13,7 +13,7 @@ from experiment.apparatus.tracker.frames import Samples
 from experiment.apparatus.tracker.guarded import ForeignTracker
 from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
-from experiment.errors import TrackerError, TrackerStopped
+from experiment.errors import PalpateError, TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Footer, Phase, TrackerOpened
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
@@ -75,7 +75,8 @@ def test_a_resonators_drift_over_a_session_is_no_restart(protocol: Protocol, tmp
 
 
 def test_a_stopped_tracker_ends_the_session_with_a_footer_and_loses_nothing(protocol: Protocol, tmp_path: Path) -> None:
-    steps = [step_samples(0, 150.0), TrackerStopped("tracker at scripted: no frame for 200 ms")]
+    stopped = TrackerStopped("tracker at scripted: no frame for 200 ms")
+    steps: list[Samples | PalpateError] = [step_samples(0, 150.0), stopped]
     footer = bench("c", steps).run(protocol, header("real"), tmp_path)
     assert footer == Footer(reason="paused", detail="tracker at scripted: not back within 300 s", answered=1)
     assert entries(tmp_path, "real")[-1] == footer

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import math
 import tomllib
+from collections.abc import Callable
 from datetime import date, datetime
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 from hypothesis import given, settings
@@ -44,17 +45,20 @@ VALUES = st.recursive(
 )
 DOCUMENTS = st.dictionaries(KEYS, VALUES | st.lists(st.dictionaries(KEYS, VALUES, max_size=3), max_size=3), max_size=5)
 
+T = TypeVar("T")
+
 
 class Writer:
     """Writes a document in one of the many ways that TOML allows, as `draw` chooses."""
 
-    def __init__(self, draw: st.DrawFn) -> None:
+    def __init__(self, draw: Callable[[st.SearchStrategy[Any]], Any]) -> None:
         self.draw = draw
         self.text = ""
         self.lines: dict[tuple[str | int, ...], int] = {}
 
-    def choose(self, *options: Any) -> Any:
-        return self.draw(st.sampled_from(options))
+    def choose(self, *options: T) -> T:
+        chosen: T = self.draw(st.sampled_from(options))
+        return chosen
 
     def mark(self, *path: str | int) -> None:
         self.lines.setdefault(path, self.text.count("\n") + 1)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Callable
 from datetime import date
 from itertools import permutations
 from pathlib import Path
@@ -127,11 +128,12 @@ def test_the_file_holds_labels_and_days_alone(roster: Roster) -> None:
 
 def test_lines_are_only_ever_appended(roster: Roster) -> None:
     before = b""
-    for act in (
+    acts: tuple[Callable[[], object], ...] = (
         lambda: roster.enrol("01", TODAY),
         lambda: roster.enrol("02", TODAY),
         lambda: roster.withdraw("02", "moved away"),
-    ):
+    )
+    for act in acts:
         act()
         now = roster.path.read_bytes()
         assert now.startswith(before)

@@ -210,7 +210,7 @@ def test_bins_that_all_bend_at_the_same_speeds_are_prepared_within_limits(seed: 
     rng = np.random.default_rng(seed)
     curve = np.interp(20.0 * np.arange(25), [0.0, 100.0, 200.0, 300.0, 500.0], [1.0, 1.0, 4.0, 2.0, 0.5])
     levels = np.array([2.0, 4.5, 8.0])
-    response = Response(20.0 * np.arange(1, 25), np.array([0.5, 1.0, 2.0]), np.outer(curve[1:], levels))
+    response = Response(np.arange(20.0, 500.0, 20.0), np.array([0.5, 1.0, 2.0]), np.outer(curve[1:], levels))
     amplitudes = np.outer(np.cumsum(rng.uniform(0.5, 4.0, 3)), curve)
     spectra = CrinkleSpectra(np.array([100.0, 200.0, 300.0]), RATE_HZ, amplitudes, rng.choice([-1.0, 1.0], (3, 25)))
     driven = Driven(spectra, response, limit_m_s2=float(rng.uniform(2, 40)))

@@ -54,7 +54,8 @@ def test_nan_becomes_zero_whatever_stands_beside_it(wanted: list[float], bounded
 @pytest.mark.parametrize("peak", [0.0, 2.0])
 def test_nothing_stays_nothing(peak: float) -> None:
     made, changed = limit([], peak)
-    assert (made.shape, made.dtype, changed) == ((0,), np.float64, 0)
+    assert (made.shape, changed) == ((0,), 0)
+    assert made.dtype == np.float64
 
 
 def test_any_shape_is_kept() -> None:

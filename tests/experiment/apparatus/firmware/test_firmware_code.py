@@ -138,7 +138,7 @@ def test_a_passage_is_the_one_that_palpate_times(code: ctypes.CDLL, speed_mm_s: 
     foot = movement.trajectory(np.random.default_rng(seed), speed_mm_s, hesitation="none")
     us = np.arange(0, foot.duration_us, 1000).astype(np.int64)
     # 8.2 counts/mm, so that the gate's levels are whole counts.
-    counts = np.rint(82 + 8.2 * foot.at(us)).astype(np.int64)
+    counts = np.rint(82 + 8.2 * foot.at(us.astype(np.float64))).astype(np.int64)
     ((_, duration_us),) = passages(code, us.tolist(), counts.tolist())
     detector = GateDetector(Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0))
     samples = Samples(us, (counts - 82) / 8.2, b"", np.zeros(us.size, dtype=np.int64), 0)

@@ -73,7 +73,7 @@ def test_the_filter_is_gaussian_conditioning_on_all_samples_at_once(noise_mm: fl
 @pytest.mark.parametrize("rate_hz", [1000, 5000])
 def test_a_steady_foot_without_noise_is_predicted_exactly(speed_mm_s: float, rate_hz: int) -> None:
     us = times(30 / speed_mm_s, rate_hz)
-    landing = expected(LandingPredictor(STEP, noise_mm=0.0), us, 30 - speed_mm_s * us / 1e6, lead_ms=12)
+    landing = expected(LandingPredictor(STEP, noise_mm=0.0), us, 30 - speed_mm_s * (us / 1e6), lead_ms=12)
     assert landing.us == pytest.approx(30e6 / speed_mm_s, abs=3)
     assert 12_000 <= landing.us - landing.from_us < 12_000 + 1e6 / rate_hz + 3
 
@@ -96,7 +96,7 @@ def wandering(rng: np.random.Generator, speed_mm_s: float, rate_hz: int = 1000) 
     """A foot whose acceleration wanders as the filter supposes, from 20 mm to below the panel."""
     step_s = 1 / rate_hz
     mm, mm_s, mm_s2 = 20.0, -speed_mm_s, float(rng.normal(0, speed_mm_s**2 / WANDER_MM / 2))
-    heights = []
+    heights: list[float] = []
     while mm > 0 and len(heights) < 3000:
         heights.append(mm)
         jump = rng.normal(0, np.sqrt(max(-mm_s, SLOWEST_MM_S) ** 5 / WANDER_MM**3 * step_s))
@@ -242,7 +242,7 @@ def test_onset_against_true_contact_over_2000_steps(noise_mm: float, spread_ms: 
     for speed_mm_s in rng.uniform(50, 400, 2000):
         step = movement.trajectory(rng, float(speed_mm_s), hesitation="none")
         us = np.arange(int(step.gate_top_us) - int(rng.integers(1000)), int(step.contact_us), 1000)
-        mm = step.at(us) + rng.normal(0, noise_mm, us.size)
+        mm = step.at(us.astype(np.float64)) + rng.normal(0, noise_mm, us.size)
         errors_ms.append((expected(predictor, us, mm, lead_ms=12).us - step.contact_us) / 1e3)
     assert abs(np.mean(errors_ms)) < 0.2
     assert np.std(errors_ms) < spread_ms

@@ -11,6 +11,7 @@ import pytest
 from experiment.errors import RecordingError, SynthesisError
 from experiment.protocol.models import Protocol
 from experiment.recordings.manifest import load
+from experiment.recordings.plan import plan
 from experiment.rehearsal.footstep import materials, recorded_takes
 from experiment.rehearsal.footstep.materials import CRACKLES, Course, SimulatedMaterials, power_law_energies, pulses
 from experiment.rehearsal.footstep.recorded_takes import make_recordings
@@ -58,9 +59,7 @@ def test_recordings_are_labelled_simulated(tmp_path: Path, protocol: Protocol) -
     assert made.simulated
     assert "SIMULATED" in made.label
     said = manifest.read_text(encoding="utf-8")
-    number = recorded_takes.session(
-        recorded_takes.plan(protocol, source=recorded_takes.source(0), simulated=True), seed=0
-    ).number
+    number = recorded_takes.session(plan(protocol, source=recorded_takes.source(0), simulated=True), seed=0).number
     assert f"seed 0, session {number}, the first from 0 on within 0.018 of Table 3" in said
     assert "made, not found" in said
     assert len(list(tmp_path.glob("*.wav"))) == (4 + 1) * 4 * 3

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
@@ -85,7 +85,7 @@ def stimuli(seed: int, *, shift: int = 0) -> Deliver:
     return deliver
 
 
-def correlation(matrix: NDArray[np.float64], printed: list[list[float]]) -> float:
+def correlation(matrix: NDArray[np.float64], printed: Sequence[Sequence[float]]) -> float:
     return float(np.corrcoef(matrix.ravel(), np.ravel(printed))[0, 1])
 
 
