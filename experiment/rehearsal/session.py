@@ -21,9 +21,9 @@ from experiment.apparatus.panel.conditioning import open_drive
 from experiment.apparatus.ports import Actuator, Played, Spectrum, Wanted
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import ManualClock, MonotonicClock
-from experiment.dataset import build
 from experiment.desk.port import Console
 from experiment.errors import Interrupted
+from experiment.protocol import files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.stimulus import Delivered
@@ -34,7 +34,6 @@ from experiment.rehearsal.footstep.participant import SimulatedParticipant, Tick
 from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.rehearsal.wires.sound_card import SimulatedSound
 from experiment.session import attempt, masker, run, runner, scene
-from experiment.settings import load
 from experiment.synthesis.spectra import Bins
 
 
@@ -136,7 +135,7 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
     Raises:
         PalpateError: a part failed.
     """
-    protocol = load.load(job.dataset / "sourcedata" / "protocol.toml")
+    protocol = files.load(job.dataset / "sourcedata" / "protocol.toml")
     rig = rigs.load(job.dataset / "sourcedata" / "rig.toml")
     materials = SimulatedMaterials(protocol.synthesis.rate_hz, protocol.synthesis.samples)
     for position, task_id in enumerate(job.tasks, start=1):
@@ -162,7 +161,7 @@ def _rehearse_task(
         task_id=task_id,
         position=position,
         seed=job.seed,
-        recordings=job.dataset / build.RECORDINGS if planned.synthesis else None,
+        recordings=job.dataset / storage.RECORDINGS if planned.synthesis else None,
         rehearsal=True,
         clock=clock,
     )
@@ -185,7 +184,7 @@ def _rehearse_task(
         actuator: Actuator | None = None
         render: scene.Render | None = None
         if planned.synthesis:
-            recordings = job.dataset / build.RECORDINGS
+            recordings = job.dataset / storage.RECORDINGS
             rates_hz = (rig.actuator.rate_hz,)
             render = scene.open_stimuli(
                 scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=rates_hz

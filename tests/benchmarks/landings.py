@@ -28,14 +28,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment import storage
 from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
 from experiment.apparatus.tracker.gate import GateDetector
 from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.clock import MonotonicClock
-from experiment.dataset import build
-from experiment.protocol.shipped import shipped
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.rehearsal import study
 from experiment.rehearsal.footstep import movement
 from experiment.rehearsal.footstep.foot import Foot
@@ -44,7 +45,6 @@ from experiment.rehearsal.wires.sound_card import SimulatedSound
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
-from experiment.settings import load
 from tests.benchmarks.scheduling import loaded, spread
 
 STEPS, SESSIONS = 2000, 1
@@ -87,7 +87,7 @@ class Landed:
 def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
     """Step, in real time; `folder` holds a rehearsal. Sessions open one after the other: opening takes a core."""
     time.sleep(number * APART_S)
-    protocol = load.load(shipped("okamoto2012.toml"))
+    protocol = files.load(shipped("okamoto2012.toml"))
     rig_file = shipped("rigs/headless.toml")
     rig, clock, landed = rigs.load(rig_file), MonotonicClock(), Landed()
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
@@ -95,7 +95,7 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
     with ExitStack() as opened:
         landed.priority = opened.enter_context(host.raised())
         planned, rate_hz = scene.plan(protocol=protocol, task_id="virtual"), rig.actuator.rate_hz
-        recordings = folder / build.RECORDINGS
+        recordings = folder / storage.RECORDINGS
         render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
         line = opened.enter_context(SerialLine())
         powered_ns = clock.now_ns()

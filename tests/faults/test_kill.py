@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from experiment import storage
-from experiment.protocol.shipped import shipped
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.records.entries import Answer, Footer, Redo
-from experiment.settings import load
 from experiment.study import roster, schedule
 
 KILLS = 200
@@ -43,7 +43,7 @@ def test_it_was_killed_as_often_as_asked(killed: list[dict[str, object]]) -> Non
 def test_every_confirmed_answer_is_on_disk_once_and_every_order_is_the_planned_one(
     killed: list[dict[str, object]],
 ) -> None:
-    protocol = load.load(shipped("okamoto2012.toml"))
+    protocol = files.load(shipped("okamoto2012.toml"))
     for one in killed:
         confirmed = {tuple(c[:3]): c[3] for c in one["confirmed"]}
         assert len(confirmed) == len(one["confirmed"]), "an answer was confirmed twice"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from experiment.errors import DatasetError
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.records.entries import FootStep, MaskerSet, Redo, Zeroed
 from experiment.rehearsal import session, study

@@ -13,7 +13,7 @@ import pytest
 from scipy.io import wavfile
 
 from experiment.apparatus import rig as rigs
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.wires.serial_line import SerialLine

@@ -19,10 +19,10 @@ from experiment.apparatus.tracker.serial_tracker import KEPT_S
 from experiment.clock import ManualClock
 from experiment.dataset import build
 from experiment.errors import TrackerStopped
-from experiment.protocol.shipped import shipped
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.records.entries import Footer, PlannedTrial
 from experiment.session import attempt, runner
-from experiment.settings import load
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
@@ -124,7 +124,7 @@ def run(dataset_root: Path, clock: ManualClock, tracker: Wandering, keys: str, t
         reconnect_s=300.0,
     )
     return runner.run(
-        protocol=load.load(shipped("okamoto2012.toml")),
+        protocol=files.load(shipped("okamoto2012.toml")),
         header=HEADER.model_copy(update=changed),
         devices=devices,
         rig_file=rig_file,

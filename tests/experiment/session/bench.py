@@ -15,8 +15,8 @@ from experiment.apparatus.tracker.guarded import ForeignTracker
 from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError
+from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
-from experiment.protocol.shipped import shipped
 from experiment.records import journal
 from experiment.records.entries import BrokenOff, Footer, Header, PlannedTrial
 from experiment.records.stimulus import Computed, Delivered
