@@ -1,13 +1,17 @@
-"""Files and folders that are whole and on disk, or not there: the one writer of everything outside analysis.
-
-Where the files of a session stand in a dataset.
-"""
+"""Files that are whole and on disk, or not there, and where every file of a study stands in its dataset."""
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
+
+from experiment.errors import DatasetError
+
+RECORDINGS = Path("stimuli") / "recordings"
+"""Where the recordings stand that a study's stimuli are made from, inside its dataset."""
 
 
 def write(path: Path, content: bytes) -> None:
@@ -42,6 +46,33 @@ def sync_folder(folder: Path) -> None:
             os.fsync(descriptor)
         finally:
             os.close(descriptor)
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Put `content` at `path`, whole and on disk.
+
+    Raises:
+        DatasetError: when the file system refuses.
+    """
+    try:
+        write(path, content)
+    except OSError as error:
+        raise DatasetError(f"cannot write {path}: {error.strerror}; check its folder and the free space") from error
+
+
+def write_json(path: Path, content: Mapping[str, object]) -> None:
+    """Write a JSON object, two spaces deep, keys in the order given."""
+    write_bytes(path, (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
+
+
+def roster_path(dataset: Path) -> Path:
+    """Where the roster of a study stands inside its dataset."""
+    return dataset / "sourcedata" / "roster.jsonl"
+
+
+def journals(dataset: Path) -> list[Path]:
+    """Return the journals of a dataset, by participant and task."""
+    return sorted((dataset / "sourcedata").glob("sub-*/sub-*_journal.jsonl"))
 
 
 def participant_folder(dataset: Path, participant: str) -> Path:

@@ -73,11 +73,11 @@ def palpate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
 @pytest.fixture
 def seed_for() -> Callable[[Path, str], int]:
     """A seed under which participant 01 of a protocol does a task first."""
-    from experiment.settings import load
+    from experiment.protocol import files
     from experiment.study import roster
 
     def find(protocol_file: Path, task: str) -> int:
-        protocol = load.load(protocol_file)
+        protocol = files.load(protocol_file)
         return next(seed for seed in range(100) if roster.allocate(protocol, seed)[0].tasks[0] == task)
 
     return find

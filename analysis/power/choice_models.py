@@ -27,9 +27,9 @@ from analysis.documents.tables import number_of
 from analysis.identification.confusion import confusion
 from analysis.reading import dataset
 from experiment.errors import PowerError
-from experiment.protocol import rules
-from experiment.protocol.models import Confined, Label, Name, Protocol, Text
+from experiment.protocol.models import Protocol
 from experiment.settings import load
+from experiment.settings.model import Broken, Confined, Label, Name, Rules, Text
 
 Floats = NDArray[np.float64]
 
@@ -232,11 +232,11 @@ ROUNDING = 1e-9
 """Shares that add up to 1 within this add up to 1."""
 
 
-def _shares_add_up(table: Mapping[str, Any]) -> Iterator[rules.Broken]:
+def _shares_add_up(table: Mapping[str, Any]) -> Iterator[Broken]:
     answers = table.get("answers")
     numbers = answers if isinstance(answers, tuple) else ()
     if all(isinstance(share, int | float) for share in numbers) and sum(numbers) > 1 + ROUNDING:
-        yield rules.Broken(("answers",), "shares that add up to 1 at most; what is missing to 1 is no material named")
+        yield Broken(("answers",), "shares that add up to 1 at most; what is missing to 1 is no material named")
 
 
 class StatedRow(Confined):
@@ -246,7 +246,7 @@ class StatedRow(Confined):
     `spread` is the intraclass correlation of a participant's answers: 0 when all participants are alike.
     """
 
-    RULES: ClassVar[rules.Rules] = _shares_add_up
+    RULES: ClassVar[Rules] = _shares_add_up
 
     task: Label
     presented: Name

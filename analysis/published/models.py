@@ -11,8 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from analysis.published.printed import POSITIVE
-from experiment.protocol.models import Confined, Label, Name, Text
-from experiment.protocol.rules import Broken, Rules
+from experiment.settings.model import Broken, Confined, Label, Name, Rules, Text
 
 Number = Annotated[
     str,

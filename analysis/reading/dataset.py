@@ -161,9 +161,9 @@ def _participants(path: Path) -> tuple[dict[str, bool], dict[str, str]]:
 def _protocol(path: Path) -> Protocol | None:
     if not path.exists():
         return None
-    from experiment.settings import load
+    from experiment.protocol import files
 
-    return load.load(path)
+    return files.load(path)
 
 
 def _no_strangers(root: Path, participants: set[str], tasks: tuple[str, ...]) -> None:

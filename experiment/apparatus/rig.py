@@ -27,9 +27,9 @@ from pydantic import Field
 
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
-from experiment.protocol.models import Confined, Name, Step, Text
-from experiment.protocol.rules import Broken, Rules
+from experiment.protocol.models import Step
 from experiment.settings import load as files
+from experiment.settings.model import Broken, Confined, Name, Rules, Text
 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""

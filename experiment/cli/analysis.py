@@ -123,7 +123,7 @@ def power(
     from analysis.documents import output
     from analysis.power import choice_models, planned_tests, report, simulate, workers
     from experiment.cli.options import progress
-    from experiment.settings import load
+    from experiment.protocol import files
 
     for name, share in (("--alpha", alpha), ("--target", target)):
         if share is not None and not 0 < share < 1:
@@ -131,7 +131,7 @@ def power(
     sizes = _sizes(participants)
     if out is not None:
         output.check(out, (), "power")
-    protocol = load.load(protocol_file)
+    protocol = files.load(protocol_file)
     chosen = choice_models.find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)
     planned = planned_tests.design(protocol, printed.pairs() if printed else {}, alpha)

@@ -51,11 +51,10 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
     allowed.
     """
     from experiment.errors import ProtocolError
-    from experiment.protocol import approval, page
-    from experiment.settings import load
+    from experiment.protocol import approval, files, page
 
     try:
-        protocol = load.load(protocol_file)
+        protocol = files.load(protocol_file)
     except ProtocolError as error:
         if as_json:
             from dataclasses import asdict
@@ -77,11 +76,11 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
 @app.command(epilog="Example: palpate schedule protocols/okamoto2012.toml --participant 03 --seed 1")
 def schedule(protocol_file: ProtocolFile, participant: Participant, seed: Seed = 1, as_json: Json = False) -> None:
     """Print the trials of one participant, in order."""
-    from experiment.settings import load
+    from experiment.protocol import files
     from experiment.study import roster
     from experiment.study import schedule as schedules
 
-    protocol = load.load(protocol_file)
+    protocol = files.load(protocol_file)
     allocation = roster.find(roster.allocate(protocol, seed), participant)
     orders = {
         task: schedules.schedule(protocol=protocol, participant=allocation.participant, task_id=task, seed=seed)
@@ -125,7 +124,7 @@ def rehearse(
     """
     from experiment.cli.options import progress
     from experiment.desk.terminal import TerminalConsole
-    from experiment.protocol.shipped import shipped
+    from experiment.protocol.files import shipped
     from experiment.rehearsal import study
 
     screen = TerminalConsole(write=sys.stderr, ask=input, heading="REHEARSAL") if real_time and not as_json else None

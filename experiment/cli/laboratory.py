@@ -35,10 +35,9 @@ def seal(
     Writes STUDY.seal.toml beside the protocol, with the SHA-256 of what was approved. `palpate run` refuses a
     protocol that is not sealed, was changed since, or whose approval has expired.
     """
-    from experiment.protocol import approval
-    from experiment.settings import load
+    from experiment.protocol import approval, files
 
-    protocol = load.load(protocol_file)
+    protocol = files.load(protocol_file)
     sealed = approval.write(
         protocol_file,
         protocol,
@@ -94,9 +93,10 @@ def withdraw(
     dataset: StudyFolder = None,
 ) -> None:
     """Record that a participant withdrew."""
+    from experiment.dataset import build as datasets
     from experiment.study import enrolment
 
-    path = enrolment.withdraw(protocol_file, participant, reason, root=dataset)
+    path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build)
     typer.echo(f"Participant {participant} has withdrawn: {path}")
 
 

@@ -38,7 +38,7 @@ def record(
     wanted = _speeds(speeds)
     try:
         if simulated:
-            from experiment.protocol.shipped import shipped
+            from experiment.protocol.files import shipped
             from experiment.rehearsal.footstep import recorder
 
             manifest = recorder.record_simulated(
@@ -93,10 +93,10 @@ def validate(
     other way to average would give stands beside it.
     """
     from analysis.validation import validate as validation
+    from experiment.protocol import files
     from experiment.recordings import manifest
-    from experiment.settings import load
 
-    average = load.load(protocol_file).synthesis.average if protocol_file is not None else "magnitude"
+    average = files.load(protocol_file).synthesis.average if protocol_file is not None else "magnitude"
     recorded = manifest.load_all(folder)
     if fresh is not None:
         if fresh.resolve() == folder.resolve():
@@ -142,11 +142,11 @@ def plan(
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.panel.conditioning import open_drive
     from experiment.errors import ScheduleError
-    from experiment.protocol.shipped import shipped
+    from experiment.protocol import files
+    from experiment.protocol.files import shipped
     from experiment.session import scene_cost
-    from experiment.settings import load
 
-    protocol = load.load(protocol_file)
+    protocol = files.load(protocol_file)
     tasks = [one.id for one in protocol.tasks if task in (None, one.id)]
     if not tasks:
         known = ", ".join(one.id for one in protocol.tasks)

@@ -11,7 +11,9 @@ import typer
 from experiment.cli import options
 
 if TYPE_CHECKING:
+    from experiment.apparatus.doctor.doctor import FarEnds
     from experiment.apparatus.doctor.verdict import Check
+    from experiment.apparatus.rig import Rig
 
 rig_commands = typer.Typer()
 calibrate = typer.Typer(
@@ -74,7 +76,9 @@ def doctor(
 
     typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
     found = []
-    for check in doctors.examine(rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock()):
+    for check in doctors.examine(
+        rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends
+    ):
         found.append(check)
         if not as_json:
             for line in _lines(check):
@@ -87,6 +91,36 @@ def doctor(
         typer.echo(f"{red} of {len(found)} checks are red." if red else "Nothing is red.")
     if red:
         raise typer.Exit(2)
+
+
+def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "FarEnds":
+    """Start what stands at the far ends of a simulated rig: foot, panel and sound card, closed with `opened`."""
+    from experiment.apparatus.doctor.doctor import FarEnds
+    from experiment.rehearsal.footstep.foot import Foot
+    from experiment.rehearsal.footstep.panel import Panel
+    from experiment.rehearsal.wires.serial_line import SerialLine
+    from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+
+    line = opened.enter_context(SerialLine())
+    foot = Foot(line, rig.tracker, real_time=True)
+    opened.callback(foot.close)
+    address = None
+    if rig.actuator.driver == "pcm-tcp":
+        panel = Panel(rig.actuator)
+        opened.callback(panel.close)
+        address = panel.address
+    if rig.audio is None:
+        return FarEnds(port=line.url, address=address)
+    channels = rig.audio.channels
+    card = SoundCard(rate_hz=rig.audio.rate_hz, block=rig.audio.block, inputs=channels.inputs, outputs=channels.outputs)
+    opened.callback(card.close)
+
+    def wire() -> None:
+        if channels.loopback is not None:
+            card.disconnect(channels.loopback)
+            card.connect(channels.actuator, channels.loopback)
+
+    return FarEnds(port=line.url, address=address, device=DEVICE, wire=wire)
 
 
 def _lines(check: "Check") -> Iterator[str]:
@@ -118,10 +152,10 @@ def calibrate_tracker(
     from experiment.apparatus.tracker import calibration as calibrating
     from experiment.clock import MonotonicClock
     from experiment.errors import Interrupted, RigError
-    from experiment.settings import load
+    from experiment.protocol import files
 
     heights_mm = calibrating.heights_asked(points)
-    step = load.load(protocol).step if protocol is not None else None
+    step = files.load(protocol).step if protocol is not None else None
     if out is not None and out.exists():
         raise RigError(f"{out}: exists; allowed: a new file; name another")
     before = rigs.load(rig)

@@ -8,7 +8,6 @@ and analysis reads them.
 from __future__ import annotations
 
 import gzip
-import json
 import re
 import shutil
 import tempfile
@@ -116,23 +115,6 @@ def new_dataset(out: Path) -> Iterator[Path]:
             shutil.rmtree(partial)
 
 
-def write_bytes(path: Path, content: bytes) -> None:
-    """Put `content` at `path`, whole and on disk.
-
-    Raises:
-        DatasetError: when the file system refuses.
-    """
-    try:
-        storage.write(path, content)
-    except OSError as error:
-        raise DatasetError(f"cannot write {path}: {error.strerror}; check its folder and the free space") from error
-
-
-def write_json(path: Path, content: Mapping[str, object]) -> None:
-    """Write a JSON object, two spaces deep, keys in the order given."""
-    write_bytes(path, (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
-
-
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> int:
     """Write a tab-separated table and return its number of rows.
 
@@ -146,7 +128,7 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
         if unknown := set(row) - set(columns):
             raise ValueError(f"no such columns: {sorted(unknown)}; columns: {list(columns)}")
         lines.append("\t".join(_cell(row.get(column)) for column in columns))
-    write_bytes(path, ("\n".join(lines) + "\n").encode())
+    storage.write_bytes(path, ("\n".join(lines) + "\n").encode())
     return len(lines) - 1
 
 
@@ -165,8 +147,8 @@ def write_description(root: Path, text: DatasetText) -> None:
     }
     if text.references:
         description["ReferencesAndLinks"] = list(text.references)
-    write_json(root / "dataset_description.json", description)
-    write_bytes(root / "README", f"{name}\n\n{text.readme.strip()}\n".encode())
+    storage.write_json(root / "dataset_description.json", description)
+    storage.write_bytes(root / "README", f"{name}\n\n{text.readme.strip()}\n".encode())
 
 
 def write_participants(root: Path, rows: Iterable[Mapping[str, object]], *, origin: Origin) -> None:
@@ -175,7 +157,7 @@ def write_participants(root: Path, rows: Iterable[Mapping[str, object]], *, orig
     write_table(root / "participants.tsv", tuple(PARTICIPANT_COLUMNS), rows)
     columns = {name: dict(text) for name, text in PARTICIPANT_COLUMNS.items()}
     columns["participant_id"]["Description"] = _labelled(str(columns["participant_id"]["Description"]), origin)
-    write_json(root / "participants.json", columns)
+    storage.write_json(root / "participants.json", columns)
 
 
 def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
@@ -215,7 +197,7 @@ def write_events(root: Path, participant: str, task: TaskText, rows: Iterable[Ma
         **task.notes,
         **columns,
     }
-    write_json(path.with_suffix(".json"), sidecar)
+    storage.write_json(path.with_suffix(".json"), sidecar)
 
 
 def write_physio(
@@ -247,7 +229,7 @@ def write_physio(
     lengths = {column.values.shape for column in columns.values()}
     if len(lengths) != 1 or any(len(shape) != 1 for shape in lengths):
         raise ValueError(f"columns must be of one length and one axis, got shapes {sorted(lengths)}")
-    write_bytes(path, gzip.compress(_physio_rows(list(columns.values())), compresslevel=6, mtime=0))
+    storage.write_bytes(path, gzip.compress(_physio_rows(list(columns.values())), compresslevel=6, mtime=0))
     sidecar: dict[str, object] = {
         "SamplingFrequency": rate_hz,
         "StartTime": start_s,
@@ -258,7 +240,7 @@ def write_physio(
     }
     for name, column in columns.items():
         sidecar[name] = {"Description": column.description, "Units": column.units}
-    write_json(path.with_name(path.name.removesuffix(".tsv.gz") + ".json"), sidecar)
+    storage.write_json(path.with_name(path.name.removesuffix(".tsv.gz") + ".json"), sidecar)
 
 
 def _labelled(text: str, origin: Origin) -> str:

@@ -9,24 +9,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment import __version__
+from experiment import __version__, storage
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker import frames
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.dataset import bids
 from experiment.errors import DatasetError
+from experiment.protocol import files
 from experiment.protocol.models import Protocol, Task
 from experiment.records import journal
 from experiment.records.entries import Answer, MaskerSet, Redo, TrackerOpened
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.stimulus import Onset
-from experiment.settings import load
 from experiment.storage import foot_path, rig_path
 from experiment.study.roster import Roster
-
-RECORDINGS = Path("stimuli") / "recordings"
-"""Where the recordings stand that a study's stimuli are made from."""
 
 LONGEST_GAP_S = 600.0
 """After a longer pause the foot trace goes on in a recording of its own, instead of that many rows of n/a. So it does
@@ -42,16 +39,6 @@ Recorded with palpate. The journals under sourcedata/ are the record of what hap
 hash of the one before it.
 """,
 }
-
-
-def roster_path(root: Path) -> Path:
-    """Where the roster of a dataset stands."""
-    return root / "sourcedata" / "roster.jsonl"
-
-
-def journals(root: Path) -> list[Path]:
-    """The journals of a dataset, by participant and task."""
-    return sorted((root / "sourcedata").glob("sub-*/sub-*_journal.jsonl"))
 
 
 @dataclass(frozen=True)
@@ -94,12 +81,12 @@ def build(root: Path) -> None:
         DatasetError: a part is missing, or a foot trace is not the one its journal names.
         JournalError: a journal is broken.
     """
-    protocol = load.load(root / "sourcedata" / "protocol.toml")
-    found = journals(root)
+    protocol = files.load(root / "sourcedata" / "protocol.toml")
+    found = storage.journals(root)
     if not found:
         raise DatasetError(f"{root}: holds no journal yet; run a session first")
     first_tasks: dict[str, str] = {}
-    withdrawn = Roster.load(roster_path(root)).withdrawn
+    withdrawn = Roster.load(storage.roster_path(root)).withdrawn
     origin: bids.Origin = "PARTICIPANT"
     for path in found:
         session = _read(path)

@@ -18,13 +18,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from experiment import __version__
+from experiment import __version__, storage
 from experiment.dataset.bids import (
     LABELS,
     DatasetText,
     TaskText,
     new_dataset,
-    write_bytes,
     write_description,
     write_events,
     write_participants,
@@ -247,8 +246,8 @@ def import_counts(
             text = _task_text(study, task)
             for number in sorted(table):
                 write_events(root, labels[number], text, _trials(table[number], study.materials))
-            write_bytes(root / "sourcedata" / counts[task].name, counts[task].read_bytes())
-        write_bytes(root / "sourcedata" / "README", _source(study, counts).encode())
+            storage.write_bytes(root / "sourcedata" / counts[task].name, counts[task].read_bytes())
+        storage.write_bytes(root / "sourcedata" / "README", _source(study, counts).encode())
     return out
 
 

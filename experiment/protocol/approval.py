@@ -24,8 +24,9 @@ from pydantic import Field
 from experiment import storage
 from experiment.errors import Problem, ProtocolError
 from experiment.protocol import rules
-from experiment.protocol.models import Confined, Protocol, Text
+from experiment.protocol.models import Protocol
 from experiment.settings import load
+from experiment.settings.model import Confined, Rules, Text
 
 
 def canonical(protocol: Protocol) -> bytes:
@@ -41,7 +42,7 @@ def sha256(protocol: Protocol) -> str:
 class Seal(Confined):
     """One approval."""
 
-    RULES: ClassVar[rules.Rules] = rules.ethics
+    RULES: ClassVar[Rules] = rules.ethics
 
     protocol_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits")]
     approval_number: Text

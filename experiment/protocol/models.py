@@ -7,51 +7,12 @@ What must hold between fields stands in `rules`; each model names its own.
 from __future__ import annotations
 
 from datetime import date
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
 from experiment.protocol import rules
-
-BROKEN_RULE = "broken_rule"
-"""Type of the validation error that stands for broken rules."""
-
-Text = Annotated[str, Field(pattern=r"\S", description="text, not blank")]
-Label = Annotated[
-    str,
-    Field(
-        pattern=r"^[a-z][a-z0-9]{0,31}$",
-        description="up to 32 lower-case letters and digits, a letter first (it names files)",
-    ),
-]
-Name = Annotated[
-    str,
-    Field(
-        pattern=r"^[^\s\p{Cc}]([^\p{Cc}]{0,38}[^\s\p{Cc}])?$",
-        description="one line of 1 to 40 characters, no blank at either end",
-    ),
-]
-Key = Annotated[
-    str,
-    Field(pattern=r"^[!-@\[-~]$", description="one ASCII character, neither a capital letter nor a blank"),
-]
-
-
-class Confined(BaseModel):
-    """Base of every model: frozen, strict, no unknown key."""
-
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", allow_inf_nan=False)
-
-    RULES: ClassVar[rules.Rules] = rules.none
-
-    @model_validator(mode="after")
-    def _rules_hold(self) -> Self:
-        broken = tuple(type(self).RULES(self.model_dump()))
-        if broken:
-            text = "; ".join(f"{rules.written(one.path)}: allowed: {one.allowed}" for one in broken)
-            raise PydanticCustomError(BROKEN_RULE, "{text}", {"text": text})
-        return self
+from experiment.settings.model import Confined, Key, Label, Name, Rules, Text
 
 
 class Study(Confined):
@@ -66,7 +27,7 @@ class Study(Confined):
 class Ethics(Confined):
     """Who approved the study. The fields of a lab's own approval stay empty in a published protocol."""
 
-    RULES: ClassVar[rules.Rules] = rules.ethics
+    RULES: ClassVar[Rules] = rules.ethics
 
     board: Text
     statement: Text
@@ -93,7 +54,7 @@ class Consent(Confined):
 class Duration(Confined):
     """How long one participant's visit takes, all tasks and breaks included, as participants are told before."""
 
-    RULES: ClassVar[rules.Rules] = rules.duration
+    RULES: ClassVar[Rules] = rules.duration
 
     shortest_min: Annotated[float, Field(gt=0)]
     longest_min: Annotated[float, Field(gt=0)]
@@ -118,7 +79,7 @@ class Masker(Confined):
 class Material(Confined):
     """One of the materials a participant tells apart, and how its name is said and keyed."""
 
-    RULES: ClassVar[rules.Rules] = rules.material
+    RULES: ClassVar[Rules] = rules.material
 
     id: Name
     key: Key
@@ -129,7 +90,7 @@ class Material(Confined):
 class Synthesis(Confined):
     """Recordings from which virtual stimuli are made (section 3.1 of the source)."""
 
-    RULES: ClassVar[rules.Rules] = rules.synthesis
+    RULES: ClassVar[Rules] = rules.synthesis
 
     rate_hz: Annotated[int, Field(ge=100, le=192_000)]
     samples: Annotated[int, Field(ge=2, le=1_000_000)]
@@ -145,7 +106,7 @@ class Tactile(Confined):
     below which it is not felt; decided for all materials of a task at once. `source`: where both come from.
     """
 
-    RULES: ClassVar[rules.Rules] = rules.tactile
+    RULES: ClassVar[Rules] = rules.tactile
 
     low_hz: Annotated[float, Field(ge=0)]
     high_hz: Annotated[float, Field(gt=0)]
@@ -161,7 +122,7 @@ class Tactile(Confined):
 class Step(Confined):
     """How a foot step is read: the gate, and the contact that ends it."""
 
-    RULES: ClassVar[rules.Rules] = rules.step
+    RULES: ClassVar[Rules] = rules.step
 
     gate_top_mm: Annotated[float, Field(gt=0)]
     gate_bottom_mm: Annotated[float, Field(gt=0)]
@@ -171,7 +132,7 @@ class Step(Confined):
 class Familiarisation(Confined):
     """Free handling of the real materials before a task."""
 
-    RULES: ClassVar[rules.Rules] = rules.familiarisation
+    RULES: ClassVar[Rules] = rules.familiarisation
 
     min_s: Annotated[float, Field(ge=0)]
     max_s: Annotated[float, Field(gt=0)]
@@ -181,7 +142,7 @@ class Familiarisation(Confined):
 class Order(Confined):
     """How the trials of a task are put in order."""
 
-    RULES: ClassVar[rules.Rules] = rules.order
+    RULES: ClassVar[Rules] = rules.order
 
     kind: Literal["full-random", "blocked-random", "max-run"]
     max_run: Annotated[int, Field(ge=1)] | None = None
@@ -228,7 +189,7 @@ class ExclusionRule(Confined):
     a task), `withdrawn`. A trial that a rule repeats may have been felt, so it comes again at the end of its block.
     """
 
-    RULES: ClassVar[rules.Rules] = rules.exclusion_rule
+    RULES: ClassVar[Rules] = rules.exclusion_rule
 
     id: Name
     when: Literal["frames-lost", "speed-below", "speed-above", "undelivered", "answers-below", "withdrawn"]
@@ -240,7 +201,7 @@ class ExclusionRule(Confined):
 class PlannedTest(Confined):
     """One test of the planned analysis, by name."""
 
-    RULES: ClassVar[rules.Rules] = rules.planned_test
+    RULES: ClassVar[Rules] = rules.planned_test
 
     test: Literal["t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"]
     tasks: Annotated[tuple[Label, ...], Field(min_length=1)]
@@ -253,7 +214,7 @@ class PlannedTest(Confined):
 class Protocol(Confined):
     """A whole study. Names are unique and every reference between parts holds."""
 
-    RULES: ClassVar[rules.Rules] = rules.protocol
+    RULES: ClassVar[Rules] = rules.protocol
 
     format: Literal[1]
     study: Study

@@ -6,16 +6,13 @@ a wrong type in one place still has all its rules checked, and every error is re
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from itertools import pairwise
 from typing import Any
 
 from experiment.records.events import NO_ANSWER
-
-Table = Mapping[str, Any]
-Path = tuple[str | int, ...]
+from experiment.settings.model import Broken, Path, Table, written
 
 MAX_COUNTERBALANCED = 6
 """Tasks that may be counterbalanced; more have over 720 orders, and no study balances those."""
@@ -25,22 +22,6 @@ LOUDER_KEY, SOFTER_KEY = "+", "-"
 
 MAX_COUNTED = 400
 """Trials of a task whose orders are counted exactly: up to here that takes seconds."""
-
-
-@dataclass(frozen=True)
-class Broken:
-    """One rule that does not hold: the field to mend, from the table that was checked, and what it may be."""
-
-    path: Path
-    allowed: str
-
-
-Rules = Callable[[Table], Iterable[Broken]]
-
-
-def none(_table: Table) -> Iterable[Broken]:
-    """No rule."""
-    return ()
 
 
 def ethics(table: Table) -> Iterator[Broken]:
@@ -224,18 +205,6 @@ def _seen_once(places: Iterable[tuple[Path, object]], what: str) -> Iterator[Bro
             earlier = first.setdefault(" ".join(value.casefold().split()), path)
             if earlier != path:
                 yield Broken(path, f"{what}: {written(earlier)} has it already")
-
-
-def written(path: Path) -> str:
-    """A path as users read it: `tasks[0].order.kind`."""
-    text = ""
-    for part in path:
-        if isinstance(part, int):
-            text += f"[{part}]"
-        else:
-            bare = part.isascii() and part.replace("_", "a").replace("-", "a").isalnum()
-            text += ("." if text else "") + (part if bare else f'"{part}"')
-    return text
 
 
 def _in_order(table: Table, low: str, high: str) -> Iterator[Broken]:

@@ -36,9 +36,10 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from experiment.errors import ProtocolError, RecordingError
-from experiment.protocol.models import Confined, Synthesis
+from experiment.protocol.models import Synthesis
 from experiment.recordings.readers import wav_samples
 from experiment.settings import load as load_protocol
+from experiment.settings.model import Confined
 from experiment.settings.problems import locate
 
 MANIFEST = "manifest.toml"

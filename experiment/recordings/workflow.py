@@ -24,9 +24,9 @@ from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import Clock, MonotonicClock, day
 from experiment.errors import RecordingError
+from experiment.protocol import files
 from experiment.recordings import store
 from experiment.recordings.plan import Condition, Plan, plan
-from experiment.settings import load
 
 SPEED_TOLERANCE = 0.10
 """A step is on target when its speed is within this part of it: less than half the way to the next recorded speed."""
@@ -149,7 +149,7 @@ def record_on_rig(
     Raises:
         PalpateError: a file or a part that cannot be used; the same call goes on where it stopped.
     """
-    protocol, rig = load.load(protocol_file), rigs.load(rig_file)
+    protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if rig.rig.simulated:
         raise RecordingError(f"{rig_file}: a simulated rig; allowed: a real one; name another, or record --simulated")
     rigs.check(rig, protocol.step)

@@ -19,9 +19,9 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Actuator, Played, Spectrum, Tracker, Wanted
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock, ManualClock, MonotonicClock
-from experiment.dataset import build
 from experiment.desk.port import Console
 from experiment.errors import Interrupted
+from experiment.protocol import files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.stimulus import Delivered
@@ -33,7 +33,6 @@ from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from experiment.session import runner, scene
 from experiment.session.laboratory import header, open_laboratory
-from experiment.settings import load
 from experiment.synthesis.spectra import Bins
 
 
@@ -132,7 +131,7 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
     Raises:
         PalpateError: a part failed.
     """
-    protocol = load.load(job.dataset / "sourcedata" / "protocol.toml")
+    protocol = files.load(job.dataset / "sourcedata" / "protocol.toml")
     rig = rigs.load(job.dataset / "sourcedata" / "rig.toml")
     materials = SimulatedMaterials(protocol.synthesis.rate_hz, protocol.synthesis.samples)
     for position, task_id in enumerate(job.tasks, start=1):
@@ -150,7 +149,7 @@ def _rehearse_task(
     screen: Console | None,
 ) -> None:
     clock = MonotonicClock() if job.real_time else ManualClock(_simulated_now_ns(job, task_id, position))
-    recordings = job.dataset / build.RECORDINGS if scene.plan(protocol=protocol, task_id=task_id).synthesis else None
+    recordings = job.dataset / storage.RECORDINGS if scene.plan(protocol=protocol, task_id=task_id).synthesis else None
     rig_file = job.dataset / "sourcedata" / "rig.toml"
     ends = SimulatedEnds(job, protocol, rig, materials, task_id, clock, tick, screen)
     with open_laboratory(

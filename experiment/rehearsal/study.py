@@ -21,7 +21,7 @@ from experiment.apparatus.panel.conditioning import open_drive
 from experiment.dataset import build
 from experiment.desk.port import Console
 from experiment.errors import DatasetError
-from experiment.protocol import approval
+from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.progress import progress
@@ -29,7 +29,6 @@ from experiment.rehearsal import pool
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.participant import Tick
 from experiment.rehearsal.session import Job, rehearse_participant
-from experiment.settings import load
 from experiment.study import roster
 
 PLAN = "rehearsal.json"
@@ -102,7 +101,7 @@ def rehearse(
         PalpateError: a part failed; the same call goes on where it stopped. Before the first session began nothing is
             left in `out`.
     """
-    protocol = load.load(protocol_file)
+    protocol = files.load(protocol_file)
     rig = rigs.load(rig_file)
     count = protocol.study.participants if participants is None else participants
     if not 1 <= count <= protocol.study.participants:
@@ -196,7 +195,7 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
         made = True
         yield
     except BaseException:
-        if made and not any(path.stat().st_size for path in build.journals(out)):
+        if made and not any(path.stat().st_size for path in storage.journals(out)):
             shutil.rmtree(out, ignore_errors=True)
         if was_there:
             out.mkdir(exist_ok=True)
@@ -234,8 +233,8 @@ def _fill(partial: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Non
     source.mkdir()
     shutil.copyfile(protocol_file, source / "protocol.toml")
     opening.keep(rig_file, source / "rig.toml")
-    protocol = load.load(source / "protocol.toml")
-    recorded_takes.make_recordings(partial / build.RECORDINGS, protocol=protocol, seed=plan.seed)
+    protocol = files.load(source / "protocol.toml")
+    recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
     (source / PLAN).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")
 
 

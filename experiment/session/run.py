@@ -13,7 +13,7 @@ from experiment.clock import Clock, MonotonicClock, day
 from experiment.dataset import build
 from experiment.desk.port import Console
 from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError
-from experiment.protocol import approval
+from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.entries import Footer
@@ -21,7 +21,6 @@ from experiment.records.progress import progress
 from experiment.session import runner, scene
 from experiment.session.far_ends import RealEnds
 from experiment.session.laboratory import header, open_laboratory
-from experiment.settings import load
 from experiment.study import enrolment, roster
 
 
@@ -50,13 +49,13 @@ def run(
         PalpateError: anything that forbids or ends the session, before a participant is on the panel where possible.
     """
     clock = MonotonicClock()
-    protocol = load.load(protocol_file)
+    protocol = files.load(protocol_file)
     if protocol.consent.voice_recordings:
         raise SessionError(f"{protocol_file}: asks for voice recordings, which palpate cannot make yet; leave them out")
     today = day(clock.now_ns())
     approval.verify(protocol_file, protocol, today)
     root = root or enrolment.default_root(protocol)
-    roster.Roster.load(build.roster_path(root)).may_run(participant, protocol)
+    roster.Roster.load(storage.roster_path(root)).may_run(participant, protocol)
     rig = rigs.load(rig_file)
     if rig.rig.simulated:
         raise RigError(f"{rig_file}: the rig is simulated; give a rig file of real devices, or use palpate rehearse")
@@ -124,7 +123,7 @@ def _keep_recordings(root: Path, given: Path | None, protocol: Protocol, planned
     """The recordings in the dataset; put there at the first session that names them."""
     from experiment.recordings import manifest
 
-    kept = root / build.RECORDINGS
+    kept = root / storage.RECORDINGS
     folder = given or kept
     if manifest.is_simulated(folder):
         raise RecordingError(

@@ -59,7 +59,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
             return done.footer
         if not contents.lines:
             opening.keep(rig_file, rig_path(path))
-        with closing(_Log(path, devices.clock, contents, done)) as log:
+        with closing(SessionLog(path, devices.clock, contents, done)) as log:
             return _Session(protocol=protocol, devices=devices, log=log).run(contents)
 
 
@@ -75,7 +75,7 @@ def _check_same_session(path: Path, found: Header, asked: Header) -> None:
             )
 
 
-class _Log:
+class SessionLog:
     """Implements `Log`: the session's journal and its file of raw tracker frames."""
 
     def __init__(self, path: Path, clock: Clock, contents: journal.Contents, done: Progress) -> None:
@@ -106,7 +106,7 @@ class _Log:
 
 
 class _Session:
-    def __init__(self, *, protocol: Protocol, devices: Devices, log: _Log) -> None:
+    def __init__(self, *, protocol: Protocol, devices: Devices, log: SessionLog) -> None:
         self._protocol = protocol
         self._task = protocol.task(log.done.header.task)
         self._devices = devices

@@ -1,4 +1,4 @@
-"""Read a protocol file, or refuse it with every error at once."""
+"""Read a settings file as its model, or refuse it with every problem at once."""
 
 from __future__ import annotations
 
@@ -11,21 +11,11 @@ from types import MappingProxyType
 from typing import Any, TypeVar
 
 from experiment.errors import Problem, ProtocolError
-from experiment.protocol import rules
-from experiment.protocol.models import Confined, Protocol
+from experiment.settings import model as models
 from experiment.settings import problems
 from experiment.settings.problems import locate
 
-Model = TypeVar("Model", bound=Confined)
-
-
-def load(path: Path) -> Protocol:
-    """Read the protocol file at `path`.
-
-    Raises:
-        ProtocolError: with every problem of the file; of its syntax, the first.
-    """
-    return read(path, Protocol)
+Model = TypeVar("Model", bound=models.Confined)
 
 
 def read(path: Path, model: type[Model]) -> Model:
@@ -39,9 +29,9 @@ def read(path: Path, model: type[Model]) -> Model:
 
 
 def checked(
-    path: Path, model: type[Model], document: Mapping[str, Any], lines: Mapping[rules.Path, int] = MappingProxyType({})
+    path: Path, model: type[Model], document: Mapping[str, Any], lines: Mapping[models.Path, int] = MappingProxyType({})
 ) -> Model:
-    """`document` as a `model`.
+    """Return `document` as a `model`.
 
     Args:
         path: the file that holds it, or will.

@@ -1,10 +1,8 @@
-"""Everything that is wrong in a parsed file, at once: wrong types, missing and unknown keys, broken rules.
+"""Every problem of a parsed settings file at once: wrong types, missing and unknown keys, broken rules.
 
-What a field of a model may hold, in words for whoever writes the file.
-
-Where each key and element of a TOML file stands: `tomllib` returns values without lines.
-
-The text must be one that `tomllib` accepts, so this reads structure alone: headers, keys, and where values end.
+Each problem is told in words for whoever writes the file, with what may stand there instead, and on its line. `tomllib`
+returns values without lines, so `locate` finds them: it reads the structure alone (headers, keys, and where values
+end) of a text that `tomllib` has accepted.
 """
 
 from __future__ import annotations
@@ -21,8 +19,7 @@ from typing import Any, get_args
 from pydantic import BaseModel, ValidationError
 
 from experiment.errors import Problem
-from experiment.protocol.models import BROKEN_RULE, Confined
-from experiment.protocol.rules import Path, Table, written
+from experiment.settings.model import BROKEN_RULE, Confined, Path, Table, written
 
 Schema = Mapping[str, Any]
 

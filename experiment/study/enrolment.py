@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 import secrets
+from collections.abc import Callable
 from datetime import date
 from pathlib import Path
 
 from filelock import FileLock
 
 from experiment import storage
-from experiment.dataset import bids, build
 from experiment.errors import DatasetError
-from experiment.protocol import approval
+from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
-from experiment.settings import load
 from experiment.study import roster
 
 LOCK = ".study.lock"
@@ -48,10 +47,10 @@ def enrol(
         RosterError: not the next label, or one that the study does not have.
         DatasetError: the folder is that of something else.
     """
-    protocol = load.load(protocol_file)
+    protocol = files.load(protocol_file)
     root = root or default_root(protocol)
     roster.find(roster.allocate(protocol, 0), participant)
-    path = build.roster_path(root)
+    path = storage.roster_path(root)
     roster.Roster.load(path).check_next(participant)
     settle(root, protocol_file, protocol, seed)
     roster.Roster.load(path).enrol(participant, consent_on)
@@ -77,26 +76,35 @@ def consent(protocol_file: Path, participant: str, consent_on: date, *, root: Pa
     Raises:
         RosterError: the participant is not enrolled, has consented already, or has withdrawn.
     """
-    path = build.roster_path(root or default_root(load.load(protocol_file)))
+    path = storage.roster_path(root or default_root(files.load(protocol_file)))
     roster.Roster.load(path).consent(participant, consent_on)
     return path
 
 
-def withdraw(protocol_file: Path, participant: str, reason: str, *, root: Path | None) -> Path:
+def withdraw(
+    protocol_file: Path, participant: str, reason: str, *, root: Path | None, rebuild: Callable[[Path], None]
+) -> Path:
     """Record that a participant withdrew; the dataset says so, and analysis leaves them out.
+
+    Args:
+        protocol_file: the study's protocol.
+        participant: who withdrew.
+        reason: why, one line.
+        root: folder of the dataset; None for `participants/STUDY`.
+        rebuild: makes the dataset's tables anew, from its folder.
 
     Raises:
         RosterError: the participant is not enrolled, or the reason is no line of text.
         SessionLocked: a session of theirs is running.
     """
-    root = root or default_root(load.load(protocol_file))
-    path = build.roster_path(root)
+    root = root or default_root(files.load(protocol_file))
+    path = storage.roster_path(root)
     known = roster.Roster.load(path)
     known.check_enrolled(participant)
     with journal.locked(storage.participant_folder(root, participant), participant):
         known.withdraw(participant, reason)
-        if build.journals(root):
-            build.build(root)
+        if storage.journals(root):
+            rebuild(root)
     return path
 
 
@@ -116,9 +124,9 @@ def settle(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None
     with FileLock(source / LOCK):
         if not kept.exists():
             drawn = secrets.randbelow(2**31) if seed is None else seed
-            bids.write_json(file, {"seed": drawn})
-            bids.write_bytes(kept, protocol_file.read_bytes())
-        elif approval.sha256(load.load(kept)) != approval.sha256(protocol):
+            storage.write_json(file, {"seed": drawn})
+            storage.write_bytes(kept, protocol_file.read_bytes())
+        elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
             raise DatasetError(
                 f"{root}: was begun with another form of the protocol; run {kept}, or choose another --dataset"
             )

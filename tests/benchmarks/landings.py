@@ -28,23 +28,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment import storage
 from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
 from experiment.apparatus.tracker.gate import GateDetector
 from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.clock import MonotonicClock
-from experiment.dataset import build
-from experiment.protocol.shipped import shipped
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.rehearsal import study
 from experiment.rehearsal.footstep import movement
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.rehearsal.wires.sound_card import SimulatedSound
+from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
-from experiment.settings import load
+from experiment.session.masker import open_sound
 from tests.benchmarks.scheduling import loaded, spread
 
 STEPS, SESSIONS = 2000, 1
@@ -87,7 +88,7 @@ class Landed:
 def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
     """Step, in real time; `folder` holds a rehearsal. Sessions open one after the other: opening takes a core."""
     time.sleep(number * APART_S)
-    protocol = load.load(shipped("okamoto2012.toml"))
+    protocol = files.load(shipped("okamoto2012.toml"))
     rig_file = shipped("rigs/headless.toml")
     rig, clock, landed = rigs.load(rig_file), MonotonicClock(), Landed()
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
@@ -95,7 +96,7 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
     with ExitStack() as opened:
         landed.priority = opened.enter_context(host.raised())
         planned, rate_hz = scene.plan(protocol=protocol, task_id="virtual"), rig.actuator.rate_hz
-        recordings = folder / build.RECORDINGS
+        recordings = folder / storage.RECORDINGS
         render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
         line = opened.enter_context(SerialLine())
         powered_ns = clock.now_ns()
@@ -103,7 +104,9 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         opened.callback(foot.close)
         tracker = opening.open_tracker(rig, clock=clock, port=line.url)
         opened.callback(tracker.close)
-        sound = opened.enter_context(SimulatedSound(rig, protocol, clock))
+        card = opened.enter_context(WiredCard(rig))
+        sound = open_sound(rig, protocol, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
+        card.wire()
         like = scene.examples(render, planned, protocol, rate_hz)
         drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, like=like)
         actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)

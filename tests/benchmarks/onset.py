@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.tracker.landing import LandingPredictor
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal import study
 from experiment.rehearsal.footstep import movement
 from experiment.rehearsal.footstep.participant import SimulatedParticipant

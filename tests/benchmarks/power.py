@@ -38,9 +38,9 @@ from analysis.power import choice_models, planned_tests, simulate
 from analysis.power.choice_models import ChoiceModel
 from analysis.power.planned_tests import Design
 from analysis.power.simulate import Chunk
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.protocol.models import PlannedTest
-from experiment.protocol.shipped import shipped
-from experiment.settings import load
 
 Floats = NDArray[np.float64]
 
@@ -192,7 +192,7 @@ def in_turns(calls: dict[str, Callable[[], object]]) -> dict[str, list[float]]:
 
 def main() -> None:
     warnings.simplefilter("ignore")
-    protocol = load.load(shipped("okamoto2012.toml"))
+    protocol = files.load(shipped("okamoto2012.toml"))
     printed = published.load("okamoto2012")
     pairs = printed.pairs() if printed else {}
     model = choice_models.find("published", protocol)

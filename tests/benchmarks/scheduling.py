@@ -23,6 +23,7 @@ from queue import SimpleQueue
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment import storage
 from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
@@ -32,19 +33,19 @@ from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState
 from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.clock import MonotonicClock
-from experiment.dataset import build
 from experiment.desk.terminal import TerminalConsole
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.protocol.models import Step
-from experiment.protocol.shipped import shipped
 from experiment.records.stimulus import Delivered
 from experiment.rehearsal import study
 from experiment.rehearsal.footstep import movement
 from experiment.rehearsal.footstep.panel import Panel
-from experiment.rehearsal.wires.sound_card import SimulatedSound
+from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, watch
-from experiment.settings import load
+from experiment.session.masker import open_sound
 
 STEPS = 2000
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
@@ -178,9 +179,9 @@ class Noted(GateDetector):
 
 def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) -> list[float]:
     """From the arrival of the frame that showed the foot below the gate to its stimulus aimed, for many steps."""
-    protocol = load.load(shipped("okamoto2012.toml"))
+    protocol = files.load(shipped("okamoto2012.toml"))
     planned = scene.plan(protocol=protocol, task_id="virtual")
-    recordings = folder / "rehearsal" / build.RECORDINGS
+    recordings = folder / "rehearsal" / storage.RECORDINGS
     render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
     rig_file, clock, tracker = shipped(f"rigs/{rig_name}.toml"), MonotonicClock(), Replayed()
     rig = rigs.load(rig_file)
@@ -194,7 +195,9 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
             opened.callback(panel.close)
             played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=panel.address)
         else:
-            sound = opened.enter_context(SimulatedSound(rig, protocol, clock))
+            card = opened.enter_context(WiredCard(rig))
+            sound = open_sound(rig, protocol, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
+            card.wire()
             played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
         opened.callback(played.close)
         screen = TerminalConsole(write=opened.enter_context(Path(os.devnull).open("w")), ask=input, heading="REHEARSAL")

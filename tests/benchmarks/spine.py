@@ -16,11 +16,11 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from experiment.dataset import build
-from experiment.protocol.shipped import shipped
+from experiment import storage
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.rehearsal import study
 from experiment.session import scene
-from experiment.settings import load
 
 STARTS = 21
 REHEARSALS = 3
@@ -57,7 +57,7 @@ def rehearse(folder: Path, seed: int, jobs: int, participants: int) -> None:
 
 
 def main() -> None:
-    protocol = load.load(shipped("okamoto2012.toml"))
+    protocol = files.load(shipped("okamoto2012.toml"))
     palpate_s, bare_s = start_up()
     print(
         f"palpate --help              {palpate_s * 1e3:8.1f} ms   {palpate_s / bare_s:.1f} x bare python3 -c pass "
@@ -75,7 +75,7 @@ def main() -> None:
         whole_s = seconds(lambda: rehearse(folder, 99, jobs, 15))
         print(f"whole study, {jobs} processes    {1000 / whole_s:8.1f} trials/s   (25 sessions: {whole_s:.1f} s)")
         planned = scene.plan(protocol=protocol, task_id="virtual")
-        render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=folder / "0-1" / build.RECORDINGS)
+        render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=folder / "0-1" / storage.RECORDINGS)
         speeds = [60.0 + i for i in range(RENDERS)]
 
         def sounded(speed_mm_s: float) -> object:

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from experiment.protocol import files
 from experiment.protocol.models import Protocol
-from experiment.settings import load
 
 
 @pytest.fixture(scope="module")
 def protocol(repository_root: Path) -> Protocol:
-    return load.load(repository_root / "protocols" / "okamoto2012.toml")
+    return files.load(repository_root / "protocols" / "okamoto2012.toml")

@@ -14,7 +14,7 @@ import sys
 import time
 from pathlib import Path
 
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal import study
 from experiment.rehearsal.footstep.participant import SimulatedParticipant
 

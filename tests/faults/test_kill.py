@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 from experiment import storage
-from experiment.protocol.shipped import shipped
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.records.entries import Answer, Footer, Redo
-from experiment.settings import load
 from experiment.study import roster, schedule
 
 KILLS = 200
@@ -45,7 +45,7 @@ def test_it_was_killed_as_often_as_asked(killed: list[dict[str, Any]]) -> None:
 def test_every_confirmed_answer_is_on_disk_once_and_every_order_is_the_planned_one(
     killed: list[dict[str, Any]],
 ) -> None:
-    protocol = load.load(shipped("okamoto2012.toml"))
+    protocol = files.load(shipped("okamoto2012.toml"))
     for one in killed:
         confirmed = {tuple(c[:3]): c[3] for c in one["confirmed"]}
         assert len(confirmed) == len(one["confirmed"]), "an answer was confirmed twice"

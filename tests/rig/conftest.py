@@ -13,7 +13,7 @@ import pytest
 
 from experiment.apparatus import rig
 from experiment.apparatus.rig import TrackerRig
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig.laboratory import NOISE_MM
 from tests.rig.rehearsed import rehearse

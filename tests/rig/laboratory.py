@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from experiment.apparatus import rig
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Faults, Foot
 from experiment.rehearsal.footstep.movement import trajectory
 from experiment.rehearsal.footstep.panel import Panel

@@ -6,7 +6,7 @@ import csv
 from pathlib import Path
 from typing import Any
 
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal import study
 
 

@@ -17,7 +17,7 @@ from experiment.apparatus.ports import Actuator, Waveform
 from experiment.apparatus.rig import Rig
 from experiment.clock import MonotonicClock
 from experiment.errors import ActuatorError, RigError
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.panel import CardPanel
 from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.rig import sound

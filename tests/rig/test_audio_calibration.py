@@ -17,7 +17,7 @@ from experiment.apparatus.audio import actuator, calibration, devices
 from experiment.apparatus.audio.stream import AudioStream, StreamSettings
 from experiment.clock import MonotonicClock
 from experiment.errors import AudioError, RigError
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal.wires.sound_card import DEVICE, HOST_API, SoundCard
 from tests.conftest import Palpate
 from tests.rig import sound

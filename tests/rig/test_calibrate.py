@@ -18,7 +18,7 @@ import pytest
 from experiment.apparatus import rig
 from experiment.apparatus.tracker import serial_port
 from experiment.apparatus.tracker.frames import encode
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 

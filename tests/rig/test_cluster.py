@@ -9,7 +9,7 @@ import pytest
 
 from analysis.power import workers
 from experiment.errors import PowerError
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from tests.conftest import Palpate
 
 distributed = pytest.importorskip("distributed")

@@ -22,8 +22,9 @@ from experiment.apparatus.doctor import tracker as tracker_checks
 from experiment.apparatus.doctor.tracker import Heard
 from experiment.apparatus.rig import TrackerRig
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
+from experiment.cli.rig import simulated_far_ends
 from experiment.clock import MonotonicClock
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Faults, Foot
 from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.serial_line import SerialLine
@@ -200,7 +201,11 @@ def test_a_fault_of_our_own_is_no_red_line(
     monkeypatch.setattr(tracker_checks, "listen", defect)
     rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address='"127.0.0.1:9"')
     with pytest.raises(ZeroDivisionError):
-        list(doctor.examine(rig_path=rig, protocol_path=None, root=tmp_path, clock=MonotonicClock()))
+        list(
+            doctor.examine(
+                rig_path=rig, protocol_path=None, root=tmp_path, clock=MonotonicClock(), simulate=simulated_far_ends
+            )
+        )
 
 
 def test_a_rig_file_that_cannot_be_used_is_red_and_the_machine_is_still_checked(

@@ -16,7 +16,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.doctor import audio
 from experiment.apparatus.rig import AudioRig, TrackerRig
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from experiment.errors import DatasetError
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.records.entries import MaskerSet, Redo
 from experiment.records.footstep import FootStep, Zeroed
 from experiment.rehearsal import session, study
 from experiment.rehearsal.footstep.panel import CardPanel
-from experiment.rehearsal.wires.sound_card import SimulatedSound
+from experiment.rehearsal.wires.sound_card import WiredCard
 from tests.rig import sound
 
 
@@ -94,7 +94,7 @@ def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
         pass
     pulled: list[str] = []
 
-    class Pulled(SimulatedSound):
+    class Pulled(WiredCard):
         """The loopback's cable is out for the first two stimuli of the task with stimuli."""
 
         def panel(self) -> CardPanel:
@@ -116,7 +116,7 @@ def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
             monkeypatch.setattr(opened, "felt", felt)
             return opened
 
-    monkeypatch.setattr(session, "SimulatedSound", Pulled)
+    monkeypatch.setattr(session, "WiredCard", Pulled)
     root = rehearsed(tmp_path)
     entries = journal.read(next(root.glob("sourcedata/sub-01/*_task-virtual_journal.jsonl"))).entries
     first, second = [entry for entry in entries if isinstance(entry, FootStep)][:2]

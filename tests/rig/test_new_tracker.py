@@ -16,8 +16,8 @@ from experiment.apparatus.tracker.frames import Decoder, Samples
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from experiment.clock import MonotonicClock
 from experiment.errors import RigError, TrackerStopped
+from experiment.protocol.files import shipped
 from experiment.protocol.models import Step
-from experiment.protocol.shipped import shipped
 from experiment.rehearsal.footstep import movement
 from experiment.rehearsal.wires.serial_line import SerialLine
 

@@ -23,13 +23,13 @@ from experiment.apparatus.panel.pcm_actuator import PcmActuator
 from experiment.apparatus.ports import Actuator, Played, Voltages, Wanted, Waveform
 from experiment.apparatus.rig import ActuatorRig, ShapingRig
 from experiment.errors import ActuatorError
-from experiment.protocol.shipped import shipped
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.records.stimulus import Driven, Shaping
 from experiment.rehearsal.footstep import panel as response
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.panel import Panel
 from experiment.session import scene
-from experiment.settings import load
 from experiment.synthesis.spectra import Bins, bin_frequencies_hz, spectrum
 from experiment.synthesis.waveforms import Synthesised
 
@@ -222,7 +222,7 @@ SHAPED = ActuatorRig(
 @pytest.fixture(scope="module")
 def stimuli(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str, float], Synthesised]:
     """Stimuli of the simulated materials, which stand as far apart as Table 3 says, at the rate of `SHAPED`."""
-    protocol = load.load(shipped("okamoto2012.toml"))
+    protocol = files.load(shipped("okamoto2012.toml"))
     recordings = tmp_path_factory.mktemp("recordings") / "simulated"
     recorded_takes.make_recordings(recordings, protocol=protocol, seed=1)
     planned = scene.plan(protocol=protocol, task_id="virtual")

@@ -10,12 +10,12 @@ import pytest
 from scipy.io import wavfile
 
 from experiment.errors import RecordingError
+from experiment.protocol import files
 from experiment.recordings import manifest
 from experiment.recordings.manifest import Recordings
 from experiment.recordings.plan import Condition, plan
 from experiment.recordings.workflow import SPEED_TOLERANCE
 from experiment.rehearsal.footstep import recorded_takes, recorder
-from experiment.settings import load
 
 
 def record(out: Path, root: Path, **options: object) -> Path:
@@ -128,7 +128,7 @@ def test_recording_needs_no_actuator(tmp_path: Path, repository_root: Path) -> N
 
 def test_what_is_recorded_is_the_session_that_rehearsals_write(recorded: Path, repository_root: Path) -> None:
     """Each take is the vibration drawn for it, from at most 2 ms before it reached the trigger, and called as fast."""
-    protocol = load.load(repository_root / "protocols" / "okamoto2012.toml")
+    protocol = files.load(repository_root / "protocols" / "okamoto2012.toml")
     drawn = recorded_takes.session(plan(protocol, source=recorded_takes.source(5), simulated=True), seed=5)
     listed = tomllib.loads((recorded / "manifest.toml").read_text("utf-8"))["takes"]
     same = 0

@@ -14,7 +14,7 @@ from scipy import stats
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.rehearsal.footstep.foot import Faults, Foot
 from experiment.rehearsal.footstep.movement import Trajectory

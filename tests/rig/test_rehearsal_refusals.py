@@ -13,7 +13,7 @@ from experiment import storage
 from experiment.apparatus import opening
 from experiment.dataset import build
 from experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.rehearsal import session, study
 from experiment.rehearsal.footstep import recorded_takes

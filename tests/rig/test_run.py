@@ -17,7 +17,8 @@ import pytest
 
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.protocol.shipped import shipped
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.records.entries import Footer
 from experiment.records.journal import AnyEntry
@@ -25,7 +26,6 @@ from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.foot import Faults
 from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.settings import load
 from tests.conftest import Palpate
 from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory
 
@@ -78,7 +78,7 @@ def test_a_session_from_the_experimenters_chair(
     monkeypatch: pytest.MonkeyPatch,
     palpate: Palpate,
 ) -> None:
-    protocol = load.load(tmp_path / "study.toml")
+    protocol = files.load(tmp_path / "study.toml")
     recordings = tmp_path / "recordings"
     manifest = recorded_takes.make_recordings(recordings, protocol=protocol, seed=1)
     where = ["--rig", "rig.toml", "--dataset", "dataset", "--recordings", recordings]

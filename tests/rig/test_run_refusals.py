@@ -11,12 +11,12 @@ import pytest
 
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.protocol.shipped import shipped
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.settings import load
 from tests.conftest import Palpate
 from tests.rig import sound
 from tests.rig.laboratory import write_rig
@@ -34,7 +34,7 @@ def refusal(
     monkeypatch.chdir(tmp_path)
     study = tmp_path / "study.toml"
     study.write_bytes(shipped("okamoto2012.toml").read_bytes())
-    manifest = recorded_takes.make_recordings(tmp_path / "recordings", protocol=load.load(study), seed=1)
+    manifest = recorded_takes.make_recordings(tmp_path / "recordings", protocol=files.load(study), seed=1)
     manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")
     today = date.today()
     approval = ["--approved-on", today, "--expires-on", today + timedelta(9)]

@@ -12,7 +12,7 @@ import pytest
 from experiment.apparatus import host
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.serial_line import SerialLine

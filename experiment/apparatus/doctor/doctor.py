@@ -1,7 +1,7 @@
 """`palpate doctor`: every part of a rig through the drivers of a session, before anybody is on the panel.
 
 Audio stream and tracker run at the same time and at the priority that they have in a session, so that what one does to
-the other shows. The far ends of a simulated rig are started as the rehearsal starts them.
+the other shows. The caller starts the far ends of a simulated rig.
 """
 
 from __future__ import annotations
@@ -12,23 +12,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from experiment.apparatus import host, opening
-from experiment.apparatus import opening as opening_audio
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.doctor import audio, machine, tracker
-from experiment.apparatus.doctor import machine as disk
-from experiment.apparatus.doctor import rig as actuator
-from experiment.apparatus.doctor import rig as rig_file
+from experiment.apparatus.doctor import rig as parts
 from experiment.apparatus.doctor.verdict import Check, refused, unchecked
 from experiment.apparatus.rig import AudioRig, Rig
 from experiment.clock import Clock, day
 from experiment.errors import AudioError, PalpateError, RigError, TrackerError
+from experiment.protocol import files
 from experiment.protocol.models import Protocol
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.panel import Panel
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
-from experiment.settings import load
 from experiment.study import enrolment
 
 TRIALS = 40
@@ -58,7 +51,13 @@ class FarEnds:
     wire: Callable[[], None] = lambda: None
 
 
-def examine(*, rig_path: Path, protocol_path: Path | None, root: Path | None, clock: Clock) -> Iterator[Check]:
+Simulate = Callable[[Rig, ExitStack], FarEnds]
+"""Starts what is at the far ends of a simulated rig, and has it closed with the stack."""
+
+
+def examine(
+    *, rig_path: Path, protocol_path: Path | None, root: Path | None, clock: Clock, simulate: Simulate
+) -> Iterator[Check]:
     """Look at everything, in the order of what depends on what.
 
     Args:
@@ -66,12 +65,13 @@ def examine(*, rig_path: Path, protocol_path: Path | None, root: Path | None, cl
         protocol_path: the study's protocol; None where only the rig matters.
         root: folder of the dataset; None for the protocol's own, or for `participants`.
         clock: the session's; it must go by itself.
+        simulate: starts the far ends of a rig that says that it is simulated.
 
     Raises:
         ProtocolError: the protocol cannot be used.
     """
     begun = machine.mark(clock)
-    protocol = load.load(protocol_path) if protocol_path is not None else None
+    protocol = files.load(protocol_path) if protocol_path is not None else None
     rig: Rig | None = None
     try:
         rig = rigs.load(rig_path)
@@ -81,12 +81,12 @@ def examine(*, rig_path: Path, protocol_path: Path | None, root: Path | None, cl
     else:
         yield from _rig(rig, rig_path, protocol, clock)
     folder = root or (enrolment.default_root(protocol) if protocol is not None else FOLDER)
-    yield disk.space(folder, trials=_trials(protocol), rate_hz=rig.tracker.rate_hz if rig else HIGHEST_RATE_HZ)
+    yield machine.space(folder, trials=_trials(protocol), rate_hz=rig.tracker.rate_hz if rig else HIGHEST_RATE_HZ)
     with host.raised() as got:
         yield Check("priority", "green", f"{got}; as sessions have it")
-        for check in _devices(rig, clock) if rig is not None else ():
+        for check in _devices(rig, clock, simulate) if rig is not None else ():
             yield replace(check, measured=f"SIMULATED: {check.measured}") if rig and rig.rig.simulated else check
-        yield disk.writing(folder, clock)
+        yield machine.writing(folder, clock)
         yield machine.resolution(clock)
         yield machine.waking(clock)
     yield machine.wall(begun, machine.mark(clock))
@@ -95,14 +95,14 @@ def examine(*, rig_path: Path, protocol_path: Path | None, root: Path | None, cl
 def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Iterator[Check]:
     label = "SIMULATED: " if rig.rig.simulated else ""
     yield Check("rig file", "green", f"{label}{path}: rig '{rig.rig.name}', sha256 {rigs.sha256(rig)[:12]}")
-    table = rig_file.table(rig, path.parent)
+    table = parts.table(rig, path.parent)
     if table is not None:
         yield table
     if protocol is not None:
-        yield rig_file.reach(rig, protocol.step)
+        yield parts.reach(rig, protocol.step)
     else:
         yield unchecked("gate", "no protocol was given", "add --protocol")
-    yield from rig_file.ages(rig, day(clock.now_ns()))
+    yield from parts.ages(rig, day(clock.now_ns()))
 
 
 def _trials(protocol: Protocol | None) -> int:
@@ -112,10 +112,10 @@ def _trials(protocol: Protocol | None) -> int:
     return max(len(protocol.materials) * task.repetitions for task in protocol.tasks)
 
 
-def _devices(rig: Rig, clock: Clock) -> Iterator[Check]:
+def _devices(rig: Rig, clock: Clock, simulate: Simulate) -> Iterator[Check]:
     with ExitStack() as opened:
         try:
-            ends = _simulated(rig, opened) if rig.rig.simulated else FarEnds()
+            ends = simulate(rig, opened) if rig.rig.simulated else FarEnds()
         except PalpateError as error:
             yield refused("simulated parts", error)
             return
@@ -125,7 +125,7 @@ def _devices(rig: Rig, clock: Clock) -> Iterator[Check]:
             yield from _audio(rig, rig.audio, ends, clock)
         address = ends.address or rig.actuator.address
         if address is not None:
-            yield actuator.answers(address, rig.actuator)
+            yield parts.answers(address, rig.actuator)
         if rig.tracker.zeroing_mm is not None:
             yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
         if rig.accelerometer is not None:
@@ -152,7 +152,7 @@ def _tracker(rig: Rig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
 
 def _audio(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
     try:
-        stream = opening_audio.open_probing(rig, peak=audio.PEAK, clock=clock, device=ends.device)
+        stream = opening.open_probing(rig, peak=audio.PEAK, clock=clock, device=ends.device)
     except PalpateError as error:
         yield refused("audio device", error)
         yield from _tracker(rig, ends, clock)
@@ -181,26 +181,3 @@ def _stream(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock, stream: A
         yield from audio.loopback(stream, settings)
     except AudioError as error:
         yield refused(name, error)
-
-
-def _simulated(rig: Rig, opened: ExitStack) -> FarEnds:
-    line = opened.enter_context(SerialLine())
-    foot = Foot(line, rig.tracker, real_time=True)
-    opened.callback(foot.close)
-    address = None
-    if rig.actuator.driver == "pcm-tcp":
-        panel = Panel(rig.actuator)
-        opened.callback(panel.close)
-        address = panel.address
-    if rig.audio is None:
-        return FarEnds(port=line.url, address=address)
-    channels = rig.audio.channels
-    card = SoundCard(rate_hz=rig.audio.rate_hz, block=rig.audio.block, inputs=channels.inputs, outputs=channels.outputs)
-    opened.callback(card.close)
-
-    def wire() -> None:
-        if channels.loopback is not None:
-            card.disconnect(channels.loopback)
-            card.connect(channels.actuator, channels.loopback)
-
-    return FarEnds(port=line.url, address=address, device=DEVICE, wire=wire)

@@ -21,14 +21,13 @@ import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
-from math import sqrt
+from math import isfinite, sqrt
 from pathlib import Path
 
 import numpy as np
 
 from experiment import storage
 from experiment.errors import RecordingError
-from experiment.recordings.readers import number
 from experiment.synthesis.response import Response, not_rising
 
 COLUMNS = ("frequency_hz", "drive_vrms", "acceleration_pp_m_s2")
@@ -152,12 +151,21 @@ def _row(path: Path, line: int, cells: list[str]) -> _Row:
         raise _wrong(path, line, f"{len(cells)} cells", f"{len(COLUMNS)}: {', '.join(COLUMNS)}", "correct the line")
     values = []
     for name, cell in zip(COLUMNS, cells, strict=True):
-        value = number(cell)
+        value = _number(cell)
         if value is None or value < 0 or (name == "drive_vrms" and value == 0):
             least = "above 0" if name == "drive_vrms" else "of 0 or more"
             raise _wrong(path, line, f"{name} {cell[:40]!r}", f"a finite number {least}", "correct or measure it")
         values.append(value)
     return _Row(line, *values)
+
+
+def _number(cell: str) -> float | None:
+    """Return the finite number that a cell spells, or None; Python's own underscores spell none."""
+    try:
+        value = float(cell)
+    except ValueError:
+        return None
+    return value if isfinite(value) and "_" not in cell else None
 
 
 def _wrong(path: Path, line: int, got: str, allowed: str, remedy: str) -> RecordingError:

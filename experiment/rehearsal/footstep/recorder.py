@@ -29,6 +29,7 @@ from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import GateDetector
 from experiment.clock import Clock, ManualClock
 from experiment.errors import RecordingError
+from experiment.protocol import files
 from experiment.recordings import store, workflow
 from experiment.recordings.manifest import Recordings
 from experiment.recordings.plan import Condition, Plan, plan
@@ -38,7 +39,6 @@ from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.materials import CRUSH_MM
 from experiment.rehearsal.footstep.recorded_takes import RecordingSession
 from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.settings import load
 
 REST_NOISE_M_S2 = 0.002
 """Standard deviation of what the sensor hears of a panel at rest, m/s^2."""
@@ -269,7 +269,7 @@ def record_simulated(
     Raises:
         PalpateError: a file that cannot be used, or a material without simulation.
     """
-    protocol, rig = load.load(protocol_file), rigs.load(rig_file)
+    protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if not rig.rig.simulated:
         raise RecordingError(f"{rig_file}: a real rig; allowed: one that says simulated = true; leave out --simulated")
     if rig.tracker.zeroing_mm is not None:

@@ -12,10 +12,10 @@ from analysis import published
 from analysis.power import choice_models
 from analysis.power.choice_models import Answers, draw
 from experiment.errors import PowerError, ProtocolError
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
-from experiment.protocol.shipped import shipped
 from experiment.records.events import NO_ANSWER
-from experiment.settings import load
 from tests.analysis.datasets import trials, write_dataset
 
 MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
@@ -37,7 +37,7 @@ spread = 0.1
 
 @pytest.fixture(scope="module")
 def protocol() -> Protocol:
-    return load.load(shipped("okamoto2012.toml"))
+    return files.load(shipped("okamoto2012.toml"))
 
 
 def test_print_gives_back_its_means_and_standard_deviations(protocol: Protocol) -> None:

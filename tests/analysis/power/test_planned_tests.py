@@ -16,10 +16,10 @@ from analysis.power.choice_models import draw
 from analysis.power.planned_tests import Question
 from analysis.reading import dataset
 from analysis.reading.study import Study
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.protocol.models import PlannedTest, Protocol
-from experiment.protocol.shipped import shipped
 from experiment.records.events import NO_ANSWER
-from experiment.settings import load
 from tests.analysis.datasets import trials, write_dataset
 from tests.benchmarks import power as benchmark
 
@@ -30,7 +30,7 @@ ICC_FORM = PlannedTest(test="ICC", tasks=("virtual", "real"), question="?", form
 
 @pytest.fixture(scope="module")
 def protocol() -> Protocol:
-    shipped_protocol = load.load(shipped("okamoto2012.toml"))
+    shipped_protocol = files.load(shipped("okamoto2012.toml"))
     return shipped_protocol.model_copy(update={"analysis": (*shipped_protocol.analysis, ICC_FORM)})
 
 
@@ -143,7 +143,7 @@ def test_alpha_may_be_changed_for_all(protocol: Protocol) -> None:
 
 
 def test_a_form_nobody_knows_is_stated() -> None:
-    protocol = load.load(shipped("okamoto2012.toml"))
+    protocol = files.load(shipped("okamoto2012.toml"))
     plan = ICC_FORM.model_copy(update={"form": "the usual one"})
     design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,)}), {})
     (sentence,) = planned_tests.not_simulated(design)
@@ -154,7 +154,7 @@ def test_a_form_nobody_knows_is_stated() -> None:
 
 @pytest.mark.parametrize(("form", "name"), [("ICC(A,1), absolute agreement", "ICC(2,1)"), ("ICC(3,k)", "ICC(3,k)")])
 def test_both_families_of_names_are_known(form: str, name: str, repository_root: Path) -> None:
-    protocol = load.load(repository_root / "protocols" / "okamoto2012.toml")
+    protocol = files.load(repository_root / "protocols" / "okamoto2012.toml")
     plan = ICC_FORM.model_copy(update={"form": form})
     design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,)}), {})
     drawn = {task.id: np.random.default_rng(1).integers(0, 9, size=(4, 5, 2, 3)) for task in design.tasks}

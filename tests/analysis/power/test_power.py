@@ -25,9 +25,9 @@ from analysis.power.choice_models import Answers, ChoiceModel
 from analysis.power.simulate import Chunk, Power
 from analysis.statistics.t_tests import t_against_chance
 from experiment.errors import DatasetError, PowerError
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.protocol.models import PlannedTest, Protocol
-from experiment.protocol.shipped import shipped
-from experiment.settings import load
 
 SLUGS = ("model", "needed", "power", "control", "estimates", "undefined")
 HERE = partial(workers.on_cores, jobs=1)
@@ -37,7 +37,7 @@ def protocol(
     *tests: PlannedTest, materials: int = 4, repetitions: int = 10, people: tuple[int, ...] = (15, 10)
 ) -> Protocol:
     """The footstep study with other numbers; all of its own tests by default."""
-    own = load.load(shipped("okamoto2012.toml"))
+    own = files.load(shipped("okamoto2012.toml"))
     tasks = tuple(
         task.model_copy(update={"repetitions": repetitions, "participants": count})
         for task, count in zip(own.tasks, people, strict=False)

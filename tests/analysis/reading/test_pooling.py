@@ -15,7 +15,7 @@ from analysis.reading.study import Study
 from analysis.report.sections import overview
 from experiment.dataset.bids import Origin
 from experiment.errors import DatasetError
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from tests.analysis.datasets import MATERIALS, balanced, trial, write_dataset
 
 

@@ -13,7 +13,7 @@ import pytest
 from scipy.io import wavfile
 
 from experiment.apparatus import rig as rigs
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.wires.serial_line import SerialLine
@@ -67,7 +67,7 @@ def test_schedule_is_the_same_in_text_and_json(palpate: Palpate, protocol: Path)
     tasks = json.loads(out)["tasks"]
     assert {task["task"] for task in tasks} == {"virtual", "real"}
     printed = [line.split(maxsplit=1)[1] for line in lines(text) if not line.startswith("Participant")]
-    assert printed == [trial["presented"] for task in tasks for trial in task["order"]]
+    assert printed == [trial["presented"][0] for task in tasks for trial in task["order"]]
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 from tests.conftest import Palpate
 
 QUICK = ("--studies", "50", "--jobs", "1")

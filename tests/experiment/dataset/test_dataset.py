@@ -14,7 +14,7 @@ def _step(trial: int, attempt: int = 1) -> BrokenOff:
     return BrokenOff(
         trial=trial,
         attempt=attempt,
-        presented="glass",
+        presented=("glass",),
         reason="the foot turned back",
         felt=False,
         clock=None,

@@ -19,10 +19,11 @@ from experiment.apparatus.tracker.serial_tracker import KEPT_S
 from experiment.clock import ManualClock
 from experiment.dataset import build
 from experiment.errors import TrackerStopped
-from experiment.protocol.shipped import shipped
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.records.entries import Footer, PlannedTrial
 from experiment.session import attempt, runner
-from experiment.settings import load
+from experiment.session.footstep.trials import FootstepDevices
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
@@ -111,21 +112,17 @@ class Wandering:
 def run(dataset_root: Path, clock: ManualClock, tracker: Wandering, keys: str, trials: int) -> Footer:
     """A session of the real task, or what remains of it."""
     rig_file = shipped("rigs/rehearsal.toml")
-    order = tuple(PlannedTrial(trial=n, presented="copy paper") for n in range(1, trials + 1))
+    order = tuple(PlannedTrial(trial=n, presented=("copy paper",)) for n in range(1, trials + 1))
     changed = {"order": order, "task": "real", "block_trials": trials, "rig_sha256": rig.sha256(rig.load(rig_file))}
     devices = attempt.Devices(
-        tracker=tracker,
-        tracker_port="wandering",
-        noise_mm=0.1,
-        actuator=None,
-        render=None,
+        trials=FootstepDevices(tracker, tracker_port="wandering", noise_mm=0.1, actuator=None, render=None),
         console=ScriptedConsole(clock, keys, before_ask=lambda: clock.sleep_ns(4_000_000_000)),
         clock=clock,
         masker=None,
         reconnect_s=300.0,
     )
     return runner.run(
-        protocol=load.load(shipped("okamoto2012.toml")),
+        protocol=files.load(shipped("okamoto2012.toml")),
         header=HEADER.model_copy(update=changed),
         devices=devices,
         rig_file=rig_file,

@@ -13,16 +13,16 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from experiment.protocol import files
 from experiment.protocol.approval import canonical, sha256
 from experiment.protocol.models import Protocol
-from experiment.settings import load
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, protocol
 
 
 def loaded(tmp_path: Path, text: str) -> Protocol:
     file = tmp_path / "study.toml"
     file.write_text(text, encoding="utf-8")
-    return load.load(file)
+    return files.load(file)
 
 
 def plain(value: Any) -> Any:

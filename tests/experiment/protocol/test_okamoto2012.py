@@ -7,14 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from experiment.protocol import files
 from experiment.protocol.models import Protocol
-from experiment.settings import load
 from tests.experiment.protocol.small import OKAMOTO2012
 
 
 @pytest.fixture(scope="module")
 def study() -> Protocol:
-    return load.load(OKAMOTO2012)
+    return files.load(OKAMOTO2012)
 
 
 def rows(shared: Path, name: str) -> list[dict[str, str]]:

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from experiment.errors import RecordingError
+from experiment.protocol.files import load as load_protocol
 from experiment.protocol.models import Protocol
 from experiment.recordings.plan import plan
-from experiment.settings.load import load as load_protocol
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from experiment.records.entries import Answer, Footer, Phase
 from experiment.records.journal import AnyEntry
 from tests.experiment.session.bench import HEADER
 
-ANSWER = Answer(trial=1, attempt=1, presented="foil", answered=None, key="n", response_time_s=0.25)
+ANSWER = Answer(trial=1, attempt=1, presented=("foil",), answered=None, key="n", response_time_s=0.25)
 ENTRIES: tuple[AnyEntry, ...] = (
     HEADER,
     Phase(state="familiarising"),

@@ -12,7 +12,7 @@ from experiment.records.journal import AnyEntry
 from experiment.records.progress import progress
 from tests.experiment.session.bench import HEADER
 
-ORDER = tuple(PlannedTrial(trial=n, presented="foil") for n in range(1, 7))
+ORDER = tuple(PlannedTrial(trial=n, presented=("foil",)) for n in range(1, 7))
 
 
 def header() -> Header:
@@ -23,7 +23,7 @@ def step(trial: int, attempt: int) -> FootStep:
     return FootStep(
         trial=trial,
         attempt=attempt,
-        presented="foil",
+        presented=("foil",),
         gate_top_us=0.0,
         gate_bottom_us=50_000.0,
         contact_us=100_000.0,
@@ -41,7 +41,7 @@ def broken_off(trial: int, attempt: int, *, felt: bool) -> BrokenOff:
     return BrokenOff(
         trial=trial,
         attempt=attempt,
-        presented="foil",
+        presented=("foil",),
         reason="the foot turned back",
         felt=felt,
         clock=None,
@@ -56,7 +56,7 @@ def broken_off(trial: int, attempt: int, *, felt: bool) -> BrokenOff:
 
 
 def answer(trial: int, attempt: int) -> Answer:
-    return Answer(trial=trial, attempt=attempt, presented="foil", answered="foil", key="f", response_time_s=1.0)
+    return Answer(trial=trial, attempt=attempt, presented=("foil",), answered="foil", key="f", response_time_s=1.0)
 
 
 def test_a_fresh_session_has_everything_left() -> None:

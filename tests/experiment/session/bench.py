@@ -15,13 +15,14 @@ from experiment.apparatus.tracker.guarded import ForeignTracker
 from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError
+from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
-from experiment.protocol.shipped import shipped
 from experiment.records import journal
 from experiment.records.entries import Footer, Header, PlannedTrial
 from experiment.records.footstep import BrokenOff
 from experiment.records.stimulus import Computed, Delivered
 from experiment.session import attempt, runner
+from experiment.session.footstep.trials import FootstepDevices
 from experiment.session.scene import Rendered
 from experiment.synthesis.spectra import Bins
 from experiment.synthesis.waveforms import Synthesised
@@ -41,7 +42,7 @@ HEADER = Header(
     rehearsal=True,
     started_utc="2000-01-01T00:00:00+00:00",
     block_trials=2,
-    order=(PlannedTrial(trial=1, presented="Papier à lettres"), PlannedTrial(trial=2, presented="foil")),
+    order=(PlannedTrial(trial=1, presented=("Papier à lettres",)), PlannedTrial(trial=2, presented=("foil",))),
 )
 ORDER = ("copy paper", "polypropylene", "copy paper")
 COMPUTED = Computed(method="constant", relative_error=0.0)
@@ -51,7 +52,7 @@ DELIVERED = Delivered(
 
 
 def header(task: str) -> Header:
-    order = tuple(PlannedTrial(trial=n, presented=material) for n, material in enumerate(ORDER, start=1))
+    order = tuple(PlannedTrial(trial=n, presented=(material,)) for n, material in enumerate(ORDER, start=1))
     return HEADER.model_copy(update={"order": order, "task": task, "block_trials": len(order)})
 
 
@@ -83,11 +84,13 @@ class Bench:
 
         virtual = asked.task == "virtual"
         devices = attempt.Devices(
-            tracker=self.zeroed or self.foreign or self.tracker,
-            tracker_port="scripted",
-            noise_mm=0.1,
-            actuator=self.actuator if virtual else None,
-            render=render if virtual else None,
+            trials=FootstepDevices(
+                tracker=self.zeroed or self.foreign or self.tracker,
+                tracker_port="scripted",
+                noise_mm=0.1,
+                actuator=self.actuator if virtual else None,
+                render=render if virtual else None,
+            ),
             console=self.console,
             clock=self.clock,
             masker=self.masker,

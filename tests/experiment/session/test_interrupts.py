@@ -13,10 +13,10 @@ from experiment.apparatus.tracker.frames import Samples
 from experiment.errors import AudioError
 from experiment.protocol.models import Protocol
 from experiment.records import journal
-from experiment.records.entries import Footer
+from experiment.records.entries import Footer, Trace
 from experiment.records.footstep import FootStep
 from experiment.session import interrupts
-from experiment.session.attempt import Attempts
+from experiment.session.runner import SessionLog
 from tests.experiment.session.bench import bench, entries, felt_and_on_file, header
 
 INTERRUPTED = Footer(reason="paused", detail="interrupted at the keyboard", answered=0)
@@ -112,12 +112,12 @@ def test_a_foot_that_is_waited_for_is_interrupted_at_once(protocol: Protocol, tm
 def test_a_step_that_was_felt_is_on_file_before_the_session_pauses(
     protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
-    one, keep, append = bench("c"), Attempts._keep, journal.Journal.append
+    one, keep, append = bench("c"), SessionLog.keep, journal.Journal.append
 
     def delivering(_: int) -> None:
         press()
 
-    def keeping(self: Attempts, raw: bytes) -> object:
+    def keeping(self: SessionLog, raw: bytes) -> Trace:
         press()
         return keep(self, raw)
 
@@ -130,7 +130,7 @@ def test_a_step_that_was_felt_is_on_file_before_the_session_pauses(
         if where == "stimulus":
             patched.setattr(one.actuator, "delivered", delivering)
         elif where == "frames":
-            patched.setattr(Attempts, "_keep", keeping)
+            patched.setattr(SessionLog, "keep", keeping)
         else:
             patched.setattr(journal.Journal, "append", appending)
         assert one.run(protocol, header("virtual"), tmp_path) == INTERRUPTED

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 from experiment.apparatus import rig as rigs
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
-from experiment.protocol.shipped import shipped
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.session import scene, scene_cost
 from experiment.session import scene_cost as cost
-from experiment.settings import load
 from experiment.synthesis import engine
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
 from experiment.synthesis.spectra import inverse
@@ -27,7 +27,7 @@ STIMULUS = ("experiment.synthesis", "experiment.recordings.", "experiment.appara
 
 @pytest.fixture(scope="module")
 def protocol() -> Protocol:
-    return load.load(shipped("okamoto2012.toml"))
+    return files.load(shipped("okamoto2012.toml"))
 
 
 @pytest.fixture(scope="module")
@@ -48,11 +48,12 @@ def test_a_session_of_the_real_task_imports_none_of_their_modules(repository_roo
 import sys
 from pathlib import Path
 from datetime import date, timedelta
-from experiment import enrolment, roster, study
+from experiment.session import run as study
+from experiment.study import enrolment, roster
 from experiment.desk.terminal import TerminalConsole
 from experiment.errors import TrackerError
-from experiment.protocol import load, seal
-from experiment.protocol.shipped import shipped
+from experiment.protocol import approval, files
+from experiment.protocol.files import shipped
 here = Path({str(tmp_path)!r})
 file, rig = here / "study.toml", here / "rig.toml"
 file.write_bytes(shipped("okamoto2012.toml").read_bytes())
@@ -60,9 +61,9 @@ text = shipped("rigs/rehearsal.toml").read_text().replace("simulated = true", "s
 text = text.replace("[tracker]", f"[tracker]\\ncalibrated_on = {{date.today()}}\\ncalibration_days = 30")
 rig.write_text(text.replace('"rehearsal"', '"127.0.0.1:9"'))
 (here / "rehearsal-response.csv").write_bytes(shipped("rigs/rehearsal-response.csv").read_bytes())
-protocol = load.load(file)
+protocol = files.load(file)
 today = date.today()
-seal.write(file, protocol, approval_number="1", board="b", approved_on=today, expires_on=today + timedelta(1))
+approval.write(file, protocol, approval_number="1", board="b", approved_on=today, expires_on=today + timedelta(1))
 seed = next(s for s in range(99) if roster.allocate(protocol, s)[0].tasks[0] == "real")
 enrolment.enrol(file, "01", today, root=here / "dataset", seed=seed)
 console = TerminalConsole(write=sys.stderr, ask=input, heading="")

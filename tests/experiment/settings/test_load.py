@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from experiment.errors import Problem, ProtocolError
+from experiment.protocol import files
 from experiment.protocol.models import Protocol
-from experiment.protocol.rules import written
-from experiment.settings import load, problems
+from experiment.settings import problems
+from experiment.settings.model import written
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, places, protocol, without
 
 JARGON = re.compile(r"pydantic|validat|input|instance|tuple|dict|NoneType|literal|regex|pattern|str\b|int\b", re.I)
@@ -27,7 +28,7 @@ def refused(tmp_path: Path, text: str | bytes) -> tuple[Problem, ...]:
     file = tmp_path / "study.toml"
     file.write_bytes(text.encode() if isinstance(text, str) else text)
     with pytest.raises(ProtocolError) as caught:
-        load.load(file)
+        files.load(file)
     assert str(caught.value).startswith(f"{file}: ")
     return caught.value.problems
 
@@ -40,7 +41,7 @@ def line_of(text: str, marker: str) -> int:
 def test_small_protocol_loads(tmp_path: Path) -> None:
     file = tmp_path / "study.toml"
     file.write_text(SMALL, encoding="utf-8")
-    loaded = load.load(file)
+    loaded = files.load(file)
     assert loaded == protocol()
     assert loaded.materials[1].description.startswith("[[materials]]")
 
@@ -49,7 +50,7 @@ def test_small_protocol_loads(tmp_path: Path) -> None:
 def test_files_of_windows_editors_load_alike(tmp_path: Path, encode: object) -> None:
     file = tmp_path / "study.toml"
     file.write_bytes(encode(SMALL))  # type: ignore[operator]
-    assert load.load(file) == protocol()
+    assert files.load(file) == protocol()
 
 
 # Old text, new text (`MARK` stands in the line where the problem is), path, got, part of what is allowed.
@@ -268,14 +269,14 @@ def test_what_is_not_utf8_is_named_by_line_and_byte(tmp_path: Path) -> None:
 def test_a_missing_file_suggests_one_with_a_near_name(tmp_path: Path) -> None:
     (tmp_path / "okamoto2012.toml").write_text("", encoding="utf-8")
     with pytest.raises(ProtocolError, match=r"no such file; allowed: .* did you mean .*okamoto2012\.toml\?"):
-        load.load(tmp_path / "okamoto.toml")
+        files.load(tmp_path / "okamoto.toml")
 
 
 def test_a_missing_file_in_a_missing_folder(tmp_path: Path) -> None:
     with pytest.raises(ProtocolError, match=r"no such file; allowed: the path of a TOML file$"):
-        load.load(tmp_path / "nowhere" / "study.toml")
+        files.load(tmp_path / "nowhere" / "study.toml")
 
 
 def test_a_folder_is_no_file(tmp_path: Path) -> None:
     with pytest.raises(ProtocolError, match="got a folder; allowed: the path of a TOML file"):
-        load.load(tmp_path)
+        files.load(tmp_path)

@@ -11,7 +11,7 @@ from experiment.apparatus import rig
 from experiment.apparatus.audio import calibration
 from experiment.apparatus.audio.calibration import Loopback
 from experiment.errors import AudioError
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 
 AUDIO = rig.load(shipped("rigs/headless.toml")).audio
 assert AUDIO is not None

@@ -16,10 +16,10 @@ from experiment.apparatus.audio.mixer import Block, Layout, Loop, Mixer
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.clock import ManualClock
 from experiment.errors import AudioError
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
-from experiment.protocol.shipped import shipped
 from experiment.session import scene
-from experiment.settings import load
 
 RATE_HZ = 48_000
 FULL_SCALE_DB_A = 100.0
@@ -47,7 +47,7 @@ class LoopOnly:
 
 
 def protocol(noise: str = "pink") -> Protocol:
-    read = load.load(shipped("okamoto2012.toml"))
+    read = files.load(shipped("okamoto2012.toml"))
     return read.model_copy(update={"masker": read.masker.model_copy(update={"noise": noise})})
 
 

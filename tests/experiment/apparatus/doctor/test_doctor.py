@@ -12,7 +12,7 @@ from experiment.apparatus.doctor import audio, doctor, tracker
 from experiment.apparatus.doctor.verdict import Check
 from experiment.clock import ManualClock
 from experiment.errors import AudioError, PalpateError, TrackerError
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 
 RIG = rig.load(shipped("rigs/headless.toml"))
 ENDS = doctor.FarEnds(port="nowhere")

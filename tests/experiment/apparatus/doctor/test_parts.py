@@ -11,7 +11,7 @@ from experiment.apparatus.doctor import audio, tracker
 from experiment.apparatus.doctor.tracker import Heard
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 
 RIG = rig.load(shipped("rigs/headless.toml"))
 

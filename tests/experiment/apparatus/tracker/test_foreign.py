@@ -13,7 +13,7 @@ from experiment.apparatus.ports import Tracker
 from experiment.apparatus.tracker import guarded
 from experiment.clock import ManualClock
 from experiment.errors import RigError, TrackerError
-from experiment.protocol.shipped import shipped
+from experiment.protocol.files import shipped
 
 DRIVER = """
 from experiment.apparatus.tracker.frames import LinkCounts

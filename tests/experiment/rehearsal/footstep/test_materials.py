@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from experiment.errors import RecordingError, SynthesisError
+from experiment.protocol.files import load as load_protocol
 from experiment.protocol.models import Protocol
 from experiment.recordings.manifest import load
 from experiment.recordings.plan import plan
 from experiment.rehearsal.footstep import materials, recorded_takes
 from experiment.rehearsal.footstep.materials import CRACKLES, Course, SimulatedMaterials, power_law_energies, pulses
 from experiment.rehearsal.footstep.recorded_takes import make_recordings
-from experiment.settings.load import load as load_protocol
 from experiment.synthesis.spectra import dissimilarity, spectrum
 from tests.reference.okamoto2012 import TABLE_3
 

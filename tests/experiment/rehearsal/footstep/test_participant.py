@@ -7,11 +7,11 @@ import pytest
 from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import TrackerError
-from experiment.protocol.shipped import shipped
+from experiment.protocol import files
+from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.materials import SimulatedMaterials
 from experiment.rehearsal.footstep.participant import MOST_RESTS, SimulatedParticipant
-from experiment.settings import load
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 
 
@@ -26,7 +26,7 @@ class Resting(Foot):
 
 
 def participant(foot: Foot) -> SimulatedParticipant:
-    protocol = load.load(shipped("okamoto2012.toml"))
+    protocol = files.load(shipped("okamoto2012.toml"))
     return SimulatedParticipant(
         protocol=protocol,
         materials=SimulatedMaterials(protocol.synthesis.rate_hz, protocol.synthesis.samples),

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from analysis.validation import validate
+from experiment.protocol.files import load as load_protocol
 from experiment.protocol.models import Protocol
 from experiment.recordings.manifest import load_all
 from experiment.recordings.plan import Condition, Plan, plan
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.recorder import fresh_takes
-from experiment.settings.load import load as load_protocol
 
 
 @pytest.fixture(scope="module")
