@@ -48,11 +48,13 @@ def test_a_session_of_the_real_task_imports_none_of_their_modules(repository_roo
 import sys
 from pathlib import Path
 from datetime import date, timedelta
-from experiment import enrolment, roster, study
 from experiment.desk.terminal import TerminalConsole
 from experiment.errors import TrackerError
-from experiment.protocol import load, seal
+from experiment.protocol import approval
 from experiment.protocol.shipped import shipped
+from experiment.session import run
+from experiment.settings import load
+from experiment.study import enrolment, roster
 here = Path({str(tmp_path)!r})
 file, rig = here / "study.toml", here / "rig.toml"
 file.write_bytes(shipped("okamoto2012.toml").read_bytes())
@@ -62,12 +64,12 @@ rig.write_text(text.replace('"rehearsal"', '"127.0.0.1:9"'))
 (here / "rehearsal-response.csv").write_bytes(shipped("rigs/rehearsal-response.csv").read_bytes())
 protocol = load.load(file)
 today = date.today()
-seal.write(file, protocol, approval_number="1", board="b", approved_on=today, expires_on=today + timedelta(1))
+approval.write(file, protocol, approval_number="1", board="b", approved_on=today, expires_on=today + timedelta(1))
 seed = next(s for s in range(99) if roster.allocate(protocol, s)[0].tasks[0] == "real")
 enrolment.enrol(file, "01", today, root=here / "dataset", seed=seed)
 console = TerminalConsole(write=sys.stderr, ask=input, heading="")
 try:
-    study.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",
+    run.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",
               recordings=None, console=console)
 except TrackerError:
     print([name for name in sys.modules if name.startswith({STIMULUS!r})])
