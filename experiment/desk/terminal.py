@@ -6,12 +6,14 @@ What the experimenter sees and keys while takes are recorded, as lines of text.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from experiment.desk.port import RESTS
 from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
-from experiment.recordings.plan import Condition
-from experiment.recordings.workflow import SPEED_TOLERANCE, Step
+
+if TYPE_CHECKING:
+    from experiment.recordings.plan import Condition
+    from experiment.recordings.workflow import Step
 
 
 class TerminalConsole:
@@ -122,9 +124,8 @@ class TerminalTakes:
 
     def keeps(self, step: Step) -> bool:
         target = step.condition.speed_mm_s
-        verdict = "; ".join([*(step.problems or (f"within {SPEED_TOLERANCE:.0%}",)), *step.notes])
         self._show(
-            f"Achieved {step.achieved_mm_s:.0f} mm/s, target {target:g} mm/s ({step.deviation:+.1%}): {verdict}."
+            f"Achieved {step.achieved_mm_s:.0f} mm/s, target {target:g} mm/s ({step.deviation:+.1%}): {step.verdict}."
         )
         again = f"{_made_ready(step.condition)}. Press Enter when the panel is ready again: "
         if step.window is None:

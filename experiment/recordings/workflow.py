@@ -84,9 +84,10 @@ class Step:
         return tuple(found)
 
     @property
-    def notes(self) -> tuple[str, ...]:
-        """What the experimenter should know besides."""
-        return () if self.knock_ms is None else (f"a knock {self.knock_ms:.0f} ms before contact was left out",)
+    def verdict(self) -> str:
+        """What the experimenter should know of it."""
+        notes = () if self.knock_ms is None else (f"a knock {self.knock_ms:.0f} ms before contact was left out",)
+        return "; ".join([*(self.problems or (f"within {SPEED_TOLERANCE:.0%}",)), *notes])
 
 
 @dataclass(frozen=True)

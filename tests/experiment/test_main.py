@@ -6,6 +6,7 @@ import builtins
 import re
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,10 +18,10 @@ def interrupt_import_of(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, name, raising=False)
     real = builtins.__import__
 
-    def importing(wanted: str, *rest: object) -> object:
+    def importing(wanted: str, *rest: Any, **named: Any) -> object:
         if wanted == name:
             raise KeyboardInterrupt
-        return real(wanted, *rest)  # type: ignore[arg-type]
+        return real(wanted, *rest, **named)
 
     monkeypatch.setattr(builtins, "__import__", importing)
 
@@ -29,8 +30,8 @@ def interrupt_import_of(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     ("module", "arguments"),
     [
         ("experiment.cli.app", ["--help"]),
-        ("experiment.rehearsal", ["record", "PROTOCOL", "--simulated", "--out", "OUT"]),
-        ("analysis", ["validate", "OUT"]),
+        ("experiment.rehearsal.footstep", ["record", "PROTOCOL", "--simulated", "--out", "OUT"]),
+        ("analysis.validation", ["validate", "OUT"]),
         ("experiment.protocol", ["check", "PROTOCOL"]),
     ],
 )

@@ -12,21 +12,21 @@ from experiment.rehearsal.footstep import recorded_takes
 from tests.reference.okamoto2012 import MATERIALS, TABLE_1, TABLE_2, TABLE_3
 
 
-def rows(shared: Path, name: str) -> list[dict[str, str]]:
-    with (shared / "reference" / f"okamoto2012_{name}.csv").open(encoding="utf-8", newline="") as file:
+def rows(reference: Path, name: str) -> list[dict[str, str]]:
+    with (reference / f"okamoto2012_{name}.csv").open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
 @pytest.mark.parametrize(("name", "table"), [("table1", TABLE_1), ("table2", TABLE_2)])
 def test_answer_ratios_are_those_of_the_reference_files(
-    shared: Path, name: str, table: tuple[tuple[float, ...], ...]
+    reference: Path, name: str, table: tuple[tuple[float, ...], ...]
 ) -> None:
-    printed = {(row["presented"], row["answered"]): float(row["mean"]) for row in rows(shared, name)}
+    printed = {(row["presented"], row["answered"]): float(row["mean"]) for row in rows(reference, name)}
     assert {(a, b): table[i][j] for i, a in enumerate(MATERIALS) for j, b in enumerate(MATERIALS)} == printed
 
 
-def test_dissimilarities_are_those_of_the_reference_file(shared: Path) -> None:
-    printed = {(row["material_a"], row["material_b"]): float(row["dissimilarity"]) for row in rows(shared, "table3")}
+def test_dissimilarities_are_those_of_the_reference_file(reference: Path) -> None:
+    printed = {(row["material_a"], row["material_b"]): float(row["dissimilarity"]) for row in rows(reference, "table3")}
     assert printed == TABLE_3
 
 

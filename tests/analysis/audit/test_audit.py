@@ -135,10 +135,10 @@ def test_nothing_else_is_accused(okamoto: Audit, repository_root: Path) -> None:
     assert _named(lines, "cannot be decided") == {one for one in MISTAKES if one[3] == "ICC"}
 
 
-def test_every_printed_number_of_the_reference_has_a_row(okamoto: Audit, shared: Path) -> None:
+def test_every_printed_number_of_the_reference_has_a_row(okamoto: Audit, reference: Path) -> None:
     held = {(line.task, line.subject, line.printed) for line in okamoto.comparison.lines}
     for number, task in ((1, "virtual"), (2, "real")):
-        with (shared / "reference" / f"okamoto2012_table{number}.csv").open(newline="") as file:
+        with (reference / f"okamoto2012_table{number}.csv").open(newline="") as file:
             for row in csv.DictReader(file):
                 subject = f"{row['presented']} -> {row['answered']}"
                 for printed in filter(None, (row["mean"], row["sd"], row["stars"])):
@@ -147,12 +147,12 @@ def test_every_printed_number_of_the_reference_has_a_row(okamoto: Audit, shared:
 
 @pytest.mark.parametrize(("table", "mixed"), [("Table 2", "51, 53, 56"), ("Table 3", "52")])
 def test_the_tapping_percentages_fit_no_common_number_of_trials(
-    wellman: Audit, shared: Path, table: str, mixed: str
+    wellman: Audit, reference: Path, table: str, mixed: str
 ) -> None:
     """Oracle: every count of every number of trials up to 7 x 120 / 15 = 56, rounded and truncated by the decimal
     library. None gives a whole table in one way; with some rounded and some truncated, those named do.
     """
-    (file,) = (shared / "reference").glob(f"wellman1995_table{table[-1]}_*.csv")
+    (file,) = reference.glob(f"wellman1995_table{table[-1]}_*.csv")
     with file.open(newline="") as rows:
         percentages = {row["percent_correct"] for row in csv.DictReader(rows)}
     fitting: dict[str, list[int]] = {"rounded": [], "truncated": [], "mixed": []}

@@ -23,10 +23,10 @@ def _rows(path: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.parametrize(("number", "task"), [(1, "virtual"), (2, "real")])
-def test_tables_1_and_2_are_those_of_the_reference(shared: Path, printed: Published, number: int, task: str) -> None:
+def test_tables_1_and_2_are_those_of_the_reference(reference: Path, printed: Published, number: int, task: str) -> None:
     expected = [
         (row["presented"], row["answered"], row["mean"], row["sd"], row["stars"])
-        for row in _rows(shared / "reference" / f"okamoto2012_table{number}.csv")
+        for row in _rows(reference / f"okamoto2012_table{number}.csv")
     ]
     got = [
         (cell.presented, cell.answered, cell.mean.text, cell.sd.text if cell.sd else "", cell.stars)
@@ -37,8 +37,8 @@ def test_tables_1_and_2_are_those_of_the_reference(shared: Path, printed: Publis
     assert {cell.task for cell in printed.cells if cell.where == f"Table {number}"} == {task}
 
 
-def test_tests_are_those_of_the_reference(shared: Path, printed: Published) -> None:
-    rows = _rows(shared / "reference" / "okamoto2012_statistics.csv")
+def test_tests_are_those_of_the_reference(reference: Path, printed: Published) -> None:
+    rows = _rows(reference / "okamoto2012_statistics.csv")
     assert [(t.task, t.material, str(t.df), t.t.text, t.p.text if t.p else "") for t in printed.tests] == [
         (row["task"], row["subject"], row["df"], row["printed_value"], row["printed_p"])
         for row in rows

@@ -29,8 +29,8 @@ def of_the_paper(speeds: np.ndarray, takes: int, *, simulated: bool = False) -> 
     return Takes(speeds, one.panel, objects, simulated=simulated)
 
 
-def test_table_3_is_that_of_the_reference_file(shared: Path) -> None:
-    with (shared / "reference" / "okamoto2012_table3.csv").open(encoding="utf-8", newline="") as file:
+def test_table_3_is_that_of_the_reference_file(reference: Path) -> None:
+    with (reference / "okamoto2012_table3.csv").open(encoding="utf-8", newline="") as file:
         rows = {frozenset((r["material_a"], r["material_b"])): float(r["dissimilarity"]) for r in csv.DictReader(file)}
     assert {pair: value.value for pair, value in dissimilarities.load().pairs.items()} == rows
     assert dissimilarities.load().speed_mm_s == 200  # section 6.1

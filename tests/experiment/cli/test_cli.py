@@ -131,10 +131,10 @@ def test_spectrum_lists_plots_and_gives_json(palpate: Palpate, tmp_path: Path) -
 
 @pytest.mark.parametrize("name", ["shock_ring_a0.txt", "shock_ring_a7.txt", "shock_ring_a23.txt"])
 def test_spectrum_finds_the_ringing_of_real_recordings(
-    palpate: Palpate, shared: Path, tmp_path: Path, name: str
+    palpate: Palpate, real_recordings: Path, tmp_path: Path, name: str
 ) -> None:
-    # ../shared/recordings/README.md: one damped sinusoid near 802 Hz.
-    _, out, _ = palpate("spectrum", shared / "recordings" / name, "--plot", tmp_path / "ring.png", "--json")
+    # Dataset-5 of the High-Rate Structural Health Monitoring Working Group: one damped sinusoid near 802 Hz.
+    _, out, _ = palpate("spectrum", real_recordings / name, "--plot", tmp_path / "ring.png", "--json")
     assert json.loads(out)["peaks_hz"][0] == pytest.approx(802, abs=10)
 
 
@@ -279,7 +279,7 @@ class TestALaboratorysStudy:
             return ""
 
         monkeypatch.setattr("builtins.input", falls_silent)
-        monkeypatch.setattr("experiment.session.attempt.RECONNECT_S", 0.2)
+        monkeypatch.setattr("experiment.session.far_ends.RealEnds.reconnect_s", 0.2)
         code, out, err = self.run(palpate, protocol, rig)
         assert code == 0, err
         assert "Trial 1 of 40. Armed" in out

@@ -45,10 +45,10 @@ def _version(root: Path) -> str:
 
 
 def test_the_committed_dataset_is_rebuilt_from_the_reference(
-    shared: Path, repository_root: Path, tmp_path: Path
+    reference: Path, repository_root: Path, tmp_path: Path
 ) -> None:
     committed = repository_root / "participants" / "okamoto2012"
-    counts = {task: shared / "reference" / f"okamoto2012_counts_{task}.csv" for task in ("virtual", "real")}
+    counts = {task: reference / f"okamoto2012_counts_{task}.csv" for task in ("virtual", "real")}
     import_counts(counts, tmp_path / "again", study=OKAMOTO2012, software_version=_version(committed))
     assert _files(tmp_path / "again") == _files(committed)
 

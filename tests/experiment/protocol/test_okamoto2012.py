@@ -17,18 +17,18 @@ def study() -> Protocol:
     return files.load(OKAMOTO2012)
 
 
-def rows(shared: Path, name: str) -> list[dict[str, str]]:
-    with (shared / "reference" / f"okamoto2012_{name}.csv").open(encoding="utf-8", newline="") as file:
+def rows(reference: Path, name: str) -> list[dict[str, str]]:
+    with (reference / f"okamoto2012_{name}.csv").open(encoding="utf-8", newline="") as file:
         return list(csv.DictReader(file))
 
 
-def test_materials_are_those_of_the_tables_in_their_order(study: Protocol, shared: Path) -> None:
-    printed = list(dict.fromkeys(row["presented"] for row in rows(shared, "table1")))
+def test_materials_are_those_of_the_tables_in_their_order(study: Protocol, reference: Path) -> None:
+    printed = list(dict.fromkeys(row["presented"] for row in rows(reference, "table1")))
     assert [material.id for material in study.materials] == printed
 
 
-def test_participants_give_the_printed_degrees_of_freedom(study: Protocol, shared: Path) -> None:
-    for row in rows(shared, "statistics"):
+def test_participants_give_the_printed_degrees_of_freedom(study: Protocol, reference: Path) -> None:
+    for row in rows(reference, "statistics"):
         if row["test"] == "t against 0.25":
             assert study.task(row["task"]).participants == int(row["df"]) + 1
         if row["test"] == "one-way ANOVA":
@@ -40,9 +40,9 @@ def test_participants_give_the_printed_degrees_of_freedom(study: Protocol, share
             assert row["df"] == f"1,{values - len(study.materials) * len(study.tasks)}"
 
 
-def test_every_printed_test_is_planned(study: Protocol, shared: Path) -> None:
+def test_every_printed_test_is_planned(study: Protocol, reference: Path) -> None:
     planned = {(planned.test, planned.chance) for planned in study.analysis}
-    printed = {row["test"] for row in rows(shared, "statistics")}
+    printed = {row["test"] for row in rows(reference, "statistics")}
     assert printed == {f"t against {chance}" if chance else test for test, chance in planned}
 
 
@@ -73,13 +73,13 @@ def test_fields_of_a_laboratory_are_left_empty(study: Protocol) -> None:
     assert (ethics.approval_number, ethics.contact, ethics.approved_on, ethics.expires_on) == ("", "", None, None)
 
 
-def test_published_participants_pass_the_exclusion_rules(study: Protocol, shared: Path) -> None:
+def test_published_participants_pass_the_exclusion_rules(study: Protocol, reference: Path) -> None:
     # The paper excludes nobody; the reconstruction has a few trials without an answer.
     (fewest,) = (rule.limit for rule in study.exclusion if rule.when == "answers-below")
     assert fewest is not None
     for task in ("virtual", "real"):
         answered: dict[str, int] = {}
-        for row in rows(shared, f"counts_{task}"):
+        for row in rows(reference, f"counts_{task}"):
             if row["answered"] != "(none)":
                 answered[row["participant"]] = answered.get(row["participant"], 0) + int(row["count"])
         assert min(answered.values()) >= fewest

@@ -75,9 +75,9 @@ def test_too_few_samples_are_refused() -> None:
 
 
 @pytest.mark.parametrize("take", ["a0", "a7", "a23"])
-def test_the_ringing_of_real_shocks_is_the_strongest_peak(shared: Path, take: str) -> None:
+def test_the_ringing_of_real_shocks_is_the_strongest_peak(real_recordings: Path, take: str) -> None:
     """Dataset-5 of the High-Rate Structural Health Monitoring Working Group: one damped sinusoid near 802 Hz."""
-    made = of_file(shared / "recordings" / f"shock_ring_{take}.txt")
+    made = of_file(real_recordings / f"shock_ring_{take}.txt")
     assert made.recording.rate_hz == pytest.approx(50_000, rel=1e-9)
     assert made.recording.unit == "g"
     assert made.peaks[0].frequency_hz == pytest.approx(802, abs=9.1 / 2)  # half a bin: 5500 samples at 50 kHz

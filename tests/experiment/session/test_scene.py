@@ -48,12 +48,12 @@ def test_a_session_of_the_real_task_imports_none_of_their_modules(repository_roo
 import sys
 from pathlib import Path
 from datetime import date, timedelta
-from experiment.session import run as study
-from experiment.study import enrolment, roster
 from experiment.desk.terminal import TerminalConsole
 from experiment.errors import TrackerError
 from experiment.protocol import approval, files
 from experiment.protocol.files import shipped
+from experiment.session import run
+from experiment.study import enrolment, roster
 here = Path({str(tmp_path)!r})
 file, rig = here / "study.toml", here / "rig.toml"
 file.write_bytes(shipped("okamoto2012.toml").read_bytes())
@@ -68,7 +68,7 @@ seed = next(s for s in range(99) if roster.allocate(protocol, s)[0].tasks[0] == 
 enrolment.enrol(file, "01", today, root=here / "dataset", seed=seed)
 console = TerminalConsole(write=sys.stderr, ask=input, heading="")
 try:
-    study.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",
+    run.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",
               recordings=None, console=console)
 except TrackerError:
     print([name for name in sys.modules if name.startswith({STIMULUS!r})])
