@@ -96,7 +96,7 @@ def validate(
     from experiment.protocol import files
     from experiment.recordings import manifest
 
-    average = files.load(protocol_file).synthesis.average if protocol_file is not None else "magnitude"
+    average = files.load(protocol_file).footstep.synthesis.average if protocol_file is not None else "magnitude"
     recorded = manifest.load_all(folder)
     if fresh is not None:
         if fresh.resolve() == folder.resolve():

@@ -39,6 +39,19 @@ def sha256(protocol: Protocol) -> str:
     return hashlib.sha256(canonical(protocol)).hexdigest()
 
 
+def names_draws(protocol: Protocol) -> str:
+    """Return the hash that names a study's random draws: that of the protocol's canonical form in format 1.
+
+    Format 2 gave the tables of a kind of trial its name and a task the name of its kind. A study that was moved to it
+    keeps every order that it had.
+    """
+    document = protocol.model_dump(mode="json")
+    document |= document.pop("footstep") | {"format": 1}
+    for task in document["tasks"]:
+        del task["kind"]
+    return hashlib.sha256(rfc8785.dumps(document)).hexdigest()
+
+
 class Seal(Confined):
     """One approval."""
 

@@ -4,20 +4,30 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiment.errors import PalpateError
+from experiment.errors import PalpateError, Problem, ProtocolError
 from experiment.protocol.models import Protocol
-from experiment.settings.load import read
+from experiment.settings.load import checked, parsed
 
 PACKAGE = Path(__file__).parent.parent
+
+FORMAT_1_MOVES = (
+    '2; write format = 2, add kind = "footstep" to every [[tasks]], and rename the tables [step] to [footstep.step], '
+    "[synthesis] to [footstep.synthesis] and [tactile] to [footstep.tactile]; orders of trials stay the same, and the "
+    "board approves the new file"
+)
+"""What a protocol of format 1 needs to become one of format 2."""
 
 
 def load(path: Path) -> Protocol:
     """Read the protocol file at `path`.
 
     Raises:
-        ProtocolError: with every problem of the file; of its syntax, the first.
+        ProtocolError: with every problem of the file; of its syntax, the first; of an older format, what to move where.
     """
-    return read(path, Protocol)
+    document, lines = parsed(path)
+    if document.get("format") == 1:
+        raise ProtocolError(str(path), [Problem("format", lines.get(("format",)), "1", FORMAT_1_MOVES)])
+    return checked(path, Protocol, document, lines)
 
 
 def shipped(name: str) -> Path:

@@ -129,6 +129,14 @@ class Step(Confined):
     contact_mm: Annotated[float, Field(ge=0)]
 
 
+class Footstep(Confined):
+    """What trials of the kind `footstep` need: how the step is read, and what its stimuli are made of."""
+
+    step: Step
+    synthesis: Synthesis
+    tactile: Tactile
+
+
 class Familiarisation(Confined):
     """Free handling of the real materials before a task."""
 
@@ -149,10 +157,11 @@ class Order(Confined):
 
 
 class Task(Confined):
-    """One task: which stimuli, how often, in which order, for how many participants."""
+    """One task: which kind of trial, which stimuli, how often, in which order, for how many participants."""
 
     id: Label
     title: Text
+    kind: Literal["footstep"]
     stimulus: Literal["virtual", "real"]
     instruction: Text
     participants: Annotated[int, Field(ge=1)]
@@ -216,7 +225,7 @@ class Protocol(Confined):
 
     RULES: ClassVar[Rules] = rules.protocol
 
-    format: Literal[1]
+    format: Literal[2]
     study: Study
     ethics: Ethics
     eligibility: Eligibility
@@ -225,9 +234,7 @@ class Protocol(Confined):
     exposure: Exposure
     masker: Masker
     answers: Answers
-    synthesis: Synthesis
-    tactile: Tactile
-    step: Step
+    footstep: Footstep
     materials: Annotated[tuple[Material, ...], Field(min_length=2)]
     task_order: TaskOrder
     tasks: Annotated[tuple[Task, ...], Field(min_length=1)]

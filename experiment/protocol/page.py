@@ -227,7 +227,8 @@ def _material(material: Material) -> str:
 
 
 def _stimuli(protocol: Protocol) -> Iterator[str]:
-    synthesis, tactile, step, masker = protocol.synthesis, protocol.tactile, protocol.step, protocol.masker
+    footstep, masker = protocol.footstep, protocol.masker
+    synthesis, tactile, step = footstep.synthesis, footstep.tactile, footstep.step
     speeds = ", ".join(map(number, synthesis.speeds_mm_s))
     yield from say(
         f"Virtual stimuli are made from recordings of the real materials: {count(synthesis.takes, 'take')} at each of "
@@ -252,7 +253,7 @@ def _stimuli(protocol: Protocol) -> Iterator[str]:
 
 
 def _limits(protocol: Protocol) -> Iterator[str]:
-    exposure, synthesis = protocol.exposure, protocol.synthesis
+    exposure, synthesis = protocol.exposure, protocol.footstep.synthesis
     yield from facts(
         ("Vibration", f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, whatever is asked of the device"),
         ("Masking noise", f"at most {number(exposure.masker_level_db_a)} dB(A)"),

@@ -88,13 +88,13 @@ def plan(
     Raises:
         RecordingError: speeds that do not rise or that no foot has, or no take.
     """
-    speeds = tuple(float(v) for v in speeds_mm_s) or protocol.synthesis.speeds_mm_s
+    speeds = tuple(float(v) for v in speeds_mm_s) or protocol.footstep.synthesis.speeds_mm_s
     if not (all(SLOWEST_MM_S <= v <= FASTEST_MM_S for v in speeds) and all(np.diff(speeds) > 0)):
         raise RecordingError(
             f"speeds: got {', '.join(f'{v:g}' for v in speeds)} mm/s; allowed: {SLOWEST_MM_S:g} to {FASTEST_MM_S:g}, "
             "each above the one before; give such speeds in rising order"
         )
-    count = protocol.synthesis.takes if takes is None else takes
+    count = protocol.footstep.synthesis.takes if takes is None else takes
     if not 1 <= count <= 100:
         raise RecordingError(f"takes: got {count}; allowed: 1 to 100; give another number")
     return Plan(
@@ -105,6 +105,6 @@ def plan(
         materials=tuple(material.id for material in protocol.materials),
         speeds_mm_s=speeds,
         takes=count,
-        rate_hz=protocol.synthesis.rate_hz,
-        samples=protocol.synthesis.samples,
+        rate_hz=protocol.footstep.synthesis.rate_hz,
+        samples=protocol.footstep.synthesis.samples,
     )

@@ -153,7 +153,7 @@ def record_on_rig(
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if rig.rig.simulated:
         raise RecordingError(f"{rig_file}: a simulated rig; allowed: a real one; name another, or record --simulated")
-    rigs.check(rig, protocol.step)
+    rigs.check(rig, protocol.footstep.step)
     clock = MonotonicClock()
     calibration.check_age(rig, day(clock.now_ns()))
     planned = plan(
@@ -165,14 +165,14 @@ def record_on_rig(
         takes=takes,
     )
     store.check(out, planned)
-    accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.synthesis.rate_hz, clock=clock)
+    accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.footstep.synthesis.rate_hz, clock=clock)
     try:
-        tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.step.contact_mm)
+        tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.footstep.step.contact_mm)
         try:
             calibration.check_reading(tracker, rig.tracker)
             if isinstance(tracker, ZeroedTracker):
                 tracker.settle(console)
-            detector = GateDetector(protocol.step)
+            detector = GateDetector(protocol.footstep.step)
             return record(
                 planned,
                 out,

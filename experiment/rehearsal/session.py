@@ -133,7 +133,7 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
     """
     protocol = files.load(job.dataset / "sourcedata" / "protocol.toml")
     rig = rigs.load(job.dataset / "sourcedata" / "rig.toml")
-    materials = SimulatedMaterials(protocol.synthesis.rate_hz, protocol.synthesis.samples)
+    materials = SimulatedMaterials(protocol.footstep.synthesis.rate_hz, protocol.footstep.synthesis.samples)
     for position, task_id in enumerate(job.tasks, start=1):
         _rehearse_task(job, protocol, rig, materials, task_id, position, tick, screen)
 

@@ -59,7 +59,7 @@ def run(
     rig = rigs.load(rig_file)
     if rig.rig.simulated:
         raise RigError(f"{rig_file}: the rig is simulated; give a rig file of real devices, or use palpate rehearse")
-    rigs.check(rig, protocol.step)
+    rigs.check(rig, protocol.footstep.step)
     calibration.check_age(rig, today)
     seed = enrolment.settle(root, protocol_file, protocol, None)
     allocation = roster.find(roster.allocate(protocol, seed), participant)
@@ -133,7 +133,7 @@ def _keep_recordings(root: Path, given: Path | None, protocol: Protocol, planned
         if manifest.sha256(folder) != manifest.sha256(kept):
             raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
     else:
-        manifest.load(folder, synthesis=protocol.synthesis, material_ids=planned.materials)
+        manifest.load(folder, synthesis=protocol.footstep.synthesis, material_ids=planned.materials)
         partial = kept.with_name(f".{kept.name}.partial")
         shutil.rmtree(partial, ignore_errors=True)
         shutil.copytree(folder, partial)

@@ -72,14 +72,14 @@ def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[
     from experiment.recordings import manifest
     from experiment.synthesis import crinkle
 
-    loaded = manifest.load(recordings, synthesis=protocol.synthesis, material_ids=scene.materials)
+    loaded = manifest.load(recordings, synthesis=protocol.footstep.synthesis, material_ids=scene.materials)
     return {
         material: crinkle.subtract(
-            speeds_mm_s=protocol.synthesis.speeds_mm_s,
-            rate_hz=protocol.synthesis.rate_hz,
+            speeds_mm_s=protocol.footstep.synthesis.speeds_mm_s,
+            rate_hz=protocol.footstep.synthesis.rate_hz,
             panel_object_takes=loaded.objects[material],
             panel_takes=loaded.panel,
-            average=protocol.synthesis.average,
+            average=protocol.footstep.synthesis.average,
         )
         for material in scene.materials
     }
@@ -106,7 +106,7 @@ def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> t
     """
     from experiment.synthesis.pruning import loudest_outside
 
-    fastest, band_hz = fastest_mm_s(protocol), protocol.tactile.band_hz
+    fastest, band_hz = fastest_mm_s(protocol), protocol.footstep.tactile.band_hz
     if fastest == float("inf"):
         return next(iter(spectra)), fastest
     levels = {m: loudest_outside(of, band_hz=band_hz, fastest_mm_s=fastest) for m, of in spectra.items()}
@@ -130,9 +130,9 @@ def choose(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol, output_rat
     """
     from experiment.synthesis import engine, pruning
 
-    if felt_outside(spectra, protocol)[1] >= protocol.tactile.floor_m_s2:
+    if felt_outside(spectra, protocol)[1] >= protocol.footstep.tactile.floor_m_s2:
         return {material: engine.choose(of, output_rate_hz=output_rate_hz) for material, of in spectra.items()}
-    band_hz = protocol.tactile.band_hz
+    band_hz = protocol.footstep.tactile.band_hz
 
     def on_the_band(of: CrinkleSpectra) -> Choice:
         left_out = pruning.left_out_error(of, band_hz=band_hz, on=of.grid(output_rate_hz))
@@ -187,7 +187,7 @@ def prepare_stimuli(
 
 def examples(render: Render, scene: Scene, protocol: Protocol, output_rate_hz: int) -> list[Synthesised]:
     """A stimulus of each material that a scene holds, for what is to be prepared for their like."""
-    speed_mm_s = protocol.synthesis.speeds_mm_s[0]
+    speed_mm_s = protocol.footstep.synthesis.speeds_mm_s[0]
     return [render(material, speed_mm_s, output_rate_hz).stimulus for material in scene.materials]
 
 

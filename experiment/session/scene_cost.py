@@ -304,7 +304,7 @@ def _virtual(
 
 def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
     """Whether what lies outside the tactile band may be left out, and why."""
-    tactile, fastest = protocol.tactile, scenes.fastest_mm_s(protocol)
+    tactile, fastest = protocol.footstep.tactile, scenes.fastest_mm_s(protocol)
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     if fastest == float("inf"):
         return "all: the protocol counts a foot of any speed, so nothing is known to stay below the floor"
@@ -319,7 +319,7 @@ def _bins(material: str, spectra: CrinkleSpectra, chosen: Choice, protocol: Prot
     """What leaving out the bins beyond the tactile band of one material saves and costs."""
     from experiment.synthesis import engine, pruning
 
-    tactile, exact = protocol.tactile, engine.choose(spectra, output_rate_hz=rate_hz)
+    tactile, exact = protocol.footstep.tactile, engine.choose(spectra, output_rate_hz=rate_hz)
     pruned, whole = (one.prepare(spectra, output_rate_hz=rate_hz) for one in (chosen, exact))
     errors = [_relative_error(pruned(v).waveform_m_s2, whole(v).waveform_m_s2) for v in SPEEDS_MM_S]
     saves = taken([_summed_ms(whole) - _summed_ms(pruned) for _ in range(TURNS)])

@@ -24,8 +24,17 @@ def read(path: Path, model: type[Model]) -> Model:
     Raises:
         ProtocolError: with every problem of the file; of its syntax, the first.
     """
+    return checked(path, model, *parsed(path))
+
+
+def parsed(path: Path) -> tuple[dict[str, Any], Mapping[models.Path, int]]:
+    """Return the document of the TOML file at `path`, and the line of each path in it.
+
+    Raises:
+        ProtocolError: with the first problem of its syntax.
+    """
     text = _text(path)
-    return checked(path, model, _parsed(path, text), locate(text))
+    return _document(path, text), locate(text)
 
 
 def checked(
@@ -84,7 +93,7 @@ def _existing(path: Path) -> str:
     return f"the path of a TOML file{suggestion}"
 
 
-def _parsed(path: Path, text: str) -> dict[str, Any]:
+def _document(path: Path, text: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:

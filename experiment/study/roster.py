@@ -51,7 +51,7 @@ def labels(protocol: Protocol) -> tuple[str, ...]:
 def allocate(protocol: Protocol, seed: int) -> tuple[Allocation, ...]:
     """What every participant of a study does, in the order of enrolment.
 
-    A function of the arguments alone, on any machine: of the protocol, by its canonical hash.
+    A function of the arguments alone, on any machine: of the protocol, by `approval.names_draws`.
 
     Args:
         protocol: the study.
@@ -63,14 +63,14 @@ def allocate(protocol: Protocol, seed: int) -> tuple[Allocation, ...]:
         tasks = tuple(task.id for task in protocol.tasks if place < task.participants)
         if protocol.task_order.kind == "counterbalanced":
             if tasks not in blocks:
-                blocks[tasks] = _permuted_blocks(tasks, approval.sha256(protocol), seed)
+                blocks[tasks] = _permuted_blocks(tasks, approval.names_draws(protocol), seed)
             tasks = next(blocks[tasks])
         allocations.append(Allocation(participant, tasks))
     return tuple(allocations)
 
 
-def _permuted_blocks(tasks: tuple[str, ...], protocol_sha256: str, seed: int) -> Iterator[tuple[str, ...]]:
-    draws = Draws("task orders", protocol_sha256, *tasks, seed)
+def _permuted_blocks(tasks: tuple[str, ...], study: str, seed: int) -> Iterator[tuple[str, ...]]:
+    draws = Draws("task orders", study, *tasks, seed)
     while True:
         yield from draws.shuffled(tuple(permutations(tasks)))
 

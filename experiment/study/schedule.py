@@ -26,7 +26,7 @@ from experiment.study.draws import Draws
 def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -> tuple[PlannedTrial, ...]:
     """The trials of one participant in one task, in order.
 
-    The order is a function of the arguments alone, on any machine: of the protocol, by its canonical hash.
+    The order is a function of the arguments alone, on any machine: of the protocol, by `approval.names_draws`.
 
     Args:
         protocol: the study.
@@ -42,7 +42,7 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
         raise ScheduleError(f"no task '{task_id}' in study {protocol.study.id}; its tasks: {', '.join(known)}")
     task = known[task_id]
     materials = [material.id for material in protocol.materials]
-    draws = Draws("order of trials", approval.sha256(protocol), participant, task_id, seed)
+    draws = Draws("order of trials", approval.names_draws(protocol), participant, task_id, seed)
     match task.order.kind:
         case "full-random":
             order = draws.shuffled(materials * task.repetitions)

@@ -113,8 +113,8 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         opened.callback(actuator.close)
         parts = Watch(
             feed=Feed(tracker),
-            detector=GateDetector(protocol.step),
-            predictor=LandingPredictor(protocol.step, noise_mm=NOISE_MM),
+            detector=GateDetector(protocol.footstep.step),
+            predictor=LandingPredictor(protocol.footstep.step, noise_mm=NOISE_MM),
             clock=clock,
             sounder=Sounder(render, actuator),
         )

@@ -99,7 +99,7 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
     if table is not None:
         yield table
     if protocol is not None:
-        yield parts.reach(rig, protocol.step)
+        yield parts.reach(rig, protocol.footstep.step)
     else:
         yield unchecked("gate", "no protocol was given", "add --protocol")
     yield from parts.ages(rig, day(clock.now_ns()))

@@ -277,7 +277,7 @@ def record_simulated(
             f"{rig_file}: tracker.zeroing_mm: got {rig.tracker.zeroing_mm:g}; allowed: none, for in simulated time no "
             "foot rests on the panel; leave it out of this rig file"
         )
-    rigs.check(rig, protocol.step)
+    rigs.check(rig, protocol.footstep.step)
     planned = plan(
         protocol,
         source=recorded_takes.source(seed),
@@ -314,7 +314,7 @@ def record_simulated(
             out,
             tracker=ports,
             accelerometer=ports,
-            detector=GateDetector(protocol.step),
+            detector=GateDetector(protocol.footstep.step),
             console=experimenter,
             clock=clock,
             note=recorded_takes.note(drawn),

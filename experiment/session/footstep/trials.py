@@ -98,7 +98,7 @@ def open_footsteps(
         opened.callback(actuator.close)
         actuator = ends.hand_over(actuator)
     port, clock_map = ends.tracker(opened)
-    contact_mm = protocol.step.contact_mm
+    contact_mm = protocol.footstep.step.contact_mm
     tracker = opening.open_tracker(rig, clock=clock, port=port, clock_map=clock_map, contact_mm=contact_mm)
     opened.callback(tracker.close)
     ends.check(tracker, rig)
@@ -143,7 +143,7 @@ class Footsteps:
         log: Log,
     ) -> None:
         """Set up before the first attempt; arguments as in `KindDevices.begin`."""
-        step = protocol.step
+        step = protocol.footstep.step
         self._protocol = protocol
         self._trials = len(header.order)
         self._place = scene.plan(protocol=protocol, task_id=header.task).place

@@ -10,7 +10,7 @@ from typing import Any
 from experiment.protocol.models import Protocol
 
 SMALL = """\
-format = 1
+format = 2
 study = { id = "small", title = "A small study", source = "Nowhere, page 7", participants = 6 }
 consent = { required = true, statement = "You may stop at any moment." }
 eligibility.criteria = ["Grown up.", "Rested."]
@@ -41,7 +41,7 @@ no_answer_key = "0"
 redo_key = "/"
 pause_key = "="
 
-[synthesis]
+[footstep.synthesis]
 rate_hz = 4000
 samples = 1000
 takes = 2
@@ -51,13 +51,13 @@ speeds_mm_s = [
     250,
 ]
 
-[tactile]
+[footstep.tactile]
 low_hz = 7
 high_hz = 420
 floor_m_s2 = 0.4
 source = "a paper on skin"
 
-[step]
+[footstep.step]
 gate_top_mm = 18
 gate_bottom_mm = 9
 contact_mm = 0.5
@@ -84,6 +84,7 @@ break_min_s = 61
 [[tasks]]
 id = "one"
 title = "The first"
+kind = "footstep"
 stimulus = "virtual"
 instruction = "Step."
 participants = 6
@@ -97,6 +98,7 @@ instruction = "Try it."
 [[tasks]]
 id = "two"
 title = "The second"
+kind = "footstep"
 stimulus = "real"
 instruction = "Step again."
 participants = 4

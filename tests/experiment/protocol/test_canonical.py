@@ -14,7 +14,7 @@ import pytest
 from pydantic import ValidationError
 
 from experiment.protocol import files
-from experiment.protocol.approval import canonical, sha256
+from experiment.protocol.approval import canonical, names_draws, sha256
 from experiment.protocol.models import Protocol
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, protocol
 
@@ -99,3 +99,10 @@ def test_any_other_value_changes_the_hash() -> None:
             continue
     assert tried > 50
     assert len(hashes) == tried + 1
+
+
+def test_a_study_moved_to_format_2_keeps_the_name_of_its_draws(repository_root: Path) -> None:
+    # What palpate 0.1 gave as canonical hash of the same study in format 1, and named its draws by.
+    study = files.load(repository_root / "protocols" / "okamoto2012.toml")
+    assert names_draws(study) == "c2bbbf35cb953c97f328aa6819b0fcaa408e5e6420023a34fb35377f3605ed1a"
+    assert names_draws(study) != sha256(study)

@@ -108,7 +108,7 @@ def test_the_shipped_study_leaves_out_no_bin_for_copy_paper_is_felt_beyond_the_b
     loudest, level = scene.felt_outside(held, protocol)
     assert loudest == "copy paper"
     assert level == pytest.approx(outside_rms(held["copy paper"], 600.0), rel=1e-12)
-    assert level > protocol.tactile.floor_m_s2
+    assert level > protocol.footstep.tactile.floor_m_s2
 
 
 def test_a_study_of_slow_feet_leaves_out_what_lies_beyond_the_band_of_every_material(
@@ -118,7 +118,7 @@ def test_a_study_of_slow_feet_leaves_out_what_lies_beyond_the_band_of_every_mate
     chosen = scene.choose(held, slow, 5000)
     assert {c.method.name for c in chosen.values()} == {"basis waveforms, 0 to 500 Hz"}
     for spectra in held.values():
-        assert max(outside_rms(spectra, v) for v in np.linspace(0, 120, 61)) < slow.tactile.floor_m_s2
+        assert max(outside_rms(spectra, v) for v in np.linspace(0, 120, 61)) < slow.footstep.tactile.floor_m_s2
     virtual = scene.plan(protocol=slow, task_id="virtual")
     render = scene.open_stimuli(scene=virtual, protocol=slow, recordings=recordings, output_rates_hz=(5000,))
     for material, spectra in held.items():

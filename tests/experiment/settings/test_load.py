@@ -69,12 +69,12 @@ MISTAKES = [
         "0",
         "a whole number at least 1 and at most 10000",
     ),
-    ("samples = 1000", "samples = 2.0", "synthesis.samples", "2.0", "a whole number"),
-    ("gate_top_mm = 18", "gate_top_mm = nan", "step.gate_top_mm", "nan", "a number greater than 0"),
-    ("    110,", "    '110',", "synthesis.speeds_mm_s[1]", "'110'", "a number greater than 0"),
-    ("    110,", "    40,", "synthesis.speeds_mm_s[1]", "40", "greater than the one before it (60)"),
-    ("contact_mm = 0.5", "contact_mm = 9", "step.contact_mm", "9", "less than gate_bottom_mm (9)"),
-    ("gate_bottom_mm = 9", "gate_bottom_mm = 19", "step.gate_bottom_mm", "19", "less than gate_top_mm (18)"),
+    ("samples = 1000", "samples = 2.0", "footstep.synthesis.samples", "2.0", "a whole number"),
+    ("gate_top_mm = 18", "gate_top_mm = nan", "footstep.step.gate_top_mm", "nan", "a number greater than 0"),
+    ("    110,", "    '110',", "footstep.synthesis.speeds_mm_s[1]", "'110'", "a number greater than 0"),
+    ("    110,", "    40,", "footstep.synthesis.speeds_mm_s[1]", "40", "greater than the one before it (60)"),
+    ("contact_mm = 0.5", "contact_mm = 9", "footstep.step.contact_mm", "9", "less than gate_bottom_mm (9)"),
+    ("gate_bottom_mm = 9", "gate_bottom_mm = 19", "footstep.step.gate_bottom_mm", "19", "less than gate_top_mm (18)"),
     (
         "approved_on = 2020-02-01",
         'approved_on = "2020-02-01"',
@@ -166,8 +166,8 @@ def test_one_mistake(tmp_path: Path, old: str, new: str, path: str, got: str, al
 def test_every_mistake_at_once_in_the_order_of_lines(tmp_path: Path) -> None:
     # Each of these hides another's cause: with it, that other rule has nothing to compare.
     hiding = {
-        "step.gate_top_mm",
-        "step.gate_bottom_mm",
+        "footstep.step.gate_top_mm",
+        "footstep.step.gate_bottom_mm",
         "ethics.approved_on",
         "tasks[0].order.kind",
         "study.participants",
@@ -189,7 +189,10 @@ def test_every_mistake_at_once_in_the_order_of_lines(tmp_path: Path) -> None:
 
 def test_a_rule_is_checked_though_a_type_is_wrong_elsewhere(tmp_path: Path) -> None:
     text = SMALL.replace("gate_top_mm = 18", "gate_top_mm = '18'").replace("contact_mm = 0.5", "contact_mm = 10")
-    assert [problem.path for problem in refused(tmp_path, text)] == ["step.gate_top_mm", "step.contact_mm"]
+    assert [problem.path for problem in refused(tmp_path, text)] == [
+        "footstep.step.gate_top_mm",
+        "footstep.step.contact_mm",
+    ]
 
 
 @pytest.mark.parametrize("path", [path for path, _ in places(document()) if isinstance(path[-1], str)], ids=str)
@@ -280,3 +283,16 @@ def test_a_missing_file_in_a_missing_folder(tmp_path: Path) -> None:
 def test_a_folder_is_no_file(tmp_path: Path) -> None:
     with pytest.raises(ProtocolError, match="got a folder; allowed: the path of a TOML file"):
         files.load(tmp_path)
+
+
+def test_a_protocol_of_format_1_is_refused_with_what_to_move_where(tmp_path: Path) -> None:
+    text = SMALL.replace("format = 2", "format = 1").replace("[footstep.", "[").replace('kind = "footstep"\n', "")
+    (problem,) = refused(tmp_path, text)
+    assert (problem.path, problem.line, problem.got) == ("format", 1, "1")
+    moved = text.replace("format = 1", "format = 2").replace("[[tasks]]", '[[tasks]]\nkind = "footstep"')
+    for table in ("step", "synthesis", "tactile"):
+        assert f"[{table}] to [footstep.{table}]" in problem.allowed
+        moved = moved.replace(f"[{table}]", f"[footstep.{table}]")
+    assert 'kind = "footstep" to every [[tasks]]' in problem.allowed
+    (tmp_path / "moved.toml").write_text(moved)
+    assert files.load(tmp_path / "moved.toml") == protocol()

@@ -29,7 +29,7 @@ def participant(foot: Foot) -> SimulatedParticipant:
     protocol = files.load(shipped("okamoto2012.toml"))
     return SimulatedParticipant(
         protocol=protocol,
-        materials=SimulatedMaterials(protocol.synthesis.rate_hz, protocol.synthesis.samples),
+        materials=SimulatedMaterials(protocol.footstep.synthesis.rate_hz, protocol.footstep.synthesis.samples),
         who=("01", "real"),
         entropy=(1, 1, 0),
         foot=foot,
