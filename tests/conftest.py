@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# The same cases on every run, however busy the machine: a failure can be repeated, and none is one of time.
+settings.register_profile("palpate", deadline=None, derandomize=True)
+settings.load_profile("palpate")
 
 REPOSITORY = Path(__file__).parent.parent
 REQUIRE_ALL = os.environ.get("PALPATE_REQUIRE") == "all"
-
 
 NO_RECORDINGS = "needs the real recordings in ../shared/recordings, which are not in the repository"
 """The one reason for which a test may be skipped under PALPATE_REQUIRE=all."""
@@ -39,6 +43,27 @@ def pytest_make_collect_report(
         report.outcome = "failed"
         report.longrepr = f"PALPATE_REQUIRE=all forbids skipping: {report.longrepr}"
     return report
+
+
+def _skip_fsync(patch: pytest.MonkeyPatch) -> None:
+    """`os.fsync` does nothing: what a test reads back need not outlive a power cut."""
+    patch.setattr(os, "fsync", lambda descriptor: None)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _fsync(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Only tests of the rig, of faults and of the modules marked `fsync` wait for the disk."""
+    folder, *_ = request.path.relative_to(REPOSITORY / "tests").parts
+    with pytest.MonkeyPatch.context() as patch:
+        if folder not in ("rig", "faults") and request.node.get_closest_marker("fsync") is None:
+            _skip_fsync(patch)
+        yield
+
+
+@pytest.fixture
+def without_fsync(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One test of a module marked `fsync` that writes too often to wait for the disk."""
+    _skip_fsync(monkeypatch)
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""The house itself: layers, light start, style, and what may never be committed."""
+"""The house itself: layers, light start, size and style."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ import sys
 from pathlib import Path
 
 import pytest
+
+from tests.figures import figures
 
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "statsmodels", "psychopy", "serial", "rich")
 
@@ -44,6 +46,11 @@ print(sorted(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr)
 """
     done = run("-c", code, cwd=repository_root)
     assert (done.returncode, done.stderr.strip()) == (0, "[]"), done.stdout
+
+
+def test_the_house_is_no_larger_than_its_plan() -> None:
+    above = [figure.line for figure in figures() if figure.found > figure.most]
+    assert not above, "\n".join(above)
 
 
 @pytest.mark.parametrize("package", ["experiment", "analysis", "experiment.protocol", "experiment.rehearsal"])

@@ -130,7 +130,7 @@ def rehearse(
     allocations = roster.allocate(protocol, seed)[:count]
     todo = [Job(out, one.participant, one.tasks, seed, control, real_time) for one in allocations]
     with ExitStack() as refused:
-        if not _is_begun(out, plan):
+        if not is_begun(out, plan):
             refused.enter_context(_prepared(out, plan, protocol_file, rig_file))
         total(sum(_remaining(out, protocol, job) for job in todo))
         jobs = jobs or os.cpu_count() or 1
@@ -154,7 +154,7 @@ def _remaining(out: Path, protocol: Protocol, job: Job) -> int:
     return left
 
 
-def _is_begun(out: Path, plan: Plan) -> bool:
+def is_begun(out: Path, plan: Plan) -> bool:
     """Whether `out` already holds this rehearsal."""
     for above in out.parents:
         if (above / "dataset_description.json").exists():

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import combinations
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,8 +25,8 @@ def check(found: Sequence[Sheet]) -> None:
         for text, corners in letters:
             inside = corners.min() >= -1 and corners[:, 0].max() <= right + 1 and corners[:, 1].max() <= top + 1
             assert inside, (one.name, text)
-        for (first, box), (second, other) in combinations(letters, 2):
-            assert not _overlap(box, other), (one.name, first, second)
+        for i, j in _near(np.array([corners for _, corners in letters])):
+            assert not _overlap(letters[i][1], letters[j][1]), (one.name, letters[i][0], letters[j][0])
         sizes = [float(text.get_fontsize()) for text in one.figure.findobj(Text) if text.get_text().strip()]
         assert min(sizes) >= 7, one.name
 
@@ -50,6 +49,14 @@ def _letters(figure: Figure) -> list[tuple[str, np.ndarray]]:
     renderer = canvas.get_renderer()
     shown = [text for text in dict.fromkeys(drawn) if text.get_visible() and text.get_text().strip()]
     return [(text.get_text(), _corners(text, renderer)) for text in shown]
+
+
+def _near(corners: np.ndarray) -> Iterator[tuple[int, int]]:
+    """The pairs of which the upright boxes around the corners, shape (texts, 4, 2), meet: no other can overlap."""
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    for i in range(len(corners) - 1):
+        meets = np.all((low[i] <= high[i + 1 :]) & (low[i + 1 :] <= high[i]), axis=1)
+        yield from ((i, i + 1 + int(j)) for j in np.flatnonzero(meets))
 
 
 def _corners(text: Text, renderer: RendererBase) -> np.ndarray:

@@ -9,6 +9,8 @@ import pytest
 
 from experiment import storage
 
+pytestmark = pytest.mark.fsync
+
 
 def test_a_file_is_on_disk_before_it_has_its_name_and_its_folder_after(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -185,7 +185,7 @@ def test_a_stall_does_not_move_the_take(monkeypatch: pytest.MonkeyPatch) -> None
             if piece % 3 == 0:
                 continue
             sensor.send()
-            wait_until_heard(device, sensor._sent)
+            wait_until_heard(device, sensor.sent)
         heard = device.heard(earliest_ns=250 * MS, latest_ns=450 * MS)
     finally:
         sensor.close()
@@ -206,7 +206,7 @@ def test_what_is_held_is_bounded_and_times_stay_true(monkeypatch: pytest.MonkeyP
         for _ in range(602):
             clock.sleep_ns(100 * MS)
             sensor.send()
-            wait_until_heard(device, sensor._sent)
+            wait_until_heard(device, sensor.sent)
         assert sum(piece.size for piece, _ in listening._pieces) <= 500 + 100 + 100
         heard = device.heard(earliest_ns=59_950 * MS, latest_ns=60_100 * MS)
     finally:

@@ -25,8 +25,8 @@ SERVES = """
 from experiment.rehearsal.wires.sound_card import SoundCard
 from experiment.rehearsal.wires.listener import Tap
 card = SoundCard(rate_hz=48_000, block=256, inputs=1, outputs=1)
-tap = Tap(card._name, "system:capture_1", seconds=1.0)
-print(card._folder.name, card._name, tap._listener.pid, flush=True)
+tap = Tap(card.name, "system:capture_1", seconds=1.0)
+print(card.folder.name, card.name, tap.listener.pid, flush=True)
 input()
 """
 
@@ -84,8 +84,8 @@ def test_it_hears_every_sample_of_its_output_and_of_no_other(card: SoundCard) ->
 
 
 def test_one_that_has_ended_is_told_of_and_can_be_closed(card: SoundCard) -> None:
-    tap = Tap(card._name, "system:capture_1", seconds=1.0)
-    os.kill(tap._listener.pid, signal.SIGKILL)
+    tap = Tap(card.name, "system:capture_1", seconds=1.0)
+    os.kill(tap.listener.pid, signal.SIGKILL)
     with pytest.raises(AudioError, match="what listens to it has ended"):
         tap.since(0)
     tap.close()
@@ -108,7 +108,7 @@ def test_nothing_listens_to_a_server_that_is_not_there() -> None:
 
 def test_nothing_listens_to_an_output_that_is_not_there(card: SoundCard) -> None:
     with pytest.raises(AudioError, match=r"what listens to it has ended .*PortAudio:out_9.*; start again"):
-        Tap(card._name, "PortAudio:out_9", seconds=1.0)
+        Tap(card.name, "PortAudio:out_9", seconds=1.0)
 
 
 @pytest.mark.usefixtures("card")

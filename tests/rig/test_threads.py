@@ -36,7 +36,7 @@ def test_the_far_ends_run_on_the_cores_that_the_session_leaves(monkeypatch: pyte
         opened.callback(panel.close)
         within = os.sched_getaffinity(0)
         ends = [thread.native_id for thread in threading.enumerate() if thread.name in ("foot", "panel")]
-        stand = [os.sched_getaffinity(end) for end in (*ends, card._server.pid, tap._listener.pid) if end is not None]
+        stand = [os.sched_getaffinity(end) for end in (*ends, card.server.pid, tap.listener.pid) if end is not None]
     assert len(stand) == 4
     assert stand == [before - within or before] * 4
 

@@ -65,7 +65,8 @@ class Sensor:
         self._connection: socket.socket | None = None
         self._begun_ns = 0
         self._unsent = np.empty(0)
-        self._sent = 0
+        self.sent = 0
+        """Samples sent since the connection was made."""
         self._closing = False
         self._thread = threading.Thread(target=self._listen, name="sensor", daemon=True)
         self._thread.start()
@@ -80,20 +81,20 @@ class Sensor:
         """
         after_m_s2 = rng.normal(0.0, REST_NOISE_M_S2, round(AFTER_S * self._settings.rate_hz))
         # Drawn from its end on, so that what comes just before does not depend on how long the panel has been at rest.
-        before_m_s2 = rng.normal(0.0, REST_NOISE_M_S2, max(self._samples_until(at_ns) - self._sent, 0))[::-1]
+        before_m_s2 = rng.normal(0.0, REST_NOISE_M_S2, max(self._samples_until(at_ns) - self.sent, 0))[::-1]
         self._unsent = np.concatenate([before_m_s2, heard_m_s2, after_m_s2])
 
     @property
     def silent_ns(self) -> int:
         """When everything that it will hear has been heard."""
-        samples = self._sent + self._unsent.size
+        samples = self.sent + self._unsent.size
         return self._begun_ns + -(-samples * 1_000_000_000 // self._settings.rate_hz)
 
     def send(self) -> None:
         """Send what was heard until now."""
-        due = max(self._samples_until(self._clock.now_ns()) - self._sent, 0)
+        due = max(self._samples_until(self._clock.now_ns()) - self.sent, 0)
         piece, self._unsent = self._unsent[:due], self._unsent[due:]
-        self._sent += piece.size
+        self.sent += piece.size
         self._put(piece)
 
     def close(self) -> None:
@@ -126,7 +127,7 @@ class Sensor:
                 return
             # One sample at once: time stands still until it has arrived, so it tells when the stream began.
             self._begun_ns = self._clock.now_ns() - 1_000_000_000 // self._settings.rate_hz
-            self._sent, self._unsent = 1, np.empty(0)
+            self.sent, self._unsent = 1, np.empty(0)
             self._put(np.zeros(1))
 
 

@@ -53,7 +53,7 @@ class Tap:
         with ours, theirs:
             ours.settimeout(PATIENCE_S)
             self._line = ours.makefile("rwb")
-            self._listener = subprocess.Popen(  # noqa: S603
+            self.listener = subprocess.Popen(  # noqa: S603
                 command,
                 cwd=Path(__file__).parents[3],
                 stdin=theirs.fileno(),
@@ -96,13 +96,13 @@ class Tap:
         with suppress(OSError):  # The listener has gone.
             self._line.close()
         try:
-            self._listener.wait(PATIENCE_S)
+            self.listener.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:  # The server stands still.
-            self._listener.kill()
-            self._listener.wait()
+            self.listener.kill()
+            self.listener.wait()
 
     def _failed(self, why: str) -> AudioError:
-        self._listener.kill()
+        self.listener.kill()
         self.close()
         said = f" ({why.strip()})" if why.strip() else ""
         return AudioError(f"simulated sound card: what listens to it has ended{said}; start again")

@@ -72,7 +72,7 @@ class SoundCard:
             raise AudioError("simulated sound card: got no jackd; allowed: JACK 2; install the system's package jackd2")
         self._jack = _jack()
         self._before = {name: os.environ.get(name) for name in (*_VARIABLES, _SERVER)}
-        self._folder = tempfile.TemporaryDirectory(prefix="palpate-jack-")
+        self.folder = tempfile.TemporaryDirectory(prefix="palpate-jack-")
         self._place: FileLock | None = None
         os.environ.update(_VARIABLES)
         arguments = ["-r", str(rate_hz), "-p", str(block), "-C", str(inputs), "-P", str(outputs)]
@@ -114,21 +114,21 @@ class SoundCard:
             AudioError: there is no such channel, no stream is open, or the server has ended.
         """
         with host.elsewhere():
-            return Tap(self._name, self._port("out", output).name, seconds=seconds)
+            return Tap(self.name, self._port("out", output).name, seconds=seconds)
 
     @contextmanager
     def held(self) -> Iterator[None]:
         """Have the server stand still meanwhile, as a driver does that hangs."""
-        self._server.send_signal(signal.SIGSTOP)
+        self.server.send_signal(signal.SIGSTOP)
         try:
             yield
         finally:
-            self._server.send_signal(signal.SIGCONT)
+            self.server.send_signal(signal.SIGCONT)
 
     def close(self) -> None:
         """Stop the server. Streams and taps must be closed before."""
         with devices.looking_anew():
-            if self._server.poll() is None:
+            if self.server.poll() is None:
                 self._wiring.close()
             self._stop()
             self._tidy()
@@ -143,12 +143,12 @@ class SoundCard:
                 place.acquire()
             except Timeout:
                 continue
-            log = Path(self._folder.name) / "log"
+            log = Path(self.folder.name) / "log"
             with log.open("wb") as file:
-                self._server = subprocess.Popen(  # noqa: S603
+                self.server = subprocess.Popen(  # noqa: S603
                     [*before, name, *after], stdout=file, stderr=file, stdin=subprocess.DEVNULL, start_new_session=True
                 )
-            self._name, os.environ[_SERVER] = name, name
+            self.name, os.environ[_SERVER] = name, name
             client = None
             try:
                 client = self._client()
@@ -167,9 +167,9 @@ class SoundCard:
     def _client(self) -> Any:
         """A client of the server, with which cables are laid; None where it has ended, or is not ready in time."""
         ends = time.monotonic() + READY_S
-        while self._server.poll() is None and time.monotonic() < ends:
+        while self.server.poll() is None and time.monotonic() < ends:
             try:
-                return self._jack.Client("wiring", servername=self._name, no_start_server=True)
+                return self._jack.Client("wiring", servername=self.name, no_start_server=True)
             except self._jack.JackError:
                 time.sleep(0.02)
         return None
@@ -191,15 +191,15 @@ class SoundCard:
             raise AudioError(f"simulated sound card: {error}; start again") from error
 
     def _stop(self) -> None:
-        self._server.terminate()
+        self.server.terminate()
         try:
-            self._server.wait(5)
+            self.server.wait(5)
         except subprocess.TimeoutExpired:
-            self._server.kill()
-            self._server.wait()
+            self.server.kill()
+            self.server.wait()
 
     def _tidy(self) -> None:
-        self._folder.cleanup()
+        self.folder.cleanup()
         if self._place is not None:
             self._place.release()
         for name, value in self._before.items():

@@ -33,9 +33,17 @@ NAMES = {
 }
 
 
+LEAST = replace(TINY, lengths=(50,), output_rates_hz=(48_000,))
+"""For what does not depend on how much is measured."""
+
+TOTALS: list[int] = []
+TICKS: list[None] = []
+
+
 @pytest.fixture(scope="module")
 def result() -> Numerics:
-    return numerics.compute(TINY, limit=limit)
+    """The tiny extent, measured once for all tests, with what it told a progress bar."""
+    return numerics.compute(TINY, limit=limit, total=TOTALS.append, tick=lambda: TICKS.append(None))
 
 
 def test_everything_holds(result: Numerics) -> None:
@@ -44,11 +52,13 @@ def test_everything_holds(result: Numerics) -> None:
     assert result.verdict.startswith("All of ")
 
 
-def test_the_command_ends_with_1_where_a_limiter_lets_nan_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_command_ends_with_1_where_a_limiter_lets_nan_pass(
+    monkeypatch: pytest.MonkeyPatch, result: Numerics
+) -> None:
     def passes(wave: ArrayLike, peak: float) -> tuple[np.ndarray, int]:
         return np.asarray(wave, dtype=np.float64), 0
 
-    made = {"whole": numerics.compute(TINY, limit=limit), "broken": numerics.compute(TINY, limit=passes)}
+    made = {"whole": result, "broken": numerics.compute(LEAST, limit=passes)}
     for name, code in (("whole", 0), ("broken", 1)):
         monkeypatch.setattr(numerics, "run", lambda name=name, **_: made[name])
         assert CliRunner().invoke(engine, ["numerics"], catch_exceptions=False).exit_code == code
@@ -70,16 +80,8 @@ def test_a_file_in_the_way_is_found_before_anything_is_measured(
         CliRunner().invoke(engine, ["numerics", "--out", str(tmp_path / "noise.csv")], catch_exceptions=False)
 
 
-def test_progress_counts_every_step() -> None:
-    totals: list[int] = []
-    ticks: list[None] = []
-    made = numerics.compute(
-        replace(TINY, lengths=(50,), output_rates_hz=(48_000,)),
-        limit=limit,
-        total=totals.append,
-        tick=lambda: ticks.append(None),
-    )
-    assert totals == [len(ticks)] == [len(made.measured) + len(made.outcomes)]
+def test_progress_counts_every_step(result: Numerics) -> None:
+    assert TOTALS == [len(TICKS)] == [len(result.measured) + len(result.outcomes)]
 
 
 def test_quick_and_full_differ_in_extent_alone(monkeypatch: pytest.MonkeyPatch, result: Numerics) -> None:
@@ -97,7 +99,7 @@ def test_quick_and_full_differ_in_extent_alone(monkeypatch: pytest.MonkeyPatch, 
 
 def test_a_broken_invariant_fails_and_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(response, "not_rising", lambda _: None)
-    made = numerics.compute(replace(TINY, lengths=(50,), output_rates_hz=(48_000,)), limit=limit)
+    made = numerics.compute(LEAST, limit=limit)
     assert made.failed
     assert "response, a plateau between two levels: the table: accepted" in made.broken
     assert "response, a reversal between two levels: the table: accepted" in made.text()

@@ -21,6 +21,8 @@ from experiment.records.entries import Answer, Footer, Phase
 from experiment.records.journal import AnyEntry
 from tests.experiment.session.bench import HEADER
 
+pytestmark = pytest.mark.fsync
+
 ANSWER = Answer(trial=1, attempt=1, presented=("foil",), answered=None, key="n", response_time_s=0.25)
 ENTRIES: tuple[AnyEntry, ...] = (
     HEADER,
@@ -54,7 +56,7 @@ def test_each_line_carries_the_hash_of_the_one_before(tmp_path: Path) -> None:
     assert [json.loads(line)["prev"] for line in lines] == ["0" * 64, *previous[:-1]]
 
 
-def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: Path) -> None:
+def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: Path, without_fsync: None) -> None:
     data = write(tmp_path / "whole")
     path = tmp_path / "cut"
     for length in range(len(data) + 1):

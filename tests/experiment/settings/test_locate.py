@@ -165,7 +165,7 @@ class Writer:
         self.text += text + self.blank() + self.choose("\n", "# after\n")
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=100)
 @given(st.data())
 def test_every_place_has_the_line_on_which_it_was_written(data: st.DataObject) -> None:
     written = data.draw(DOCUMENTS)

@@ -15,6 +15,8 @@ import pytest
 from experiment.apparatus.doctor import machine
 from experiment.clock import ManualClock, MonotonicClock
 
+pytestmark = pytest.mark.fsync
+
 Usage = namedtuple("Usage", "total used free")
 
 
