@@ -54,7 +54,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
         if done.footer is not None and done.footer.reason == "complete":
             return done.footer
         if not contents.lines:
-            opening.keep(rig_file, rig_path(path))
+            opening.copy_rig(rig_file, rig_path(path))
         foot = foot_path(path).open("ab")
         opened = journal.Journal(path, devices.clock, contents)
         session = _Session(protocol=protocol, done=done, devices=devices, opened=opened, foot=foot)
