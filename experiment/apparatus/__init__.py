@@ -1,1 +1,64 @@
-"""Devices behind small ports, and their drivers; each driver imports its library inside."""
+"""Devices: what a laboratory's rig file names, opened behind small ports (`ports.py`), and their drivers.
+
+A rig file comes in; trackers, actuators, accelerometers, audio streams and maskers go out, each implementing its port,
+so that a session knows no make. This room knows neither trials nor participants nor answers. Libraries of devices are
+imported where a device is opened, and nowhere else. `README.md` beside this file says how to build and wire a rig and
+how to write a driver.
+
+The names below are what a driver needs; they are imported when they are asked for.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from experiment.apparatus.host import elsewhere
+    from experiment.apparatus.ports import Tracker
+    from experiment.apparatus.rig import TrackerRig
+    from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
+    from experiment.apparatus.tracker.clock_map import init as begin_clock
+    from experiment.apparatus.tracker.clock_map import step as step_clock
+    from experiment.apparatus.tracker.frames import LinkCounts, Samples, encode
+    from experiment.clock import Clock
+    from experiment.errors import TrackerError, TrackerStopped
+
+__all__ = [
+    "Clock",
+    "ClockMap",
+    "ClockState",
+    "LinkCounts",
+    "Samples",
+    "Tracker",
+    "TrackerError",
+    "TrackerRig",
+    "TrackerStopped",
+    "begin_clock",
+    "elsewhere",
+    "encode",
+    "step_clock",
+]
+
+_PLACES = {
+    "Clock": "experiment.clock:Clock",
+    "ClockMap": "experiment.apparatus.tracker.clock_map:ClockMap",
+    "ClockState": "experiment.apparatus.tracker.clock_map:ClockState",
+    "LinkCounts": "experiment.apparatus.tracker.frames:LinkCounts",
+    "Samples": "experiment.apparatus.tracker.frames:Samples",
+    "Tracker": "experiment.apparatus.ports:Tracker",
+    "TrackerError": "experiment.errors:TrackerError",
+    "TrackerRig": "experiment.apparatus.rig:TrackerRig",
+    "TrackerStopped": "experiment.errors:TrackerStopped",
+    "begin_clock": "experiment.apparatus.tracker.clock_map:init",
+    "elsewhere": "experiment.apparatus.host:elsewhere",
+    "encode": "experiment.apparatus.tracker.frames:encode",
+    "step_clock": "experiment.apparatus.tracker.clock_map:step",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, _, attribute = _PLACES[name].partition(":")
+    return getattr(import_module(module), attribute)

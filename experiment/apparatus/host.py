@@ -1,34 +1,27 @@
-"""A session's threads before the machine's other work, for as long as it runs; and no collections while a foot falls.
+"""The process of a session on its machine: priority, core, memory and collections, for as long as the session runs.
 
-On Linux the thread that asks, and every thread and process it starts meanwhile, gets the lowest real-time priority
-(`SCHED_RR`): ordinary work waits for it, and sound servers and drivers, which run higher, do not. Where the system
-refuses that, it is made as little nice as the system allows. Where it allows neither, and on other systems, it stays as
-it is: a session works at any priority, and says which it has.
+**Priority.** On Linux the thread that asks, and every thread and process it starts meanwhile, gets the lowest real-time
+priority (`SCHED_RR`): ordinary work waits for it, and sound servers and drivers, which run higher, do not. Where the
+system refuses that, the thread is made as little nice as the system allows. Where the system allows neither, and on
+other systems, it stays as it is: a session works at any priority, and says which it has. Of the threads that a library
+starts some inherit the priority and some are ordinary all the same. One that runs our code takes part (`joining`), one
+step above: the session would wait for an ordinary thread whenever that holds the interpreter, and a thread on the
+session's own step would wait for its turn behind it. A real-time thread that never rests must not lock the machine. The
+kernel leaves ordinary work a twentieth of each core (`sched_rt_runtime_us`); where that has been switched off, no
+real-time priority is taken.
 
-Of the threads that a library starts some inherit that, and some are ordinary all the same. One that runs our code takes
-part (`joining`), one step above: the session would wait for an ordinary thread whenever that holds the interpreter, and
-a thread on the session's own step would wait for its turn behind it. In real time the session keeps to a core of its
-own where there is one (cores.py).
+**Core.** A thread that wakes another on the same core hands over in one switch; one on another core has to be called
+there, which takes longer, on a virtual machine by far. The session waits for its tracker's thread, so in real time both
+share a core (`pinned`). What is started `elsewhere`, such as the audio callback, takes nothing from them but its turn
+at the interpreter. The core is the fastest that no other session keeps to; of equals the last, for systems give most of
+their own work to the first. One is left to all else: a session that finds none, that the system does not let go there,
+or that runs elsewhere than on Linux, stays where it is.
 
-A real-time thread that never rests must not lock the machine. The kernel leaves ordinary work a twentieth of each core
-(`sched_rt_runtime_us`); where that has been switched off, no real-time priority is taken.
-
-Linear algebra stays in the thread that asks for it: the threads of numpy's library are ordinary, and a session that
-waits for them does so at full speed, for as long as other work keeps them from their turn. The product of two vectors
-of 48,000 samples took up to 0.2 s.
-
-From the first session on the process keeps the memory that arrays give back: otherwise each stimulus would have a page
-fault for every 4 kB of every array that it passes through.
-
-A session on a core of its own, and what works beside it on the others.
-
-A thread that wakes another on the same core hands over in one switch; one on another core has to be called there, which
-takes longer, on a virtual machine by far. The session waits for its tracker's thread, so both share a core. What is
-started `elsewhere`, such as the audio callback, takes nothing from them but its turn at the interpreter.
-
-The core is the fastest that no other session keeps to; of equals the last, for systems give most of their own work to
-the first. One is left to all else: a session that finds none, that the system does not let go there, or that runs
-elsewhere than on Linux, stays where it is.
+**Memory and computing.** Linear algebra stays in the thread that asks for it: the threads of numpy's library are
+ordinary, and a session that waits for them does so at full speed, for as long as other work keeps them from their turn.
+The product of two vectors of 48,000 samples took up to 0.2 s. From the first session on the process keeps the memory
+that arrays give back: otherwise each stimulus would have a page fault for every 4 kB of every array that it passes
+through. Nothing is collected while a foot falls.
 """
 
 from __future__ import annotations
@@ -55,7 +48,7 @@ _left: ContextVar[frozenset[int]] = ContextVar("_left", default=frozenset())
 
 
 @contextmanager
-def kept() -> Iterator[int | None]:
+def pinned() -> Iterator[int | None]:
     """Keep the calling thread, and what it starts meanwhile, on one core; at the end the thread goes back.
 
     Yields:
@@ -225,7 +218,7 @@ if sys.platform == "linux":
         policy, parameters, nice = os.sched_getscheduler(0), os.sched_getparam(0), os.getpriority(os.PRIO_PROCESS, 0)
         try:
             got = _raise(nice)
-            with kept() if is_real_time() else nullcontext() as core:
+            with pinned() if is_real_time() else nullcontext() as core:
                 yield got if core is None else f"{got}, on core {core} alone"
         finally:
             _lower(policy, parameters, nice)

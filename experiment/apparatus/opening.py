@@ -1,6 +1,6 @@
-"""From a rig file to opened devices; each driver is imported only when its device is opened.
+"""From a rig file to opened devices: tracker, actuator, accelerometer, and the session's audio stream with its masker.
 
-From a rig file to its opened audio device: the session's stream, and the masker on it.
+Each driver is imported only when its device is opened.
 """
 
 from __future__ import annotations
@@ -167,22 +167,31 @@ def simulated_only(rig: Rig, key: str) -> str:
     )
 
 
-def keep(rig_file: Path, kept: Path) -> None:
-    """Copy a rig file to `kept`, and beside it the response table that it names.
+def copy_rig(rig_file: Path, copy: Path) -> None:
+    """Copy a rig file to `copy`, and beside it what it names: its response table, and its tracker's driver.
+
+    A driver of an installed package is not copied.
 
     Raises:
-        RigError: the table is not the one that the rig file names, or another of its name is kept there.
+        RigError: the table is not the one that the rig file names, or beside the copy there is another table or driver
+            of that name.
     """
-    shaping = rigs.load(rig_file).actuator.shaping
+    rig = rigs.load(rig_file)
+    beside: dict[str, tuple[str, bytes]] = {}
+    shaping, driver = rig.actuator.shaping, rig.driver_file
     if shaping is not None:
-        table, content = kept.with_name(shaping.response), response_table(rig_file.parent, shaping)
-        if table.exists() and table.read_bytes() != content:
+        beside[shaping.response] = "table", response_table(rig_file.parent, shaping)
+    if driver is not None:
+        beside[driver.name] = "driver", driver.read_bytes()
+    for name, (what, content) in beside.items():
+        file = copy.with_name(name)
+        if file.exists() and file.read_bytes() != content:
             raise RigError(
-                f"{table}: got another response table of this name from an earlier session; allowed: a name for each "
-                "measurement; rename the new table, in the rig file too"
+                f"{file}: got another {what} of this name from an earlier session; allowed: one name for each {what}; "
+                f"rename the new {what}, in the rig file too"
             )
-        storage.write(table, content)
-    storage.write(kept, rig_file.read_bytes())
+        storage.write(file, content)
+    storage.write(copy, rig_file.read_bytes())
 
 
 def open_tracker(
@@ -224,9 +233,9 @@ def _driven(rig: Rig, where: str, clock: Clock, clock_map: ClockMap | None) -> T
         from experiment.apparatus.tracker.serial_tracker import SerialTracker
 
         return SerialTracker(where, settings, clock=clock, clock_map=clock_map)
-    from experiment.apparatus.tracker.guarded import open_foreign
+    from experiment.apparatus.tracker.guarded import open_guarded
 
-    return open_foreign(rig, where, clock=clock, clock_map=clock_map)
+    return open_guarded(rig, where, clock=clock, clock_map=clock_map)
 
 
 def open_actuator(

@@ -1,13 +1,12 @@
 """Rig files: which devices stand in this laboratory, at which ports, with which calibration.
 
+A rig has a tracker, an actuator that shakes the panel, and where it needs them an accelerometer on the panel and one
+audio device, with its channels, what was calibrated and when, and what counts as delivered.
+
 A sensor's reading becomes a height by straight lines between the calibrated points. It is never extrapolated: a
 reading beyond the outermost points stands for the height of the nearest one. `check` therefore asks for points
 so far beyond gate and panel that a reading held at either end can decide neither a crossing nor a contact, and that
 the noise of a foot at rest on the panel stays inside, and for as much further as zeroing may move heights.
-
-The panel's own devices in a rig file: what shakes it, and what measures it.
-
-The audio device in a rig file: its channels, what was calibrated and when, and what counts as delivered.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from typing import Annotated, Any, ClassVar, Literal, cast
 import numpy as np
 import rfc8785
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
@@ -33,7 +32,6 @@ from experiment.settings.model import Broken, Confined, Name, Rules, Text
 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
-
 
 Address = Annotated[
     str,
@@ -364,7 +362,8 @@ class TrackerRig(Confined):
     `port` is a device path, or a URL that pyserial opens such as `socket://127.0.0.1:4711`. After `stall_ms` without a
     frame the tracker counts as stopped. `calibration` has two points or more, both columns strictly monotone; a real
     rig says when it was made and for how many days it holds. `driver` is palpate's own for the frames of frames.py, or
-    `package.module:Class` for a class that is called as `SerialTracker` is. With `zeroing_mm` heights count from where
+    `module:Class` for a class that is called as `SerialTracker` is, in `module.py` beside the rig file or in a package
+    that is installed. With `zeroing_mm` heights count from where
     the participant's foot rests on the panel, which may lie so far from the protocol's contact at most.
     """
 
@@ -426,6 +425,17 @@ class Rig(Confined):
     accelerometer: AccelerometerRig | None = None
     audio: AudioRig | None = None
 
+    _folder: Path | None = PrivateAttr(None)
+
+    @property
+    def driver_file(self) -> Path | None:
+        """The file beside the rig file that holds the tracker's driver; None where an installed package does."""
+        module = self.tracker.driver.partition(":")[0]
+        if self._folder is None or self.tracker.driver == FRAMES:
+            return None
+        file = self._folder / f"{module}.py"
+        return file if file.is_file() else None
+
 
 def load(path: Path) -> Rig:
     """Read the rig file at `path`.
@@ -434,9 +444,11 @@ def load(path: Path) -> Rig:
         RigError: with every problem of the file, one a line; of its syntax, the first.
     """
     try:
-        return files.read(path, Rig)
+        rig = files.read(path, Rig)
     except ProtocolError as error:
         raise RigError(str(error)) from error
+    rig._folder = path.resolve().parent
+    return rig
 
 
 def sha256(rig: Rig) -> str:

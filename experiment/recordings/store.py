@@ -241,7 +241,7 @@ def take_path(partial: Path, place: int) -> Path:
     return partial / f"{place:04d}.npz"
 
 
-def keep(path: Path, window: Window, achieved_mm_s: float, zero: Zero | None = None) -> None:
+def save_take(path: Path, window: Window, achieved_mm_s: float, zero: Zero | None = None) -> None:
     """Put a take on disk: whole, or not at all. `zero` is what its heights count from, if anything."""
     content = io.BytesIO()
     zeros = [] if zero is None else [zero.offset_mm, zero.spread_mm, zero.samples]

@@ -240,7 +240,7 @@ def _walk(
             kept = console.keeps(step) and step.window is not None
             if kept and step.window is not None:
                 zero = tracker.zero if isinstance(tracker, ZeroedTracker) else None
-                store.keep(path, step.window, step.achieved_mm_s, zero)
+                store.save_take(path, step.window, step.achieved_mm_s, zero)
 
 
 def _landing(tracker: Tracker, detector: GateDetector, clock: Clock) -> Landing:

@@ -232,7 +232,7 @@ def _fill(partial: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Non
     source = partial / "sourcedata"
     source.mkdir()
     shutil.copyfile(protocol_file, source / "protocol.toml")
-    opening.keep(rig_file, source / "rig.toml")
+    opening.copy_rig(rig_file, source / "rig.toml")
     protocol = files.load(source / "protocol.toml")
     recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
     (source / PLAN).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")

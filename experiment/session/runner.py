@@ -58,7 +58,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
         if done.footer is not None and done.footer.reason == "complete":
             return done.footer
         if not contents.lines:
-            opening.keep(rig_file, rig_path(path))
+            opening.copy_rig(rig_file, rig_path(path))
         with closing(SessionLog(path, devices.clock, contents, done)) as log:
             return _Session(protocol=protocol, devices=devices, log=log).run(contents)
 

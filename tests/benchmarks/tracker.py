@@ -6,8 +6,7 @@ every `EVERY_S` and rest between; or goes up and down at `SPEED_MM_S` without a 
 
 For 1 and 5 kHz and each foot: the part of a core, which is the processor time of this whole process while it reads,
 reader and thread, as a session does, at its priority and on its core; reads a second, and what one costs; how old the
-newest and the oldest sample of a read are; the error of the clock map at the end; frames lost. A foot that rests or
-rises is read less often (pace.py), so that it costs less and its oldest samples are older.
+newest and the oldest sample of a read are; the error of the clock map at the end; frames lost.
 
 Beside each stands what a bare loop took just before, which sleeps 4 ms and does nothing else: it says how slow the
 machine was then, for other work and the processor's own pace change every figure here.

@@ -1,8 +1,10 @@
-"""The driver that the README shows: short, named by a rig file, and good for a step over a real port."""
+"""The driver that the apparatus's README shows: short, named by a rig file, and good for a step over a real port."""
 
 from __future__ import annotations
 
 import re
+import shutil
+import sys
 import threading
 from pathlib import Path
 
@@ -26,30 +28,33 @@ SPEED_MM_S = 180.0
 
 @pytest.fixture
 def code(repository_root: Path) -> str:
-    text = (repository_root / "README.md").read_text("utf-8")
+    text = (repository_root / "experiment" / "apparatus" / "README.md").read_text("utf-8")
     found = re.search(r"<!-- tracker driver -->\n```python\n(.*?)```", text, re.DOTALL)
     assert found
     return found[1]
 
 
-def rig(driver: str) -> Rig:
-    before = rigs.load(shipped("rigs/rehearsal.toml"))
-    return before.model_copy(update={"tracker": before.tracker.model_copy(update={"driver": driver})})
+def rig_file(folder: Path, driver: str) -> Path:
+    """A rig file that names a driver, with the response table beside it."""
+    shutil.copy(shipped("rigs/rehearsal-response.csv"), folder)
+    text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("[tracker]", f'[tracker]\ndriver = "{driver}"')
+    (folder / "rig.toml").write_text(text, "utf-8")
+    return folder / "rig.toml"
 
 
 def test_it_is_short(code: str) -> None:
     assert len(code.splitlines()) < 40
 
 
-def test_it_follows_a_foot(code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_follows_a_foot(code: str, tmp_path: Path) -> None:
     (tmp_path / "textline.py").write_text(code, "utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
+    rig = rigs.load(rig_file(tmp_path, "textline:TextTracker"))
     trajectory = movement.trajectory(np.random.default_rng(1), SPEED_MM_S, hesitation="none")
     times_us = np.arange(0, int(trajectory.lift_us), 1000)
     readings = rigs.load(shipped("rigs/rehearsal.toml")).tracker.counts(trajectory.at(times_us.astype(float)))
     lines = [f"{us},{reading}\n".encode() for us, reading in zip(times_us.tolist(), readings.tolist(), strict=True)]
     with SerialLine() as line:
-        tracker = opening.open_tracker(rig("textline:TextTracker"), clock=MonotonicClock(), port=line.url)
+        tracker = opening.open_tracker(rig, clock=MonotonicClock(), port=line.url)
         assert tracker.clock_map is None
         writer = threading.Thread(target=line.write, args=(b"".join(lines),))
         writer.start()
@@ -79,15 +84,84 @@ def test_it_follows_a_foot(code: str, tmp_path: Path, monkeypatch: pytest.Monkey
 @pytest.mark.parametrize(
     "driver", ["no_such_module:Tracker", "experiment.apparatus.ports:NoSuchTracker", "json:dumps", "io:BytesIO"]
 )
-def test_a_driver_that_there_is_not_is_refused(driver: str) -> None:
+def test_a_driver_that_there_is_not_is_refused(driver: str, tmp_path: Path) -> None:
+    rig = rigs.load(rig_file(tmp_path, driver))
     with pytest.raises(RigError, match=f"tracker.driver: got '{driver}' .*; allowed: palpate-frames, or a class that"):
-        opening.open_tracker(rig(driver), clock=MonotonicClock(), port="none")
+        opening.open_tracker(rig, clock=MonotonicClock(), port="none")
 
 
 def test_a_driver_without_a_class_is_refused(tmp_path: Path) -> None:
-    text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("[tracker]", '[tracker]\ndriver = "textline"')
-    (tmp_path / "rig.toml").write_text(text, "utf-8")
     with pytest.raises(
         RigError, match=r"tracker.driver: got 'textline'; allowed: palpate-frames, or package.module:Cl"
     ):
-        rigs.load(tmp_path / "rig.toml")
+        rigs.load(rig_file(tmp_path, "textline"))
+
+
+def named(rig: Rig) -> object:
+    """What the driver beside a rig file calls itself."""
+    tracker = opening.open_tracker(rig, clock=MonotonicClock(), port="none")
+    return tracker.counts.received
+
+
+NUMBERED = """
+from dataclasses import dataclass
+from experiment.apparatus import LinkCounts
+
+@dataclass
+class Parts:
+    name: "str" = ""
+
+class Tracker:
+    clock_map = None
+    def __init__(self, port, settings, *, clock, clock_map): self.counts = LinkCounts(received=NUMBER)
+    def drain(self): pass
+    def read(self): pass
+    def reconnect(self, timeout_s): pass
+    def close(self): pass
+"""
+
+
+@pytest.mark.parametrize("module", ["lab_tracker", "json", "numpy"])
+def test_the_driver_beside_the_rig_file_wins_and_no_other_module_is_hidden(
+    module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each rig has the driver beside it, whatever else has that name, on the path or imported before."""
+    monkeypatch.syspath_prepend(tmp_path)
+    folders = [tmp_path, tmp_path / "one", tmp_path / "two"]
+    loaded = []
+    for number, folder in enumerate(folders):
+        folder.mkdir(exist_ok=True)
+        (folder / f"{module}.py").write_text(
+            "from __future__ import annotations\n" + NUMBERED.replace("NUMBER", f"{number}")
+        )
+        loaded.append(rigs.load(rig_file(folder, f"{module}:Tracker")))
+    before = sys.modules.get(module)
+    assert [named(rig) for rig in (*loaded, *loaded)] == [0, 1, 2, 0, 1, 2]
+    assert sys.modules.get(module) is before
+    # A driver that was mended is read anew.
+    (tmp_path / "one" / f"{module}.py").write_text(NUMBERED.replace("NUMBER", "7"))
+    assert [named(rig) for rig in loaded] == [0, 7, 2]
+
+
+def test_the_driver_is_copied_with_its_rig_and_never_over_another(tmp_path: Path) -> None:
+    (tmp_path / "lab_tracker.py").write_text(NUMBERED.replace("NUMBER", "1"))
+    file = rig_file(tmp_path, "lab_tracker:Tracker")
+    copy = tmp_path / "dataset" / "sourcedata" / "rig.toml"
+    opening.copy_rig(file, copy)
+    (tmp_path / "lab_tracker.py").write_text(NUMBERED.replace("NUMBER", "2"))
+    assert (named(rigs.load(file)), named(rigs.load(copy))) == (2, 1)
+    with pytest.raises(
+        RigError, match=r"lab_tracker\.py: got another driver of this name .*; rename the new driver, in"
+    ):
+        opening.copy_rig(file, copy)
+    assert named(rigs.load(copy)) == 1
+
+
+def test_what_fails_while_it_is_imported_is_told_and_tried_again(tmp_path: Path) -> None:
+    (tmp_path / "lab_tracker.py").write_text("1 / 0\n")
+    rig = rigs.load(rig_file(tmp_path, "lab_tracker:Tracker"))
+    for _ in range(2):
+        with pytest.raises(
+            RigError, match=r"got 'lab_tracker:Tracker' \(ZeroDivisionError: division by zero\); allowed"
+        ):
+            opening.open_tracker(rig, clock=MonotonicClock(), port="none")

@@ -29,7 +29,7 @@ def test_another_table_of_the_same_name_is_never_put_over_the_one_that_was_used(
     kept.write_text("# simulated, of another day\n")
     before = kept.read_bytes()
     with pytest.raises(RigError, match="rename the new table, in the rig file too"):
-        opening.keep(root / "sourcedata" / "rig.toml", kept.with_name("another_rig.toml"))
+        opening.copy_rig(root / "sourcedata" / "rig.toml", kept.with_name("another_rig.toml"))
     assert kept.read_bytes() == before
 
 

@@ -25,7 +25,7 @@ def test_the_far_ends_run_on_the_cores_that_the_session_leaves(monkeypatch: pyte
     rig = rigs.load(shipped("rigs/rehearsal.toml"))
     before = os.sched_getaffinity(0)
     with ExitStack() as opened:
-        opened.enter_context(host.kept())
+        opened.enter_context(host.pinned())
         card = opened.enter_context(sound.sound_card())
         opened.enter_context(sound.stream())
         tap = card.tap(1, seconds=1.0)

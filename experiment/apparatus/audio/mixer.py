@@ -1,9 +1,7 @@
 """What an audio callback does with each block: loops and stimuli mixed, limited, and the inputs kept. No device.
 
-The callback and the session's thread share no lock; how they share stimuli is said in cues.py. Everything that `fill`
-touches was allocated before the stream began; what it allocates are views of it.
-
-What a mixer plays: stimuli that wait or sound, and loops.
+Everything that `fill` touches was allocated before the stream began, or by the session's thread when it handed over a
+stimulus; what `fill` itself allocates are views.
 
 The callback and the session's thread share no lock. A stimulus that waits lies in a deque of at most one place, and
 whoever pops it owns it: the callback to start it, the session's thread to move or withdraw it. So a stimulus either
@@ -25,6 +23,13 @@ from experiment.errors import AudioError
 
 AT_ONCE = -1
 """In place of a frame: with the next block."""
+
+SLOTS = 8
+"""Stimuli that may wait or sound at a time."""
+
+UNSHARED = 500
+"""Elements up to which numpy keeps the interpreter to itself. In a larger operation another thread may take it, and the
+callback waits until it is given back: so blocks are made in pieces."""
 
 Block = NDArray[np.float32]
 
@@ -100,15 +105,6 @@ class Loop:
         self.step = step
         self.wanted = 0.0
         self.gain = 0.0
-
-
-SLOTS = 8
-"""Stimuli that may wait or sound at a time."""
-
-
-UNSHARED = 500
-"""Elements up to which numpy keeps the interpreter to itself. In a larger operation another thread may take it, and the
-callback waits until it is given back: so blocks are made in pieces."""
 
 
 @dataclass(frozen=True)

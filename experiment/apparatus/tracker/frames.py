@@ -1,4 +1,4 @@
-"""The tracker's wire format and its reader.
+"""What a tracker gives, samples of the foot's position and counts of the link, and the wire format that brings them.
 
 For the author of firmware; some is in `firmware/` beside this file. The device samples the sensor at a steady rate and
 sends one frame a sample, 12 bytes:
@@ -25,8 +25,6 @@ How the stream is counted:
 A device that restarts has another clock, so its times must not be joined to those from before. The reader knows a
 restart by a clock that stands still, or that goes back by anything but a wrap: read as a wrap it would have jumped
 over `LONGEST_PAUSE_US`. From there on no frame is given out and `Frames.restarted` stays true.
-
-What a tracker gives: samples of the foot's position, and counts of the link they came by.
 """
 
 from __future__ import annotations
@@ -62,7 +60,7 @@ class Samples:
     arrived_ns: int
 
     def cut(self, count: int) -> tuple[Samples, Samples]:
-        """The first `count` of them, and the others."""
+        """Return the first `count` of them, and the others."""
         end = int(self.ends[count - 1]) if count else 0
         return (
             replace(
@@ -99,7 +97,7 @@ class LinkCounts:
     repeated: int = 0
 
     def plus(self, more: LinkCounts) -> LinkCounts:
-        """Counts of both."""
+        """Return the counts of both."""
         return LinkCounts(
             self.received + more.received,
             self.lost + more.lost,
@@ -108,7 +106,7 @@ class LinkCounts:
         )
 
     def since(self, earlier: LinkCounts) -> LinkCounts:
-        """Counts from `earlier` until now."""
+        """Return the counts from `earlier` until now."""
         return LinkCounts(
             self.received - earlier.received,
             self.lost - earlier.lost,
@@ -126,7 +124,6 @@ LONGEST_PAUSE_US = 60_000_000
 _STUFFED_BYTES = FRAME_BYTES - 1
 _SAMPLE = struct.Struct("<HIH")
 _BODY = struct.Struct("<HIHH")
-_SAMPLE_FIELDS = np.dtype([("sequence", "<u2"), ("device_us", "<u4"), ("counts", "<u2")])
 _CRC_START = 0xFFFF
 _SEQUENCES = 1 << 16
 _CLOCK = 1 << 32
@@ -151,7 +148,7 @@ class Frames(NamedTuple):
 
 
 def encode(sequence: int, device_us: int, counts: int) -> bytes:
-    """One frame.
+    """Return one frame, 12 bytes.
 
     Args:
         sequence: number of the frame; taken modulo 2^16.
@@ -188,7 +185,7 @@ class Decoder(NamedTuple):
     restarted: bool = False
 
     def skipped(self) -> Decoder:
-        """After bytes were thrown away: the gap they leave is not counted as lost."""
+        """Return the decoder after bytes were thrown away: the gap they leave is not counted as lost."""
         return Decoder(
             near_us=self.near_us,
             sequence=self.sequence,
@@ -206,137 +203,62 @@ class Decoder(NamedTuple):
         Returns:
             The decoder for the next piece, and what this one held.
         """
-        whole = self.tail + data
-        return self._unbroken(whole) or self._any(whole)
-
-    def _unbroken(self, whole: bytes) -> tuple[Decoder, Frames] | None:
-        """The short way for a stream without fault, which a stream mostly is; None where it may have one.
-
-        A few frames come at a time, after a sleep that leaves the processor's caches cold: one loop of few calls then
-        takes less time than numpy's over the same frames.
-
-        Args:
-            whole: the piece with what was left of the one before.
-        """
-        pieces = whole.split(b"\0")
-        tail = pieces.pop()
-        if self.sequence is None or self.restarted or self.gap_expected or self.damaged or not pieces:
-            return None
-        if len(tail) > _STUFFED_BYTES:
-            return None
-        sequence, us = self.sequence, self.device_us
-        wraps_us = us - us % _CLOCK
+        pieces = (self.tail + data).split(b"\0")
+        tail = pieces.pop()[:FRAME_BYTES]
+        sequence, us, aligned, gap_expected = self.sequence, self.device_us, self.aligned, self.gap_expected
+        damaged, restarted = self.damaged, self.restarted
         device_us: list[int] = []
         counts: list[int] = []
-        try:
-            for piece in pieces:
-                body = cobs.decode(piece)
-                if len(body) != _BODY.size:
-                    return None
-                number, clock_us, reading, crc = _BODY.unpack(body)
-                sequence += 1
-                before_us, us = us, wraps_us + clock_us
-                if number != sequence or us <= before_us or crc_hqx(body[: _SAMPLE.size], _CRC_START) != crc:
-                    return None
-                device_us.append(us)
-                counts.append(reading)
-        except cobs.DecodeError:
-            return None
-        decoder = Decoder(self.near_us, sequence, us, tail, aligned=True)
-        end = len(whole) - len(tail) - len(self.tail)
-        ends = np.arange(end - FRAME_BYTES * (len(pieces) - 1), end + 1, FRAME_BYTES)
-        frames = Frames(
-            np.array(device_us, dtype=np.int64),
-            np.array(counts, dtype=np.uint16),
-            ends,
-            LinkCounts(received=len(pieces)),
-            restarted=False,
-        )
-        return decoder, frames
-
-    def _any(self, whole: bytes) -> tuple[Decoder, Frames]:
-        """Any stream at all."""
-        pieces = whole.split(b"\0")
-        tail = pieces.pop()[:FRAME_BYTES]
-        samples: list[bytes] = []
         ends: list[int] = []
-        damaged_before: list[int] = []
-        damaged = self.damaged
-        total_damaged = 0
-        aligned = self.aligned
+        lost = damaged_here = repeated = 0
         end = -len(self.tail)
+        # A few frames come at a time: a loop of few calls takes less time over them than numpy does.
         for piece in pieces:
             end += len(piece) + 1
             sample = _sample(piece)
-            if sample is not None:
-                samples.append(sample)
-                ends.append(end)
-                damaged_before.append(damaged)
-                damaged = 0
-            elif piece and aligned:
-                damaged += 1
-                total_damaged += 1
-            aligned = True
-        fields = np.frombuffer(b"".join(samples), dtype=_SAMPLE_FIELDS)
-        return self._joined(fields, ends, damaged_before, tail, aligned, damaged, total_damaged)
-
-    def _joined(
-        self,
-        fields: NDArray[np.void],
-        ends: list[int],
-        damaged_before: list[int],
-        tail: bytes,
-        aligned: bool,
-        damaged: int,
-        total_damaged: int,
-    ) -> tuple[Decoder, Frames]:
-        """Join the frames of a piece to those before it."""
-        sequence = fields["sequence"].astype(np.int64)
-        clock_us = fields["device_us"].astype(np.int64)
-        last_sequence, last_us = self.sequence, self.device_us
-        if last_sequence is None and sequence.size:
-            last_sequence = int(sequence[0]) - 1
-            last_us = int(clock_us[0]) - 1 + _CLOCK * round((self.near_us - int(clock_us[0])) / _CLOCK)
-        steps = np.diff(sequence, prepend=last_sequence if last_sequence is not None else 0) % _SEQUENCES
-        jumps_us = np.diff(clock_us, prepend=last_us % _CLOCK)
-        forward_us = jumps_us % _CLOCK
-        wrong = ((forward_us == 0) & (steps != 0)) | ((jumps_us < 0) & (forward_us > LONGEST_PAUSE_US))
-        restarted = self.restarted or bool(wrong.any())
-        whole = 0 if self.restarted else int(np.argmax(wrong)) if restarted else sequence.size
-        new = forward_us[:whole] > 0
-        missing = np.maximum((steps[:whole] - 1) % _SEQUENCES - np.array(damaged_before[:whole], dtype=np.int64), 0)[
-            new
-        ]
-        if self.gap_expected and missing.size:
-            missing[0] = 0
-        device_us = last_us + np.cumsum(forward_us[:whole])
-        link = LinkCounts(
-            received=int(new.sum()),
-            lost=int(missing.sum()),
-            damaged=total_damaged,
-            repeated=int(whole - new.sum()),
+            if sample is None:
+                if piece and aligned:
+                    damaged += 1
+                    damaged_here += 1
+                aligned = True
+                continue
+            number, clock_us, reading = sample
+            if sequence is None:
+                sequence = number - 1
+                us = clock_us - 1 + _CLOCK * round((self.near_us - clock_us) / _CLOCK)
+            steps, forward_us = (number - sequence) % _SEQUENCES, (clock_us - us) % _CLOCK
+            stands = forward_us == 0 and steps != 0
+            went_back = clock_us < us % _CLOCK and forward_us > LONGEST_PAUSE_US
+            restarted = restarted or stands or went_back
+            if not restarted:
+                sequence = number
+                us += forward_us
+                if forward_us == 0:
+                    repeated += 1
+                else:
+                    lost += 0 if gap_expected else max((steps - 1) % _SEQUENCES - damaged, 0)
+                    gap_expected = False
+                    device_us.append(us)
+                    counts.append(reading)
+                    ends.append(end)
+            aligned, damaged = True, 0
+        frames = Frames(
+            np.array(device_us, dtype=np.int64),
+            np.array(counts, dtype=np.uint16),
+            np.array(ends, dtype=np.int64),
+            LinkCounts(len(device_us), lost, damaged_here, repeated),
+            restarted,
         )
-        decoder = Decoder(
-            near_us=self.near_us,
-            sequence=int(sequence[whole - 1]) if whole else self.sequence,
-            device_us=int(device_us[-1]) if whole else self.device_us,
-            tail=tail,
-            aligned=aligned,
-            gap_expected=self.gap_expected and not new.any(),
-            damaged=damaged,
-            restarted=restarted,
-        )
-        kept_ends = np.array(ends[:whole], dtype=np.int64)[new]
-        return decoder, Frames(device_us[new], fields["counts"][:whole][new], kept_ends, link, restarted)
+        return Decoder(self.near_us, sequence, us, tail, aligned, gap_expected, damaged, restarted), frames
 
 
-def _sample(piece: bytes) -> bytes | None:
-    """The eight bytes of a sample, or None where the stretch between two 0x00 is no frame."""
+def _sample(piece: bytes) -> tuple[int, int, int] | None:
+    """Return sequence number, clock and reading; None where the stretch between two 0x00 is no frame."""
     if len(piece) != _STUFFED_BYTES:
         return None
     try:
         body = cobs.decode(piece)
     except cobs.DecodeError:
         return None
-    sample = body[:8]
-    return sample if crc_hqx(sample, _CRC_START) == body[8] | body[9] << 8 else None
+    number, clock_us, reading, crc = _BODY.unpack(body)
+    return (number, clock_us, reading) if crc_hqx(body[: _SAMPLE.size], _CRC_START) == crc else None

@@ -1,12 +1,20 @@
-"""A tracker's driver that a rig file names, from somebody else's file: what fails in it is told as its fault."""
+"""A tracker's driver that a rig file names: found beside the rig file, and guarded, so that its faults are its own.
+
+A file beside the rig file comes first, and under a name of its own: no module of the same name elsewhere is taken for
+it, nor hidden by it. Otherwise the driver is imported as any module of an installed package.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import importlib
+import importlib.util
 import inspect
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
+from types import ModuleType
 
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import FRAMES, Rig
@@ -16,11 +24,11 @@ from experiment.clock import Clock
 from experiment.errors import PalpateError, RigError, TrackerError
 
 
-def open_foreign(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | None) -> Tracker:
+def open_guarded(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | None) -> Tracker:
     """Open the rig's tracker through the driver that it names.
 
     Args:
-        rig: the rig; its `tracker.driver` is `package.module:Class`.
+        rig: the rig; its `tracker.driver` is `module:Class`.
         where: the port.
         clock: the session's; stamps arrivals.
         clock_map: of a simulated device whose clock is known; estimated from arrivals if None.
@@ -33,10 +41,10 @@ def open_foreign(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | No
     driver = _driver(rig)
     with _blamed(named, "open"):
         tracker = driver(where, rig.tracker, clock=clock, clock_map=clock_map)
-    return ForeignTracker(tracker, named)
+    return GuardedTracker(tracker, named)
 
 
-class ForeignTracker:
+class GuardedTracker:
     """Implements `Tracker` on top of a driver that may raise anything."""
 
     def __init__(self, tracker: Tracker, named: str) -> None:
@@ -112,8 +120,10 @@ def _said(error: BaseException) -> str:
 
 def _driver(rig: Rig) -> Callable[..., Tracker]:
     module, _, name = rig.tracker.driver.partition(":")
+    file = rig.driver_file
     try:
-        driver: Callable[..., Tracker] = getattr(importlib.import_module(module), name)
+        found = importlib.import_module(module) if file is None else _beside(file)
+        driver: Callable[..., Tracker] = getattr(found, name)
     except (Exception, SystemExit) as error:  # a module may raise anything while it is imported, and end nothing
         raise RigError(_not_a_driver(rig, error)) from error
     missing = [name for name in ("read", "drain", "reconnect", "close") if not hasattr(driver, name)]
@@ -127,8 +137,25 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
     return driver
 
 
+def _beside(file: Path) -> ModuleType:
+    """Return the module in a file, executed once for each content."""
+    name = f"{__name__}.{file.stem}_{hashlib.sha256(file.read_bytes()).hexdigest()[:16]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = importlib.util.spec_from_file_location(name, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} is no module")
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[name]
+        raise
+    return module
+
+
 def _not_a_driver(rig: Rig, error: BaseException) -> str:
     return (
         f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({_said(error)}); allowed: {FRAMES}, or a "
-        "class that can be imported and implements Tracker; install the package that holds it, or correct the rig file"
+        "class that implements Tracker; put its file beside the rig file, install its package, or correct the rig file"
     )

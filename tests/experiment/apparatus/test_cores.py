@@ -77,7 +77,7 @@ def started(first: Callable[[], object] = lambda: None) -> set[int]:
 
 def test_the_kernel_holds_it_and_what_is_started_inherits_it() -> None:
     before = os.sched_getaffinity(0)
-    with host.kept() as core:
+    with host.pinned() as core:
         within, inherited = os.sched_getaffinity(0), started()
         with host.elsewhere():
             beside = started()
@@ -94,7 +94,7 @@ def test_the_kernel_holds_it_and_what_is_started_inherits_it() -> None:
 
 def test_of_equal_cores_it_is_the_last_and_the_others_are_left(machine: Made) -> None:
     here = machine(4)
-    with host.kept() as core:
+    with host.pinned() as core:
         assert here.here == {core} == {3}
         assert here.beside == {0, 1, 2}
         assert here.here == {3}
@@ -105,14 +105,14 @@ def test_of_unequal_cores_it_is_the_fastest(machine: Made, tmp_path: Path) -> No
     here = machine(4)
     for core, khz in enumerate((4_000_000, 5_000_000, 5_000_000, 3_000_000)):
         (tmp_path / f"khz-{core}").write_text(f"{khz}\n")
-    with host.kept():
+    with host.pinned():
         assert here.here == {2}
 
 
 def test_only_cores_that_the_user_left_it_are_taken(machine: Made) -> None:
     here = machine(8)
     here.set(0, frozenset({1, 4, 5}))
-    with host.kept():
+    with host.pinned():
         assert here.here == {5}
         assert here.beside == {1, 4}
     assert here.here == {1, 4, 5}
@@ -124,16 +124,16 @@ def test_sessions_side_by_side_keep_to_different_cores_and_the_last_goes_anywher
 
         def begin() -> tuple[int | None, frozenset[int]]:
             here.here = here.all
-            return opened.enter_context(host.kept()), here.here
+            return opened.enter_context(host.pinned()), here.here
 
         assert [begin() for _ in range(3)] == [(2, {2}), (1, {1}), (None, here.all)]
-    with host.kept() as core:
+    with host.pinned() as core:
         assert core == 2
 
 
 def test_a_session_within_a_session_keeps_to_its_core_and_leaves_the_same(machine: Made) -> None:
     here = machine(4)
-    with host.kept(), host.kept() as inner:
+    with host.pinned(), host.pinned() as inner:
         assert inner is None
         assert here.here == {3}
         assert here.beside == {0, 1, 2}
@@ -142,16 +142,16 @@ def test_a_session_within_a_session_keeps_to_its_core_and_leaves_the_same(machin
 def test_a_core_that_the_system_closes_is_not_taken(machine: Made) -> None:
     here = machine(4)
     here.closed = {3}
-    with host.kept() as core:
+    with host.pinned() as core:
         assert core == 2
     here.closed = {1, 2, 3}
-    with host.kept() as core:
+    with host.pinned() as core:
         assert core is None
 
 
 def test_on_the_only_core_nothing_moves(machine: Made) -> None:
     here = machine(1)
-    with host.kept() as core:
+    with host.pinned() as core:
         assert core is None
         assert here.here == here.beside == {0}
 
@@ -164,18 +164,18 @@ def test_outside_a_session_nothing_moves(machine: Made) -> None:
 
 def test_a_thread_that_was_there_before_leaves_the_core() -> None:
     before = os.sched_getaffinity(0)
-    with host.kept():
+    with host.pinned():
         within, leave = os.sched_getaffinity(0), host.leaving()
     assert started(leave) == (before if within == before else before - within)
 
 
 def test_it_is_given_back_when_a_session_fails(machine: Made) -> None:
     here = machine(4)
-    with pytest.raises(KeyboardInterrupt), host.kept():
+    with pytest.raises(KeyboardInterrupt), host.pinned():
         with pytest.raises(ValueError, match="a start"), host.elsewhere():
             raise ValueError("a start")
         assert here.here == {3}
         raise KeyboardInterrupt
     assert here.here == here.beside == here.all
-    with host.kept() as core:
+    with host.pinned() as core:
         assert core == 3

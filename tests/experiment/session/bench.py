@@ -11,7 +11,7 @@ import pytest
 from experiment import storage
 from experiment.apparatus.ports import Masker
 from experiment.apparatus.tracker.frames import Samples
-from experiment.apparatus.tracker.guarded import ForeignTracker
+from experiment.apparatus.tracker.guarded import GuardedTracker
 from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError
@@ -68,7 +68,7 @@ class Bench:
     masker: Masker | None = None
     priority: str = ""
     zeroed: ZeroedTracker | None = None
-    foreign: ForeignTracker | None = None
+    foreign: GuardedTracker | None = None
 
     def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
         def render(material: str, speed_mm_s: float, rate_hz: int) -> Rendered:

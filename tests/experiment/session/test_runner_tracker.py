@@ -10,7 +10,7 @@ import pytest
 from experiment import storage
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import Samples
-from experiment.apparatus.tracker.guarded import ForeignTracker
+from experiment.apparatus.tracker.guarded import GuardedTracker
 from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerError, TrackerStopped
@@ -212,7 +212,7 @@ def test_a_step_that_was_felt_is_on_file_when_a_foreign_tracker_fails_in_every_p
     one = bench("c")
     driver = Foreign([landed], clock=one.clock)
     driver.failing = frozenset(failing)
-    one.foreign = ForeignTracker(driver, "lab.tracker:Tracker")
+    one.foreign = GuardedTracker(driver, "lab.tracker:Tracker")
     with pytest.raises(TrackerError, match=r"its driver 'lab.tracker:Tracker' failed at `read`"):
         one.run(protocol, header("virtual"), tmp_path)
     broken, _ = (e for e in entries(tmp_path, "virtual") if isinstance(e, BrokenOff | Footer))

@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from experiment.apparatus.audio import mixer as mixing
-from experiment.apparatus.audio import mixer as queued
 from experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, Cue, Layout, Loop, Mixer
 from experiment.errors import AudioError
 from tests.experiment.apparatus.audio import interleaved
 
-MODULES = (mixing, queued)
+MODULES = (mixing,)
 """What callback and session run of their own."""
 
 ANYTHING = st.floats(allow_nan=True, allow_infinity=True, width=32)

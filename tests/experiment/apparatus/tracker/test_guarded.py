@@ -52,7 +52,7 @@ def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fixt
         before = rigs.load(shipped("rigs/rehearsal.toml"))
         settings = before.tracker.model_copy(update={"driver": f"{module}:Tracker"})
         rig = before.model_copy(update={"tracker": settings})
-        return guarded.open_foreign(rig, "none", clock=ManualClock(0), clock_map=None)
+        return guarded.open_guarded(rig, "none", clock=ManualClock(0), clock_map=None)
 
     return open_it
 
