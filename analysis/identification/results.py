@@ -170,9 +170,8 @@ def _task(study: Study, task: Task) -> TaskResult:
     tests = [
         t_against_chance(list(matrix.ratios(index, index).values()), guessed) for index in range(len(study.materials))
     ]
-    # A test without variance stays in Holm's family: it was planned, and leaving it out would favour the others.
-    family = holm([1.0 if test.p is None else test.p for test in tests])
-    adjusted = {index: p for index, p in enumerate(family) if tests[index].p is not None}
+    family = holm(np.array([np.nan if test.p is None else test.p for test in tests]))
+    adjusted = {index: p for index, p in enumerate(family.tolist()) if tests[index].p is not None}
     return TaskResult(
         task,
         float(guessed),
