@@ -22,7 +22,7 @@ from analysis.audit.verdicts import Verdict
 from analysis.identification.results import Results
 from analysis.published import Printed, PrintedCell, PrintedF, PrintedT, Published
 from analysis.published.numbers import Scale
-from analysis.published.printed import Span, point
+from analysis.published.printed import Interval, point
 from analysis.statistics.anova import TYPES
 from analysis.statistics.exact import mean, sum_of_squares
 
@@ -36,7 +36,7 @@ NO_STEPS = "the steps of the values are not known: any mean and SD can be"
 class Known:
     """The values that something can have; none of them where `statement` says why."""
 
-    values: tuple[Span, ...] = ()
+    values: tuple[Interval, ...] = ()
     statement: str = ""
 
 
@@ -61,7 +61,7 @@ class Variances:
     where all give the same.
     """
 
-    f: Mapping[str, Span] = field(default_factory=dict)
+    f: Mapping[str, Interval] = field(default_factory=dict)
     df: tuple[int, int] | None = None
     values: int = 0
     statement: str = ""
@@ -100,9 +100,9 @@ class Evidence(Protocol):
         """F, of the pair of materials or of the effect that it is printed for."""
 
 
-def by_type(*found: Span) -> dict[str, Span]:
+def by_type(*found: Interval) -> dict[str, Interval]:
     """F of types I, II and III, those that are the same together."""
-    kinds: dict[Span, list[str]] = {}
+    kinds: dict[Interval, list[str]] = {}
     for kind, f in zip(TYPES, found, strict=True):
         same = next((one for one in kinds if math.isclose(one.low, f.low) and math.isclose(one.high, f.high)), f)
         kinds.setdefault(same, []).append(kind)
@@ -171,7 +171,7 @@ class FromResults:
         first = float(self._between(printed.subject[0]).low) / df[0] / anova.residual.ms
         return Variances(by_type(*(point(Fraction(one)) for one in (first, second, third))), df, everything)
 
-    def _between(self, effect: str) -> Span:
+    def _between(self, effect: str) -> Interval:
         """Sum of squares of the effect alone, the first to enter."""
         values: dict[str, list[Fraction]] = {}
         for task in self._results.tasks:
@@ -339,7 +339,7 @@ class FromPrint:
         width, none_within = AROUND * unit, Fraction(0)
         too_many: Fraction | None = None
         while found == () and none_within < sd.exact + 1:
-            around = Span(max(sd.exact - width, Fraction(0)) ** 2, (sd.exact + width) ** 2)
+            around = Interval(max(sd.exact - width, Fraction(0)) ** 2, (sd.exact + width) ** 2)
             found = self._counted(cell, n, scale, around)
             if found is None and width - none_within > unit:
                 found, too_many = (), width
@@ -349,10 +349,10 @@ class FromPrint:
         return found
 
     def _without_sd(self, cell: PrintedCell, n: int) -> Sample:
-        every = self._counted(cell, n, cell.scale, Span(Fraction(0), math.inf)) if cell.scale else None
+        every = self._counted(cell, n, cell.scale, Interval(Fraction(0), math.inf)) if cell.scale else None
         return Sample(n, every or (), every or (), NO_SD)
 
-    def _counted(self, cell: PrintedCell, n: int, scale: Scale, variance: Span) -> tuple[Moments, ...] | None:
+    def _counted(self, cell: PrintedCell, n: int, scale: Scale, variance: Interval) -> tuple[Moments, ...] | None:
         """The means and variances that whole counts give; None where they are too many."""
         high = variance.high
         if scale.low is not None and scale.high is not None:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from analysis.published.printed import Printed, Span, as_printed, hull
+from analysis.published.printed import Interval, Printed, as_printed, hull
 
 Verdict = Literal[
     "agrees",
@@ -53,7 +53,9 @@ class Line:
         return (self.low + self.high) / 2
 
 
-def judge(printed: Printed, values: Sequence[Span], *, squares: bool = False) -> tuple[Verdict, tuple[Span, ...]]:
+def judge(
+    printed: Printed, values: Sequence[Interval], *, squares: bool = False
+) -> tuple[Verdict, tuple[Interval, ...]]:
     """The verdict on a printed number, and those of the values that it can stand for: all of them where it cannot.
 
     Args:
@@ -61,7 +63,7 @@ def judge(printed: Printed, values: Sequence[Span], *, squares: bool = False) ->
         values: everything that the number can be.
         squares: whether `values` are squares of it (variances of a standard deviation).
     """
-    readings: tuple[tuple[Verdict, Span], ...] = (
+    readings: tuple[tuple[Verdict, Interval], ...] = (
         ("agrees", printed.rounded),
         ("agrees if truncated", printed.truncated),
     )
@@ -72,7 +74,9 @@ def judge(printed: Printed, values: Sequence[Span], *, squares: bool = False) ->
     return "differs", tuple(values)
 
 
-def shown(printed: Printed, values: Sequence[Span], *, squares: bool = False) -> tuple[str, float | None, float | None]:
+def shown(
+    printed: Printed, values: Sequence[Interval], *, squares: bool = False
+) -> tuple[str, float | None, float | None]:
     """The values as text at the printed precision, and their ends; None for an end that is infinite."""
     both = hull(values)
     low, high = float(both.low), float(both.high)

@@ -1,19 +1,15 @@
 """Single trials: was the answer right, as a logit of task, material and what went with the trial.
 
-Two ways of allowing for trials of one participant being alike, participants who did several tasks included. GEE
-(Liang and Zeger 1986): odds in the population, one correlation within a participant, standard errors of Mancl and
-DeRouen (2001) for few participants; statsmodels'. Mixed logit: odds for one participant, a random intercept each, by
-maximum likelihood (statsmodels has it by variational Bayes alone, whose standard deviations
-are too small by construction, and which takes minutes and a gigabyte for a thousand participants).
-
-Logit with a normal random intercept a participant, by maximum likelihood.
+Two models allow for trials of one participant being alike, those of several tasks included. GEE (Liang and Zeger 1986;
+statsmodels') gives odds in the population, with one correlation within a participant and standard errors of Mancl and
+DeRouen (2001) for few participants. The mixed logit gives odds for one participant, with a normal random intercept
+each, by maximum likelihood; statsmodels has it by variational Bayes alone, whose standard deviations are too small by
+construction, and which takes minutes and a gigabyte for a thousand participants.
 
 The likelihood of one participant is the integral of its answers' probability over the intercept, log odds X b + s u
 with u standard normal. It is taken by adaptive Gauss-Hermite quadrature, centred on the mode and scaled by the
-curvature there (Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995, equation (2.12)). Cost grows
-with trials x nodes, memory too, so that a thousand participants are no trouble.
-
-Study -> models of its single trials, each there or with the reason why not.
+curvature there (Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995, equation (2.12)). Time and memory
+grow with trials x nodes.
 """
 
 from __future__ import annotations
@@ -173,6 +169,11 @@ LARGEST = 12.0
 SINGULAR = 1e-10
 """A covariance, in units of its variances, with an eigenvalue below this is taken as one without an inverse."""
 
+NO_ERRORS = (
+    "standard errors by participant are not defined for the GEE logit: participants answered too much alike, or terms "
+    "cannot be told apart"
+)
+
 
 @dataclass(frozen=True)
 class Coefficient:
@@ -219,7 +220,9 @@ def gee(design: Design) -> TrialModel:
             not differ enough for standard errors.
     """
     people = _participants(design)
-
+    # Decided before the fit: what a fit says of a singular matrix depends on the processor.
+    if np.linalg.matrix_rank(design.matrix) < design.matrix.shape[1]:
+        raise NotDefined(NO_ERRORS)
     from statsmodels.genmod.cov_struct import Exchangeable
     from statsmodels.genmod.families import Binomial
     from statsmodels.genmod.generalized_estimating_equations import GEE
@@ -235,10 +238,7 @@ def gee(design: Design) -> TrialModel:
         raise NotDefined(f"the GEE logit does not converge ({'; '.join(warned)})")
     _bounded(design, estimates)
     if not _positive(covariance):
-        raise NotDefined(
-            "standard errors by participant are not defined for the GEE logit: participants answered too much alike, "
-            "or terms cannot be told apart"
-        )
+        raise NotDefined(NO_ERRORS)
     coefficients = _coefficients(design, estimates, np.sqrt(np.diag(covariance)))
     terms = tuple(_wald(name, estimates, covariance, columns) for name, columns in design.terms.items())
     return TrialModel(len(design.correct), people, coefficients, terms, float(structure.dep_params), warned)

@@ -411,7 +411,5 @@ def write(result: Power, out: Path) -> tuple[Path, ...]:
     Raises:
         DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
     """
-    pass  # MOVED
-
     files = page.tables(sections(result), LABEL) | page.drawings([plot(result)])
     return publish(out, files, LABEL, "power")

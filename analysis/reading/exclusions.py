@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from analysis.documents.tables import number_of
+from analysis.documents.tables import plural
 from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER
 
@@ -95,7 +95,7 @@ def nothing_left(dataset: str, exclusions: Iterable[Exclusion]) -> DatasetError:
     for one in exclusions:
         by_rule.setdefault(one.rule, []).append(one.reason)
     told = "; ".join(
-        f"{rule}, {number_of(len(reasons), 'time')} ({'such as: ' * (len(set(reasons)) > 1)}{reasons[0]})"
+        f"{rule}, {plural(len(reasons), 'time')} ({'such as: ' * (len(set(reasons)) > 1)}{reasons[0]})"
         for rule, reasons in by_rule.items()
     )
     return DatasetError(f"{dataset}: every trial is left out: {told}; check the exclusion rules of the protocol")
@@ -155,7 +155,7 @@ def _few_answers(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]
     for label, task in sessions:
         count = answered.get((label, task), 0)
         if label in set(left["participant"]) and label not in found and rule.limit is not None and count < rule.limit:
-            reason = f"{rule.reason} ({number_of(count, 'answered trial')} in {task}, limit {rule.limit:g})"
+            reason = f"{rule.reason} ({plural(count, 'answered trial')} in {task}, limit {rule.limit:g})"
             found[label] = _participant(label, rule.id, reason)
             attempts.loc[attempts["participant"] == label, "included"] = False
     return list(found.values())

@@ -52,6 +52,7 @@ class Study:
         tasks: in the order in which tables show them.
         participants: every participant of `participants.tsv`.
         first_tasks: the task that a participant did first, of those of whom it is known.
+        session_ids: participant and task -> the id of the session, of those that have one.
         attempts: one row an attempt: participant, task, trial, attempt, counted, presented, answered,
             response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, redo_reason,
             included; and of `event_columns.FURTHER_COLUMNS` masker_db_a, prediction_error_s, delivery_error_s,
@@ -69,6 +70,7 @@ class Study:
     tasks: tuple[Task, ...]
     participants: tuple[str, ...]
     first_tasks: Mapping[str, str]
+    session_ids: Mapping[tuple[str, str], str]
     attempts: pd.DataFrame
     exclusions: tuple[Exclusion, ...]
     unasked: tuple[Unasked, ...]

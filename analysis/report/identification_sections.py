@@ -12,7 +12,7 @@ from analysis.documents.tables import Section, Table, interval, number, probabil
 from analysis.identification.identify import CHOICE_RESAMPLES, INFORMATION_RESAMPLES, ChoiceIntervals, Identification
 from analysis.identification.results import Results
 from analysis.reading.study import Study
-from analysis.statistics.intervals import RESAMPLES, Interval
+from analysis.statistics.intervals import RESAMPLES, ConfidenceInterval
 
 ARBITRARY = (
     "In a reconstruction it is arbitrary which rows of a participant belong together: values by participant, and "
@@ -226,7 +226,7 @@ def _records(one: Identification, materials: tuple[str, ...]) -> list[Mapping[st
 Ends = tuple[float | None, float | None]
 
 
-def _ends(limits: Interval | None) -> Ends:
+def _ends(limits: ConfidenceInterval | None) -> Ends:
     return (None, None) if limits is None else (limits.low, limits.high)
 
 

@@ -9,9 +9,9 @@ import math
 import statistics
 from collections.abc import Mapping
 
-from analysis.documents.tables import Section, Table, interval, number, number_of, probability
+from analysis.documents.tables import Section, Table, interval, number, plural, probability
 from analysis.identification.results import Results
-from analysis.identification.time_course import WINDOW, Course
+from analysis.identification.time_course import WINDOW, TimeCourse
 from analysis.identification.trial_models import TrialLevel, TrialModel
 from analysis.statistics.intervals import RESAMPLES
 
@@ -38,7 +38,7 @@ def _left_out(found: TrialLevel) -> list[str]:
         return []
     by_task = ", ".join(f"{count} in {task}" for task, count in found.left_out.items())
     who = f"; nothing is left of the participants {', '.join(found.gone)}" if found.gone else ""
-    trials = number_of(sum(found.left_out.values()), "trial")
+    trials = plural(sum(found.left_out.values()), "trial")
     return [f"Left out, without one of the values used: {trials} ({by_task}){who}."]
 
 
@@ -92,7 +92,7 @@ def _records(kind: str, model: TrialModel | None) -> list[Mapping[str, object]]:
     return [*records, {"model": kind, "term": spread, "value": model.spread}]
 
 
-def course_section(found: Course) -> Section:
+def course_section(found: TimeCourse) -> Section:
     """Tables of what there is, and a statement on what there is not."""
     paragraphs = [
         f"Share of right answers over all participants: in runs of {WINDOW} trials, with BCa intervals from "
@@ -113,7 +113,7 @@ def course_section(found: Course) -> Section:
     )
 
 
-def _learning(found: Course) -> Table:
+def _learning(found: TimeCourse) -> Table:
     rows = []
     for task, windows in found.learning.items():
         for one in dict.fromkeys((windows[0], windows[len(windows) // 2], windows[-1])):
@@ -124,7 +124,7 @@ def _learning(found: Course) -> Table:
     return Table("Right answers in the first, the middle and the last run of trials", header, tuple(rows))
 
 
-def _speed(found: Course) -> Table:
+def _speed(found: TimeCourse) -> Table:
     rows = tuple(
         (task, f"{one.low_mm_s:g} to {one.high_mm_s:g}", number(one.mean_mm_s, 0), f"{one.right} of {one.trials}",
          number(one.right / one.trials), interval(one.interval))
@@ -134,7 +134,7 @@ def _speed(found: Course) -> Table:
     return Table("Right answers by the speed of the foot", header, rows)
 
 
-def _onsets(found: Course) -> Table:
+def _onsets(found: TimeCourse) -> Table:
     rows = tuple(
         (task, str(len(one.errors_ms)), number(one.mean_ms), number(one.sd_ms), number(one.largest_ms))
         for task, one in found.onsets.items()
@@ -143,7 +143,7 @@ def _onsets(found: Course) -> Table:
     return Table("Measured onset minus contact", header, rows)
 
 
-def _timing(found: Course) -> Table:
+def _timing(found: TimeCourse) -> Table:
     rows = tuple(
         (task, one.quantity, str(one.attempts),
          *map(number, (one.median_ms, one.sd_ms, one.p99_ms, one.p999_ms, one.largest_ms)))
@@ -156,7 +156,7 @@ def _timing(found: Course) -> Table:
     return Table("Timing", header, rows, left=frozenset({0, 1}), notes=notes)
 
 
-def _masker(found: Course) -> Table:
+def _masker(found: TimeCourse) -> Table:
     rows = tuple(
         (task, str(len(levels)), number(statistics.median(one.median_db_a for one in levels), 1),
          f"{min(one.low_db_a for one in levels):.1f} to {max(one.high_db_a for one in levels):.1f}")
@@ -166,7 +166,7 @@ def _masker(found: Course) -> Table:
     return Table("Masker, dB(A)", ("task", "participants", "median", "range"), rows, notes=notes)
 
 
-def _course_records(found: Course) -> list[Mapping[str, object]]:
+def _course_records(found: TimeCourse) -> list[Mapping[str, object]]:
     records: list[Mapping[str, object]] = []
     for task, windows in found.learning.items():
         records += [

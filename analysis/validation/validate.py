@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import metadata
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from analysis import published
-from analysis.documents import page
-from analysis.documents.output import check, publish
-from analysis.documents.tables import WIDTH, Section, text
 from analysis.reading import dissimilarities
 from analysis.validation.spectra import (
     Classified,
@@ -32,11 +25,6 @@ from analysis.validation.spectra import (
 from experiment.errors import RecordingError
 from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed
 from experiment.synthesis.spectra import bin_frequencies_hz
-
-if TYPE_CHECKING:
-    from analysis.documents.drawing import Sheet
-
-REPORT = "report.html"
 
 FITTED = (
     "SIMULATED: these materials were fitted to Table 3, sessions with the paper's rate, length and takes are drawn "
@@ -120,71 +108,6 @@ class Validation:
         return all(2 * int(one.close.sum()) >= one.takes for one in self.classified)
 
 
-@dataclass(frozen=True)
-class Validated:
-    """The validation, and the files it was written to."""
-
-    validation: Validation
-    sections: tuple[Section, ...]
-    out: Path
-    files: tuple[Path, ...]
-
-    @property
-    def report(self) -> Path:
-        """The HTML report."""
-        return self.out / REPORT
-
-    def text(self, width: int = WIDTH) -> str:
-        """Everything for a terminal; the last line is the report's path."""
-        band = [self.validation.label] if self.validation.label else []
-        parts = (text(part, width) for part in self.sections)
-        return "\n\n\n".join([*band, *parts, *band, f"Report: {self.report}"])
-
-    def as_dict(self) -> dict[str, Any]:
-        """Every number but the spectra, for JSON; and the paths."""
-        paths = {"out": str(self.out), "report": str(self.report), "files": [str(path) for path in self.files]}
-        return {**numbers(self.validation), **paths}
-
-
-def validate(
-    recorded: Recorded, fresh: Recorded, out: Path, *, average: Average = "magnitude", figures: bool = True
-) -> Validated:
-    """Validate recordings against fresh takes, and write tables, figures and the report into `out`.
-
-    Args:
-        recorded: from which stimuli are synthesised.
-        fresh: takes of the same materials, of the same rate and length, at other speeds or the same.
-        out: folder of the results; replaced there is only what an earlier validation wrote.
-        average: over takes, as the protocol states it; what the other gives stands beside it.
-        figures: whether to draw the figures, which takes most of the time.
-
-    Raises:
-        RecordingError: recordings at a single speed, or fresh takes that do not compare with them.
-        DatasetError: a folder within a dataset, or a file in the way.
-    """
-    from analysis.validation.report import METHODS, sections
-
-    check(out, (), "validate")
-    validation = compute(recorded, fresh, average=average)
-    parts = sections(validation)
-    label = validation.label
-    files: dict[str, bytes] = {}
-    drawn: tuple[Sheet, ...] = ()
-    if figures:
-        from analysis.validation import report as validation_figures
-
-        drawn = validation_figures.sheets(validation)
-        files |= page.drawings(drawn, "figures/")
-    drawings = {one.name: files[f"figures/{one.name}.svg"] for one in drawn}
-    files |= page.tables(parts, label, "tables/")
-    document = json.dumps(numbers(validation), indent=1, allow_nan=False, ensure_ascii=False)
-    files["results.json"] = f"{document}\n".encode()
-    software = f"palpate {metadata.version('palpate')}"
-    captions = page.captions(drawn, METHODS)
-    files[REPORT] = page.html("Validation of the synthesis", label, software, parts, drawings, captions).encode()
-    return Validated(validation, parts, out, publish(out, files, label, "validate"))
-
-
 def compute(recorded: Recorded, fresh: Recorded, *, average: Average = "magnitude") -> Validation:
     """Every number of the validation, from arrays alone.
 
@@ -238,43 +161,6 @@ def _compared(
     )
     spectra = {name: np.abs(at_speed(of_it, speed_mm_s=reference_mm_s).coefficients) for name, of_it in known.items()}
     return classified, spectra, normalised_pairs(spectra, rate_hz=fresh.rate_hz)
-
-
-def numbers(validation: Validation) -> dict[str, Any]:
-    """Every number but the spectra, for JSON."""
-    return {
-        "label": validation.label,
-        "recordings": validation.recordings,
-        "fresh": validation.fresh,
-        "fitted": validation.fitted,
-        "average": validation.average,
-        "holds": validation.holds,
-        "classification": [
-            {
-                "material": one.material,
-                "observed_mm_s": one.observed_mm_s.tolist(),
-                "candidates_mm_s": one.candidates_mm_s.tolist(),
-                "counts": one.counts.tolist(),
-                "same_or_neighbouring": one.close.tolist(),
-                "takes": one.takes,
-            }
-            for one in validation.classified
-        ],
-        "overlay": [
-            {"material": one.material, "speed_mm_s": one.speed_mm_s, "dissimilarity_m_s2": one.dissimilarity}
-            for one in validation.overlays
-        ],
-        "reference_mm_s": validation.reference_mm_s,
-        "reference_extrapolated": validation.extrapolated,
-        "pairs": [{"materials": list(pair), "dissimilarity": value} for pair, value in validation.pairs.items()],
-        "rank_correlation": validation.rank_correlation,
-        "other_average": {
-            "average": validation.other.average,
-            "same_or_neighbouring": {one.material: int(one.close.sum()) for one in validation.other.classified},
-            "pairs": [{"materials": list(pair), "dissimilarity": d} for pair, d in validation.other.pairs.items()],
-            "rank_correlation": validation.other.rank_correlation,
-        },
-    }
 
 
 def _kind(recorded: Recorded) -> str:

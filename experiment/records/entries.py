@@ -30,12 +30,14 @@ class PlannedTrial(Record):
 class Header(Entry):
     """What this session is; written before the first trial, never again.
 
+    `session_id` are 32 hexadecimal digits that no other session has: copies of one in two datasets are told by it.
     `recordings_sha256` is that of the recordings' manifest, which holds the hash of every take; None without synthesis.
     `order` falls into blocks of `block_trials`; a trial that is put off is run again at the end of its block.
     """
 
     kind: Literal["header"] = "header"
     format: Literal[3] = FORMAT
+    session_id: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     study: str
     protocol_sha256: str
     software: str

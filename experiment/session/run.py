@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import secrets
 import shutil
 from contextlib import ExitStack
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,9 +56,13 @@ def header(
         rehearsal: whether the participant is simulated.
         clock: says when it begins.
     """
+    protocol_sha256 = approval.sha256(protocol)
+    # A real session is unlike any other; a rehearsed one is the same whenever it is rehearsed again.
+    named = f"{protocol_sha256} {seed} {participant} {task_id}"
     return Header(
+        session_id=sha256(named.encode()).hexdigest()[:32] if rehearsal else secrets.token_hex(16),
         study=protocol.study.id,
-        protocol_sha256=approval.sha256(protocol),
+        protocol_sha256=protocol_sha256,
         software=f"palpate {__version__}",
         rig=rig.rig.name,
         rig_sha256=rigs.sha256(rig),
