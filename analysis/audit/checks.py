@@ -14,9 +14,8 @@ from fractions import Fraction
 
 from analysis.audit import mistakes
 from analysis.audit.evidence import NO_STEPS, Evidence, Misreading, Sample, Variances
-from analysis.audit.mistakes import Citation, Layout, Mistake
+from analysis.audit.mistakes import AGREES, Citation, Layout, Line, Mistake, Verdict, judge
 from analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
-from analysis.audit.verdicts import AGREES, Line, Verdict, judge
 from analysis.published import Printed, PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
 from analysis.published.printed import Interval, image
 from analysis.statistics.t_tests import stars

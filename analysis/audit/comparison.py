@@ -13,8 +13,7 @@ from itertools import groupby
 
 from analysis.audit.checks import Checks
 from analysis.audit.evidence import FromResults
-from analysis.audit.mistakes import Citation
-from analysis.audit.verdicts import Line
+from analysis.audit.mistakes import Citation, Line
 from analysis.documents.tables import Section, Table
 from analysis.identification.results import Results, TaskResult
 from analysis.published import PrintedIcc, Published

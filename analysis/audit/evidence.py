@@ -1,11 +1,7 @@
-"""What a printed number is held against: the other numbers in print, or a dataset.
+"""What a printed number is held against: a dataset, or the other numbers in print.
 
-Both give the same things: the values that a mean, a standard deviation, a t or an F can have. From a dataset each is
-one value; from print it is all that rounding or truncation, and counting in whole answers, leave open.
-
-A dataset as what printed numbers are held against: every number is one value.
-
-The other numbers in print as what printed numbers are held against: what rounding, truncation and counting leave.
+Both tell the values that a mean, a standard deviation, a t or an F can have. From a dataset each is one value; from
+print it is all that rounding or truncation, and counting in whole answers, leave open.
 """
 
 from __future__ import annotations
@@ -14,11 +10,11 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal, Protocol
+from typing import Literal
 
 from analysis.audit.granularity import Moments, moments, neighbours, on_scale, totals
+from analysis.audit.mistakes import Verdict
 from analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
-from analysis.audit.verdicts import Verdict
 from analysis.identification.results import Results
 from analysis.published import Printed, PrintedCell, PrintedF, PrintedT, Published
 from analysis.published.numbers import Scale
@@ -67,39 +63,6 @@ class Variances:
     statement: str = ""
 
 
-class Evidence(Protocol):
-    """What printed numbers are held against."""
-
-    missing: Verdict
-    """Verdict on a number that this says nothing about."""
-    refuted: Verdict
-    """Verdict on a mean or SD that it does not allow."""
-
-    sd_in_doubt: bool
-    """Whether a printed SD that a test does not follow from may be what is wrong, not the test."""
-
-    def misreading(self, cell: PrintedCell) -> Misreading | None:
-        """What the cell's printed SD is read as, if not as an SD."""
-
-    def sd_stands(self, cell: PrintedCell) -> bool:
-        """Whether the cell can have its printed SD, all else aside."""
-
-    def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:
-        """What else the cell can be, if its printed SD is none."""
-
-    def mean(self, cell: PrintedCell) -> Known:
-        """What the cell's mean can be."""
-
-    def sample(self, cell: PrintedCell) -> Sample:
-        """What the cell's mean and variance can be."""
-
-    def tested(self, test: PrintedT) -> Sample:
-        """The same for what a t-test is of."""
-
-    def variances(self, printed: PrintedF) -> Variances:
-        """F, of the pair of materials or of the effect that it is printed for."""
-
-
 def by_type(*found: Interval) -> dict[str, Interval]:
     """F of types I, II and III, those that are the same together."""
     kinds: dict[Interval, list[str]] = {}
@@ -113,8 +76,11 @@ class FromResults:
     """A dataset: every number is one value."""
 
     missing: Verdict = "not in this dataset"
+    """Verdict on a number that this says nothing about."""
     refuted: Verdict = "differs"
+    """Verdict on a mean or SD that it does not allow."""
     sd_in_doubt = False
+    """Whether a printed SD that a test does not follow from may be what is wrong, not the test."""
 
     def __init__(self, results: Results) -> None:
         self._results = results
@@ -366,3 +332,7 @@ class FromPrint:
     def _n(self, task: str) -> int | None:
         found = self._published.task(task)
         return found.participants if found else None
+
+
+Evidence = FromResults | FromPrint
+"""What printed numbers are held against."""

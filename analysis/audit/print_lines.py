@@ -23,10 +23,9 @@ from itertools import pairwise
 
 from analysis.audit.checks import Checks
 from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
-from analysis.audit.mistakes import Citation, Mistake, of_any_f
+from analysis.audit.mistakes import AGREES, Citation, Line, Mistake, Verdict, judge, of_any_f
 from analysis.audit.recomputed import effect, p_of_f, quotient
 from analysis.audit.rows import Row, Undecided, examine, row_sum
-from analysis.audit.verdicts import AGREES, Line, Verdict, judge
 from analysis.documents.tables import plural
 from analysis.published import (
     Printed,

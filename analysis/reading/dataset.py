@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from analysis.documents.tables import plural
-from analysis.reading.exclusions import exclude
-from analysis.reading.study import Part, Study, Task
+from analysis.reading.study import Part, Study, Task, exclude
 from experiment.errors import DatasetError
 from experiment.records.events import EVENT_COLUMNS, NO_ANSWER
 

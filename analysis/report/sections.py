@@ -21,8 +21,7 @@ from analysis.documents.tables import (
 )
 from analysis.identification.results import ComponentReliability, Reliability, Results, TaskResult
 from analysis.reading.study import Study, sentences
-from analysis.report.identification_sections import identification_sections
-from analysis.report.trial_sections import course_section, trials_section
+from analysis.report.identification_sections import course_section, identification_sections, trials_section
 from analysis.statistics.anova import Anova, Effect
 from analysis.statistics.icc import NAMES
 from analysis.statistics.t_tests import EffectSize

@@ -24,8 +24,7 @@ from analysis.documents.output import check, publish
 from analysis.documents.tables import WIDTH, Section, Table, number, text
 from analysis.reading import dissimilarities
 from analysis.report.figures import against_dissimilarity
-from analysis.validation.spectra import Classified, Overlay, Recorded
-from analysis.validation.validate import Validation, compute
+from analysis.validation.validate import Classified, Overlay, Recorded, Validation, compute
 from experiment.synthesis.crinkle import Average
 from experiment.synthesis.spectra import BAND_HZ
 

@@ -23,7 +23,7 @@ from analysis.identification.time_course import (
     course_of,
 )
 from analysis.reading.dataset import read
-from analysis.report.trial_sections import course_section
+from analysis.report.identification_sections import course_section
 from tests.analysis.datasets import MATERIALS, trial, write_dataset
 
 

@@ -10,7 +10,7 @@ from scipy import stats
 
 from analysis.identification.time_course import Timing, course, timing
 from analysis.reading.dataset import read
-from analysis.report.trial_sections import course_section
+from analysis.report.identification_sections import course_section
 from tests.analysis.datasets import trial, write_dataset
 
 

@@ -17,11 +17,22 @@ from scipy.special import logsumexp
 from statsmodels.genmod.generalized_estimating_equations import GEE
 
 from analysis.identification.results import compute
-from analysis.identification.trial_models import TrialLevel, gee, log_likelihood, mixed, trial_level
-from analysis.identification.trials import LATER, RESPONSE, SPEED, TRIAL, Design, design
+from analysis.identification.trial_models import (
+    LATER,
+    RESPONSE,
+    SPEED,
+    TRIAL,
+    Design,
+    TrialLevel,
+    design,
+    gee,
+    log_likelihood,
+    mixed,
+    trial_level,
+)
 from analysis.reading.dataset import read
 from analysis.reading.study import Study
-from analysis.report.trial_sections import trials_section
+from analysis.report.identification_sections import trials_section
 from analysis.statistics.exact import NotDefined
 from tests.analysis.datasets import MATERIALS, trial, write_dataset
 from tests.analysis.reference import printed

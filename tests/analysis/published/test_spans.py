@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.audit.verdicts import judge, shown
+from analysis.audit.mistakes import judge, shown
 from analysis.published import Printed, as_printed
 from analysis.published.printed import Interval, hull, image, outward, point
 
