@@ -17,13 +17,10 @@ from analysis.documents import page
 from analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
 from analysis.documents.tables import WIDTH, Section, text
 from analysis.identification.results import Results, TaskResult, compute
-from analysis.identification.time_course import Course
-from analysis.reading.dissimilarities import NONE as NO_DISSIMILARITIES
-from analysis.reading.dissimilarities import from_file
-from analysis.reading.dissimilarities import printed as printed_dissimilarities
-from analysis.reading.exclusions import nothing_left
+from analysis.identification.time_course import TimeCourse
+from analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
 from analysis.reading.pooling import read_pooled
-from analysis.reading.study import Study
+from analysis.reading.study import Study, nothing_left
 from analysis.report.methods import METHODS
 from analysis.report.sections import sections
 from analysis.statistics.anova import Anova
@@ -234,7 +231,7 @@ def _anova(anova: Anova | None) -> dict[str, Any] | None:
     return {**asdict(anova), "partial_eta_squared": sizes}
 
 
-def _course(found: Course) -> dict[str, Any]:
+def _course(found: TimeCourse) -> dict[str, Any]:
     statements = [{"task": task, "of": of, "statement": why} for (task, of), why in found.statements.items()]
     return {**_plain(replace(found, statements={})), "statements": statements}
 

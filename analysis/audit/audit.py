@@ -13,13 +13,13 @@ from typing import Any
 
 from analysis import published
 from analysis.audit.comparison import HELD, PRINT, Comparison, compare, comparison_section, with_name
+from analysis.audit.mistakes import Line
 from analysis.audit.print_lines import print_lines
-from analysis.audit.verdicts import Line
 from analysis.documents.tables import WIDTH, text
 from analysis.identification.results import compute
 from analysis.published import Published
 from analysis.reading.dataset import read
-from analysis.reading.exclusions import nothing_left
+from analysis.reading.study import nothing_left
 from experiment.errors import DatasetError, PublishedError
 
 

@@ -1,9 +1,8 @@
-"""The walk over a study's printed numbers: each beside what it is recomputed to, from print or from a dataset.
+"""Every check of a study's printed numbers: each beside what it is recomputed to, from print or from a dataset.
 
 A number agrees when rounding one of its recomputed values prints it, and agrees if truncated when cutting digits off
 does. It never differs because of what print leaves open: for data that were printed without a mistake no line does.
-
-The stars that printed numbers can earn.
+Stars are checked as well: those that a mean can earn are the ones between the ends of its P.
 """
 
 from __future__ import annotations
@@ -15,30 +14,29 @@ from fractions import Fraction
 
 from analysis.audit import mistakes
 from analysis.audit.evidence import NO_STEPS, Evidence, Misreading, Sample, Variances
-from analysis.audit.mistakes import Layout, Mistake, Place
+from analysis.audit.mistakes import AGREES, Citation, Layout, Line, Mistake, Verdict, judge
 from analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
-from analysis.audit.verdicts import AGREES, Line, Verdict, judge
 from analysis.published import Printed, PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
-from analysis.published.printed import Span, image
+from analysis.published.printed import Interval, image
 from analysis.statistics.t_tests import stars
 
 
-def marks_of(p: Printed, levels: Sequence[PrintedLevel]) -> str:
+def stars_of(p: Printed, levels: Sequence[PrintedLevel]) -> str:
     """The stars that a printed P earns; an upper bound earns those of anything below it."""
     return _earned(math.nextafter(p.value, 0.0) if p.is_bound else p.value, levels) or "none"
 
 
-def marks_reached(sample: Sample, effects: Sequence[Span], levels: Sequence[PrintedLevel]) -> tuple[str, ...]:
+def stars_reached(sample: Sample, effects: Sequence[Interval], levels: Sequence[PrintedLevel]) -> tuple[str, ...]:
     """The stars that a mean can have, most first; "none" for none, as where there may be no variance."""
     found = {""} if effects and any(one.variance.low == 0 for one in sample.moments) else set()
-    sides = (Span(_NULL, math.inf), levels), (Span(-math.inf, _NULL), [one for one in levels if not one.above])
+    sides = (Interval(_NULL, math.inf), levels), (Interval(-math.inf, _NULL), [one for one in levels if not one.above])
     for side, given in sides:
-        marks = ["", *(level.stars for level in reversed(given))]
+        steps = ["", *(level.stars for level in reversed(given))]
         for one in effects:
             if side.meets(one):
                 p = p_of_t(t_of(one.common(side), sample.n), sample.n - 1)
-                reached = [marks.index(_earned(float(end), given)) for end in (p.low, p.high)]
-                found |= set(marks[min(reached) : max(reached) + 1])
+                reached = [steps.index(_earned(float(end), given)) for end in (p.low, p.high)]
+                found |= set(steps[min(reached) : max(reached) + 1])
     return tuple(mark or "none" for mark in sorted(found, key=len, reverse=True))
 
 
@@ -61,7 +59,7 @@ INSTEAD: Mapping[Misreading, str] = {
 """What makes the same t and P as an SD that is something else."""
 
 
-class Walk:
+class Checks:
     """All lines of a study's printed numbers against one evidence, in the order of the paper's tables."""
 
     def __init__(self, published: Published, evidence: Evidence, *, diagnose: bool) -> None:
@@ -96,7 +94,7 @@ class Walk:
             if any(_is_in(printed, cell) for cell in cells):
                 yield from self._f(printed)
 
-    def effects(self, test: PrintedT) -> tuple[Span, ...]:
+    def effects(self, test: PrintedT) -> tuple[Interval, ...]:
         """Effect sizes of a t-test, as far as the printed t pins them: as t, or as Cohen's d where it is that."""
         sample = self._evidence.tested(test)
         effects = _effects(sample, test.null)
@@ -106,8 +104,8 @@ class Walk:
                 return pinned
         return effects
 
-    def _place(self, where: str, task: str, subject: str, statement: str = "") -> Place:
-        return Place(where, task, subject, self._evidence.missing, statement)
+    def _citation(self, where: str, task: str, subject: str, statement: str = "") -> Citation:
+        return Citation(where, task, subject, self._evidence.missing, statement)
 
     def _others(self, n: int, df: int | None = None) -> list[int]:
         """What may have been taken for n, the likeliest first; `df` is printed beside it."""
@@ -117,7 +115,7 @@ class Walk:
 
     def _cell(self, cell: PrintedCell) -> Iterator[Line]:
         known, sample = self._evidence.mean(cell), self._evidence.sample(cell)
-        place = self._place(cell.where, cell.task, cell.subject, known.statement)
+        cited = self._citation(cell.where, cell.task, cell.subject, known.statement)
 
         def mean_mistakes() -> Iterable[Mistake]:
             return mistakes.of_mean(known.values, sample.n, self._others(sample.n)) if self._diagnose else ()
@@ -133,25 +131,25 @@ class Walk:
         otherwise = self._evidence.refuted, no_counts if self._evidence.refuted == "impossible" else ""
         repeated: tuple[Verdict, str] = ("differs", "")
         contradiction = otherwise if cell.in_table else repeated
-        yield place.number("mean", cell.mean, known.values, mean_mistakes, otherwise=contradiction)
+        yield cited.number("mean", cell.mean, known.values, mean_mistakes, otherwise=contradiction)
         if not known.values and not known.statement:
             return
         if cell.sd is not None:
             variances = [one.variance for one in sample.every]
             no_steps = "no whole counts give the mean" if cell.scale else NO_STEPS
             unknown = known.statement or sample.statement or no_steps
-            place = Place(place.where, place.task, place.subject, place.missing, unknown)
+            cited = Citation(cited.where, cited.task, cited.subject, cited.missing, unknown)
             if misreading:
                 follow = f"its t and P follow from the SD{self._or(cell, misreading)}"
                 why_so = follow if self._tested(cell) else "as in the rest of the table"
                 contradiction = "differs", f"it is {misreading}: {why_so}"
             why = tuple if misreading else sd_mistakes
-            yield place.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
+            yield cited.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
         test = next((one for one in self._published.tests if _is_of(one, cell)), None)
         chance = None if cell.is_score else self._published.chance
         null = test.null if test else chance
         if self._published.levels and cell.stars is not None and cell.presented == cell.answered:
-            yield self._stars(place, cell, null, test)
+            yield self._stars(cited, cell, null, test)
 
     def _or(self, cell: PrintedCell, misreading: Misreading) -> str:
         """What else explains t and P, where whole counts give the printed SD."""
@@ -160,32 +158,32 @@ class Walk:
     def _tested(self, cell: PrintedCell) -> bool:
         return any(_is_of(test, cell) for test in self._published.tests)
 
-    def _stars(self, place: Place, cell: PrintedCell, null: Fraction | None, test: PrintedT | None) -> Line:
+    def _stars(self, cited: Citation, cell: PrintedCell, null: Fraction | None, test: PrintedT | None) -> Line:
         if null is None:
-            return place.text("stars", cell.stars or "none", "-", "cannot be decided", NO_NULL)
+            return cited.text("stars", cell.stars or "none", "-", "cannot be decided", NO_NULL)
         sample = self._evidence.sample(cell)
-        every = marks_reached(sample, _effects(sample, null), self._published.levels)
-        pinned = marks_reached(sample, self.effects(test), self._published.levels) if test else every
+        every = stars_reached(sample, _effects(sample, null), self._published.levels)
+        pinned = stars_reached(sample, self.effects(test), self._published.levels) if test else every
         printed = cell.stars or "none"
         if not every:
-            verdict = place.missing if sample.statement or sample.n < 2 else "cannot be decided"
-            return place.text("stars", printed, "none", "agrees" if printed == "none" else verdict, CONSTANT)
+            verdict = cited.missing if sample.statement or sample.n < 2 else "cannot be decided"
+            return cited.text("stars", printed, "none", "agrees" if printed == "none" else verdict, CONSTANT)
         found = pinned if printed in pinned or printed not in every else every
         shown_as = " or ".join(found)
         if printed in found:
-            return place.text("stars", printed, shown_as, "agrees")
+            return cited.text("stars", printed, shown_as, "agrees")
         reason = ""
-        if self._diagnose and test and test.p and marks_of(test.p, self._published.levels) == printed:
+        if self._diagnose and test and test.p and stars_of(test.p, self._published.levels) == printed:
             ps = [p_of_t(t_of(one, sample.n), sample.n - 1) for one in self.effects(test)]
             value = " to ".join(dict.fromkeys(f"{float(p):.2g}" for p in (ps[0].low, ps[-1].high)))
             reason = f"they follow the printed P = {test.p.text}; recomputed P = {value}"
-        return place.text("stars", printed, shown_as, "differs", reason)
+        return cited.text("stars", printed, shown_as, "differs", reason)
 
     def _test(self, test: PrintedT) -> Iterator[Line]:
         sample = self._evidence.tested(test)
         effects = _effects(sample, test.null)
         statement = sample.statement or (CONSTANT if sample.moments and not effects else "")
-        place = self._place(test.where, test.task, test.material, statement)
+        cited = self._citation(test.where, test.task, test.material, statement)
         n, others = sample.n, self._others(sample.n, test.df)
         remark = f" at {n - 1} df" if effects and n - 1 != test.df else ""
         ts = [t_of(one, n) for one in effects]
@@ -197,7 +195,7 @@ class Walk:
             sd_in_doubt = self._evidence.sd_in_doubt and stands
             return mistakes.of_t(effects, sample.moments, test.t, n, others, sd_in_doubt=sd_in_doubt)
 
-        t = place.number(
+        t = cited.number(
             f"t({test.df})",
             test.t,
             ts,
@@ -206,18 +204,25 @@ class Walk:
         )
         yield t
         if test.p is not None:
-            yield self._p(place, test, test.p, sample, effects, t_agrees=t.agrees)
+            yield self._p(cited, test, test.p, sample, effects, t_agrees=t.agrees)
         yield _df(
-            place, test.df, n - 1 if n > 1 else None, mistakes.of_df(n, self._others(n)) if self._diagnose else ()
+            cited, test.df, n - 1 if n > 1 else None, mistakes.of_df(n, self._others(n)) if self._diagnose else ()
         )
 
     def _p(
-        self, place: Place, test: PrintedT, p: Printed, sample: Sample, effects: Sequence[Span], *, t_agrees: bool
+        self,
+        cited: Citation,
+        test: PrintedT,
+        p: Printed,
+        sample: Sample,
+        effects: Sequence[Interval],
+        *,
+        t_agrees: bool,
     ) -> Line:
         n = sample.n
-        if not effects and place.missing == "cannot be decided":
+        if not effects and cited.missing == "cannot be decided":
             # Nothing else is printed: P can still be held against the t and df beside it.
-            return place.number("P", p, [p_of_t(test.t.either, test.df)], lambda: mistakes.of_lone_p(test.t, test.df))
+            return cited.number("P", p, [p_of_t(test.t.either, test.df)], lambda: mistakes.of_lone_p(test.t, test.df))
         pinned = self.effects(test)
         every, narrow = ([p_of_t(t_of(one, n), n - 1) for one in sizes] for sizes in (effects, pinned))
         # A t that was read as something else accuses no P that the means and SDs allow.
@@ -230,13 +235,13 @@ class Walk:
             sizes = self._others(n, test.df)
             return mistakes.of_p(pinned, test.t, test.df, n, sizes, tests=family, t_agrees=t_agrees)
 
-        return place.number("P", p, every if lenient else narrow, why)
+        return cited.number("P", p, every if lenient else narrow, why)
 
     def _f(self, printed: PrintedF) -> Iterator[Line]:
         found = self._evidence.variances(printed)
         ways = "one-way" if printed.task else "two-way"
         subject = f"{ways} ANOVA, {' and '.join(printed.subject)}"
-        place = self._place(printed.where, printed.task or "both", subject, found.statement)
+        cited = self._citation(printed.where, printed.task or "both", subject, found.statement)
         own = found.df
         remark = f" at {own[0]}, {own[1]} df" if own and own != printed.df else ""
         values = list(found.f.values())
@@ -252,19 +257,19 @@ class Walk:
         def p_mistakes() -> Iterable[Mistake]:
             return mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ()
 
-        line = place.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, f_mistakes, remark=remark)
+        line = cited.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, f_mistakes, remark=remark)
         yield line
         if own is None or not values:
-            from_print = [p_of_f(printed.f.either, printed.df)] if place.missing == "cannot be decided" else []
-            yield place.number("P", printed.p, from_print)
+            from_print = [p_of_f(printed.f.either, printed.df)] if cited.missing == "cannot be decided" else []
+            yield cited.number("P", printed.p, from_print)
         else:
             narrow = [one.common(printed.f.either) if line.agrees else one for one in fitting]
-            yield place.number("P", printed.p, [p_of_f(one, own) for one in narrow], p_mistakes)
+            yield cited.number("P", printed.p, [p_of_f(one, own) for one in narrow], p_mistakes)
         effect, residual = own or (None, None)
         of_effect = mistakes.of_df_of_effect(layout) if layout else ()
         of_residual = mistakes.of_df_of_residual(layout) if layout else ()
-        yield _df(place, printed.df[0], effect, of_effect, "df of the effect")
-        yield _df(place, printed.df[1], residual, of_residual, "df of the residual")
+        yield _df(cited, printed.df[0], effect, of_effect, "df of the effect")
+        yield _df(cited, printed.df[1], residual, of_residual, "df of the residual")
 
     def _layout(self, printed: PrintedF, found: Variances) -> Layout | None:
         if found.df is None:
@@ -274,7 +279,7 @@ class Walk:
         return Layout(found.df, found.values, n, tuple(self._others(n))) if alike else Layout(found.df, found.values)
 
     def _claim(self, claim: PrintedClaim) -> Line:
-        place = self._place(claim.where, claim.task, "materials above chance")
+        cited = self._citation(claim.where, claim.task, "materials above chance")
         cells = [cell for cell in self._published.tables() if cell.task == claim.task and not cell.is_score]
         above = [replace(level, above=True) for level in self._published.levels]
         least = most = known = 0
@@ -282,23 +287,23 @@ class Walk:
             test = next((one for one in self._published.tests if _is_of(one, cell)), None)
             if cell.presented != cell.answered or test is None:
                 continue
-            found = marks_reached(self._evidence.tested(test), self.effects(test), above)
+            found = stars_reached(self._evidence.tested(test), self.effects(test), above)
             known += bool(found)
             least += bool(found) and "none" not in found
             most += any(mark != "none" for mark in found)
         text, printed = f"{claim.significant} of {claim.of}", f"{least}" if least == most else f"{least} to {most}"
         if known != claim.of:
-            return place.text("significant", text, "-", place.missing, "not all of them are tested")
+            return cited.text("significant", text, "-", cited.missing, "not all of them are tested")
         verdict: Verdict = "agrees" if least <= claim.significant <= most else "differs"
-        return place.text("significant", text, f"{printed} of {known}", verdict)
+        return cited.text("significant", text, f"{printed} of {known}", verdict)
 
 
-def _df(place: Place, printed: int, found: int | None, other: Iterable[tuple[int, str]], name: str = "df") -> Line:
+def _df(cited: Citation, printed: int, found: int | None, other: Iterable[tuple[int, str]], name: str = "df") -> Line:
     if found is None:
-        return place.text(name, str(printed), "-", place.missing, place.statement)
+        return cited.text(name, str(printed), "-", cited.missing, cited.statement)
     reason = "; or ".join(text for value, text in other if value == printed) if printed != found else ""
     verdict: Verdict = "agrees" if printed == found else "differs"
-    line = place.text(name, str(printed), str(found), verdict, reason)
+    line = cited.text(name, str(printed), str(found), verdict, reason)
     return Line(**{**vars(line), "low": float(found), "high": float(found)})
 
 
@@ -312,5 +317,5 @@ def _is_in(printed: PrintedF, cell: PrintedCell) -> bool:
     return printed.task == cell.task and {cell.presented, cell.answered} <= set(printed.subject)
 
 
-def _effects(sample: Sample, null: Fraction) -> tuple[Span, ...]:
+def _effects(sample: Sample, null: Fraction) -> tuple[Interval, ...]:
     return tuple(dict.fromkeys(size for one in sample.moments if (size := effect(one, null)) is not None))

@@ -11,10 +11,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
-from analysis.audit.checks import Walk
+from analysis.audit.checks import Checks
 from analysis.audit.evidence import FromResults
-from analysis.audit.mistakes import Place
-from analysis.audit.verdicts import Line
+from analysis.audit.mistakes import Citation, Line
 from analysis.documents.tables import Section, Table
 from analysis.identification.results import Results, TaskResult
 from analysis.published import PrintedIcc, Published
@@ -53,7 +52,7 @@ def compare(published: Published, results: Results, *, diagnose: bool) -> Compar
         diagnose: whether a difference may be explained by how the number was printed; true for a reconstruction
             alone, since new answers differ for reasons of their own.
     """
-    lines = [*Walk(published, FromResults(results), diagnose=diagnose).lines()]
+    lines = [*Checks(published, FromResults(results), diagnose=diagnose).lines()]
     lines += [_icc(one, results) for one in published.icc]
     tasks = dict.fromkeys(cell.task for cell in published.tables())
     correlations = [_correlation(published, result) for task in tasks if (result := results.task(task))]
@@ -62,17 +61,17 @@ def compare(published: Published, results: Results, *, diagnose: bool) -> Compar
 
 def _icc(icc: PrintedIcc, results: Results) -> Line:
     printed = icc.value
-    place = Place(
+    cited = Citation(
         icc.where, "both", "reliability of the two-way ANOVA", "not in this dataset", results.two_way_statement
     )
     if results.components is None:
-        return place.number("ICC", printed, ())
+        return cited.number("ICC", printed, ())
     k, _, value = results.components.by_k[0]
     forms = [form.value for table in results.reliabilities if table.icc for form in table.icc.forms]
     others = [form for form in forms if form is not None]
     spread = f"; the Shrout-Fleiss forms give {min(others):.2f} to {max(others):.2f}" if others else ""
     reason = f"no formula is printed; the variance-component ICC of the mean of {k} gives this{spread}"
-    line = place.text("ICC", printed.text, "-" if value is None else f"{value:.3f}", "cannot be decided", reason)
+    line = cited.text("ICC", printed.text, "-" if value is None else f"{value:.3f}", "cannot be decided", reason)
     return Line(**{**vars(line), "low": value, "high": value})
 
 

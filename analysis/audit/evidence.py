@@ -1,11 +1,7 @@
-"""What a printed number is held against: the other numbers in print, or a dataset.
+"""What a printed number is held against: a dataset, or the other numbers in print.
 
-Both give the same things: the values that a mean, a standard deviation, a t or an F can have. From a dataset each is
-one value; from print it is all that rounding or truncation, and counting in whole answers, leave open.
-
-A dataset as what printed numbers are held against: every number is one value.
-
-The other numbers in print as what printed numbers are held against: what rounding, truncation and counting leave.
+Both tell the values that a mean, a standard deviation, a t or an F can have. From a dataset each is one value; from
+print it is all that rounding or truncation, and counting in whole answers, leave open.
 """
 
 from __future__ import annotations
@@ -14,15 +10,15 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal, Protocol
+from typing import Literal
 
 from analysis.audit.granularity import Moments, moments, neighbours, on_scale, totals
+from analysis.audit.mistakes import Verdict
 from analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
-from analysis.audit.verdicts import Verdict
 from analysis.identification.results import Results
 from analysis.published import Printed, PrintedCell, PrintedF, PrintedT, Published
 from analysis.published.numbers import Scale
-from analysis.published.printed import Span, point
+from analysis.published.printed import Interval, point
 from analysis.statistics.anova import TYPES
 from analysis.statistics.exact import mean, sum_of_squares
 
@@ -36,7 +32,7 @@ NO_STEPS = "the steps of the values are not known: any mean and SD can be"
 class Known:
     """The values that something can have; none of them where `statement` says why."""
 
-    values: tuple[Span, ...] = ()
+    values: tuple[Interval, ...] = ()
     statement: str = ""
 
 
@@ -61,48 +57,15 @@ class Variances:
     where all give the same.
     """
 
-    f: Mapping[str, Span] = field(default_factory=dict)
+    f: Mapping[str, Interval] = field(default_factory=dict)
     df: tuple[int, int] | None = None
     values: int = 0
     statement: str = ""
 
 
-class Evidence(Protocol):
-    """What printed numbers are held against."""
-
-    missing: Verdict
-    """Verdict on a number that this says nothing about."""
-    refuted: Verdict
-    """Verdict on a mean or SD that it does not allow."""
-
-    sd_in_doubt: bool
-    """Whether a printed SD that a test does not follow from may be what is wrong, not the test."""
-
-    def misreading(self, cell: PrintedCell) -> Misreading | None:
-        """What the cell's printed SD is read as, if not as an SD."""
-
-    def sd_stands(self, cell: PrintedCell) -> bool:
-        """Whether the cell can have its printed SD, all else aside."""
-
-    def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:
-        """What else the cell can be, if its printed SD is none."""
-
-    def mean(self, cell: PrintedCell) -> Known:
-        """What the cell's mean can be."""
-
-    def sample(self, cell: PrintedCell) -> Sample:
-        """What the cell's mean and variance can be."""
-
-    def tested(self, test: PrintedT) -> Sample:
-        """The same for what a t-test is of."""
-
-    def variances(self, printed: PrintedF) -> Variances:
-        """F, of the pair of materials or of the effect that it is printed for."""
-
-
-def by_type(*found: Span) -> dict[str, Span]:
+def by_type(*found: Interval) -> dict[str, Interval]:
     """F of types I, II and III, those that are the same together."""
-    kinds: dict[Span, list[str]] = {}
+    kinds: dict[Interval, list[str]] = {}
     for kind, f in zip(TYPES, found, strict=True):
         same = next((one for one in kinds if math.isclose(one.low, f.low) and math.isclose(one.high, f.high)), f)
         kinds.setdefault(same, []).append(kind)
@@ -113,8 +76,11 @@ class FromResults:
     """A dataset: every number is one value."""
 
     missing: Verdict = "not in this dataset"
+    """Verdict on a number that this says nothing about."""
     refuted: Verdict = "differs"
+    """Verdict on a mean or SD that it does not allow."""
     sd_in_doubt = False
+    """Whether a printed SD that a test does not follow from may be what is wrong, not the test."""
 
     def __init__(self, results: Results) -> None:
         self._results = results
@@ -171,7 +137,7 @@ class FromResults:
         first = float(self._between(printed.subject[0]).low) / df[0] / anova.residual.ms
         return Variances(by_type(*(point(Fraction(one)) for one in (first, second, third))), df, everything)
 
-    def _between(self, effect: str) -> Span:
+    def _between(self, effect: str) -> Interval:
         """Sum of squares of the effect alone, the first to enter."""
         values: dict[str, list[Fraction]] = {}
         for task in self._results.tasks:
@@ -339,7 +305,7 @@ class FromPrint:
         width, none_within = AROUND * unit, Fraction(0)
         too_many: Fraction | None = None
         while found == () and none_within < sd.exact + 1:
-            around = Span(max(sd.exact - width, Fraction(0)) ** 2, (sd.exact + width) ** 2)
+            around = Interval(max(sd.exact - width, Fraction(0)) ** 2, (sd.exact + width) ** 2)
             found = self._counted(cell, n, scale, around)
             if found is None and width - none_within > unit:
                 found, too_many = (), width
@@ -349,10 +315,10 @@ class FromPrint:
         return found
 
     def _without_sd(self, cell: PrintedCell, n: int) -> Sample:
-        every = self._counted(cell, n, cell.scale, Span(Fraction(0), math.inf)) if cell.scale else None
+        every = self._counted(cell, n, cell.scale, Interval(Fraction(0), math.inf)) if cell.scale else None
         return Sample(n, every or (), every or (), NO_SD)
 
-    def _counted(self, cell: PrintedCell, n: int, scale: Scale, variance: Span) -> tuple[Moments, ...] | None:
+    def _counted(self, cell: PrintedCell, n: int, scale: Scale, variance: Interval) -> tuple[Moments, ...] | None:
         """The means and variances that whole counts give; None where they are too many."""
         high = variance.high
         if scale.low is not None and scale.high is not None:
@@ -366,3 +332,7 @@ class FromPrint:
     def _n(self, task: str) -> int | None:
         found = self._published.task(task)
         return found.participants if found else None
+
+
+Evidence = FromResults | FromPrint
+"""What printed numbers are held against."""

@@ -15,7 +15,7 @@ from fractions import Fraction
 from functools import lru_cache
 
 from analysis.published.numbers import Scale
-from analysis.published.printed import Span, point
+from analysis.published.printed import Interval, point
 
 EXACT_STEPS = 500_000
 """Steps up to which sums of squares are found one by one; beyond, parity and bounds alone are asked."""
@@ -29,13 +29,13 @@ class Moments:
     """
 
     n: int
-    mean: Span
-    variance: Span
+    mean: Interval
+    variance: Interval
     total: int | None = None
     squares: int | None = None
 
 
-def totals(mean: Span, n: int, items: int) -> range:
+def totals(mean: Interval, n: int, items: int) -> range:
     """Whole sums over n participants whose mean lies in `mean`, which has finite ends."""
     steps = n * items
     low, high = math.ceil(mean.low * steps), math.floor(mean.high * steps)
@@ -58,7 +58,7 @@ def neighbours(mean: Fraction, n: int, scale: Scale) -> range:
     return range(math.floor(within), math.ceil(within) + 1)
 
 
-def moments(total: int, n: int, scale: Scale, variance: Span) -> Iterator[Moments]:
+def moments(total: int, n: int, scale: Scale, variance: Interval) -> Iterator[Moments]:
     """Every mean and variance of n values on `scale` with sum of counts `total` and variance within `variance`.
 
     `variance` may have no upper end where the scale has both ends.
@@ -73,7 +73,7 @@ def moments(total: int, n: int, scale: Scale, variance: Span) -> Iterator[Moment
         centre + variance.low * (n - 1) * unit,
         math.inf if variance.high == math.inf else centre + variance.high * (n - 1) * unit,
     )
-    wanted = Span(least, most, variance.open_low, variance.open_high)
+    wanted = Interval(least, most, variance.open_low, variance.open_high)
     mean = point(Fraction(total, n * scale.items))
     for squares in _squares(moved, n, _counts(scale), wanted):
         spread = (squares - centre) / ((n - 1) * unit)
@@ -87,7 +87,7 @@ def _counts(scale: Scale) -> int | None:
     return (scale.high - scale.low) * scale.items
 
 
-def _squares(total: int, n: int, most: int | None, wanted: Span) -> Iterator[int]:
+def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator[int]:
     """Sums of squares within `wanted` of n counts with sum `total`, each from 0 to `most` (None: any whole numbers)."""
     bounds = _bounds(total, n, most)
     if bounds is None:

@@ -1,9 +1,7 @@
-"""The simplest mistakes that could have produced a printed number that does not agree, simplest first.
+"""Whether a printed number can stand for one of its recomputed values, and if not, the simplest mistake that gives it.
 
-Each mistake computes the number as it would have made it; the first whose values the printed number can stand for is
+A mistake computes the number as it would have made it. The first whose values the printed number can stand for is
 named, the others that fit are listed after it. A mistake that fits is an explanation, not a proof.
-
-Lines of the audit: each at its place in print, about one subject.
 """
 
 from __future__ import annotations
@@ -12,13 +10,93 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Literal
 
 from analysis.audit.granularity import Moments
 from analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
-from analysis.audit.verdicts import AGREES, Line, Verdict, judge, shown
-from analysis.documents.tables import number_of
-from analysis.published import Printed, as_printed
-from analysis.published.printed import Span, hull, image
+from analysis.documents.tables import plural
+from analysis.published.printed import Interval, Printed, as_printed, hull, image
+
+Verdict = Literal[
+    "agrees",
+    "agrees if truncated",
+    "differs",
+    "fits no one rounding",
+    "impossible",
+    "cannot be decided",
+    "not in this dataset",
+]
+AGREES: tuple[Verdict, ...] = ("agrees", "agrees if truncated")
+
+
+@dataclass(frozen=True)
+class Line:
+    """One printed number.
+
+    `recomputed` is text at the printed precision; `low` and `high` bound the recomputed number, and `value` is it
+    where it is one alone. What is no number has none of the three.
+    """
+
+    where: str
+    task: str
+    subject: str
+    quantity: str
+    printed: str
+    recomputed: str
+    low: float | None
+    high: float | None
+    verdict: Verdict
+    reason: str = ""
+
+    @property
+    def agrees(self) -> bool:
+        """Whether the printed number stands."""
+        return self.verdict in AGREES
+
+    @property
+    def value(self) -> float | None:
+        """The recomputed number, where it is one alone."""
+        if self.low is None or self.high is None or not math.isclose(self.low, self.high, rel_tol=1e-8):
+            return None
+        return (self.low + self.high) / 2
+
+
+def judge(
+    printed: Printed, values: Sequence[Interval], *, squares: bool = False
+) -> tuple[Verdict, tuple[Interval, ...]]:
+    """The verdict on a printed number, and those of the values that it can stand for: all of them where it cannot.
+
+    Args:
+        printed: the number in print.
+        values: everything that the number can be.
+        squares: whether `values` are squares of it (variances of a standard deviation).
+    """
+    readings: tuple[tuple[Verdict, Interval], ...] = (
+        ("agrees", printed.rounded),
+        ("agrees if truncated", printed.truncated),
+    )
+    for verdict, reading in readings:
+        wanted = reading.squared() if squares else reading
+        if fitting := tuple(value for value in values if wanted.meets(value)):
+            return verdict, fitting
+    return "differs", tuple(values)
+
+
+def shown(
+    printed: Printed, values: Sequence[Interval], *, squares: bool = False
+) -> tuple[str, float | None, float | None]:
+    """The values as text at the printed precision, and their ends; None for an end that is infinite."""
+    both = hull(values)
+    low, high = float(both.low), float(both.high)
+    if squares:
+        low, high = math.sqrt(max(low, 0.0)), math.sqrt(high)
+    texts = ["" if math.isinf(end) else as_printed(printed, end) for end in (low, high)]
+    if math.isinf(low) or math.isinf(high):
+        words = [f"from {texts[0]}"] * bool(texts[0]) + [f"up to {texts[1]}"] * bool(texts[1])
+        return " ".join(words) or "any", None if math.isinf(low) else low, None if math.isinf(high) else high
+    if math.isclose(low, high, rel_tol=1e-8):
+        return as_printed(printed, (low + high) / 2), low, high
+    return texts[0] if texts[0] == texts[1] else " to ".join(texts), low, high
 
 
 @dataclass(frozen=True)
@@ -26,7 +104,7 @@ class Mistake:
     """What may have gone wrong, and the values that it would have given; `squares` as in `judge`."""
 
     text: str
-    values: tuple[Span, ...]
+    values: tuple[Interval, ...]
     squares: bool = False
 
 
@@ -57,11 +135,11 @@ def explain(printed: Printed, mistakes: Iterable[Mistake]) -> str:
     return "" if not fitting else fitting[0] + "".join(f"; or {other}" for other in fitting[1:])
 
 
-def of_mean(means: Sequence[Span], n: int, sizes: Iterable[int]) -> Iterator[Mistake]:
+def of_mean(means: Sequence[Interval], n: int, sizes: Iterable[int]) -> Iterator[Mistake]:
     """Mistakes in a mean of `n`; `sizes` are the study's other numbers of participants."""
     for size in sizes:
         values = tuple(mean.times(Fraction(n, size)) for mean in means)
-        yield Mistake(f"the sum was divided by {number_of(size, 'participant')}, where n is {n}", values)
+        yield Mistake(f"the sum was divided by {plural(size, 'participant')}, where n is {n}", values)
     yield Mistake("it was printed as a percentage", tuple(mean.times(Fraction(100)) for mean in means))
     yield Mistake("it is what is left to 1", tuple(mean.times(Fraction(-1)).plus(_ONE) for mean in means))
 
@@ -77,7 +155,7 @@ def of_sd(moments: Sequence[Moments]) -> Iterator[Mistake]:
 
 
 def of_t(
-    effects: Sequence[Span],
+    effects: Sequence[Interval],
     moments: Sequence[Moments],
     printed: Printed,
     n: int,
@@ -108,7 +186,7 @@ def of_t(
 
 
 def of_p(
-    effects: Sequence[Span], t: Printed, df: int, n: int, sizes: Sequence[int], *, tests: int, t_agrees: bool
+    effects: Sequence[Interval], t: Printed, df: int, n: int, sizes: Sequence[int], *, tests: int, t_agrees: bool
 ) -> Iterator[Mistake]:
     """Mistakes in the P of a one-sample t; `tests` are in its family, `t` and `df` are printed beside it."""
     correct = [t_of(one, n) for one in effects]
@@ -139,7 +217,7 @@ def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
     yield Mistake("it was taken from the normal distribution", (image(_p_of_z, t.either.absolute()),))
 
 
-def of_any_f(f: Sequence[Span], df: tuple[int, int]) -> Iterator[Mistake]:
+def of_any_f(f: Sequence[Interval], df: tuple[int, int]) -> Iterator[Mistake]:
     """What else could have been printed in the place of an F with these df."""
     yield Mistake("it is one over F", tuple(image(lambda one: 1 / one if one > 0 else math.inf, f_) for f_ in f))
     yield Mistake("it is the root of F, a t", tuple(image(lambda one: math.sqrt(max(one, 0.0)), f_) for f_ in f))
@@ -147,7 +225,7 @@ def of_any_f(f: Sequence[Span], df: tuple[int, int]) -> Iterator[Mistake]:
     yield Mistake("what is printed as F is eta squared", eta)
 
 
-def of_f(f: Sequence[Span], layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
+def of_f(f: Sequence[Interval], layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
     """Mistakes in an F; `printed` are the df beside it."""
     df = layout.df
     yield from of_any_f(f, df)
@@ -161,7 +239,7 @@ def of_f(f: Sequence[Span], layout: Layout, printed: tuple[int, int]) -> Iterato
         yield Mistake(text, tuple(one.times(Fraction(size, layout.n)) for one in f))
 
 
-def of_p_of_f(f: Sequence[Span], beside: Printed, layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
+def of_p_of_f(f: Sequence[Interval], beside: Printed, layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
     """Mistakes in the P of an F; `beside` is the F beside it, `printed` its df."""
     df = layout.df
     yield Mistake("it follows the printed F", (p_of_f(beside.either, df),))
@@ -204,14 +282,14 @@ def of_df(n: int, sizes: Iterable[int]) -> Iterator[tuple[int, str]]:
     yield n, "it is the number of participants"
     for size in sizes:
         if size - 1 != n:
-            yield size - 1, f"it is that of {number_of(size, 'participant')}, where n is {n}"
+            yield size - 1, f"it is that of {plural(size, 'participant')}, where n is {n}"
 
 
 def _p_of_z(z: float) -> float:
     return math.erfc(z / math.sqrt(2))
 
 
-def _span(effects: Sequence[Span]) -> str:
+def _span(effects: Sequence[Interval]) -> str:
     if not effects:
         return ""
     both = hull(effects)
@@ -219,12 +297,12 @@ def _span(effects: Sequence[Span]) -> str:
     return f" = {texts[0]}" if texts[0] == texts[1] else f" = {texts[0]} to {texts[1]}"
 
 
-_ONE = Span(Fraction(1), Fraction(1))
+_ONE = Interval(Fraction(1), Fraction(1))
 _HALF = Fraction(1, 2)
 
 
 @dataclass(frozen=True)
-class Place:
+class Citation:
     """Where a printed number stands and what it is about; makes its lines.
 
     `missing` is the verdict on a number that nothing is known about, `statement` the reason.
@@ -240,7 +318,7 @@ class Place:
         self,
         quantity: str,
         printed: Printed,
-        values: Sequence[Span],
+        values: Sequence[Interval],
         why: Callable[[], Iterable[Mistake]] = tuple,
         *,
         squares: bool = False,

@@ -21,13 +21,12 @@ from fractions import Fraction
 from functools import partial
 from itertools import pairwise
 
-from analysis.audit.checks import Walk
+from analysis.audit.checks import Checks
 from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
-from analysis.audit.mistakes import Mistake, Place, of_any_f
+from analysis.audit.mistakes import AGREES, Citation, Line, Mistake, Verdict, judge, of_any_f
 from analysis.audit.recomputed import effect, p_of_f, quotient
 from analysis.audit.rows import Row, Undecided, examine, row_sum
-from analysis.audit.verdicts import AGREES, Line, Verdict, judge
-from analysis.documents.tables import number_of
+from analysis.documents.tables import plural
 from analysis.published import (
     Printed,
     PrintedCell,
@@ -37,7 +36,7 @@ from analysis.published import (
     PrintedTable,
     Published,
 )
-from analysis.published.printed import Span, hull
+from analysis.published.printed import Interval, hull
 
 CONFLICTS: tuple[Verdict, ...] = ("differs", "impossible")
 
@@ -87,31 +86,31 @@ def _throughout(
 
 def _conflicts(published: Published, evidence: FromPrint, cell: PrintedCell) -> list[Line]:
     """The lines of the cell and its test that are in conflict."""
-    lines = Walk(published, evidence, diagnose=False).about(cell)
+    lines = Checks(published, evidence, diagnose=False).about(cell)
     return [line for line in lines if line.verdict in CONFLICTS]
 
 
 def _in_f(published: Published, evidence: FromPrint, cells: Sequence[PrintedCell]) -> int:
-    walk = Walk(published, evidence, diagnose=False)
-    return sum(line.verdict in CONFLICTS for line in walk.ratios_of(cells))
+    checks = Checks(published, evidence, diagnose=False)
+    return sum(line.verdict in CONFLICTS for line in checks.ratios_of(cells))
 
 
 def source_lines(table: PrintedSources) -> Iterator[Line]:
     """MS = SS / df, F = MS / MS of the residual, P of F."""
     residual = table.lines[-1]
     for line in table.lines:
-        place = Place(table.where, "both", line.name, "cannot be decided", "the line does not print enough")
+        cited = Citation(table.where, "both", line.name, "cannot be decided", "the line does not print enough")
         ms = _over(line.ss, line.df)
         if line.ms is not None:
-            yield place.number("MS", line.ms, [ms] if ms else [], partial(_of_ms, line, table))
+            yield cited.number("MS", line.ms, [ms] if ms else [], partial(_of_ms, line, table))
         own, rest = _mean_square(line), _mean_square(residual)
         f = quotient(own, rest) if own and rest and line is not residual else None
         if line.f is not None:
-            yield place.number("F", line.f, [f] if f else [], partial(_of_f, line, f, table))
+            yield cited.number("F", line.f, [f] if f else [], partial(_of_f, line, f, table))
         if line.p is not None:
             ratio = line.f.either if line.f else f
             ps = [p_of_f(ratio, (line.df, residual.df))] if ratio else []
-            yield place.number("P", line.p, ps, partial(_of_p, line, f, ratio, table))
+            yield cited.number("P", line.p, ps, partial(_of_p, line, f, ratio, table))
 
 
 def _of_ms(line: PrintedSource, table: PrintedSources) -> Iterator[Mistake]:
@@ -125,7 +124,7 @@ def _of_ms(line: PrintedSource, table: PrintedSources) -> Iterator[Mistake]:
     yield Mistake("it is the root of SS / df", (ss.times(Fraction(1, line.df)),), squares=True)
 
 
-def _of_f(line: PrintedSource, f: Span | None, table: PrintedSources) -> Iterator[Mistake]:
+def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Iterator[Mistake]:
     """Mistakes in an F."""
     residual = table.lines[-1]
     if f is None:
@@ -147,7 +146,7 @@ def _of_f(line: PrintedSource, f: Span | None, table: PrintedSources) -> Iterato
             yield Mistake(f"it was formed with the MS of {other.name}", (quotient(own, rest),))
 
 
-def _of_p(line: PrintedSource, f: Span | None, ratio: Span | None, table: PrintedSources) -> Iterator[Mistake]:
+def _of_p(line: PrintedSource, f: Interval | None, ratio: Interval | None, table: PrintedSources) -> Iterator[Mistake]:
     """Mistakes in the P of an F."""
     residual = table.lines[-1]
     if ratio is None:
@@ -177,11 +176,11 @@ def _contradicts(line: PrintedSource) -> bool:
     return bool(computed and line.ms and not line.ms.either.meets(computed))
 
 
-def _over(ss: Printed | None, df: int) -> Span | None:
+def _over(ss: Printed | None, df: int) -> Interval | None:
     return ss.either.times(Fraction(1, df)) if ss else None
 
 
-def _mean_square(line: PrintedSource) -> Span | None:
+def _mean_square(line: PrintedSource) -> Interval | None:
     """A mean square as printed and as SS / df at once, where both can be."""
     computed = _over(line.ss, line.df)
     if line.ms is None:
@@ -190,20 +189,20 @@ def _mean_square(line: PrintedSource) -> Span | None:
     return both.common(computed) if computed and both.meets(computed) else both
 
 
-Reading = Callable[[Printed], Span]
+Reading = Callable[[Printed], Interval]
 
 
-def rounded(printed: Printed) -> Span:
+def rounded(printed: Printed) -> Interval:
     """The shares that round to it."""
     return printed.rounded
 
 
-def truncated(printed: Printed) -> Span:
+def truncated(printed: Printed) -> Interval:
     """The shares that are cut off to it."""
     return printed.truncated
 
 
-def either(printed: Printed) -> Span:
+def either(printed: Printed) -> Interval:
     """Both."""
     return printed.either
 
@@ -244,17 +243,17 @@ UNDECIDED: Verdict = "cannot be decided"
 def print_lines(published: Published) -> tuple[Line, ...]:
     """Every line of a study whose printed numbers are held against one another."""
     evidence = read_print(published)
-    walk = Walk(published, evidence, diagnose=True)
-    lines = list(walk.lines())
+    checks = Checks(published, evidence, diagnose=True)
+    lines = list(checks.lines())
     for table in published.confusions:
         if table.complete:
-            lines += [_row(published, walk, evidence, table, shown, cells) for shown, cells in table.rows()]
+            lines += [_row(published, checks, evidence, table, shown, cells) for shown, cells in table.rows()]
     for sources in published.sources:
         lines += source_lines(sources)
     for icc in published.icc:
-        place = Place(icc.where, "both", "reliability of the two-way ANOVA", UNDECIDED)
+        cited = Citation(icc.where, "both", "reliability of the two-way ANOVA", UNDECIDED)
         reason = "no formula is printed, and means and SDs do not tell how each participant answered in every cell"
-        lines.append(place.text("ICC", icc.value.text, "-", UNDECIDED, reason))
+        lines.append(cited.text("ICC", icc.value.text, "-", UNDECIDED, reason))
     for choices in published.choices:
         lines += _choices(choices)
     return tuple(lines)
@@ -262,36 +261,36 @@ def print_lines(published: Published) -> tuple[Line, ...]:
 
 def _row(
     published: Published,
-    walk: Walk,
+    checks: Checks,
     evidence: FromPrint,
     table: PrintedTable,
     presented: str,
     cells: Sequence[PrintedCell],
 ) -> Line:
-    place = Place(table.where, table.task, f"row of {presented}", UNDECIDED)
+    cited = Citation(table.where, table.task, f"row of {presented}", UNDECIDED)
     total = sum((cell.mean.exact for cell in cells), Fraction(0))
     printed = f"{' + '.join(cell.mean.text for cell in cells)} = {float(total):.4g}"
     task = published.task(table.task)
     sums = row_sum([cell.mean for cell in cells])
     if task is None or task.trials is None:
         verdict: Verdict = "agrees" if sums.holds(Fraction(1)) else "impossible"
-        return place.text("row", printed, f"{float(sums.low):.4g} to {float(sums.high):.4g}", verdict)
+        return cited.text("row", printed, f"{float(sums.low):.4g} to {float(sums.high):.4g}", verdict)
     # An SD that is none says nothing about the row.
     cells = [replace(cell, sd=None) if evidence.misreading(cell) else cell for cell in cells]
-    pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, walk, evidence, cell))}
+    pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, checks, evidence, cell))}
     try:
         row = examine(cells, task.participants, task.trials, pinned)
     except Undecided as reason:
-        return place.text("row", printed, "-", UNDECIDED, str(reason))
-    return _judged(place, printed, cells, row, given=", given the printed t" if pinned else "")
+        return cited.text("row", printed, "-", UNDECIDED, str(reason))
+    return _judged(cited, printed, cells, row, given=", given the printed t" if pinned else "")
 
 
-def _pinned(published: Published, walk: Walk, evidence: FromPrint, cell: PrintedCell) -> Span | None:
+def _pinned(published: Published, checks: Checks, evidence: FromPrint, cell: PrintedCell) -> Interval | None:
     """The variances that agree with the cell's t, where there is one."""
     tests = [t for t in published.tests if (t.task, t.material, t.material) == cell.key]
     if not tests:
         return None
-    pins = walk.effects(tests[0])
+    pins = checks.effects(tests[0])
     held = [
         one.variance
         for one in evidence.sample(cell).moments
@@ -300,20 +299,20 @@ def _pinned(published: Published, walk: Walk, evidence: FromPrint, cell: Printed
     return hull(held) if held else None
 
 
-def _judged(place: Place, printed: str, cells: Sequence[PrintedCell], row: Row, *, given: str) -> Line:
+def _judged(cited: Citation, printed: str, cells: Sequence[PrintedCell], row: Row, *, given: str) -> Line:
     if row.stands:
         found = f"{row.trials} of {row.trials} trials"
         if not row.truncated:
-            return place.text("row", printed, found, "agrees")
+            return cited.text("row", printed, found, "agrees")
         names = " and ".join(f"-> {cells[i].answered}" for i in row.truncated)
         reason = f"whole counts give the row where {names} is truncated{given}"
-        return place.text("row", printed, found, "agrees if truncated", reason)
+        return cited.text("row", printed, found, "agrees if truncated", reason)
     found = f"{row.fewest} to {row.most} of {row.trials} trials" if row.fewest != row.most else f"{row.most} trials"
     reasons = []
     if gaps := row.missing or row.missing_truncated:
         fewer = row.missing_truncated if row.missing_truncated != gaps else None
         less = f" ({fewer}, if means are truncated)" if fewer else ""
-        reasons.append(f"{number_of(gaps, 'trial')} without an answer would explain it{less}")
+        reasons.append(f"{plural(gaps, 'trial')} without an answer would explain it{less}")
     if row.misprinted:
         names = ", ".join(f"-> {cells[i].answered}" for i in row.misprinted)
         reasons.append(f"a misprint of one of: {names}")
@@ -322,7 +321,7 @@ def _judged(place: Place, printed: str, cells: Sequence[PrintedCell], row: Row, 
         text = "; ".join(reasons)
     else:
         text = "; ".join([f"no whole counts give all means and SDs at once{given}", *reasons])
-    return place.text("row", printed, found, "impossible", text)
+    return cited.text("row", printed, found, "impossible", text)
 
 
 def _choices(choices: PrintedChoices) -> Iterator[Line]:
@@ -330,14 +329,14 @@ def _choices(choices: PrintedChoices) -> Iterator[Line]:
     pairs = len(percentages)
     shares = [choices.trials * people // pairs for people in (choices.participants, 1)]
     for (first, second), printed in choices.cells:
-        place = Place(choices.where, choices.task, f"{first} and {second}", UNDECIDED)
-        yield _choice(place, printed, shares)
-    place = Place(choices.where, choices.task, f"all {pairs} pairs", UNDECIDED)
-    yield _common(place, choices, percentages, max(shares))
-    yield _unequal(place, choices, percentages)
+        cited = Citation(choices.where, choices.task, f"{first} and {second}", UNDECIDED)
+        yield _choice(cited, printed, shares)
+    cited = Citation(choices.where, choices.task, f"all {pairs} pairs", UNDECIDED)
+    yield _common(cited, choices, percentages, max(shares))
+    yield _unequal(cited, choices, percentages)
 
 
-def _choice(place: Place, printed: Printed, shares: Sequence[int]) -> Line:
+def _choice(cited: Citation, printed: Printed, shares: Sequence[int]) -> Line:
     """One percentage, were the trials shared equally among pairs: those of every participant, or of all together.
 
     Nothing printed says that they were, so a percentage that does not fit is no mistake by itself.
@@ -345,16 +344,16 @@ def _choice(place: Place, printed: Printed, shares: Sequence[int]) -> Line:
     asked = [share for share in shares if share]
     found = {name: [(k, n) for n in asked for k in counts(printed, n, read)] for name, read in READINGS.items()}
     if fits := found["rounded"]:
-        return place.text("correct", printed.text, " or ".join(f"{k} of {n}" for k, n in fits[:LISTED]), "agrees")
+        return cited.text("correct", printed.text, " or ".join(f"{k} of {n}" for k, n in fits[:LISTED]), "agrees")
     near = [(round(printed.exact * share), share) for share in asked]
     shown = " or ".join(f"{k} of {n} = {100 * k / n:.1f}%" for k, n in found["truncated"] or near)
     cut = ", though one is cut off to it" if found["truncated"] else ""
     trials = f"{' or '.join(map(str, asked))} trials, equal for all pairs,"
     reason = f"no share of {trials} rounds to it{cut}; one of {smallest(printed, rounded)} does"
-    return place.text("correct", printed.text, shown, UNDECIDED, reason)
+    return cited.text("correct", printed.text, shown, UNDECIDED, reason)
 
 
-def _common(place: Place, choices: PrintedChoices, percentages: Sequence[Printed], most: int) -> Line:
+def _common(cited: Citation, choices: PrintedChoices, percentages: Sequence[Printed], most: int) -> Line:
     """Whether one number of trials a pair gives every percentage."""
     pairs = len(percentages)
     fitting = {name: list(common(percentages, reading)) for name, reading in READINGS.items()}
@@ -362,9 +361,9 @@ def _common(place: Place, choices: PrintedChoices, percentages: Sequence[Printed
     quantity, total = "common number of trials", choices.trials * choices.participants
     printed = f"{choices.trials} trials, {choices.participants} participants"
     if allowed["rounded"]:
-        return place.text(quantity, printed, _listed(allowed["rounded"]), "agrees")
+        return cited.text(quantity, printed, _listed(allowed["rounded"]), "agrees")
     if allowed["truncated"]:
-        return place.text(quantity, printed, _listed(allowed["truncated"]), "agrees if truncated")
+        return cited.text(quantity, printed, _listed(allowed["truncated"]), "agrees if truncated")
     least = "; ".join(
         f"{name}, {numbers[0]} at least ({numbers[0] * pairs} trials)"
         for name, numbers in fitting.items()
@@ -373,12 +372,12 @@ def _common(place: Place, choices: PrintedChoices, percentages: Sequence[Printed
     reason = f"{least}; {choices.participants} x {choices.trials} = {total} trials allow {most}"
     none = f"none from 1 to {most}"
     if not allowed["either"]:
-        return place.text(quantity, printed, none, "impossible", reason)
+        return cited.text(quantity, printed, none, "impossible", reason)
     reason += f"; some rounded and some truncated: {_listed(allowed['either'])}"
-    return place.text(quantity, printed, f"{none}, all rounded or all truncated", "fits no one rounding", reason)
+    return cited.text(quantity, printed, f"{none}, all rounded or all truncated", "fits no one rounding", reason)
 
 
-def _unequal(place: Place, choices: PrintedChoices, percentages: Sequence[Printed]) -> Line:
+def _unequal(cited: Citation, choices: PrintedChoices, percentages: Sequence[Printed]) -> Line:
     """The fewest trials that the percentages take when pairs may differ in them."""
     all_of = choices.trials * choices.participants
     for verdict, reading in zip(FITS, READINGS.values(), strict=True):
@@ -386,9 +385,9 @@ def _unequal(place: Place, choices: PrintedChoices, percentages: Sequence[Printe
         for total, who in ((choices.trials, "all together"), (all_of, "every participant")):
             if least <= total:
                 reason = f"if pairs were shown unequally often and {choices.trials} are those of {who}"
-                return place.text("trials in all", str(choices.trials), f"at least {least}", verdict, reason)
+                return cited.text("trials in all", str(choices.trials), f"at least {least}", verdict, reason)
     reason = f"more than {choices.participants} x {choices.trials}"
-    return place.text("trials in all", str(choices.trials), f"at least {least}", "impossible", reason)
+    return cited.text("trials in all", str(choices.trials), f"at least {least}", "impossible", reason)
 
 
 def _listed(numbers: Sequence[int]) -> str:

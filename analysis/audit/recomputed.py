@@ -13,7 +13,7 @@ from fractions import Fraction
 from itertools import pairwise
 
 from analysis.audit.granularity import Moments
-from analysis.published.printed import Span, hull, image, outward, point
+from analysis.published.printed import Interval, hull, image, outward, point
 from analysis.statistics.t_tests import p_two_tailed
 
 
@@ -22,10 +22,10 @@ class Margin:
     """The mean of one level of an effect, which weighs as much as one over `n` values."""
 
     n: int | Fraction
-    mean: Span
+    mean: Interval
 
 
-def effect(moments: Moments, null: Fraction) -> Span | None:
+def effect(moments: Moments, null: Fraction) -> Interval | None:
     """Cohen's d, (mean - null) / SD; None where there is no spread at all."""
     if moments.variance.high == 0:
         return None
@@ -36,17 +36,17 @@ def effect(moments: Moments, null: Fraction) -> Span | None:
     return outward(low, high)
 
 
-def t_of(effect_size: Span, n: int) -> Span:
+def t_of(effect_size: Interval, n: int) -> Interval:
     """Student's t of one sample, d sqrt(n)."""
     return image(lambda d: d * math.sqrt(n), effect_size)
 
 
-def p_of_t(t: Span, df: int) -> Span:
+def p_of_t(t: Interval, df: int) -> Interval:
     """P of t, two-tailed."""
     return image(lambda distance: p_two_tailed(distance, df), t.absolute())
 
 
-def p_of_f(f: Span, df: tuple[int, int]) -> Span:
+def p_of_f(f: Interval, df: tuple[int, int]) -> Interval:
     """P of F."""
     from scipy.special import fdtrc
 
@@ -70,7 +70,7 @@ def unweighted(cells: Sequence[Moments]) -> Margin:
     return Margin(1 / variance, _sum(cell.mean.times(Fraction(1, len(cells))) for cell in cells))
 
 
-def between(margins: Sequence[Margin]) -> Span:
+def between(margins: Sequence[Margin]) -> Interval:
     """Sum of squares between levels, Σ n (mean - grand mean)².
 
     The least is exact. The most is that around the grand mean of the middles, which no other centre betters by more
@@ -80,23 +80,23 @@ def between(margins: Sequence[Margin]) -> Span:
     ends = [(Fraction(margin.mean.low), Fraction(margin.mean.high), margin.n) for margin in margins]
     centre = sum((n * (low + high) / 2 for low, high, n in ends), Fraction(0)) / weight
     most = sum((n * max(abs(low - centre), abs(high - centre)) ** 2 for low, high, n in ends), Fraction(0))
-    return Span(_least(margins), most)
+    return Interval(_least(margins), most)
 
 
-def within(cells: Sequence[Moments]) -> Span:
+def within(cells: Sequence[Moments]) -> Interval:
     """Sum of squares within cells, Σ (n - 1) variance."""
     low = sum(((cell.n - 1) * cell.variance.low for cell in cells), Fraction(0))
-    return Span(low, sum(((cell.n - 1) * cell.variance.high for cell in cells), Fraction(0)))
+    return Interval(low, sum(((cell.n - 1) * cell.variance.high for cell in cells), Fraction(0)))
 
 
-def f_of(effect_ss: Span, residual_ss: Span, df: tuple[int, int]) -> Span:
+def f_of(effect_ss: Interval, residual_ss: Interval, df: tuple[int, int]) -> Interval:
     """F of an effect's and the residual's sums of squares."""
     factor = df[1] / df[0]
     low = _over(float(effect_ss.low), float(residual_ss.high))
     return outward(factor * low, factor * _over(float(effect_ss.high), float(residual_ss.low)))
 
 
-def quotient(above: Span, below: Span) -> Span:
+def quotient(above: Interval, below: Interval) -> Interval:
     """Every ratio of two numbers that are not negative."""
     low = _over(max(float(above.low), 0.0), float(below.high))
     return outward(low, _over(float(above.high), max(float(below.low), 0.0)))
@@ -107,7 +107,7 @@ def together(moments: Sequence[Moments]) -> Moments:
     return Moments(moments[0].n, hull(one.mean for one in moments), hull(one.variance for one in moments))
 
 
-def _sum(spans: Iterable[Span]) -> Span:
+def _sum(spans: Iterable[Interval]) -> Interval:
     total = point(Fraction(0))
     for span in spans:
         total = total.plus(span)

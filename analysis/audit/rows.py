@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from analysis.audit.granularity import totals
 from analysis.published import Printed, PrintedCell
-from analysis.published.printed import Span
+from analysis.published.printed import Interval
 
 MANY = 20_000
 """Ways of spreading one participant's trials beyond which a row is left undecided."""
@@ -45,7 +45,7 @@ class Undecided(ValueError):
 class Column:
     """One answer: each sum of counts that its mean can stand for, with the sums of squares that its SD can."""
 
-    squares: Mapping[int, Span]
+    squares: Mapping[int, Interval]
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Row:
     misprinted: tuple[int, ...] = ()
 
 
-def row_sum(means: Sequence[Printed]) -> Span:
+def row_sum(means: Sequence[Printed]) -> Interval:
     """Every sum that ratios can have which print like this."""
     total = means[0].either
     for mean in means[1:]:
@@ -81,7 +81,7 @@ def row_sum(means: Sequence[Printed]) -> Span:
     return total
 
 
-def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[int, Span]) -> Row:
+def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[int, Interval]) -> Row:
     """Look for counts behind a complete row.
 
     Args:
@@ -159,7 +159,7 @@ def _misprinted(columns: Sequence[Column], n: int, trials: int) -> Iterator[int]
     for i in range(len(columns)):
         others = product(*(column.squares for k, column in enumerate(columns) if k != i))
         left = {n * trials - sum(rest) for rest in others}
-        free = Column({total: Span(Fraction(0), math.inf) for total in sorted(left) if 0 <= total <= n * trials})
+        free = Column({total: Interval(Fraction(0), math.inf) for total in sorted(left) if 0 <= total <= n * trials})
         if _stands([free if k == i else column for k, column in enumerate(columns)], n, trials, 0):
             yield i
 
@@ -172,17 +172,17 @@ def _stands(columns: Sequence[Column], n: int, trials: int, missing: int) -> boo
         return False
 
 
-def _column(cell: PrintedCell, n: int, trials: int, mean_cut: bool, sd_cut: bool, *, pinned: Span | None) -> Column:
+def _column(cell: PrintedCell, n: int, trials: int, mean_cut: bool, sd_cut: bool, *, pinned: Interval | None) -> Column:
     sums = totals(cell.mean.either if mean_cut else cell.mean.rounded, n, trials)
     if cell.sd is None:
-        return Column({total: Span(Fraction(0), math.inf) for total in sums})
+        return Column({total: Interval(Fraction(0), math.inf) for total in sums})
     spread = (cell.sd.either if sd_cut else cell.sd.rounded).squared()
     if pinned is not None and pinned.meets(spread):
         spread = pinned.common(spread)
     unit = (n - 1) * trials**2
     return Column(
         {
-            total: Span(
+            total: Interval(
                 spread.low * unit + Fraction(total**2, n),
                 spread.high * unit + Fraction(total**2, n),
                 spread.open_low,
@@ -211,7 +211,7 @@ def _compositions(total: int, places: int) -> Iterable[tuple[int, ...]]:
 
 
 def _programme(
-    ways: NDArray[np.int64], n: int, sums: Sequence[int], squares: Sequence[Span]
+    ways: NDArray[np.int64], n: int, sums: Sequence[int], squares: Sequence[Interval]
 ) -> NDArray[np.int64] | None:
     from scipy.optimize import Bounds, LinearConstraint, milp
 
@@ -239,7 +239,7 @@ def _programme(
     return counts
 
 
-def _whole(interval: Span, *, up: bool) -> float:
+def _whole(interval: Interval, *, up: bool) -> float:
     """The first whole number from the low end, or from the high end."""
     end = interval.low if up else interval.high
     if end in (math.inf, -math.inf):

@@ -258,6 +258,6 @@ def _row(cells: tuple[str, ...]) -> str:
     return " & ".join(map(escaped, cells)) + r" \\"
 
 
-def number_of(count: int, noun: str) -> str:
+def plural(count: int, noun: str) -> str:
     """`1 trial`, `2 trials`."""
     return f"{count} {noun}{'s' * (count != 1)}"

@@ -80,12 +80,21 @@ class Confusion:
 
         None where no material was ever taken for another.
         """
-        means = np.nan_to_num(self.means()[:, :-1])
-        both = np.triu(means + means.T, k=1)
-        if not both.any():
-            return None
-        first, second = np.unravel_index(int(np.argmax(both)), both.shape)
-        return self.materials[first], self.materials[second]
+        first, second = (int(index[0]) for index in most_confused(np.nan_to_num(self.means()[:, :-1, None])))
+        return None if first == second else (self.materials[first], self.materials[second])
+
+
+def most_confused(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the indices of the pair with the largest sum of both confusing ratios; both 0 where nothing was confused.
+
+    Args:
+        means: mean ratios, presented and answered, shape (M, M, studies).
+    """
+    first, second = np.triu_indices(len(means), k=1)
+    both = means[first, second] + means[second, first]
+    chosen = both.argmax(axis=0)
+    none = both.max(axis=0) == 0
+    return np.where(none, 0, first[chosen]), np.where(none, 0, second[chosen])
 
 
 def confusion(

@@ -28,7 +28,7 @@ from analysis.statistics.exact import NotDefined
 from analysis.statistics.intervals import (
     CONFIDENCE,
     RESAMPLES,
-    Interval,
+    ConfidenceInterval,
     bca,
     clopper_pearson,
     leave_one_out,
@@ -51,9 +51,9 @@ class Cell:
     answered: str
     count: int
     trials: int
-    wilson: Interval | None
-    clopper_pearson: Interval | None
-    bootstrap: Interval | None
+    wilson: ConfidenceInterval | None
+    clopper_pearson: ConfidenceInterval | None
+    bootstrap: ConfidenceInterval | None
     statement: str
 
 
@@ -74,7 +74,7 @@ class Detection:
     alternatives: int
     proportion: float
     d_prime: float | None
-    interval: Interval | None
+    interval: ConfidenceInterval | None
     by_participant: Mapping[str, float]
     moved: tuple[str, ...]
     statement: str
@@ -98,7 +98,7 @@ class Identification:
     task: str
     cells: tuple[Cell, ...]
     information: Information | None
-    information_interval: Interval | None
+    information_interval: ConfidenceInterval | None
     detection: Detection | None
     choice: ChoiceIntervals | None
     scaling: Scaling | None
@@ -179,7 +179,9 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
     return cells
 
 
-def _information_interval(counts: NDArray[np.int64], found: Information, rng: np.random.Generator) -> Interval:
+def _information_interval(
+    counts: NDArray[np.int64], found: Information, rng: np.random.Generator
+) -> ConfidenceInterval:
     """BCa interval of the information as counted, without correction."""
     people = len(counts)
     drawn = transmitted(np.tensordot(resamples(people, INFORMATION_RESAMPLES, rng), counts, axes=1))
@@ -200,7 +202,7 @@ def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
     try:
         value = d_prime(float(shares.mean()), count)
         drawn = mean_interval(shares, resamples(shares.size, RESAMPLES, rng))
-        interval = Interval(d_prime(drawn.low, count), d_prime(drawn.high, count), CONFIDENCE)
+        interval = ConfidenceInterval(d_prime(drawn.low, count), d_prime(drawn.high, count), CONFIDENCE)
     except NotDefined as reason:
         said.append(str(reason))
     values = {share: d_prime(share, count) for share in set(known.values())}

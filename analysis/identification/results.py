@@ -8,13 +8,12 @@ from fractions import Fraction
 
 import numpy as np
 
-from analysis.documents.tables import number_of
+from analysis.documents.tables import plural
 from analysis.identification.confusion import Confusion, confusion
 from analysis.identification.identify import Identification, identify
-from analysis.identification.time_course import Course, course
+from analysis.identification.time_course import TimeCourse, course_of
 from analysis.identification.trial_models import TrialLevel, trial_level
-from analysis.reading.dissimilarities import NONE as NO_DISSIMILARITIES
-from analysis.reading.dissimilarities import Dissimilarities
+from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities
 from analysis.reading.study import Study, Task, chance
 from analysis.statistics.anova import (
     TYPES,
@@ -123,7 +122,7 @@ class Results:
     components: ComponentReliability | None
     reliabilities: tuple[Reliability, ...]
     trials: TrialLevel
-    course: Course
+    course: TimeCourse
 
     def task(self, task: str) -> TaskResult | None:
         """The result of one task; None when the dataset has no such task."""
@@ -157,7 +156,7 @@ def compute(
         components=_components(data, tasks) if data else None,
         reliabilities=tuple(_reliabilities(study, tasks)),
         trials=trial_level(study),
-        course=course(study, SEED),
+        course=course_of(study, SEED),
     )
 
 
@@ -170,9 +169,8 @@ def _task(study: Study, task: Task) -> TaskResult:
     tests = [
         t_against_chance(list(matrix.ratios(index, index).values()), guessed) for index in range(len(study.materials))
     ]
-    # A test without variance stays in Holm's family: it was planned, and leaving it out would favour the others.
-    family = holm([1.0 if test.p is None else test.p for test in tests])
-    adjusted = {index: p for index, p in enumerate(family) if tests[index].p is not None}
+    family = holm(np.array([np.nan if test.p is None else test.p for test in tests]))
+    adjusted = {index: p for index, p in enumerate(family.tolist()) if tests[index].p is not None}
     return TaskResult(
         task,
         float(guessed),
@@ -240,10 +238,10 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
     for task in tasks:
         people = _complete(task)
         cell_ratios = [_row(task, people, i, j) for i in range(count) for j in range(count)]
-        name = f"{count * count} cells (presented x answered) x {number_of(len(people), 'participant')}"
+        name = f"{count * count} cells (presented x answered) x {plural(len(people), 'participant')}"
         dropped = tuple(label for label in task.confusion.participants if label not in set(people))
         found.append(_reliability(f"{task.task.id}: {name}", task.task.id, cell_ratios, dropped))
-        name = f"{count} correct ratios x {number_of(len(people), 'participant')}"
+        name = f"{count} correct ratios x {plural(len(people), 'participant')}"
         found.append(_reliability(f"{task.task.id}: {name}", task.task.id, _correct(task, people, count), dropped))
     if len(tasks) > 1:
         others = [set(_complete(task)) for task in tasks[1:]]
@@ -251,9 +249,7 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
         rows = [row for task in tasks for row in _correct(task, both, count)]
         anyone = dict.fromkeys(label for task in tasks for label in task.confusion.participants)
         dropped = tuple(label for label in anyone if label not in set(both))
-        name = (
-            f"{len(rows)} correct ratios (material by task) x {number_of(len(both), 'participant')} who did every task"
-        )
+        name = f"{len(rows)} correct ratios (material by task) x {plural(len(both), 'participant')} who did every task"
         linked = "; which row of one task goes with which of another is arbitrary in a reconstruction"
         found.append(_reliability(name + linked * (study.origin == "RECONSTRUCTION"), None, rows, dropped))
     return found

@@ -19,10 +19,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.documents.tables import number_of
+from analysis.documents.tables import plural
 from analysis.reading.study import Study
 from analysis.statistics.exact import NotDefined
-from analysis.statistics.intervals import RESAMPLES, Interval, bca, leave_one_out, resamples, wilson
+from analysis.statistics.intervals import RESAMPLES, ConfidenceInterval, bca, leave_one_out, resamples, wilson
 
 QUANTITIES = {
     "contact, predicted minus actual": "prediction_error_s",
@@ -110,7 +110,7 @@ class Window:
     last: int
     right: int
     trials: int
-    interval: Interval | None
+    interval: ConfidenceInterval | None
     statement: str
 
 
@@ -123,7 +123,7 @@ class SpeedBin:
     mean_mm_s: float
     right: int
     trials: int
-    interval: Interval
+    interval: ConfidenceInterval
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class MaskerLevels:
 
 
 @dataclass(frozen=True)
-class Course:
+class TimeCourse:
     """What is known of each task; `statements` say, of a task and what it lacks, why."""
 
     learning: Mapping[str, tuple[Window, ...]]
@@ -158,7 +158,7 @@ class Course:
     statements: Mapping[tuple[str, str], str]
 
 
-def course(study: Study, seed: int) -> Course:
+def course_of(study: Study, seed: int) -> TimeCourse:
     """Everything that the included trials of a study tell of their course; `seed` names the draws."""
     tasks = {task.id: (place, study.trials(task.id)) for place, task in enumerate(study.tasks)}
     tasks = {task: (place, trials) for task, (place, trials) in tasks.items() if not trials.empty}
@@ -170,12 +170,12 @@ def course(study: Study, seed: int) -> Course:
         for name, (column, what) in COLUMNS.items():
             found = trials[np.isfinite(trials[column].to_numpy(dtype=np.float64))]
             if found.empty:
-                said[task, name] = f"{what} is known of 0 of {number_of(len(trials), 'trial')}"
+                said[task, name] = f"{what} is known of 0 of {plural(len(trials), 'trial')}"
             else:
                 known[name][task] = found
     timed = timing(study)
     said |= {(task, TIMING): "nothing of it was measured" for task in tasks if task not in timed}
-    return Course(
+    return TimeCourse(
         {
             task: _learning(trials, np.random.default_rng([seed, place, 1]))
             for task, (place, trials) in tasks.items()

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis import published
-from analysis.documents.tables import number_of
+from analysis.documents.tables import plural
 from analysis.identification.confusion import confusion
 from analysis.reading import dataset
 from experiment.errors import PowerError
@@ -177,7 +177,7 @@ def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
             people = answers.n(i)
             if people < 2:
                 raise PowerError(
-                    f"{folder}: task {task.id}, {shown}: got {number_of(people, 'participant')}; allowed: at least "
+                    f"{folder}: task {task.id}, {shown}: got {plural(people, 'participant')}; allowed: at least "
                     "2, whose spread can be fitted; state the model in a TOML file instead"
                 )
             ratios = answers.counts[:, i] / answers.trials[:, i, None].clip(min=1)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.statistics import many_studies
-from analysis.statistics.icc import NAMES
-from analysis.statistics.many_studies import Floats, Integers, Ratios
+from analysis.identification.confusion import most_confused
+from analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests, variance_component_icc
+from analysis.statistics.exact import Floats, Integers, Ratios, of_counts
+from analysis.statistics.icc import NAMES, icc_tests
+from analysis.statistics.t_tests import holm, t_tests
 from experiment.protocol.models import PlannedTest, Protocol
 
 ADJUSTED = "Holm"
@@ -124,7 +127,7 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
         drawn: task -> counts, shape (M, M + 1, studies, participants).
     """
     trials = {task.id: task.repetitions for task in planned.tasks}
-    every = {task: many_studies.ratios(counts, trials[task]) for task, counts in drawn.items()}
+    every = {task: of_counts(counts, trials[task]) for task, counts in drawn.items()}
     found: dict[Question, Answer] = {}
     for number, test in enumerate(planned.tests):
         if test.test == "t against chance":
@@ -132,7 +135,7 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
         elif test.test == "one-way ANOVA":
             found |= _one_way(number, test, planned, every)
         elif test.test == "two-way ANOVA":
-            found |= _two_way(number, test, planned, every)
+            found |= _two_way(number, test, every)
         else:
             found |= _icc(number, test, planned, every, drawn)
     return found
@@ -141,12 +144,12 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
 def _t(
     number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios]
 ) -> Iterator[tuple[Question, Answer]]:
-    chance = test.chance if test.chance is not None else 1 / len(planned.materials)
+    chance = Fraction(1, len(planned.materials)) if test.chance is None else Fraction(repr(test.chance))
     for task in test.tasks:
         correct = _correct(every[task])
-        result = many_studies.t_against_chance(correct, chance)
-        above = correct.means > chance
-        for adjusted, p in ((False, result.p), (True, many_studies.holm(result.p))):
+        result = t_tests(correct, chance)
+        above = correct.means > float(chance)
+        for adjusted, p in ((False, result.p), (True, holm(result.p))):
             for i, material in enumerate(planned.materials):
                 question = Question(number, test.test, (task,), material, test.alpha, adjusted)
                 yield question, Answer(p=p[i], above=above[i])
@@ -162,24 +165,22 @@ def _one_way(
             first, second = (planned.materials.index(material) for material in pair)
             groups = answers[[first, second, first, second], [first, second, second, first]]
             subject = f"{pair[0]} and {pair[1]}"
-            yield Question(number, test.test, (task,), subject, test.alpha), Answer(p=many_studies.one_way(groups).p)
-        one, other = many_studies.most_confused(answers)
+            yield Question(number, test.test, (task,), subject, test.alpha), Answer(p=one_way_tests(groups).p)
+        one, other = most_confused(answers.means)
         studies = np.arange(len(one))
         groups = answers[np.stack([one, other, one, other]), np.stack([one, other, other, one]), studies]
         # As `Confusion.most_confused`: where nothing was ever confused there is no pair to test.
-        p = np.where(one == other, np.nan, many_studies.one_way(groups).p)
+        p = np.where(one == other, np.nan, one_way_tests(groups).p)
         yield Question(number, test.test, (task,), "most confused in each study", test.alpha), Answer(p=p)
 
 
-def _two_way(
-    number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios]
-) -> Iterator[tuple[Question, Answer]]:
+def _two_way(number: int, test: PlannedTest, every: Mapping[str, Ratios]) -> Iterator[tuple[Question, Answer]]:
     correct = [_correct(every[task]) for task in test.tasks]
-    layout = many_studies.crossed(tuple(cells.participants for cells in correct), len(planned.materials))
+    layout, cells = tasks_by_materials(correct)
     for effect, name in (("A", "task"), ("B", "material"), ("X", "task x material")):
         for same in layout.same(effect):
             subject = f"{name}, type{'s' * (len(same) > 1)} {', '.join(same)}"
-            p = many_studies.two_way(layout, correct, effect, same[0]).p
+            p = two_way_tests(layout, cells, effect, same[0]).p
             yield Question(number, test.test, test.tasks, subject, test.alpha), Answer(p=p)
 
 
@@ -190,10 +191,7 @@ def _icc(
     if form == VARIANCE_COMPONENTS:
         if len(test.tasks) > 1:
             correct = [_correct(every[task]) for task in test.tasks]
-            sizes = tuple(cells.participants for cells in correct)
-            value = many_studies.variance_component_icc(
-                many_studies.crossed(sizes, len(planned.materials)), correct, sum(sizes)
-            )
+            value = variance_component_icc(*tasks_by_materials(correct), sum(cells.participants for cells in correct))
             subject = "variance components, mean over all participants"
             yield Question(number, test.test, test.tasks, subject, None), Answer(estimate=value)
     elif form is not None:
@@ -202,7 +200,7 @@ def _icc(
             counts = drawn[task]
             cells = counts[:, :count].reshape(count * count, *counts.shape[2:])
             for matrix, targets in ((f"{count * count} cells", cells), (f"{count} correct ratios", _diagonal(counts))):
-                value, tested = many_studies.icc(targets, form)
+                value, tested = icc_tests(targets, form)
                 question = Question(number, test.test, (task,), f"{form} of {matrix}", test.alpha)
                 yield question, Answer(p=tested.p, estimate=value)
 

@@ -24,8 +24,7 @@ from analysis.documents.output import publish
 from analysis.documents.tables import WIDTH, Section, Table, number
 from analysis.documents.tables import text as in_terminal
 from analysis.power.planned_tests import ADJUSTED, Question
-from analysis.power.simulate import LABEL, Kind, Power, Row
-from analysis.power.workers import software
+from analysis.power.simulate import LABEL, Kind, Power, Row, software
 
 ABOUT_POWER = (
     "Power: the share of SIMULATED studies in which P lies below alpha, two-tailed. A study whose values define no P "
@@ -411,7 +410,5 @@ def write(result: Power, out: Path) -> tuple[Path, ...]:
     Raises:
         DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
     """
-    pass  # MOVED
-
     files = page.tables(sections(result), LABEL) | page.drawings([plot(result)])
     return publish(out, files, LABEL, "power")

@@ -22,7 +22,7 @@ SLACK = Fraction(1, 10**9)
 
 
 @dataclass(frozen=True)
-class Span:
+class Interval:
     """The numbers from `low` to `high`; an open end is not among them."""
 
     low: End
@@ -35,68 +35,68 @@ class Span:
         above = value > self.low or (value == self.low and not self.open_low)
         return above and (value < self.high or (value == self.high and not self.open_high))
 
-    def meets(self, other: Span) -> bool:
+    def meets(self, other: Interval) -> bool:
         """Whether both have a number in common."""
         low, high = max(self.low, other.low), min(self.high, other.high)
         return low < high or (low == high and self.holds(low) and other.holds(low))
 
-    def common(self, other: Span) -> Span:
+    def common(self, other: Interval) -> Interval:
         """The numbers of both; they must meet."""
         low, high = max(self.low, other.low), min(self.high, other.high)
         open_low = not (self.holds(low) and other.holds(low))
         open_high = not (self.holds(high) and other.holds(high))
-        return Span(low, high, open_low and low < high, open_high and low < high)
+        return Interval(low, high, open_low and low < high, open_high and low < high)
 
-    def times(self, factor: Fraction) -> Span:
+    def times(self, factor: Fraction) -> Interval:
         """Every number multiplied by `factor`, which is not 0."""
         low, high = self.low * factor, self.high * factor
         if factor < 0:
-            return Span(high, low, self.open_high, self.open_low)
-        return Span(low, high, self.open_low, self.open_high)
+            return Interval(high, low, self.open_high, self.open_low)
+        return Interval(low, high, self.open_low, self.open_high)
 
-    def plus(self, other: Span) -> Span:
+    def plus(self, other: Interval) -> Interval:
         """Every sum of a number of each."""
         open_low, open_high = self.open_low or other.open_low, self.open_high or other.open_high
-        return Span(self.low + other.low, self.high + other.high, open_low, open_high)
+        return Interval(self.low + other.low, self.high + other.high, open_low, open_high)
 
-    def squared(self) -> Span:
+    def squared(self) -> Interval:
         """The squares of its numbers that are not negative; some must be."""
         high: End = self.high**2
         if self.low < 0:
-            return Span(Fraction(0), high, open_high=self.open_high)
+            return Interval(Fraction(0), high, open_high=self.open_high)
         low: End = self.low**2
-        return Span(low, high, self.open_low, self.open_high)
+        return Interval(low, high, self.open_low, self.open_high)
 
-    def absolute(self) -> Span:
+    def absolute(self) -> Interval:
         """The distances of its numbers from 0."""
         if self.low >= 0:
             return self
         if self.high <= 0:
             return self.times(Fraction(-1))
         farthest: End = max(-self.low, self.high)
-        return Span(Fraction(0), farthest)
+        return Interval(Fraction(0), farthest)
 
 
-def point(value: End) -> Span:
+def point(value: End) -> Interval:
     """One number."""
-    return Span(value, value)
+    return Interval(value, value)
 
 
-def outward(low: float, high: float) -> Span:
+def outward(low: float, high: float) -> Interval:
     """From `low` to `high`, both computed in floating point, widened by their error."""
-    return Span(_moved(low, -SLACK), _moved(high, SLACK))
+    return Interval(_moved(low, -SLACK), _moved(high, SLACK))
 
 
-def image(function: Callable[[float], float], span: Span) -> Span:
+def image(function: Callable[[float], float], span: Interval) -> Interval:
     """What `function`, monotone on the span, makes of it."""
     ends = sorted((function(float(span.low)), function(float(span.high))))
     return outward(*ends)
 
 
-def hull(spans: Iterable[Span]) -> Span:
+def hull(spans: Iterable[Interval]) -> Interval:
     """The smallest closed interval that holds them all; there must be one."""
     held = list(spans)
-    return Span(min(one.low for one in held), max(one.high for one in held))
+    return Interval(min(one.low for one in held), max(one.high for one in held))
 
 
 def _moved(end: float, by: Fraction) -> End:
@@ -141,32 +141,32 @@ class Printed:
         return self.text.startswith("<")
 
     @property
-    def rounded(self) -> Span:
+    def rounded(self) -> Interval:
         """Every value that rounding, half up, half down or half to even, prints like this."""
         if self.is_bound:
-            return Span(Fraction(0), self.exact, open_high=True)
+            return Interval(Fraction(0), self.exact, open_high=True)
         half = self.exact_unit / 2
-        return Span(self.exact - half, self.exact + half)
+        return Interval(self.exact - half, self.exact + half)
 
     @property
-    def truncated(self) -> Span:
+    def truncated(self) -> Interval:
         """Every value that prints like this when further digits are cut off."""
         if self.is_bound:
             return self.rounded
         if not self.exact_unit:
             return point(self.exact)
         if not self.exact:
-            return Span(-self.exact_unit, self.exact_unit, open_low=True, open_high=True)
+            return Interval(-self.exact_unit, self.exact_unit, open_low=True, open_high=True)
         if self.exact > 0:
-            return Span(self.exact, self.exact + self.exact_unit, open_high=True)
-        return Span(self.exact - self.exact_unit, self.exact, open_low=True)
+            return Interval(self.exact, self.exact + self.exact_unit, open_high=True)
+        return Interval(self.exact - self.exact_unit, self.exact, open_low=True)
 
     @property
-    def either(self) -> Span:
+    def either(self) -> Interval:
         """Every value that rounding or truncation prints like this."""
         both = self.rounded, self.truncated
         low, high = min(both, key=lambda one: (one.low, one.open_low)), max(both, key=lambda one: one.high)
-        return Span(low.low, high.high, low.open_low, high.open_high)
+        return Interval(low.low, high.high, low.open_low, high.open_high)
 
     @property
     def exact_unit(self) -> Fraction:

@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from analysis.documents.tables import number_of
-from analysis.reading.exclusions import exclude
-from analysis.reading.study import Part, Study, Task
+from analysis.documents.tables import plural
+from analysis.reading.study import Part, Study, Task, exclude
 from experiment.errors import DatasetError
 from experiment.records.events import EVENT_COLUMNS, NO_ANSWER
 
@@ -46,6 +45,7 @@ def read(root: Path) -> Study:
     withdrawn, first_tasks = _participants(root / "participants.tsv")
     _no_strangers(root, set(withdrawn), tuple(facts["Tasks"]))
     rows: list[dict[str, object]] = []
+    session_ids: dict[tuple[str, str], str] = {}
     tasks: dict[str, Task] = {}
     materials: tuple[str, ...] = ()
     for participant in withdrawn:
@@ -61,6 +61,14 @@ def read(root: Path) -> Study:
                 )
             materials = tuple(sidecar["Materials"])
             tasks[task] = Task(task, str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", "")))
+            if (session_id := sidecar.get("SessionId")) is not None:
+                for (who, other), known in session_ids.items():
+                    if known == session_id:
+                        raise DatasetError(
+                            f"{path.with_suffix('.json')}: SessionId {known} is that of participant {who}, task "
+                            f"{other}, too; keep one of them"
+                        )
+                session_ids[participant, task] = str(session_id)
             rows += _events(path, participant, task, materials, facts["Origin"], sidecar["Rows"])
     if not rows:
         raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
@@ -79,6 +87,7 @@ def read(root: Path) -> Study:
         tasks=done,
         participants=tuple(withdrawn),
         first_tasks=first_tasks,
+        session_ids=session_ids,
         attempts=attempts,
         exclusions=exclusions,
         unasked=unasked,
@@ -190,7 +199,7 @@ def _events(
     if missing := [column for column in EVENT_COLUMNS if column not in columns]:
         raise DatasetError(f"{path}: no column {', '.join(missing)}; make the dataset again")
     if len(lines) != count:
-        raise DatasetError(f"{path}: {number_of(len(lines), 'row')}, its sidecar says {count}; make the dataset again")
+        raise DatasetError(f"{path}: {plural(len(lines), 'row')}, its sidecar says {count}; make the dataset again")
     rows: list[dict[str, object]] = []
     counted: set[object] = set()
     for number, line in enumerate(lines, start=2):

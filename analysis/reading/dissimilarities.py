@@ -63,10 +63,10 @@ class Dissimilarities:
         return np.array([[self.pairs[frozenset((a, b))] if a != b else 0.0 for b in materials] for a in materials])
 
 
-NONE = Dissimilarities({}, "")
+NO_DISSIMILARITIES = Dissimilarities({}, "")
 
 
-def printed() -> Dissimilarities:
+def printed_dissimilarities() -> Dissimilarities:
     """Those of Okamoto et al., Table 3."""
     return Dissimilarities({pair: value.value for pair, value in load().pairs.items()}, "Table 3 of the paper")
 

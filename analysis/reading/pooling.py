@@ -1,19 +1,15 @@
 """Several datasets as one study: the same materials and one origin, every participant under the dataset's name.
 
-Who stands in two datasets: pooled, the same answers would count as those of two people, and every test be too sure.
-
-A measured attempt is told by its response time, written to the microsecond, and its foot speed, to 0.001 mm/s, whatever
-the participant is called and however much of a session each dataset holds. Where no clock ran, only answers are left,
-which people can share, and those of a session without a mistake most easily: there, sessions count as the same where
-every one with a mistake, and at least two, has under the same label the same answers in both datasets.
+Nobody may stand in two of them: the same answers would count as those of two people, and every test be too sure. Each
+session has an id of its own, which its copies keep under any name. A session without one (of printed counts, or from
+before there were ids) is taken for a copy where the same participant has the same trials there, answers and times, with
+a mistake among them: sessions without any are alike by themselves.
 """
 
 from __future__ import annotations
 
-import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -21,82 +17,6 @@ import pandas as pd
 from analysis.reading.dataset import read
 from analysis.reading.study import Study, Task, check_chances
 from experiment.errors import DatasetError
-
-Session = tuple[str, str]
-"""Participant and task."""
-
-Attempt = tuple[object, ...]
-
-SAME = 0.5
-"""Share of the measured attempts of the shorter of two sessions from which on they are one: copies are sorted out, and
-mended, and one value that two people share says nothing."""
-
-LEAST = 2
-"""Sessions of answers alone that must agree."""
-
-
-@dataclass(frozen=True)
-class Sessions:
-    """The attempts of a dataset, by participant and task.
-
-    Args:
-        measured: trial, attempt, material, response time and foot speed.
-        answers: trial, attempt, material and answer of sessions of which nothing was measured.
-    """
-
-    measured: Mapping[Session, frozenset[Attempt]]
-    answers: Mapping[Session, frozenset[Attempt]]
-
-
-def sessions(study: Study) -> Sessions:
-    """Every session of a study, those that the analysis leaves out as well."""
-    measured: dict[Session, set[Attempt]] = {}
-    answers: dict[Session, set[Attempt]] = {}
-    columns = ("participant", "task", "trial", "attempt", "presented", "answered", "response_time_s", "foot_speed_mm_s")
-    for who, task, trial, attempt, presented, answered, response_s, speed_mm_s in zip(
-        *(study.attempts[column].tolist() for column in columns), strict=True
-    ):
-        session = who, task
-        answers.setdefault(session, set()).add((trial, attempt, presented, answered))
-        times = tuple(None if math.isnan(value) else value for value in (response_s, speed_mm_s))
-        if times != (None, None):
-            measured.setdefault(session, set()).add((trial, attempt, presented, *times))
-    return Sessions(
-        {session: frozenset(held) for session, held in measured.items()},
-        {session: frozenset(held) for session, held in answers.items() if session not in measured},
-    )
-
-
-def held_twice(first: Sessions, second: Sessions) -> dict[str, str]:
-    """Participants of `first` who stand in `second` too -> what they are called there."""
-    return {**_same_answers(first, second), **_same_measurements(first, second)}
-
-
-def _same_measurements(first: Sessions, second: Sessions) -> dict[str, str]:
-    holders = {(task, *one): who for (who, task), held in first.measured.items() for one in held}
-    found: dict[str, str] = {}
-    for (name, task), held in second.measured.items():
-        shared = Counter(holders[task, *one] for one in held if (task, *one) in holders)
-        for who, count in shared.items():
-            if count >= SAME * min(len(held), len(first.measured[who, task])):
-                found.setdefault(who, name)
-    return found
-
-
-def _same_answers(first: Sessions, second: Sessions) -> dict[str, str]:
-    telling = {
-        session: held <= second.answers[session] or held >= second.answers[session]
-        for session, held in first.answers.items()
-        if session in second.answers and _mistaken(held) and _mistaken(second.answers[session])
-    }
-    if len(telling) < LEAST or not all(telling.values()):
-        return {}
-    return {who: who for who, _ in telling}
-
-
-def _mistaken(held: frozenset[Attempt]) -> bool:
-    return any(presented != answered for _, _, presented, answered in held)
-
 
 NAMED = 5
 """Participants who are named where several stand in two datasets."""
@@ -141,13 +61,9 @@ def pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
                 f"{name}: got the materials {', '.join(study.materials)}; allowed: {', '.join(first.materials)}, as in "
                 f"{names[0]}; analyse it apart"
             )
-    held = [sessions(study) for study in studies]
     for index, study in enumerate(studies):
         for other in range(index):
-            if twice := _twice(studies[other], study, held[other], held[index]):
-                raise DatasetError(
-                    f"{names[other]} and {names[index]} hold the same trials of {twice}; give each participant once"
-                )
+            _check_apart(studies[other], study, (names[other], names[index]))
     ids = list(dict.fromkeys(study.id for study in studies))
     renamed = [_renamed(study, name) for study, name in zip(studies, names, strict=True)]
     parts = tuple(part for study in renamed for part in study.parts)
@@ -161,6 +77,7 @@ def pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         tasks=_tasks(studies),
         participants=tuple(label for study in renamed for label in study.participants),
         first_tasks={label: task for study in renamed for label, task in study.first_tasks.items()},
+        session_ids={session: one for study in renamed for session, one in study.session_ids.items()},
         attempts=pd.concat([study.attempts for study in renamed], ignore_index=True),
         exclusions=tuple(exclusion for study in renamed for exclusion in study.exclusions),
         unasked=tuple(one for study in renamed for one in study.unasked),
@@ -168,14 +85,33 @@ def pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
     )
 
 
-def _twice(first: Study, second: Study, of_first: Sessions, of_second: Sessions) -> str:
-    """Whoever stands in both, in words; empty for nobody."""
-    if first.attempts.equals(second.attempts):
-        return "everybody"
-    found = held_twice(of_first, of_second)
-    people = [who if who == name else f"{who} (there {name})" for who, name in found.items()]
-    more = f" and {len(people) - NAMED} more" if len(people) > NAMED else ""
-    return ", ".join(people[:NAMED]) + more
+def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
+    """Refuse two datasets that hold a session of one person."""
+    there = {session_id: who for (who, _), session_id in second.session_ids.items()}
+    copies = {who: there[one] for (who, _), one in first.session_ids.items() if one in there}
+    people = [who if who == name else f"{who} (there {name})" for who, name in copies.items()]
+    told = "by the ids of their sessions"
+    if not people:
+        old, new = _trials(first), _trials(second)
+        alike = [key for key in old if key in new and not (key in first.session_ids and key in second.session_ids)]
+        people = list(dict.fromkeys(who for who, task in alike if old[who, task] == new[who, task]))
+        told = "every one of a session alike; no id tells these sessions apart"
+    if people:
+        more = f" and {len(people) - NAMED} more" if len(people) > NAMED else ""
+        raise DatasetError(
+            f"{names[0]} and {names[1]} hold the same trials of {', '.join(people[:NAMED])}{more} ({told}); give each "
+            "participant once"
+        )
+
+
+def _trials(study: Study) -> dict[tuple[str, str], str]:
+    """Participant and task -> the attempts of that session as text; sessions without a mistake are left out."""
+    columns = ["trial", "attempt", "presented", "answered", "response_time_s", "foot_speed_mm_s"]
+    return {
+        (str(who), str(task)): held[columns].to_csv(index=False)
+        for (who, task), held in study.attempts.groupby(["participant", "task"], sort=False)
+        if (held["presented"] != held["answered"]).any()
+    }
 
 
 def _names(roots: Sequence[Path]) -> list[str]:
@@ -189,6 +125,7 @@ def _renamed(study: Study, name: str) -> Study:
         study,
         participants=tuple(f"{name}-{label}" for label in study.participants),
         first_tasks={f"{name}-{label}": task for label, task in study.first_tasks.items()},
+        session_ids={(f"{name}-{who}", task): one for (who, task), one in study.session_ids.items()},
         attempts=study.attempts.assign(participant=[f"{name}-{who}" for who in study.attempts["participant"]]),
         exclusions=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.exclusions),
         unasked=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.unasked),

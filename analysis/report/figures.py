@@ -40,7 +40,7 @@ from analysis.documents.drawing import (
     short,
     told_apart,
 )
-from analysis.documents.tables import number_of
+from analysis.documents.tables import plural
 from analysis.identification.identify import Identification
 from analysis.identification.results import Results, TaskResult
 from analysis.identification.time_course import MaskerLevels, OnsetErrors, SpeedBin, Window
@@ -270,7 +270,7 @@ def onset_errors(axes: Axes, found: Mapping[str, OnsetErrors]) -> None:
             edgecolor=colour,
             hatch=HATCHES[index % len(HATCHES)],
             linestyle=LINES[index % len(LINES)],
-            label=f"{task}: {one.mean_ms:.2f}{spread} ms, {number_of(len(one.errors_ms), 'trial')}",
+            label=f"{task}: {one.mean_ms:.2f}{spread} ms, {plural(len(one.errors_ms), 'trial')}",
         )
     axes.axvline(0, color="black", linestyle="--", linewidth=0.8)
     axes.set_xlabel("measured onset minus contact (ms)")
@@ -434,9 +434,9 @@ def _course(results: Results, label: str) -> Iterator[Sheet]:
     chances = {task.task.id: task.chance for task in results.tasks}
     if found.learning:
         window = max(one.last - one.first + 1 for windows in found.learning.values() for one in windows)
-        figure, (axes,) = sheet([2.3], f"Right answers, {number_of(window, 'trial')} at a time", label)
+        figure, (axes,) = sheet([2.3], f"Right answers, {plural(window, 'trial')} at a time", label)
         learning(axes, found.learning, chances)
-        said = f"Share of right answers in {number_of(window, 'successive trial')}; bands: 95 % BCa intervals over "
+        said = f"Share of right answers in {plural(window, 'successive trial')}; bands: 95 % BCa intervals over "
         said += "participants."
         yield Sheet("learning", "course", said, figure)
     if found.speed:

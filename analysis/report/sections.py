@@ -16,14 +16,12 @@ from analysis.documents.tables import (
     interval,
     lacks_a_limit,
     number,
-    number_of,
+    plural,
     probability,
 )
 from analysis.identification.results import ComponentReliability, Reliability, Results, TaskResult
-from analysis.reading import study as plans
-from analysis.reading.study import Study
-from analysis.report.identification_sections import identification_sections
-from analysis.report.trial_sections import course_section, trials_section
+from analysis.reading.study import Study, sentences
+from analysis.report.identification_sections import course_section, identification_sections, trials_section
 from analysis.statistics.anova import Anova, Effect
 from analysis.statistics.icc import NAMES
 from analysis.statistics.t_tests import EffectSize
@@ -159,8 +157,8 @@ def overview(study: Study, results: Results) -> Section:
     header = ("task", "title", "participants", "trials", "no answer", "chance")
     name = study.name.removeprefix(f"{study.label}: ")
     paragraphs = (
-        f"{name}. Study {study.id}; {number_of(len(study.participants), 'participant')} in the dataset.",
-        *plans.sentences(study),
+        f"{name}. Study {study.id}; {plural(len(study.participants), 'participant')} in the dataset.",
+        *sentences(study),
     )
     return Section("overview", "Study", paragraphs, (Table("", header, rows, left=frozenset({0, 1})),), tuple(records))
 
@@ -329,12 +327,12 @@ def _confusion_table(task: TaskResult) -> Table:
         "unadjusted."
     ]
     notes += [
-        f"{material}: presented to {matrix.n(i)} of {number_of(people, 'participant')}."
+        f"{material}: presented to {matrix.n(i)} of {plural(people, 'participant')}."
         for i, material in enumerate(matrix.materials)
         if matrix.n(i) != people
     ]
     spread = "mean ± SD among" if people > 1 else "of"
-    title = f"{task.task.title}: answer ratios, {spread} {number_of(people, 'participant')}"
+    title = f"{task.task.title}: answer ratios, {spread} {plural(people, 'participant')}"
     marked = frozenset((i, i + 1) for i in range(len(matrix.materials)))
     return Table(title, header, tuple(rows), marked=marked, notes=tuple(notes))
 

@@ -1,31 +1,51 @@
-"""Analysis of variance of answer ratios: one-way, and two-way with unequal numbers in types I, II and III.
+"""Analysis of variance of answer ratios, one-way, and two-way with unequal numbers in types I, II and III.
 
-Sums of squares are exact until F is formed: integers over one common denominator. Types after SAS: I adjusts an
-effect for those before it, II for every effect that does not contain it, III for every other effect with sum-to-zero
-contrasts.
+Types after SAS: I adjusts an effect for those before it, II for every effect that does not contain it, III for every
+other effect with sum-to-zero contrasts. A sum of squares is taken along contrasts that are orthogonal in the numbers of
+participants; they are integers, so one study's sums are exact until F is formed.
 
-Variance components of two crossed random factors with unequal numbers, and the reliability formed from them.
-
-Henderson's method III: reductions in the sum of squares are set equal to their expectations under a model in
-which both factors and their interaction are random. Okamoto (section 5.2) prints an intraclass correlation of 0.97
-"based on the results of this two-way ANOVA" without a formula; this is one reading of those words, not the only one.
+The variance components of the same two factors, both random, follow by Henderson's method III: sums of squares of type
+II are set equal to their expectations. Okamoto (section 5.2) prints an intraclass correlation of 0.97 "based on the
+results of this two-way ANOVA" without a formula; `icc_of_mean` is one reading of those words, not the only one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+import math
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
-from itertools import accumulate, pairwise, product
-from operator import mul
-from typing import Literal
+from functools import cached_property, lru_cache
+from itertools import product
+from typing import Any, Literal
 
-from analysis.statistics.exact import NotDefined, Number, integers, reductions, squares
+import numpy as np
+
+from analysis.statistics.exact import (
+    Floats,
+    NotDefined,
+    Number,
+    Ratios,
+    Tested,
+    Values,
+    f_test,
+    floats,
+    of_groups,
+    over,
+    ratio,
+    undefined,
+)
 from analysis.statistics.t_tests import EffectSize, partial_eta_squared
 
 SumsOfSquares = Literal["I", "II", "III"]
 TYPES: tuple[SumsOfSquares, ...] = ("I", "II", "III")
+
+BEFORE: dict[SumsOfSquares, tuple[str, str, str]] = {
+    "I": ("", "A", "AB"),
+    "II": ("B", "A", "AB"),
+    "III": ("BX", "AX", "AB"),
+}
+"""Effects that "A", "B" and "X", the interaction, are adjusted for in each type."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +60,7 @@ class Effect:
 
     @property
     def ms(self) -> float:
-        """Mean square."""
+        """The mean square."""
         return self.ss / self.df
 
 
@@ -54,90 +74,164 @@ class Anova:
     statement: str = ""
 
     def effect(self, name: str) -> Effect:
-        """The effect with this name; `KeyError` when there is none."""
+        """Return the effect with this name; `KeyError` when there is none."""
         for effect in self.effects:
             if effect.name == name:
                 return effect
         raise KeyError(name)
 
     def eta_squared(self, effect: Effect) -> EffectSize | None:
-        """Partial eta squared of one of the effects; None where its F is not defined."""
+        """Return partial eta squared of one of the effects; None where its F is not defined."""
         return None if effect.f is None else partial_eta_squared(effect.f, effect.df, self.residual.df)
+
+
+def one_way(groups: Sequence[Sequence[Number]], name: str = "group") -> Anova:
+    """Return the one-way ANOVA of independent groups, each of shape (n_i,).
+
+    Raises:
+        NotDefined: with fewer than two groups, an empty group, or one value in each.
+    """
+    sizes = [len(group) for group in groups]
+    if len(sizes) < 2 or not all(sizes):
+        raise NotDefined(f"one-way ANOVA needs two groups with values, got sizes {sizes}")
+    if sum(sizes) == len(sizes):
+        raise NotDefined("one-way ANOVA needs two values in a group, got one in each: nothing is left for error")
+    cells = of_groups(groups)
+    within, df = cells.within, sum(sizes) - len(sizes)
+    return _table("one-way", [(name, between(cells), len(sizes) - 1)], within, df)
+
+
+def one_way_tests(groups: Ratios) -> Tested:
+    """Return the F of many studies' groups of equally many participants, which lie along the first axis."""
+    count = len(groups.sums)
+    return f_test(between(groups), groups.within, count - 1, count * (groups.participants - 1))
+
+
+def between(groups: Ratios) -> Values:
+    """Return the sum of squares between groups, which lie along the first axis; their denominator is one."""
+    sizes = np.broadcast_to(groups.participants, (len(groups.sums), 1)).ravel().tolist()
+    common, everybody = math.lcm(*sizes), sum(sizes)
+    shared = math.gcd(common, everybody)
+    shape = (len(sizes), *[1] * (groups.sums.ndim - 1))
+    parts = np.array([common // size for size in sizes], dtype=groups.sums.dtype).reshape(shape)
+    squares, total = (parts * groups.sums**2).sum(axis=0), groups.sums.sum(axis=0)
+    spread = everybody // shared * squares - common // shared * total**2
+    return over(spread, common * everybody // shared * groups.denominator**2)
+
+
+@dataclass(frozen=True)
+class Crossed:
+    """What a two-way design is for every study: made once, of its numbers of participants alone.
+
+    Args:
+        weights: participants in each cell, first factor slowest.
+        levels: of the first and of the second factor.
+    """
+
+    weights: tuple[int, ...]
+    levels: tuple[int, int]
+
+    @property
+    def df(self) -> int:
+        """Degrees of freedom within cells."""
+        return sum(self.weights) - len(self.weights)
+
+    def df_of(self, effect: str) -> int:
+        """Return the degrees of freedom of an effect: "A", "B" or "X"."""
+        a, b = (count - 1 for count in self.levels)
+        return {"A": a, "B": b, "X": a * b}[effect]
+
+    def squares(self, effect: str, kind: SumsOfSquares, sums: Values, denominator: Any = 1) -> Values:
+        """Return an effect's sum of squares, shape (studies,).
+
+        Args:
+            effect: "A", "B" or "X".
+            kind: its type.
+            sums: over the values of each cell, shape (cells, studies).
+            denominator: of these, in all or in each cell, shape (cells, 1).
+        """
+        contrasts, sizes = self._contrasts[effect, BEFORE[kind]["ABX".index(effect)]]
+        if sums.dtype == object:
+            return np.asarray(over((contrasts @ sums) ** 2, sizes * denominator**2).sum(axis=0))
+        along = self._directions[effect, BEFORE[kind]["ABX".index(effect)]] @ (sums / denominator)
+        return np.asarray(np.einsum("ds,ds->s", along, along))
+
+    def same(self, effect: str) -> list[list[SumsOfSquares]]:
+        """Return the types, grouped by whether they are one test of this effect in this design."""
+        return self._same[effect]
+
+    @cached_property
+    def _same(self) -> dict[str, list[list[SumsOfSquares]]]:
+        found = {}
+        for place, effect in enumerate("ABX"):
+            groups: dict[tuple[Fraction, ...], list[SumsOfSquares]] = {}
+            for kind in TYPES:
+                contrasts, sizes = self._contrasts[effect, BEFORE[kind][place]]
+                form = over(contrasts[:, :, None] * contrasts[:, None], sizes[:, :, None]).sum(axis=0)
+                groups.setdefault(tuple(form.ravel().tolist()), []).append(kind)
+            found[effect] = list(groups.values())
+        return found
+
+    @cached_property
+    def _directions(self) -> dict[tuple[str, str], Floats]:
+        return {key: floats(contrasts) / np.sqrt(floats(sizes)) for key, (contrasts, sizes) in self._contrasts.items()}
+
+    @cached_property
+    def coefficients(self) -> dict[str, Fraction]:
+        """How often a component enters the expectation of a sum of squares of type II: effect and component -> times.
+
+        It is the sum, over the component's levels, of that sum of squares for the level's indicator as the response.
+        """
+        first, second = np.divmod(np.arange(len(self.weights)), self.levels[1])
+        of = {"A": first, "B": second, "X": np.arange(len(self.weights))}
+        weights = np.array(self.weights, dtype=object)[:, None]
+        found = {}
+        for pair in ("AA", "AX", "BB", "BX", "XX"):
+            indicators = weights * np.equal.outer(of[pair[1]], np.unique(of[pair[1]])).astype(int).astype(object)
+            found[pair] = sum(self.squares(pair[0], "II", indicators).tolist(), Fraction(0))
+        return found
+
+    @cached_property
+    def _contrasts(self) -> dict[tuple[str, str], tuple[Values, Values]]:
+        """Effect and those before it -> its contrasts, shape (df, cells), and their squared sizes, shape (df, 1)."""
+        a, b = (np.vstack([np.eye(n - 1, dtype=int), -np.ones(n - 1, dtype=int)]).astype(object) for n in self.levels)
+        ones = [np.ones((n, 1), dtype=int).astype(object) for n in self.levels]
+        columns = {"": np.kron(*ones), "A": np.kron(a, ones[1]), "B": np.kron(ones[0], b), "X": np.kron(a, b)}
+        wanted = {(effect, before) for orders in BEFORE.values() for effect, before in zip("ABX", orders, strict=True)}
+        return {(effect, before): self._orthogonal(columns, ("", *before, effect)) for effect, before in sorted(wanted)}
+
+    def _orthogonal(self, columns: dict[str, Values], order: tuple[str, ...]) -> tuple[Values, Values]:
+        """Gram and Schmidt's orthogonal form of the last of these blocks, in integers."""
+        weights = np.array(self.weights, dtype=object)
+        found: list[tuple[Values, Values, int]] = []
+        for column in np.hstack([columns[name] for name in order]).T:
+            for other, weighted, size in found:
+                column = column * size - other * (weighted @ column)
+            column = column // math.gcd(*column.tolist())
+            found.append((column, weights * column, (weights * column) @ column))
+        last = found[-columns[order[-1]].shape[1] :]
+        return np.array([u for u, _, _ in last], dtype=object), np.array([[size] for _, _, size in last], dtype=object)
+
+
+@lru_cache(maxsize=128)
+def crossed(weights: tuple[int, ...], levels: tuple[int, int]) -> Crossed:
+    """Return the design of so many participants in each cell, first factor slowest.
+
+    Raises:
+        NotDefined: fewer than two levels of a factor.
+    """
+    if min(levels) < 2:
+        raise NotDefined(f"got {levels[0]} and {levels[1]} levels of two factors; allowed: at least 2 of each")
+    return Crossed(weights, levels)
 
 
 @dataclass(frozen=True)
 class Cells:
-    """Values sorted into the cells of two crossed factors: (level of first, level of second) -> values.
-
-    The values are integers; what they stand for is each of them divided by `denominator`.
-    """
+    """One study's values in the cells of two crossed factors, whose `names` these are."""
 
     names: tuple[str, str]
-    first: tuple[Hashable, ...]
-    second: tuple[Hashable, ...]
-    values: dict[tuple[Hashable, Hashable], list[int]]
-    denominator: int
-
-    @cached_property
-    def keys(self) -> list[tuple[Hashable, Hashable]]:
-        """Every cell, first factor slowest."""
-        return list(product(self.first, self.second))
-
-    @cached_property
-    def weights(self) -> list[int]:
-        """Number of values in each cell."""
-        return [len(self.values[key]) for key in self.keys]
-
-    @cached_property
-    def within(self) -> Fraction:
-        """Sum of squares within cells: what the model of every cell's mean leaves."""
-        total = sum(sum(map(mul, values, values)) for values in self.values.values())
-        return Fraction(total, self.denominator**2) - self.reduction("ABX")
-
-    def reduction(self, effects: str) -> Fraction:
-        """R(model) of the values: an intercept and the effects "A", "B" and "X" (interaction), in this order."""
-        return self._reductions[effects]
-
-    def reduction_of(self, effects: str, response: Sequence[int]) -> Fraction:
-        """R(model) with another response, one integer a cell, in the place of the values."""
-        return self._sequential(effects, list(map(mul, self.weights, response)))[effects]
-
-    @cached_property
-    def _reductions(self) -> dict[str, Fraction]:
-        """R of every model that a table of type I, II or III, or a component of variance, is made from."""
-        sums = [sum(self.values[key]) for key in self.keys]
-        found: dict[str, Fraction] = {}
-        for order in ("ABX", "BX", "AX"):
-            found |= self._sequential(order, sums)
-        return {effects: reduction / self.denominator**2 for effects, reduction in found.items()}
-
-    def _sequential(self, order: str, sums: Sequence[int]) -> dict[str, Fraction]:
-        """R of the models that `order` begins with, by effects, of these sums over the values of each cell."""
-        columns, across, gram = self._design
-        models = [order[:end] for end in range(len(order) + 1)]
-        chosen = [index for effect in ("", *order) for index in columns[effect]]
-        normal = [[gram[i][j] for j in chosen] for i in chosen]
-        right = [sum(map(mul, across[i], sums)) for i in chosen]
-        sizes = list(accumulate(len(columns[effect]) for effect in ("", *order)))
-        return dict(zip(models, reductions(normal, right, sizes), strict=True))
-
-    @cached_property
-    def _design(self) -> tuple[dict[str, range], list[tuple[int, ...]], list[list[int]]]:
-        """Sum-to-zero design: the columns of each effect, every column over the cells, and the normal equations."""
-        a, b = len(self.first) - 1, len(self.second) - 1
-        columns = {
-            "": range(1),
-            "A": range(1, 1 + a),
-            "B": range(1 + a, 1 + a + b),
-            "X": range(1 + a + b, (1 + a) * (1 + b)),
-        }
-        rows = []
-        for first, second in self.keys:
-            main_a, main_b = _contrasts(self.first, first), _contrasts(self.second, second)
-            rows.append([1, *main_a, *main_b, *(p * q for p in main_a for q in main_b)])
-        across = list(zip(*rows, strict=True))
-        weighted = [list(map(mul, self.weights, column)) for column in across]
-        return columns, across, [[sum(map(mul, row, column)) for column in across] for row in weighted]
+    design: Crossed
+    ratios: Ratios
 
 
 def cells(
@@ -152,78 +246,54 @@ def cells(
     for name, found in zip(names, levels, strict=True):
         if len(found) < 2:
             raise NotDefined(f"two-way ANOVA needs two levels of {name}, got {len(found)}")
-    sorted_values: dict[tuple[Hashable, Hashable], list[int]] = {key: [] for key in product(*levels)}
-    whole, denominator = integers(values)
-    for value, a, b in zip(whole, first, second, strict=True):
+    sorted_values: dict[tuple[Hashable, Hashable], list[Number]] = {key: [] for key in product(*levels)}
+    for value, a, b in zip(values, first, second, strict=True):
         sorted_values[a, b].append(value)
     for (a, b), held in sorted_values.items():
         if not held:
             raise NotDefined(f"two-way ANOVA needs a value in every cell, got none for {a}, {b}")
     if len(values) == len(sorted_values):
         raise NotDefined("two-way ANOVA needs two participants in a cell, got one in each: nothing is left for error")
-    return Cells(names, levels[0], levels[1], sorted_values, denominator)
+    weights = tuple(len(held) for held in sorted_values.values())
+    return Cells(names, crossed(weights, (len(levels[0]), len(levels[1]))), of_groups(list(sorted_values.values())))
 
 
-def one_way(groups: Sequence[Sequence[Number]], name: str = "group") -> Anova:
-    """One-way ANOVA of independent groups, each of shape (n_i,).
-
-    Raises:
-        NotDefined: with fewer than two groups, an empty group, or one value in each.
-    """
-    sizes = [len(group) for group in groups]
-    if len(sizes) < 2 or not all(sizes):
-        raise NotDefined(f"one-way ANOVA needs two groups with values, got sizes {sizes}")
-    total = sum(sizes)
-    if total == len(sizes):
-        raise NotDefined("one-way ANOVA needs two values in a group, got one in each: nothing is left for error")
-    whole, denominator = integers([value for group in groups for value in group])
-    ends = list(accumulate(sizes, initial=0))
-    parts = (Fraction(squares(whole[start:end]), end - start) for start, end in pairwise(ends))
-    within = sum(parts, Fraction(0)) / denominator**2
-    between = Fraction(squares(whole), total * denominator**2) - within
-    return _table("one-way", [(name, between, len(sizes) - 1)], within, total - len(sizes))
+def tasks_by_materials(correct: Sequence[Ratios]) -> tuple[Crossed, Ratios]:
+    """Return the design and the cells of many studies, from each task's ratios, shape (M, studies)."""
+    materials = len(correct[0].sums)
+    people = np.repeat([cells.participants for cells in correct], materials)
+    trials = np.repeat([cells.denominator for cells in correct], materials)
+    sums, squares = np.concatenate([c.sums for c in correct]), np.concatenate([c.squares for c in correct])
+    cells = Ratios(trials[:, None], people[:, None], sums, squares)
+    return crossed(tuple(people.tolist()), (len(correct), materials)), cells
 
 
 def two_way(data: Cells, kind: SumsOfSquares) -> Anova:
-    """Two-way ANOVA with interaction.
-
-    Args:
-        data: see `cells`.
-        kind: "I" (the first factor enters first), "II" or "III".
-    """
+    """Return the two-way ANOVA with interaction; of type I, the first factor enters first."""
     a, b = data.names
-    full, main = data.reduction("ABX"), data.reduction("AB")
-    if kind == "I":
-        squares_a = data.reduction("A") - data.reduction("")
-        squares_b = main - data.reduction("A")
-    elif kind == "II":
-        squares_a = main - data.reduction("B")
-        squares_b = main - data.reduction("A")
-    else:
-        squares_a = full - data.reduction("BX")
-        squares_b = full - data.reduction("AX")
-    df_a, df_b = len(data.first) - 1, len(data.second) - 1
-    lines = [(a, squares_a, df_a), (b, squares_b, df_b), (f"{a} x {b}", full - main, df_a * df_b)]
-    return _table(f"two-way, type {kind}", lines, data.within, sum(data.weights) - len(data.keys))
+    lines = [
+        (name, data.design.squares(effect, kind, data.ratios.sums, data.ratios.denominator), data.design.df_of(effect))
+        for name, effect in ((a, "A"), (b, "B"), (f"{a} x {b}", "X"))
+    ]
+    return _table(f"two-way, type {kind}", lines, data.ratios.within, data.design.df)
 
 
-def _contrasts(levels: Sequence[Hashable], level: Hashable) -> list[int]:
-    last = level == levels[-1]
-    return [-1 if last else int(level == other) for other in levels[:-1]]
+def two_way_tests(design: Crossed, cells: Ratios, effect: str, kind: SumsOfSquares) -> Tested:
+    """Return the F of an effect, "A", "B" or "X", in many studies; see `tasks_by_materials`."""
+    return f_test(
+        design.squares(effect, kind, cells.sums, cells.denominator), cells.within, design.df_of(effect), design.df
+    )
 
 
-def _table(kind: str, lines: Sequence[tuple[str, Fraction, int]], within: Fraction, df: int) -> Anova:
-    from scipy.special import fdtrc
-
-    residual = Effect("residual", float(within), df)
-    if within == 0:
-        bare = tuple(Effect(name, float(ss), degrees) for name, ss, degrees in lines)
+def _table(kind: str, lines: Sequence[tuple[str, Values, int]], within: Values, df: int) -> Anova:
+    names, sums, dfs = zip(*lines, strict=True)
+    tested = f_test(np.concatenate(sums), within, np.array(dfs), df)
+    residual = Effect("residual", float(within[0]), df)
+    if not within[0]:
+        bare = tuple(Effect(name, float(ss[0]), own) for name, ss, own in lines)
         return Anova(kind, bare, residual, "no variance within the groups: F and P are not defined")
-    effects = []
-    for name, ss, degrees in lines:
-        f = (ss.numerator * within.denominator * df) / (ss.denominator * within.numerator * degrees)
-        effects.append(Effect(name, float(ss), degrees, f, float(fdtrc(degrees, df, f))))
-    return Anova(kind, tuple(effects), residual)
+    columns = names, map(float, np.concatenate(sums)), dfs, tested.statistic.tolist(), tested.p.tolist()
+    return Anova(kind, tuple(Effect(*line) for line in zip(*columns, strict=True)), residual)
 
 
 @dataclass(frozen=True)
@@ -244,51 +314,46 @@ class VarianceComponents:
 
 
 def variance_components(data: Cells) -> VarianceComponents:
-    """Components of both factors, their interaction and the residual, by Henderson's method III."""
+    """Return the components of both factors, their interaction and the residual, by Henderson's method III."""
     first, second = data.names
-    df = sum(data.weights) - len(data.keys)
-    residual = data.within / df
-    interaction_ss = data.reduction("ABX") - data.reduction("AB")
-    first_ss = data.reduction("AB") - data.reduction("B")
-    second_ss = data.reduction("AB") - data.reduction("A")
-    df_first, df_second = len(data.first) - 1, len(data.second) - 1
-
-    interaction = (interaction_ss - df_first * df_second * residual) / _coefficient(data, "ABX", "AB", "X")
-    component = []
-    for of_effect, without, effect, degrees in ((first_ss, "B", "A", df_first), (second_ss, "A", "B", df_second)):
-        rest = of_effect - degrees * residual - _coefficient(data, "AB", without, "X") * interaction
-        component.append(rest / _coefficient(data, "AB", without, effect))
-    return VarianceComponents(
-        (first, second, f"{first} x {second}"),
-        float(component[0]),
-        float(component[1]),
-        float(interaction),
-        float(residual),
-    )
+    found = (float(part) for part in _components(data.design, data.ratios)[:, 0])
+    return VarianceComponents((first, second, f"{first} x {second}"), *found)
 
 
 def icc_of_mean(components: VarianceComponents, k: int) -> float | None:
-    """Variance-component ICC of the mean of `k` participants.
+    """Return the variance-component ICC of the mean of `k` participants.
 
     ICC = S / (S + residual / k), where S is the sum of the components of both factors and their interaction,
     each taken as zero where it is negative. None when there is no variance at all.
     """
-    signal = sum(max(value, 0.0) for value in (components.first, components.second, components.interaction))
-    noise = components.residual / k
-    return signal / (signal + noise) if signal + noise > 0 else None
+    parts = [[components.first], [components.second], [components.interaction], [components.residual]]
+    value = float(_share(floats(parts), k)[0])
+    return None if math.isnan(value) else value
 
 
-def _coefficient(data: Cells, model: str, without: str, effect: str) -> Fraction:
-    """How often the component of `effect` enters the expectation of R(model) - R(without).
+def variance_component_icc(design: Crossed, cells: Ratios, k: int) -> Floats:
+    """Return `icc_of_mean` of many studies; NaN where there is no variance at all."""
+    if design.df == 0:
+        return undefined(cells.sums.shape[1:]).statistic
+    # Equal ratios have equal floating-point numbers; sums of squares formed from them need not be zero.
+    varied = (cells.within > 0) | (np.ptp(cells.means, axis=0) > 0)
+    return np.where(varied, _share(_components(design, cells), k), np.nan)
 
-    It is the sum, over the levels of `effect`, of that difference for the level's indicator as the response.
-    """
 
-    def level_of(key: tuple[Hashable, Hashable]) -> Hashable:
-        return {"A": key[0], "B": key[1], "X": key}[effect]
+def _components(design: Crossed, cells: Ratios) -> Values:
+    """Both factors', their interaction's and the residual's, shape (4, studies)."""
+    residual = cells.within / design.df
+    times: Mapping[str, Any] = design.coefficients
+    if not cells.exact:
+        times = {pair: float(n) for pair, n in times.items()}
+    squares = {effect: design.squares(effect, "II", cells.sums, cells.denominator) for effect in "ABX"}
+    left = {effect: ss - design.df_of(effect) * residual for effect, ss in squares.items()}
+    interaction = left["X"] / times["XX"]
+    factors = [(left[e] - times[f"{e}X"] * interaction) / times[e + e] for e in "AB"]
+    return np.stack([*factors, interaction, residual])
 
-    total = Fraction(0)
-    for level in dict.fromkeys(map(level_of, data.keys)):
-        indicator = [int(level_of(key) == level) for key in data.keys]
-        total += data.reduction_of(model, indicator) - data.reduction_of(without, indicator)
-    return total
+
+def _share(components: Floats, k: int) -> Floats:
+    signal = np.maximum(components[:3], 0.0).sum(axis=0)
+    whole = signal + components[3] / k
+    return floats(ratio(signal, whole))

@@ -10,8 +10,22 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from analysis.statistics.exact import NotDefined, Number, integers, squares
+import numpy as np
+
+from analysis.statistics.exact import (
+    Floats,
+    Integers,
+    NotDefined,
+    Number,
+    Tested,
+    f_test,
+    floats,
+    integers,
+    ratio,
+    undefined,
+)
 
 
 @dataclass(frozen=True)
@@ -84,38 +98,92 @@ def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
     if n < 2 or k < 2:
         raise NotDefined(f"an ICC needs two targets and two raters, got {n} and {k}")
     whole, denominator = integers([value for row in ratings for value in row])
-    total = squares(whole)
-    if total == 0:
+    found = _spreads(np.array(whole, dtype=object).reshape(n, 1, k))
+    if not found.total[0]:
         raise NotDefined("all ratings are the same: no ICC is defined")
-    targets = squares([sum(whole[row : row + k]) for row in range(0, n * k, k)])
-    raters = squares([sum(whole[column::k]) for column in range(k)])
-    # Mean squares as integers, all in one unit, n k n (n - 1) (k - 1) denominator^2 of them to the unit of the ratings.
-    t, c = targets * n * (k - 1), raters * n * (n - 1)
-    w, e = (total - targets) * (n - 1), (total - targets - raters) * n
-
-    single = {
-        "1": _ratio(t - w, t + (k - 1) * w),
-        "2": _ratio(n * (t - e), n * t + n * (k - 1) * e + k * (c - e)),
-        "3": _ratio(t - e, t + (k - 1) * e),
-    }
-    average = {"1": _ratio(t - w, t), "2": _ratio(n * (t - e), n * t + c - e), "3": _ratio(t - e, t)}
-    noise = {"1": (w, n * (k - 1)), "2": (e, (n - 1) * (k - 1)), "3": (e, (n - 1) * (k - 1))}
     unit = n * k * n * (n - 1) * (k - 1) * denominator**2
-    mean_squares = (t / unit, c / unit, e / unit, w / unit)
+    ms_r, ms_c, ms_e, ms_w = (ms / unit for ms in (found.targets, found.raters, found.error, found.within))
+    tests = {"1": found.test("1"), "2": (two_way := found.test("2")), "3": two_way}
     forms: dict[str, IccForm] = {}
-    for kind, (ms, df2) in noise.items():
-        f = _ratio(t, ms)
-        p = None if f is None else _upper_tail(n - 1, df2, f)
+    for kind in "123":
+        single, average = (_known(found.value(kind, size)) for size in "1k")
+        tested, df2 = tests[kind]
+        f, p = _known(tested.statistic), _known(tested.p)
         if kind == "2":
-            limits = _limits_agreement(*mean_squares[:3], single["2"], n, k, confidence)
+            limits = _limits_agreement(ms_r, ms_c, ms_e, single, n, k, confidence)
         else:
             limits = _limits_of_f(f, n - 1, df2, k, confidence)
         stepped = tuple(None if limit is None else _spearman_brown(limit, k) for limit in limits)
-        for size, value, ends in (("1", single[kind], limits), ("k", average[kind], stepped)):
+        for size, value, ends in (("1", single, limits), ("k", average, stepped)):
             name = f"ICC({kind},{size})"
             statement = _why(kind, value, f, limits, ends)
             forms[name] = IccForm(name, *NAMES[name], value, f, n - 1, df2, p, ends[0], ends[1], statement)
-    return Icc(n, k, *mean_squares, confidence, tuple(forms[name] for name in NAMES))
+    return Icc(n, k, ms_r, ms_c, ms_e, ms_w, confidence, tuple(forms[name] for name in NAMES))
+
+
+def icc_tests(counts: Integers, form: str) -> tuple[Floats, Tested]:
+    """Return one form for each of many studies, and its test; ratios to one number of trials have the same ICC.
+
+    Args:
+        counts: shape (targets, studies, raters).
+        form: its name in Shrout and Fleiss.
+    """
+    n, studies, k = counts.shape
+    if n < 2 or k < 2:
+        nothing = undefined((studies,))
+        return nothing.statistic, nothing
+    kind, size = form.removeprefix("ICC(").removesuffix(")").split(",")
+    found = _spreads(counts)
+    return found.value(kind, size), found.test(kind)[0]
+
+
+@dataclass(frozen=True)
+class _Spreads:
+    """Mean squares of studies, shape (studies,), all in one unit: n k n (n - 1) (k - 1) to the unit of the ratings.
+
+    They are Python's integers of one study, and float64 of many.
+    """
+
+    n: int
+    k: int
+    targets: Any
+    raters: Any
+    within: Any
+    error: Any
+    total: Any
+
+    def value(self, kind: str, size: str) -> Any:
+        """The estimate; NaN where the variance that it is a share of is not above zero."""
+        t, n, k = self.targets, self.n, self.k
+        noise = self.within if kind == "1" else self.error
+        rest = 1 if size == "k" else k
+        if kind == "2":
+            whole = n * t + n * (rest - 1) * noise + rest * (self.raters - noise)
+            return ratio(n * (t - noise), whole)
+        return ratio(t - noise, t + (rest - 1) * noise)
+
+    def test(self, kind: str) -> tuple[Tested, int]:
+        """The test of ICC = 0, and its residual degrees of freedom."""
+        df2 = self.n * (self.k - 1) if kind == "1" else (self.n - 1) * (self.k - 1)
+        noise = self.within if kind == "1" else self.error
+        return f_test(self.targets * (self.n - 1), noise * df2, self.n - 1, df2), df2
+
+
+def _spreads(ratings: Any) -> _Spreads:
+    """Mean squares of whole ratings, shape (targets, studies, raters)."""
+    n, _, k = ratings.shape
+    total = ratings.sum(axis=(0, 2))
+    everything = n * k * np.einsum("isk,isk->s", ratings, ratings) - total**2
+    targets = n * (ratings.sum(axis=2) ** 2).sum(axis=0) - total**2
+    raters = k * (ratings.sum(axis=0) ** 2).sum(axis=1) - total**2
+    parts = (targets, raters, everything - targets, everything - targets - raters)
+    # The differences are exact; their multiples may be too large for 64 bits.
+    t, c, w, e = (part[0] for part in parts) if ratings.dtype == object else map(floats, parts)
+    return _Spreads(n, k, t * n * (k - 1), c * n * (n - 1), w * (n - 1), e * n, everything)
+
+
+def _known(value: Any) -> float | None:
+    return None if math.isnan(value) else float(value)
 
 
 Limits = tuple[float | None, ...]
@@ -140,17 +208,6 @@ def _why(kind: str, value: float | None, f: float | None, single: Limits, ends: 
             "a limit for one rater is too low to be stepped up to the mean of k, so the interval is not defined"
         )
     return "; ".join(said)
-
-
-def _ratio(numerator: int, denominator: int) -> float | None:
-    """None where the denominator, an estimate of a variance, is not above zero."""
-    return numerator / denominator if denominator > 0 else None
-
-
-def _upper_tail(df1: int, df2: int, f: float) -> float:
-    from scipy.special import fdtrc
-
-    return float(fdtrc(df1, df2, f))
 
 
 def _quantile(probability: float, df1: float, df2: float) -> float:

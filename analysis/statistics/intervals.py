@@ -23,7 +23,7 @@ CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
-class Interval:
+class ConfidenceInterval:
     """Limits at `confidence`."""
 
     low: float
@@ -31,7 +31,7 @@ class Interval:
     confidence: float
 
 
-def wilson(count: int, trials: int, confidence: float = CONFIDENCE) -> Interval:
+def wilson(count: int, trials: int, confidence: float = CONFIDENCE) -> ConfidenceInterval:
     """Score interval without continuity correction (Wilson 1927).
 
     Raises:
@@ -44,10 +44,10 @@ def wilson(count: int, trials: int, confidence: float = CONFIDENCE) -> Interval:
     centre = count + z * z / 2
     half = z * math.sqrt(count * (trials - count) / trials + z * z / 4)
     low, high = (centre - half) / (trials + z * z), (centre + half) / (trials + z * z)
-    return Interval(low if count else 0.0, high if count < trials else 1.0, confidence)
+    return ConfidenceInterval(low if count else 0.0, high if count < trials else 1.0, confidence)
 
 
-def clopper_pearson(count: int, trials: int, confidence: float = CONFIDENCE) -> Interval:
+def clopper_pearson(count: int, trials: int, confidence: float = CONFIDENCE) -> ConfidenceInterval:
     """Exact interval: neither tail of the binomial beyond the count exceeds half of what is left (1934).
 
     Raises:
@@ -59,7 +59,7 @@ def clopper_pearson(count: int, trials: int, confidence: float = CONFIDENCE) -> 
     tail = (1 - confidence) / 2
     low = float(betaincinv(count, trials - count + 1, tail)) if count else 0.0
     high = float(betaincinv(count + 1, trials - count, 1 - tail)) if count < trials else 1.0
-    return Interval(low, high, confidence)
+    return ConfidenceInterval(low, high, confidence)
 
 
 def _check(count: int, trials: int) -> None:
@@ -94,7 +94,7 @@ def leave_one_out(participants: int) -> NDArray[np.int64]:
     return np.ones((participants, participants), dtype=np.int64) - np.eye(participants, dtype=np.int64)
 
 
-def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CONFIDENCE) -> Interval:
+def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CONFIDENCE) -> ConfidenceInterval:
     """BCa interval of one statistic.
 
     Args:
@@ -120,10 +120,10 @@ def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CO
     normal = bias + ndtri(np.array([(1 - confidence) / 2, (1 + confidence) / 2]))
     shares = ndtr(bias + normal / (1 - acceleration * normal))
     low, high = np.quantile(drawn, shares)
-    return Interval(float(low), float(high), confidence)
+    return ConfidenceInterval(float(low), float(high), confidence)
 
 
-def mean_interval(values: Floats, weights: NDArray[np.int64], confidence: float = CONFIDENCE) -> Interval:
+def mean_interval(values: Floats, weights: NDArray[np.int64], confidence: float = CONFIDENCE) -> ConfidenceInterval:
     """BCa interval of the mean among participants, values of shape (P,), from resamples of shape (B, P).
 
     Raises:

@@ -1,14 +1,9 @@
-"""Mean answer ratios against chance: Student's t for one sample, its effect size, and Holm's correction.
+"""Mean answer ratios against chance: t, P and stars, Holm's correction, effect sizes, and a Bayes factor.
 
-Effect sizes with confidence intervals: partial eta squared from F, Cohen's d from t.
-
-Both intervals invert the noncentral distribution of the statistic (Steiger and Fouladi 1997; Steiger 2004, Psychol.
-Methods 9, 164-182): a limit is the noncentrality at which the observed value stands at the tail of the interval.
-
-Bayes factor of a one-sample t-test with the JZS prior: how much the answers speak for or against chance.
-
-The effect size has a Cauchy prior, the variance Jeffreys's (Rouder, Speckman, Sun, Morey and Iverson 2009, Psychon.
-Bull. Rev. 16, 225-237, equation (1)).
+Intervals of effect sizes invert the noncentral distribution of the statistic (Steiger and Fouladi 1997; Steiger 2004,
+Psychol. Methods 9, 164-182): a limit is the noncentrality at which the observed value stands at the tail of the
+interval. The Bayes factor has the JZS prior: a Cauchy distribution of the effect size, Jeffreys's of the variance
+(Rouder, Speckman, Sun, Morey and Iverson 2009, Psychon. Bull. Rev. 16, 225-237, equation (1)).
 """
 
 from __future__ import annotations
@@ -20,7 +15,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from analysis.statistics.exact import NotDefined, Number, mean, sum_of_squares
+from analysis.statistics.exact import Floats, NotDefined, Number, Ratios, Tested, floats, of_groups, over, undefined
 from analysis.statistics.intervals import CONFIDENCE
 
 STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
@@ -73,7 +68,7 @@ def p_two_tailed(t: float, df: int) -> float:
 
 
 def t_against_chance(values: Sequence[Number], chance: Number) -> TTest:
-    """One-sample, two-tailed t-test of `values`, shape (participants,), against `chance`.
+    """Return the one-sample, two-tailed t-test of `values`, shape (participants,), against `chance`.
 
     Raises:
         ValueError: for a value that is not finite.
@@ -82,32 +77,48 @@ def t_against_chance(values: Sequence[Number], chance: Number) -> TTest:
     n = len(values)
     if n == 0:
         return TTest(0, None, None, float(null), 0, None, None, None, "nobody was presented this material")
-    centre = mean(values)
+    cells = of_groups([values])
+    mean = float(cells.means[0, 0])
     if n == 1:
         statement = "one participant: SD, t and P are not defined"
-        return TTest(1, float(centre), None, float(null), 0, None, None, None, statement)
-    variance = sum_of_squares(values) / (n - 1)
-    if variance == 0:
-        statement = f"every participant's ratio is {float(centre):.3g}: no variance, t and P are not defined"
-        return TTest(n, float(centre), 0.0, float(null), n - 1, None, None, None, statement)
-    sd = math.sqrt(variance)
-    effect = float(centre - null) / sd
-    t = effect * math.sqrt(n)
-    return TTest(n, float(centre), sd, float(null), n - 1, t, p_two_tailed(t, n - 1), effect)
+        return TTest(1, mean, None, float(null), 0, None, None, None, statement)
+    if not cells.scatter[0, 0]:
+        statement = f"every participant's ratio is {mean:.3g}: no variance, t and P are not defined"
+        return TTest(n, mean, 0.0, float(null), n - 1, None, None, None, statement)
+    sd, d, tested = _sizes(cells, n, null)
+    t, p = float(tested.statistic[0, 0]), float(tested.p[0, 0])
+    return TTest(n, mean, float(sd[0, 0]), float(null), n - 1, t, p, float(d[0, 0]))
 
 
-def holm(p_values: Sequence[float]) -> list[float]:
-    """P adjusted for the number of tests in a family (Holm 1979), in the order given.
+def t_tests(cells: Ratios, chance: Fraction) -> Tested:
+    """Return the t and P of each cell of many studies against `chance`; undefined where nothing varies."""
+    return undefined(cells.sums.shape) if cells.participants < 2 else _sizes(cells, cells.participants, chance)[2]
 
-    The i-th smallest of m values is multiplied by m - i + 1; no adjusted value is below that of a smaller P,
-    none above 1.
+
+def _sizes(cells: Ratios, n: int, chance: Fraction) -> tuple[Floats, Floats, Tested]:
+    """SD, d and t of each cell of `n` participants."""
+    from scipy.special import stdtr
+
+    variance = floats(over(cells.scatter, n * (n - 1) * cells.denominator**2))
+    sd = np.sqrt(np.where(variance > 0, variance, np.nan))
+    d = floats(cells.means - (chance if cells.exact else float(chance))) / sd
+    t = d * math.sqrt(n)
+    return sd, d, Tested(t, 2 * stdtr(n - 1, -np.abs(t)))
+
+
+def holm(p: Floats) -> Floats:
+    """Return P adjusted for the tests of a family (Holm 1979), which lie along the first axis.
+
+    The i-th smallest of m values is multiplied by m - i + 1; no adjusted value is below that of a smaller P, none above
+    1. NaN, a test that is not defined, counts as 1 in its family, since it was planned; it stays NaN.
     """
-    adjusted = [0.0] * len(p_values)
-    largest = 0.0
-    for rank, index in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
-        largest = max(largest, min(1.0, (len(p_values) - rank) * p_values[index]))
-        adjusted[index] = largest
-    return adjusted
+    family = np.where(np.isnan(p), 1.0, p)
+    order = np.argsort(family, axis=0, kind="stable")
+    factors = np.arange(len(p), 0, -1).reshape(-1, *[1] * (p.ndim - 1))
+    stepped = np.maximum.accumulate(np.minimum(1.0, np.take_along_axis(family, order, axis=0) * factors), axis=0)
+    adjusted = np.empty_like(stepped)
+    np.put_along_axis(adjusted, order, stepped, axis=0)
+    return np.where(np.isnan(p), np.nan, adjusted)
 
 
 ETA_CONFIDENCE = 0.90

@@ -1,24 +1,31 @@
-"""Validation -> sections: its tables as they are read, with the records behind them, and the formulas.
+"""The report of a validation: its sections and their records, its numbers for JSON, its figures, and the files.
 
-Figures of the validation: Figures 6, 7, 12 and 13 of Okamoto et al. from the recordings at hand. One function a
-figure, or a panel of it; each draws into the axes it is given.
+The figures are Figures 6, 7, 12 and 13 of Okamoto et al. from the recordings at hand. One function draws a figure, or a
+panel of it, into the axes it is given.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from analysis.documents import page
 from analysis.documents.drawing import COLUMN_STYLE, HATCHES, LINES, Sheet, colour, common_key, key, sheet, short
-from analysis.documents.tables import Section, Table, number
+from analysis.documents.output import check, publish
+from analysis.documents.tables import WIDTH, Section, Table, number, text
 from analysis.reading import dissimilarities
 from analysis.report.figures import against_dissimilarity
-from analysis.validation.spectra import Classified, Overlay
-from analysis.validation.validate import Validation
+from analysis.validation.validate import Classified, Overlay, Recorded, Validation, compute
+from experiment.synthesis.crinkle import Average
 from experiment.synthesis.spectra import BAND_HZ
 
 METHODS = (
@@ -30,10 +37,111 @@ METHODS = (
 """Names and formulas."""
 
 
+REPORT = "report.html"
+
+
+@dataclass(frozen=True)
+class Validated:
+    """The validation, and the files it was written to."""
+
+    validation: Validation
+    sections: tuple[Section, ...]
+    out: Path
+    files: tuple[Path, ...]
+
+    @property
+    def report(self) -> Path:
+        """The HTML report."""
+        return self.out / REPORT
+
+    def text(self, width: int = WIDTH) -> str:
+        """Everything for a terminal; the last line is the report's path."""
+        band = [self.validation.label] if self.validation.label else []
+        parts = (text(part, width) for part in self.sections)
+        return "\n\n\n".join([*band, *parts, *band, f"Report: {self.report}"])
+
+    def as_dict(self) -> dict[str, Any]:
+        """Every number but the spectra, for JSON; and the paths."""
+        paths = {"out": str(self.out), "report": str(self.report), "files": [str(path) for path in self.files]}
+        return {**numbers(self.validation), **paths}
+
+
+def validate(
+    recorded: Recorded, fresh: Recorded, out: Path, *, average: Average = "magnitude", figures: bool = True
+) -> Validated:
+    """Validate recordings against fresh takes, and write tables, figures and the report into `out`.
+
+    Args:
+        recorded: from which stimuli are synthesised.
+        fresh: takes of the same materials, of the same rate and length, at other speeds or the same.
+        out: folder of the results; replaced there is only what an earlier validation wrote.
+        average: over takes, as the protocol states it; what the other gives stands beside it.
+        figures: whether to draw the figures, which takes most of the time.
+
+    Raises:
+        RecordingError: recordings at a single speed, or fresh takes that do not compare with them.
+        DatasetError: a folder within a dataset, or a file in the way.
+    """
+    check(out, (), "validate")
+    validation = compute(recorded, fresh, average=average)
+    parts = sections(validation)
+    label = validation.label
+    files: dict[str, bytes] = {}
+    drawn: tuple[Sheet, ...] = ()
+    if figures:
+        drawn = sheets(validation)
+        files |= page.drawings(drawn, "figures/")
+    drawings = {one.name: files[f"figures/{one.name}.svg"] for one in drawn}
+    files |= page.tables(parts, label, "tables/")
+    document = json.dumps(numbers(validation), indent=1, allow_nan=False, ensure_ascii=False)
+    files["results.json"] = f"{document}\n".encode()
+    software = f"palpate {metadata.version('palpate')}"
+    captions = page.captions(drawn, METHODS)
+    files[REPORT] = page.html("Validation of the synthesis", label, software, parts, drawings, captions).encode()
+    return Validated(validation, parts, out, publish(out, files, label, "validate"))
+
+
 def sections(validation: Validation) -> tuple[Section, ...]:
     """Every section, in reading order."""
     overlaid = (_overlay(validation),) if validation.overlays else ()
     return (_classification(validation), *overlaid, _dissimilarity(validation))
+
+
+def numbers(validation: Validation) -> dict[str, Any]:
+    """Every number but the spectra, for JSON."""
+    return {
+        "label": validation.label,
+        "recordings": validation.recordings,
+        "fresh": validation.fresh,
+        "fitted": validation.fitted,
+        "average": validation.average,
+        "holds": validation.holds,
+        "classification": [
+            {
+                "material": one.material,
+                "observed_mm_s": one.observed_mm_s.tolist(),
+                "candidates_mm_s": one.candidates_mm_s.tolist(),
+                "counts": one.counts.tolist(),
+                "same_or_neighbouring": one.close.tolist(),
+                "takes": one.takes,
+            }
+            for one in validation.classified
+        ],
+        "overlay": [
+            {"material": one.material, "speed_mm_s": one.speed_mm_s, "dissimilarity_m_s2": one.dissimilarity}
+            for one in validation.overlays
+        ],
+        "reference_mm_s": validation.reference_mm_s,
+        "reference_extrapolated": validation.extrapolated,
+        "pairs": [{"materials": list(pair), "dissimilarity": value} for pair, value in validation.pairs.items()],
+        "rank_correlation": validation.rank_correlation,
+        "other_average": {
+            "average": validation.other.average,
+            "same_or_neighbouring": {one.material: int(one.close.sum()) for one in validation.other.classified},
+            "pairs": [{"materials": list(pair), "dissimilarity": d} for pair, d in validation.other.pairs.items()],
+            "rank_correlation": validation.other.rank_correlation,
+        },
+    }
 
 
 def _speed(mm_s: float) -> str:

@@ -1,42 +1,243 @@
-"""The validation of section 3.3 of Okamoto et al., and what section 6.1 makes of the same spectra."""
+"""The validation of section 3.3 of Okamoto et al., and what section 6.1 makes of the same spectra, by equation (6).
+
+A take's own spectrum is |C_k| of the take less the mean |C_k| of the bare panel's takes at the same speed, floored at
+zero (equation (2), for one take). It is put on the speed whose synthesised spectrum is the least dissimilar.
+
+The candidates are every speed that was recorded or observed. Seven of them occur in Okamoto et al., section 3: 50, 100,
+200 and 300 mm/s recorded, 150, 250 and 400 mm/s observed. Neighbours are those next to one another in that list.
+"""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import metadata
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
 from analysis import published
-from analysis.documents import page
-from analysis.documents.output import check, publish
-from analysis.documents.tables import WIDTH, Section, text
 from analysis.reading import dissimilarities
-from analysis.validation.spectra import (
-    Classified,
-    Overlay,
-    Recorded,
-    check_comparable,
-    classify,
-    known_spectra,
-    normalised_pairs,
-    overlay,
-    own_spectra,
-)
 from experiment.errors import RecordingError
-from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed
-from experiment.synthesis.spectra import bin_frequencies_hz
+from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract
+from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity, dissimilarity_matrix, spectrum
 
-if TYPE_CHECKING:
-    from analysis.documents.drawing import Sheet
 
-REPORT = "report.html"
+class Recorded(Protocol):
+    """Takes of materials and of the bare panel, as arrays."""
+
+    @property
+    def label(self) -> str: ...
+
+    @property
+    def simulated(self) -> bool: ...
+
+    @property
+    def rate_hz(self) -> int: ...
+
+    @property
+    def speeds_mm_s(self) -> NDArray[np.float64]:
+        """Rising, shape (S,)."""
+        ...
+
+    @property
+    def panel(self) -> NDArray[np.float64]:
+        """Bare panel, m/s^2, shape (S, T, N)."""
+        ...
+
+    @property
+    def objects(self) -> Mapping[str, NDArray[np.float64]]:
+        """Each material on the panel, m/s^2, shape (S, T, N)."""
+        ...
+
+
+@dataclass(frozen=True)
+class Classified:
+    """Where the fresh takes of one material were put (Okamoto et al., Figure 7).
+
+    Attributes:
+        material: its id.
+        observed_mm_s: speeds of the fresh takes, shape (O,); each is among the candidates.
+        candidates_mm_s: speeds of the syntheses, rising, shape (C,).
+        dissimilarities: of each take to each synthesis, m/s^2, shape (O, T, C).
+    """
+
+    material: str
+    observed_mm_s: NDArray[np.float64]
+    candidates_mm_s: NDArray[np.float64]
+    dissimilarities: NDArray[np.float64]
+
+    @property
+    def chosen(self) -> NDArray[np.intp]:
+        """Index of the candidate that each take was put on (of equals, the slowest), shape (O, T)."""
+        return np.asarray(self.dissimilarities.argmin(axis=-1))
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """How many takes of each observed speed were put on each candidate, shape (O, C)."""
+        size = self.candidates_mm_s.size
+        return np.array([np.bincount(row, minlength=size) for row in self.chosen], dtype=np.int64)
+
+    @property
+    def close(self) -> NDArray[np.int64]:
+        """How many takes of each observed speed were put on the same or a neighbouring speed, shape (O,)."""
+        own = np.searchsorted(self.candidates_mm_s, self.observed_mm_s)
+        return np.asarray((np.abs(self.chosen - own[:, None]) <= 1).sum(axis=1))
+
+    @property
+    def takes(self) -> int:
+        """How many takes there were."""
+        return int(self.chosen.size)
+
+
+@dataclass(frozen=True)
+class Overlay:
+    """A synthesised spectrum and the average of as many observed ones (Figure 6).
+
+    Attributes:
+        material: its id.
+        speed_mm_s: of both, mm/s.
+        observed: average magnitude less the panel's, m/s^2, shape (N,).
+        synthesised: magnitude, m/s^2, shape (N,).
+        dissimilarity: of the two, equation (6), m/s^2.
+    """
+
+    material: str
+    speed_mm_s: float
+    observed: NDArray[np.float64]
+    synthesised: NDArray[np.float64]
+    dissimilarity: float
+
+
+def check_comparable(recorded: Recorded, fresh: Recorded) -> None:
+    """Refuse fresh takes that cannot be compared with the recordings.
+
+    Raises:
+        RecordingError: another rate, another length, or materials without fresh takes.
+    """
+    got = (fresh.rate_hz, fresh.panel.shape[-1])
+    allowed = (recorded.rate_hz, recorded.panel.shape[-1])
+    if got != allowed:
+        raise RecordingError(
+            f"fresh takes: got {got[1]} samples at {got[0]} Hz; allowed: {allowed[1]} at {allowed[0]} Hz, as the "
+            "recordings have; record the fresh takes anew"
+        )
+    missing = [material for material in recorded.objects if material not in fresh.objects]
+    if missing:
+        raise RecordingError(
+            f"fresh takes: got none of {', '.join(missing)}; allowed: every material that was recorded; "
+            "record what is missing"
+        )
+
+
+def known_spectra(recorded: Recorded, *, average: Average = "magnitude") -> dict[str, CrinkleSpectra]:
+    """Equation (2) for each material, averaged over takes as `crinkle.subtract` does; the panel subtracted.
+
+    Raises:
+        RecordingError: fewer than two speeds.
+    """
+    if recorded.speeds_mm_s.size < 2:
+        raise RecordingError(
+            f"recordings: got takes at one speed, {recorded.speeds_mm_s[0]:g} mm/s; allowed: two speeds or more, for "
+            "syntheses lie between them; record the materials at other speeds too, or name other recordings"
+        )
+    return {
+        material: subtract(
+            speeds_mm_s=recorded.speeds_mm_s,
+            rate_hz=recorded.rate_hz,
+            panel_object_takes=takes,
+            panel_takes=recorded.panel,
+            average=average,
+        )
+        for material, takes in recorded.objects.items()
+    }
+
+
+def own_spectra(fresh: Recorded, material: str, *, average: Average = "magnitude") -> NDArray[np.float64]:
+    """Equation (2) for every single take of a material, less the average panel of its speed.
+
+    Returns:
+        m/s^2, shape (S, T, N).
+    """
+    panel = _averaged(fresh.panel, average)[..., None, :]
+    own: NDArray[np.float64] = np.maximum(np.abs(spectrum(fresh.objects[material])) - panel, 0.0)
+    return own
+
+
+def classify(
+    material: str, *, known: CrinkleSpectra, own: NDArray[np.float64], observed_mm_s: NDArray[np.float64]
+) -> Classified:
+    """Put each take on the speed whose synthesis is the least dissimilar.
+
+    Args:
+        material: its id.
+        known: of the recordings, from `known_spectra`.
+        own: of the fresh takes, from `own_spectra`, m/s^2, shape (O, T, N).
+        observed_mm_s: speeds of the fresh takes, shape (O,).
+
+    Source: Okamoto et al., section 3.3, equation (6) and Figure 7.
+    """
+    candidates_mm_s = np.union1d(known.speeds_mm_s, observed_mm_s)
+    syntheses = np.array([at_speed(known, speed_mm_s=float(v)).coefficients for v in candidates_mm_s])
+    frequencies_hz = bin_frequencies_hz(bins=own.shape[-1], rate_hz=known.rate_hz)
+    scores = [dissimilarity(takes[:, None, :], syntheses, frequencies_hz=frequencies_hz) for takes in own]
+    return Classified(material, observed_mm_s, candidates_mm_s, np.array(scores))
+
+
+def overlay(
+    material: str,
+    *,
+    known: CrinkleSpectra,
+    fresh: Recorded,
+    speed_mm_s: float,
+    takes: int,
+    average: Average = "magnitude",
+) -> Overlay:
+    """Synthesis beside the average of the first `takes` fresh takes at one speed.
+
+    Args:
+        material: its id.
+        known: of the recordings.
+        fresh: which hold this speed.
+        speed_mm_s: one of the fresh speeds, mm/s.
+        takes: how many were averaged for a recorded spectrum; of fewer fresh ones, all are.
+        average: over takes, as in `known_spectra`.
+
+    Source: Okamoto et al., section 3.3 and Figure 6.
+    """
+    place = int(np.flatnonzero(fresh.speeds_mm_s == speed_mm_s)[0])
+    panel = _averaged(fresh.panel[place, :takes], average)
+    observed = np.maximum(_averaged(fresh.objects[material][place, :takes], average) - panel, 0.0)
+    synthesised = np.abs(at_speed(known, speed_mm_s=speed_mm_s).coefficients)
+    frequencies_hz = bin_frequencies_hz(bins=observed.size, rate_hz=known.rate_hz)
+    score = float(dissimilarity(observed, synthesised, frequencies_hz=frequencies_hz))
+    return Overlay(material, speed_mm_s, observed, synthesised, score)
+
+
+def _averaged(takes: NDArray[np.float64], average: Average) -> NDArray[np.float64]:
+    """Magnitude of the average spectrum of takes, shape (..., T, N) -> (..., N), as `crinkle.subtract` averages."""
+    coefficients = spectrum(takes)
+    if average == "signed":
+        return np.asarray(np.abs(coefficients.mean(axis=-2)))
+    return np.asarray(np.abs(coefficients).mean(axis=-2))
+
+
+def normalised_pairs(spectra: Mapping[str, NDArray[np.float64]], *, rate_hz: int) -> dict[tuple[str, str], float]:
+    """Dissimilarity of each pair of materials, divided by the highest, in the order of `spectra`.
+
+    Args:
+        spectra: magnitudes of each material at one speed, m/s^2, shape (N,).
+        rate_hz: sampling rate of the recordings, Hz.
+
+    Source: Okamoto et al., section 6.1 and Table 3.
+    """
+    names = list(spectra)
+    rows = np.array([spectra[name] for name in names])
+    frequencies_hz = bin_frequencies_hz(bins=rows.shape[-1], rate_hz=rate_hz)
+    matrix = dissimilarity_matrix(rows, frequencies_hz=frequencies_hz)
+    return {(names[i], names[j]): float(matrix[i, j]) for i in range(len(names)) for j in range(i + 1, len(names))}
+
 
 FITTED = (
     "SIMULATED: these materials were fitted to Table 3, sessions with the paper's rate, length and takes are drawn "
@@ -120,71 +321,6 @@ class Validation:
         return all(2 * int(one.close.sum()) >= one.takes for one in self.classified)
 
 
-@dataclass(frozen=True)
-class Validated:
-    """The validation, and the files it was written to."""
-
-    validation: Validation
-    sections: tuple[Section, ...]
-    out: Path
-    files: tuple[Path, ...]
-
-    @property
-    def report(self) -> Path:
-        """The HTML report."""
-        return self.out / REPORT
-
-    def text(self, width: int = WIDTH) -> str:
-        """Everything for a terminal; the last line is the report's path."""
-        band = [self.validation.label] if self.validation.label else []
-        parts = (text(part, width) for part in self.sections)
-        return "\n\n\n".join([*band, *parts, *band, f"Report: {self.report}"])
-
-    def as_dict(self) -> dict[str, Any]:
-        """Every number but the spectra, for JSON; and the paths."""
-        paths = {"out": str(self.out), "report": str(self.report), "files": [str(path) for path in self.files]}
-        return {**numbers(self.validation), **paths}
-
-
-def validate(
-    recorded: Recorded, fresh: Recorded, out: Path, *, average: Average = "magnitude", figures: bool = True
-) -> Validated:
-    """Validate recordings against fresh takes, and write tables, figures and the report into `out`.
-
-    Args:
-        recorded: from which stimuli are synthesised.
-        fresh: takes of the same materials, of the same rate and length, at other speeds or the same.
-        out: folder of the results; replaced there is only what an earlier validation wrote.
-        average: over takes, as the protocol states it; what the other gives stands beside it.
-        figures: whether to draw the figures, which takes most of the time.
-
-    Raises:
-        RecordingError: recordings at a single speed, or fresh takes that do not compare with them.
-        DatasetError: a folder within a dataset, or a file in the way.
-    """
-    from analysis.validation.report import METHODS, sections
-
-    check(out, (), "validate")
-    validation = compute(recorded, fresh, average=average)
-    parts = sections(validation)
-    label = validation.label
-    files: dict[str, bytes] = {}
-    drawn: tuple[Sheet, ...] = ()
-    if figures:
-        from analysis.validation import report as validation_figures
-
-        drawn = validation_figures.sheets(validation)
-        files |= page.drawings(drawn, "figures/")
-    drawings = {one.name: files[f"figures/{one.name}.svg"] for one in drawn}
-    files |= page.tables(parts, label, "tables/")
-    document = json.dumps(numbers(validation), indent=1, allow_nan=False, ensure_ascii=False)
-    files["results.json"] = f"{document}\n".encode()
-    software = f"palpate {metadata.version('palpate')}"
-    captions = page.captions(drawn, METHODS)
-    files[REPORT] = page.html("Validation of the synthesis", label, software, parts, drawings, captions).encode()
-    return Validated(validation, parts, out, publish(out, files, label, "validate"))
-
-
 def compute(recorded: Recorded, fresh: Recorded, *, average: Average = "magnitude") -> Validation:
     """Every number of the validation, from arrays alone.
 
@@ -238,43 +374,6 @@ def _compared(
     )
     spectra = {name: np.abs(at_speed(of_it, speed_mm_s=reference_mm_s).coefficients) for name, of_it in known.items()}
     return classified, spectra, normalised_pairs(spectra, rate_hz=fresh.rate_hz)
-
-
-def numbers(validation: Validation) -> dict[str, Any]:
-    """Every number but the spectra, for JSON."""
-    return {
-        "label": validation.label,
-        "recordings": validation.recordings,
-        "fresh": validation.fresh,
-        "fitted": validation.fitted,
-        "average": validation.average,
-        "holds": validation.holds,
-        "classification": [
-            {
-                "material": one.material,
-                "observed_mm_s": one.observed_mm_s.tolist(),
-                "candidates_mm_s": one.candidates_mm_s.tolist(),
-                "counts": one.counts.tolist(),
-                "same_or_neighbouring": one.close.tolist(),
-                "takes": one.takes,
-            }
-            for one in validation.classified
-        ],
-        "overlay": [
-            {"material": one.material, "speed_mm_s": one.speed_mm_s, "dissimilarity_m_s2": one.dissimilarity}
-            for one in validation.overlays
-        ],
-        "reference_mm_s": validation.reference_mm_s,
-        "reference_extrapolated": validation.extrapolated,
-        "pairs": [{"materials": list(pair), "dissimilarity": value} for pair, value in validation.pairs.items()],
-        "rank_correlation": validation.rank_correlation,
-        "other_average": {
-            "average": validation.other.average,
-            "same_or_neighbouring": {one.material: int(one.close.sum()) for one in validation.other.classified},
-            "pairs": [{"materials": list(pair), "dissimilarity": d} for pair, d in validation.other.pairs.items()],
-            "rank_correlation": validation.other.rank_correlation,
-        },
-    }
 
 
 def _kind(recorded: Recorded) -> str:

@@ -121,7 +121,7 @@ def power(
     """
     from analysis import published
     from analysis.documents import output
-    from analysis.power import choice_models, planned_tests, report, simulate, workers
+    from analysis.power import choice_models, planned_tests, report, simulate
     from experiment.cli.options import progress
     from experiment.protocol import files
 
@@ -136,7 +136,7 @@ def power(
     printed = published.load(model) or published.load(protocol.study.id)
     planned = planned_tests.design(protocol, printed.pairs() if printed else {}, alpha)
     runner = (
-        partial(workers.on_cores, jobs=jobs) if scheduler is None else partial(workers.on_cluster, address=scheduler)
+        partial(simulate.on_cores, jobs=jobs) if scheduler is None else partial(simulate.on_cluster, address=scheduler)
     )
     try:
         with progress(simulate.LABEL, quiet=as_json) as (total, tick):

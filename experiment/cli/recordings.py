@@ -92,7 +92,7 @@ def validate(
     neighbouring speed, and compares the materials with one another. Takes are averaged as the protocol says; what the
     other way to average would give stands beside it.
     """
-    from analysis.validation import validate as validation
+    from analysis.validation import report
     from experiment.protocol import files
     from experiment.recordings import manifest
 
@@ -107,7 +107,7 @@ def validate(
 
         others = recorder.fresh_takes(recorded, seed=seed)
     folder_out = out or folder / "validation"
-    result = validation.validate(recorded, others, folder_out, average=average, figures=figures)
+    result = report.validate(recorded, others, folder_out, average=average, figures=figures)
     if as_json:
         options.put(result.as_dict())
     else:

@@ -1,7 +1,8 @@
 """Writing the files of a BIDS `beh` dataset: plain tables and sidecars, the same bytes for the same content.
 
 Journals and printed counts are both converted with it. Every file is moved to its place whole. The layout is the
-Brain Imaging Data Structure 1.10 for behavioural experiments; the keys `Palpate`, `Materials` and `Rows` are ours,
+Brain Imaging Data Structure 1.10 for behavioural experiments; the keys `Palpate`, `Materials`, `Rows` and
+`SessionId` are ours,
 and analysis reads them.
 """
 
@@ -68,7 +69,10 @@ class DatasetText:
 
 @dataclass(frozen=True)
 class TaskText:
-    """What the sidecar of a task's events says; `materials` maps each id, in order, to its description."""
+    """What the sidecar of a task's events says.
+
+    `materials` maps each id, in order, to its description; `session_id` is that of the journal, None without one.
+    """
 
     id: str
     title: str
@@ -78,6 +82,7 @@ class TaskText:
     stimulus_presentation: Mapping[str, str]
     origin: Origin
     notes: Mapping[str, object] = field(default_factory=dict)
+    session_id: str | None = None
 
 
 @dataclass(frozen=True)
@@ -194,6 +199,7 @@ def write_events(root: Path, participant: str, task: TaskText, rows: Iterable[Ma
         "StimulusPresentation": dict(task.stimulus_presentation),
         "Materials": list(task.materials),
         "Rows": count,
+        **({"SessionId": task.session_id} if task.session_id else {}),
         **task.notes,
         **columns,
     }

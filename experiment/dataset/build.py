@@ -97,7 +97,7 @@ def build(root: Path) -> None:
         first_tasks.setdefault(header.participant, bids.MISSING)
         if header.task_position == 1:
             first_tasks[header.participant] = header.task
-        task = _task_text(protocol, protocol.task(header.task), origin)
+        task = _task_text(protocol, protocol.task(header.task), origin, header.session_id)
         bids.write_events(root, header.participant, task, _rows(session, origin))
         _write_foot(root, session, path, origin)
     bids.write_participants(
@@ -273,7 +273,7 @@ def _text(protocol: Protocol, origin: bids.Origin) -> bids.DatasetText:
     )
 
 
-def _task_text(protocol: Protocol, task: Task, origin: bids.Origin) -> bids.TaskText:
+def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str) -> bids.TaskText:
     return bids.TaskText(
         id=task.id,
         title=task.title,
@@ -282,4 +282,5 @@ def _task_text(protocol: Protocol, task: Task, origin: bids.Origin) -> bids.Task
         materials={m.id: m.description for m in protocol.materials},
         stimulus_presentation={"SoftwareName": "palpate", "SoftwareVersion": __version__},
         origin=origin,
+        session_id=session_id,
     )

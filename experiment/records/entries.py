@@ -6,9 +6,9 @@ kind of trial leaves on record of an attempt stands in a module of its own (`foo
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field
 
 FORMAT: Literal[4] = 4
 """The format of the journal: its models and their meaning.
@@ -39,12 +39,14 @@ class PlannedTrial(Record):
 class Header(Entry):
     """What this session is; written before the first trial, never again.
 
+    `session_id` are 32 hexadecimal digits that no other session has: copies of one in two datasets are told by it.
     `recordings_sha256` is that of the recordings' manifest, which holds the hash of every take; None without synthesis.
     `order` falls into blocks of `block_trials`; a trial that is put off is run again at the end of its block.
     """
 
     kind: Literal["header"] = "header"
     format: Literal[4] = FORMAT
+    session_id: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     study: str
     protocol_sha256: str
     software: str

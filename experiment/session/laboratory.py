@@ -6,8 +6,10 @@ stands at the far ends of the ports (`FarEnds`).
 
 from __future__ import annotations
 
+import secrets
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from hashlib import sha256
 from pathlib import Path
 
 from experiment import __version__
@@ -119,9 +121,13 @@ def header(
         rehearsal: whether the participant is simulated.
         clock: says when it begins.
     """
+    protocol_sha256 = approval.sha256(protocol)
+    # A real session is unlike any other; a rehearsed one is the same whenever it is rehearsed again.
+    named = f"{protocol_sha256} {seed} {participant} {task_id}"
     return Header(
+        session_id=sha256(named.encode()).hexdigest()[:32] if rehearsal else secrets.token_hex(16),
         study=protocol.study.id,
-        protocol_sha256=approval.sha256(protocol),
+        protocol_sha256=protocol_sha256,
         software=f"palpate {__version__}",
         rig=rig.rig.name,
         rig_sha256=rigs.sha256(rig),

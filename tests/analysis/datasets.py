@@ -37,8 +37,9 @@ def write_dataset(
     materials: Sequence[str] = MATERIALS,
     withdrawn: Sequence[str] = (),
     tasks: Sequence[str] = ("virtual", "real"),
+    session_ids: Mapping[tuple[str, str], str] | None = None,
 ) -> Path:
-    """A dataset of participant -> task -> rows of its events."""
+    """A dataset of participant -> task -> rows of its events; `session_ids` of participant and task."""
     write_description(
         root,
         DatasetText(
@@ -67,6 +68,7 @@ def write_dataset(
                 materials={material: f"some {material}" for material in materials},
                 stimulus_presentation={"SoftwareName": "palpate"},
                 origin=origin,
+                session_id=(session_ids or {}).get((label, task)),
             )
             write_events(root, label, text, [{**row, "origin": origin} for row in rows])
     return root

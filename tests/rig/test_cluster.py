@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis.power import workers
+from analysis.power import simulate
 from experiment.errors import PowerError
 from experiment.protocol.files import shipped
 from tests.conftest import Palpate
@@ -31,24 +31,24 @@ def test_the_cluster_gives_the_bytes_that_one_core_gives(palpate: Palpate, addre
 
 
 def test_every_result_comes_with_its_place(address: str) -> None:
-    assert dict(workers.on_cluster(abs, [-3, -2, -1, 0], address)) == {0: 3, 1: 2, 2: 1, 3: 0}
+    assert dict(simulate.on_cluster(abs, [-3, -2, -1, 0], address)) == {0: 3, 1: 2, 2: 1, 3: 0}
 
 
 def test_workers_with_other_software_are_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers, "metadata", SimpleNamespace(version=lambda _: "0"))
+    monkeypatch.setattr(simulate, "metadata", SimpleNamespace(version=lambda _: "0"))
     with pytest.raises(PowerError, match=r"allowed: .*'numpy': '0'.*so that results are the same"):
-        list(workers.on_cluster(abs, [1], address))
+        list(simulate.on_cluster(abs, [1], address))
 
 
 def test_a_worker_without_the_software_is_refused(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers, "software", lambda: {"no-such-package": "1"})
+    monkeypatch.setattr(simulate, "software", lambda: {"no-such-package": "1"})
     with pytest.raises(PowerError, match=r"got \{'no-such-package': 'none'\}; allowed: .*install the same versions"):
-        list(workers.on_cluster(abs, [1], address))
+        list(simulate.on_cluster(abs, [1], address))
 
 
 def test_a_worker_that_dies_is_an_error_in_a_line(address: str) -> None:
     with pytest.raises(PowerError, match=r"the cluster was lost .*call again"):
-        list(workers.on_cluster(_die, [1], address))
+        list(simulate.on_cluster(_die, [1], address))
 
 
 def _die(_: int) -> None:

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from analysis.audit.audit import Audit, audit
+from analysis.audit.mistakes import Line
 from analysis.audit.print_lines import print_lines
-from analysis.audit.verdicts import Line
 from experiment.errors import DatasetError
 from tests.analysis import printed_study
 from tests.analysis.datasets import MATERIALS, balanced, write_dataset

@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 
 from analysis.audit.audit import audit
+from analysis.audit.mistakes import Line
 from analysis.audit.print_lines import UNDECIDED
-from analysis.audit.verdicts import Line
 from experiment.errors import PublishedError
 
 SCORES = """

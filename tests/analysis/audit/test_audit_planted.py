@@ -14,8 +14,8 @@ import pytest
 from scipy import stats
 
 from analysis.audit.evidence import TOO_MANY
+from analysis.audit.mistakes import Line
 from analysis.audit.print_lines import print_lines
-from analysis.audit.verdicts import Line
 from tests.analysis import printed_study
 
 SIZES = {"one": 12, "two": 9}

@@ -11,7 +11,7 @@ import statsmodels.formula.api as smf
 from statsmodels.stats.anova import anova_lm
 
 from analysis.audit.comparison import Comparison, compare
-from analysis.audit.verdicts import Line
+from analysis.audit.mistakes import Line
 from analysis.identification.results import compute
 from analysis.published import load, of_document
 from analysis.published.models import Document

@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from analysis.audit.granularity import Moments, moments, neighbours, on_scale, totals
 from analysis.published import Printed
 from analysis.published.numbers import Scale
-from analysis.published.printed import Span
+from analysis.published.printed import Interval
 
-ENDLESS = Span(Fraction(0), math.inf)
+ENDLESS = Interval(Fraction(0), math.inf)
 OPEN = Scale(1, None, None)
 
 
@@ -114,7 +114,7 @@ def test_true_moments_are_always_found(values: list[int], items: int, ended: boo
     exact = [Fraction(value, items) for value in values]
     scale = Scale(items, -9, 9) if ended else Scale(items, None, None)
     variance = statistics.variance(exact)
-    around = Span(max(variance - 1, Fraction(0)), variance + 1)
+    around = Interval(max(variance - 1, Fraction(0)), variance + 1)
     found = list(moments(sum(values), len(values), scale, around))
     own = [one for one in found if one.variance.holds(variance)]
     assert len(own) == 1
@@ -124,7 +124,7 @@ def test_true_moments_are_always_found(values: list[int], items: int, ended: boo
 
 def test_large_samples_ask_parity_and_bounds_alone() -> None:
     """Over half a million steps are not taken, and the variance of half zeros and half ones is still found."""
-    half = next(iter(moments(50_000, 1_000, Scale(100), Span(Fraction(250, 999), Fraction(250, 999)))), None)
+    half = next(iter(moments(50_000, 1_000, Scale(100), Interval(Fraction(250, 999), Fraction(250, 999)))), None)
     assert half is not None
     assert half.squares == 500 * 100**2
 
@@ -132,7 +132,7 @@ def test_large_samples_ask_parity_and_bounds_alone() -> None:
 def test_a_sum_beyond_the_scale_has_no_moments() -> None:
     assert list(moments(41, 4, Scale(10), ENDLESS)) == []
     assert list(moments(3, 1, Scale(10), ENDLESS)) == []
-    assert [one.variance for one in moments(40, 4, Scale(10), ENDLESS)] == [Span(Fraction(0), Fraction(0))]
+    assert [one.variance for one in moments(40, 4, Scale(10), ENDLESS)] == [Interval(Fraction(0), Fraction(0))]
 
 
 def test_neighbours_of_an_impossible_mean() -> None:
@@ -148,5 +148,5 @@ def test_sums_beyond_the_scale_are_left_out() -> None:
 
 
 def test_moments_without_steps_have_no_counts() -> None:
-    box = Moments(5, Span(Fraction(0), Fraction(1)), ENDLESS)
+    box = Moments(5, Interval(Fraction(0), Fraction(1)), ENDLESS)
     assert (box.total, box.squares) == (None, None)

@@ -14,7 +14,7 @@ from analysis.audit import mistakes
 from analysis.audit.granularity import Moments
 from analysis.audit.mistakes import Layout, Mistake, explain
 from analysis.published import Printed
-from analysis.published.printed import Span, outward, point
+from analysis.published.printed import Interval, outward, point
 
 STUDENT = (0.7, -1.6, -0.2, -1.2, -0.1, 3.4, 3.7, 0.8, 0.0, 2.0)
 """Student 1908, additional hours of sleep with dextro-hyoscyamine: n = 10, t = 1.33, P = 0.2176 (R, t.test(sleep))."""
@@ -177,5 +177,5 @@ def test_of_the_degrees_of_freedom_of_an_f() -> None:
 
 
 def test_every_mistake_that_fits_is_named_the_simplest_first() -> None:
-    wide = Span(Fraction(0), Fraction(1))
+    wide = Interval(Fraction(0), Fraction(1))
     assert explain(Printed("0.5"), [Mistake("a", (wide,)), Mistake("b", ()), Mistake("c", (wide,))]) == "a; or c"

@@ -15,7 +15,7 @@ from scipy import stats
 from analysis.audit.granularity import Moments
 from analysis.audit.recomputed import Margin, between, effect, f_of, p_of_f, p_of_t, quotient, t_of, together, within
 from analysis.published import Printed
-from analysis.published.printed import Span, point
+from analysis.published.printed import Interval, point
 
 DIGITS = st.integers(1, 3)
 SAMPLES = st.lists(st.integers(0, 40), min_size=3, max_size=12).filter(lambda values: len(set(values)) > 1)
@@ -36,7 +36,7 @@ def test_t_d_and_p_hold_scipys(values: list[int], digits: int, null: int) -> Non
         return
     true = stats.ttest_1samp(values, null)
     d = (statistics.mean(values) - null) / statistics.stdev(values)
-    assert size.meets(Span(Fraction(d) - Fraction(1, 10**12), Fraction(d) + Fraction(1, 10**12)))
+    assert size.meets(Interval(Fraction(d) - Fraction(1, 10**12), Fraction(d) + Fraction(1, 10**12)))
     t = t_of(size, n)
     assert float(t.low) <= true.statistic + 1e-9
     assert float(t.high) >= true.statistic - 1e-9
@@ -74,7 +74,7 @@ def test_f_and_its_p_hold_those_of_the_data(groups: list[list[int]], digits: int
 def test_the_least_and_the_most_between_levels_against_a_grid(levels: list[tuple[int, int, int]]) -> None:
     """Brute force over a grid of each mean: none lies outside, and the least is met as nearly as the grid allows."""
     weights = [n for n, _, _ in levels]
-    margins = [Margin(n, Span(Fraction(low), Fraction(low + width))) for n, low, width in levels]
+    margins = [Margin(n, Interval(Fraction(low), Fraction(low + width))) for n, low, width in levels]
     found = between(margins)
     # Every combination at once, in whole eighths, orders them as N sum(n m^2) - (sum n m)^2 does.
     grids = np.array(np.meshgrid(*[8 * low + width * np.arange(9) for _, low, width in levels]))
@@ -91,7 +91,7 @@ def test_the_least_and_the_most_between_levels_against_a_grid(levels: list[tuple
 
 
 def test_means_that_can_be_equal_need_not_differ() -> None:
-    margins = [Margin(3, Span(Fraction(0), Fraction(2))), Margin(5, Span(Fraction(1), Fraction(4)))]
+    margins = [Margin(3, Interval(Fraction(0), Fraction(2))), Margin(5, Interval(Fraction(1), Fraction(4)))]
     assert between(margins).low == 0
 
 
@@ -108,14 +108,14 @@ def test_points_give_points() -> None:
 def test_no_spread_has_no_effect_size_and_a_spread_that_may_be_none_has_no_bound() -> None:
     mean = point(Fraction(1))
     assert effect(Moments(5, mean, point(Fraction(0))), Fraction(0)) is None
-    size = effect(Moments(5, mean, Span(Fraction(0), Fraction(1))), Fraction(0))
+    size = effect(Moments(5, mean, Interval(Fraction(0), Fraction(1))), Fraction(0))
     assert size is not None
     assert size.high == math.inf
     assert p_of_t(t_of(size, 5), 4).low == 0
 
 
 def test_a_mean_on_both_sides_of_the_null_can_have_p_1() -> None:
-    size = effect(Moments(9, Span(Fraction(-1), Fraction(2)), point(Fraction(1))), Fraction(0))
+    size = effect(Moments(9, Interval(Fraction(-1), Fraction(2)), point(Fraction(1))), Fraction(0))
     assert size is not None
     p = p_of_t(t_of(size, 9), 8)
     assert float(p.high) == pytest.approx(1)
@@ -123,10 +123,10 @@ def test_a_mean_on_both_sides_of_the_null_can_have_p_1() -> None:
 
 
 def test_quotients_and_boxes() -> None:
-    ratio = quotient(Span(Fraction(2), Fraction(3)), Span(Fraction(1), Fraction(4)))
+    ratio = quotient(Interval(Fraction(2), Fraction(3)), Interval(Fraction(1), Fraction(4)))
     assert (float(ratio.low), float(ratio.high)) == pytest.approx((0.5, 3.0), rel=1e-8)
     boxes = [Moments(4, point(Fraction(k)), point(Fraction(k * k))) for k in (3, 1, 2)]
-    assert together(boxes) == Moments(4, Span(Fraction(1), Fraction(3)), Span(Fraction(1), Fraction(9)))
+    assert together(boxes) == Moments(4, Interval(Fraction(1), Fraction(3)), Interval(Fraction(1), Fraction(9)))
 
 
 def test_p_of_f_is_that_of_its_definition() -> None:

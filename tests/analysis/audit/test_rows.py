@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from analysis.audit.rows import Column, Undecided, examine, row_sum, solve
 from analysis.published import Printed, PrintedCell
 from analysis.published.numbers import Scale
-from analysis.published.printed import Span
+from analysis.published.printed import Interval
 
 
 def _cells(printed: list[tuple[str, str | None]], trials: int) -> list[PrintedCell]:
@@ -48,7 +48,7 @@ def test_solve_finds_counts_where_trying_all_of_them_does(
 ) -> None:
     """Three participants, three trials, three answers: every multiset of ways."""
     columns = [
-        Column({total: Span(Fraction(low), Fraction(low + width)) for total in {first, first + extra}})
+        Column({total: Interval(Fraction(low), Fraction(low + width)) for total in {first, first + extra}})
         for (first, extra), (low, width) in zip(sums, squares, strict=True)
     ]
     found = solve(columns, 3, 3, missing=0)
@@ -108,8 +108,8 @@ def test_what_a_test_pins_is_used() -> None:
     counts: list[tuple[int, ...]] = [(1, 2), (1, 2), (2, 1), (0, 3)]
     cells = _cells(_printed(counts, 3, 1), 3)
     variance = statistics.variance([Fraction(row[0], 3) for row in counts])
-    assert examine(cells, 4, 3, {0: Span(variance, variance)}).stands
-    other = Span(variance + Fraction(1, 1000), variance + Fraction(2, 1000))
+    assert examine(cells, 4, 3, {0: Interval(variance, variance)}).stands
+    other = Interval(variance + Fraction(1, 1000), variance + Fraction(2, 1000))
     assert not examine(cells, 4, 3, {0: other}).stands
 
 

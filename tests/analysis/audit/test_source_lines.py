@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from scipy import stats
 
+from analysis.audit.mistakes import Line
 from analysis.audit.print_lines import source_lines
-from analysis.audit.verdicts import Line
 from analysis.published import Printed, PrintedSource, PrintedSources
 
 RIGHT = {"ss": "42.0", "ms": "21.0", "f": "7.00", "p": f"{stats.f.sf(7, 2, 20):.5f}"}

@@ -13,7 +13,7 @@ from matplotlib.colors import to_rgb
 from analysis.documents.drawing import COLOURS, Sheet, told_apart
 from analysis.identification.results import compute
 from analysis.reading.dataset import read
-from analysis.reading.dissimilarities import NONE, Dissimilarities, printed
+from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities
 from analysis.reading.pooling import read_pooled
 from analysis.report.figures import sheets
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
@@ -50,7 +50,7 @@ def _study(root: Path, people: int, tasks: Sequence[str], materials: Sequence[st
     return write_dataset(root, sessions, materials=materials, tasks=tasks)
 
 
-def _sheets(root: Path, dissimilarities: Dissimilarities = NONE) -> tuple[Sheet, ...]:
+def _sheets(root: Path, dissimilarities: Dissimilarities = NO_DISSIMILARITIES) -> tuple[Sheet, ...]:
     study = read(root)
     return sheets(compute(study, {}, dissimilarities), study.label)
 
@@ -80,7 +80,7 @@ def test_letters_stand_clear_of_one_another(
 
 
 def test_the_published_studys_figures(repository_root: Path) -> None:
-    found = _sheets(repository_root / "participants" / "okamoto2012", printed())
+    found = _sheets(repository_root / "participants" / "okamoto2012", printed_dissimilarities())
     names = ["correct-ratios", "confusion", "participants-virtual", "participants-real", "map", "dissimilarity"]
     assert [one.name for one in found] == names
     check(found)

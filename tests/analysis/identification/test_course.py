@@ -19,11 +19,11 @@ from analysis.identification.time_course import (
     SPEED,
     TIMING,
     WINDOW,
-    Course,
-    course,
+    TimeCourse,
+    course_of,
 )
 from analysis.reading.dataset import read
-from analysis.report.trial_sections import course_section
+from analysis.report.identification_sections import course_section
 from tests.analysis.datasets import MATERIALS, trial, write_dataset
 
 
@@ -34,8 +34,8 @@ def _session(rights: str, speeds: list[float] | None = None) -> list[dict[str, o
     return [trial(n, MATERIALS[0], said[mark], **more[n - 1]) for n, mark in enumerate(rights, start=1)]
 
 
-def _course(root: Path, sessions: dict[str, list[dict[str, object]]], seed: int = 1) -> Course:
-    return course(read(write_dataset(root, {who: {"real": rows} for who, rows in sessions.items()})), seed)
+def _course(root: Path, sessions: dict[str, list[dict[str, object]]], seed: int = 1) -> TimeCourse:
+    return course_of(read(write_dataset(root, {who: {"real": rows} for who, rows in sessions.items()})), seed)
 
 
 def test_windows_count_every_run_of_trials(tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_what_a_dataset_lacks_is_said(tmp_path: Path) -> None:
 
 
 def test_a_reconstruction_has_no_order(repository_root: Path) -> None:
-    found = course(read(repository_root / "participants" / "okamoto2012"), 1)
+    found = course_of(read(repository_root / "participants" / "okamoto2012"), 1)
     assert found.learning == {}
     assert found.statements["virtual", LEARNING] == "a reconstruction has no order of trials"
 
@@ -145,5 +145,5 @@ def test_the_same_seed_gives_the_same_intervals(tmp_path: Path) -> None:
     root = tmp_path / "data"
     first = _course(root, sessions)
     study = read(root)
-    assert course(study, 1).learning == first.learning
-    assert course(study, 2).learning != first.learning
+    assert course_of(study, 1).learning == first.learning
+    assert course_of(study, 2).learning != first.learning

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.identification.time_course import Timing, course, timing
+from analysis.identification.time_course import Timing, course_of, timing
 from analysis.reading.dataset import read
-from analysis.report.trial_sections import course_section
+from analysis.report.identification_sections import course_section
 from tests.analysis.datasets import trial, write_dataset
 
 
@@ -52,7 +52,7 @@ def test_attempts_done_again_count_and_those_who_withdrew_do_not(tmp_path: Path)
     ((name, (found,)),) = timing(study).items()
     assert (name, found.quantity, found.attempts) == ("real", "onset, measured minus asked", 2)
     assert (found.median_ms, found.largest_ms) == pytest.approx((-4.0, 9.0))
-    section = course_section(course(study, 1))
+    section = course_section(course_of(study, 1))
     (table,) = [table for table in section.tables if table.title == "Timing"]
     assert table.rows == (("real", "onset, measured minus asked", "2", "-4.000", "7.071", "-", "-", "9.000"),)
     assert [r["largest"] for r in section.records if "largest" in r] == pytest.approx([9.0])

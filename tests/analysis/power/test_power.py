@@ -20,7 +20,7 @@ import scipy.stats
 from statsmodels.stats.power import TTestPower
 from statsmodels.stats.proportion import proportion_confint
 
-from analysis.power import planned_tests, report, simulate, workers
+from analysis.power import planned_tests, report, simulate
 from analysis.power.choice_models import Answers, ChoiceModel
 from analysis.power.simulate import Chunk, Power
 from analysis.statistics.t_tests import t_against_chance
@@ -30,7 +30,7 @@ from experiment.protocol.files import shipped
 from experiment.protocol.models import PlannedTest, Protocol
 
 SLUGS = ("model", "needed", "power", "control", "estimates", "undefined")
-HERE = partial(workers.on_cores, jobs=1)
+HERE = partial(simulate.on_cores, jobs=1)
 
 
 def protocol(
@@ -160,7 +160,7 @@ def test_the_same_seed_gives_the_same_bytes_in_any_order_and_number_of_jobs() ->
     asked = {"participants": (3, 5), "studies": 1500}
     first = document(run(study, model, **asked))
     assert document(run(study, model, **asked, runner=backwards)) == first
-    assert document(run(study, model, **asked, runner=partial(workers.on_cores, jobs=2))) == first
+    assert document(run(study, model, **asked, runner=partial(simulate.on_cores, jobs=2))) == first
     assert document(run(study, model, **asked, seed=2)) != first
 
 
@@ -170,7 +170,7 @@ def _die(_: int) -> None:
 
 def test_a_process_that_is_killed_is_an_error_in_a_line() -> None:
     with pytest.raises(PowerError, match="--jobs 2: the system ended a process that worked"):
-        list(workers.on_cores(_die, [1, 2], jobs=2))
+        list(simulate.on_cores(_die, [1, 2], jobs=2))
 
 
 def test_power_at_a_size_does_not_depend_on_the_sizes_beside_it() -> None:

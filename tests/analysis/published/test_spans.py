@@ -11,25 +11,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.audit.verdicts import judge, shown
+from analysis.audit.mistakes import judge, shown
 from analysis.published import Printed, as_printed
-from analysis.published.printed import Span, hull, image, outward, point
+from analysis.published.printed import Interval, hull, image, outward, point
 
 ENDS = st.integers(-18, 18).map(lambda sixths: Fraction(sixths, 6))
 GRID = [Fraction(k, 12) for k in range(-48, 49)]
 
 
 @st.composite
-def spans(draw: st.DrawFn) -> Span:
+def spans(draw: st.DrawFn) -> Interval:
     low, high = sorted((draw(ENDS), draw(ENDS)))
     if low == high:
         return point(low)
-    return Span(low, high, draw(st.booleans()), draw(st.booleans()))
+    return Interval(low, high, draw(st.booleans()), draw(st.booleans()))
 
 
 @settings(deadline=None)
 @given(spans(), spans())
-def test_intervals_meet_where_a_fine_grid_has_a_number_of_both(a: Span, b: Span) -> None:
+def test_intervals_meet_where_a_fine_grid_has_a_number_of_both(a: Interval, b: Interval) -> None:
     """Ends are sixths, so a common stretch holds a twelfth."""
     both = [value for value in GRID if a.holds(value) and b.holds(value)]
     assert a.meets(b) == b.meets(a) == bool(both)
@@ -39,7 +39,7 @@ def test_intervals_meet_where_a_fine_grid_has_a_number_of_both(a: Span, b: Span)
 
 @settings(deadline=None)
 @given(spans(), spans(), st.fractions(-2, 2, max_denominator=4).filter(bool))
-def test_arithmetic_holds_what_its_numbers_give(a: Span, b: Span, factor: Fraction) -> None:
+def test_arithmetic_holds_what_its_numbers_give(a: Interval, b: Interval, factor: Fraction) -> None:
     inside = [[value for value in GRID if one.holds(value)] for one in (a, b)]
     assert all(a.plus(b).holds(p + q) for p, q in product(*inside))
     assert all(a.times(factor).holds(p * factor) for p in inside[0])
@@ -55,13 +55,13 @@ def test_arithmetic_holds_what_its_numbers_give(a: Span, b: Span, factor: Fracti
     st.floats(0, 10).filter(lambda x: x == 0 or x > 1e-300),
 )
 def test_images_hold_the_true_value(low: float, width: float) -> None:
-    found = image(lambda x: -x / 3, Span(Fraction(low), Fraction(low) + Fraction(width)))
+    found = image(lambda x: -x / 3, Interval(Fraction(low), Fraction(low) + Fraction(width)))
     assert found.holds(-Fraction(low) / 3)
     assert found.holds(-(Fraction(low) + Fraction(width)) / 3)
 
 
 def test_infinite_ends_stay() -> None:
-    assert outward(-math.inf, math.inf) == Span(-math.inf, math.inf)
+    assert outward(-math.inf, math.inf) == Interval(-math.inf, math.inf)
 
 
 VALUES = st.decimals("-20", "20", places=6)

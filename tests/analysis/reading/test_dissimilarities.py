@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from analysis.analyse import analyse
-from analysis.reading.dissimilarities import from_file, printed
+from analysis.reading.dissimilarities import from_file, printed_dissimilarities
 from experiment.errors import DatasetError
 from tests.analysis.datasets import MATERIALS, balanced, write_dataset
 
@@ -31,7 +31,7 @@ def test_pairs_become_a_symmetric_table_that_names_its_source(tmp_path: Path) ->
 
 def test_the_paper_has_every_pair_of_its_materials() -> None:
     materials = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
-    table = printed().table(materials)
+    table = printed_dissimilarities().table(materials)
     assert table is not None
     assert table.max() == 1
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from analysis.reading.dataset import read
-from analysis.reading.exclusions import ALL_TASKS, Exclusion, Unasked, exclude, nothing_left
+from analysis.reading.study import ALL_TASKS, Exclusion, Unasked, exclude, nothing_left
 from analysis.report.sections import exclusions_section
 from experiment.protocol.models import ExclusionRule
 from tests.analysis.datasets import balanced, trial, write_dataset

@@ -17,7 +17,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from statsmodels.stats.anova import anova_lm
 
-from analysis.statistics.anova import TYPES, Cells, cells, one_way, two_way
+from analysis.statistics.anova import BEFORE, TYPES, Cells, cells, crossed, one_way, two_way
 from analysis.statistics.exact import NotDefined
 
 NIST = Path(scipy.stats.__file__).parent / "tests" / "data" / "nist_anova"
@@ -73,6 +73,33 @@ def test_all_three_types_are_those_of_statsmodels(seed: int) -> None:
             assert effect.p == pytest.approx(line["PR(>F)"], rel=1e-6)
         assert table.residual.df == expected.loc["Residual", "df"]
         assert table.residual.ss == pytest.approx(expected.loc["Residual", "sum_sq"])
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_sums_of_squares_are_those_of_weighted_least_squares(seed: int) -> None:
+    """The fall of the residual when an effect's columns join those before it, by numpy's lstsq."""
+    random = np.random.default_rng(seed)
+    levels = int(random.integers(2, 4)), int(random.integers(2, 5))
+    weights = random.integers(1, 9, size=levels[0] * levels[1])
+    response = random.integers(0, 20, size=len(weights))
+    a, b = (np.vstack([np.eye(n - 1), -np.ones(n - 1)]) for n in levels)
+    ones = [np.ones((n, 1)) for n in levels]
+    columns = {"": np.kron(*ones), "A": np.kron(a, ones[1]), "B": np.kron(ones[0], b), "X": np.kron(a, b)}
+
+    def reduction(effects: str) -> float:
+        part = np.hstack([columns[name] for name in ("", *effects)])
+        root = np.sqrt(weights)
+        fitted = part @ np.linalg.lstsq(part * root[:, None], response * root, rcond=None)[0]
+        return float(np.sum(weights * fitted**2))
+
+    design = crossed(tuple(weights.tolist()), levels)
+    totals = (weights * response)[:, None]
+    for kind in TYPES:
+        for effect, before in zip("ABX", BEFORE[kind], strict=True):
+            expected = pytest.approx(reduction(before + effect) - reduction(before), abs=1e-8)
+            assert float(design.squares(effect, kind, totals.astype(object))[0]) == expected
+            assert design.squares(effect, kind, totals.astype(np.float64))[0] == expected
 
 
 def test_equal_numbers_make_the_types_equal_and_add_up() -> None:

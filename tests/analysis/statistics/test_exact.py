@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.statistics.exact import NotDefined, integers, mean, reductions, sum_of_squares
+from analysis.statistics.exact import NotDefined, integers, mean, sum_of_squares
 
 counts = st.lists(st.integers(0, 40), min_size=2, max_size=12)
 
@@ -26,24 +26,6 @@ def test_mean_and_sum_of_squares_are_those_of_the_standard_library(values: list[
 def test_no_digit_is_lost_beside_a_large_constant() -> None:
     values = [Fraction(10**13) + Fraction(k, 10) for k in (4, 3, 5)]
     assert sum_of_squares(values) == Fraction(2, 100)
-
-
-@settings(deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_reductions_are_those_of_weighted_least_squares(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    design = random.integers(-1, 2, size=(7, 4))
-    design[:, 3] = design[:, 0] + design[:, 1]
-    weights = random.integers(1, 9, size=7)
-    response = random.integers(0, 20, size=7)
-    root = np.sqrt(weights)
-    weighted = design.T * weights
-    sizes = [1, 2, 3, 4]
-    got = reductions((weighted @ design).tolist(), (weighted @ response).tolist(), sizes)
-    for size in sizes:
-        part = design[:, :size]
-        fitted = part @ np.linalg.lstsq(part * root[:, None], response * root, rcond=None)[0]
-        assert float(got[size - 1]) == pytest.approx(float(np.sum(weights * fitted**2)), abs=1e-9)
 
 
 def test_integers_stand_for_the_same_values() -> None:

@@ -1,4 +1,4 @@
-"""Statistics of many studies at once: each study's are those of the exact functions that `analyse` uses."""
+"""Statistics of many studies at once, in float64: each study's are those in fractions that `analyse` uses."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.identification.confusion import Confusion
-from analysis.statistics import anova, icc, many_studies, t_tests
+from analysis.identification.confusion import Confusion, most_confused
+from analysis.statistics import anova, icc, t_tests
 from analysis.statistics.anova import icc_of_mean, variance_components
-from analysis.statistics.exact import NotDefined
+from analysis.statistics.exact import NotDefined, of_counts
 
 TRIALS = 6
 EFFECTS = {"A": "task", "B": "material", "X": "task x material"}
@@ -45,11 +45,11 @@ def fractions(row: np.ndarray) -> list[Fraction]:
 def test_t_and_holm(seed: int, materials: int, people: int) -> None:
     made = counts(seed, materials, people)
     every = np.arange(materials)
-    result = many_studies.t_against_chance(many_studies.ratios(made, TRIALS)[every, every], 0.25)
-    adjusted = many_studies.holm(result.p)
+    result = t_tests.t_tests(of_counts(made, TRIALS)[every, every], Fraction(1, 4))
+    adjusted = t_tests.holm(result.p)
     for study in range(made.shape[2]):
         tests = [t_tests.t_against_chance(fractions(made[i, i, study]), Fraction(1, 4)) for i in every]
-        family = t_tests.holm([1.0 if test.p is None else test.p for test in tests])
+        family = t_tests.holm(np.array([1.0 if test.p is None else test.p for test in tests]))
         for i, test in enumerate(tests):
             same(result.statistic[i, study], test.t)
             same(result.p[i, study], test.p)
@@ -60,8 +60,8 @@ def test_t_and_holm(seed: int, materials: int, people: int) -> None:
 @given(st.integers(0, 2**32 - 1), st.integers(2, 4), st.integers(1, 6))
 def test_the_most_confused_pair_and_its_one_way_anova(seed: int, materials: int, people: int) -> None:
     made = counts(seed, materials, people)
-    answers = many_studies.ratios(made, TRIALS)[:, :materials]
-    first, second = many_studies.most_confused(answers)
+    answers = of_counts(made, TRIALS)[:, :materials]
+    first, second = most_confused(answers.means)
     names = tuple("abcd"[:materials])
     for study in range(made.shape[2]):
         matrix = Confusion(names, tuple(map(str, range(people))), np.moveaxis(made[:, :, study], -1, 0))
@@ -73,7 +73,7 @@ def test_the_most_confused_pair_and_its_one_way_anova(seed: int, materials: int,
         places = ((i, i), (j, j), (i, j), (j, i))
         groups = [fractions(made[a, b, study]) for a, b in places]
         rows, columns = (np.array(side) for side in zip(*places, strict=True))
-        result = many_studies.one_way(answers[rows, columns])
+        result = anova.one_way_tests(answers[rows, columns])
         try:
             effect = anova.one_way(groups).effects[0]
         except NotDefined:
@@ -88,10 +88,10 @@ def test_the_most_confused_pair_and_its_one_way_anova(seed: int, materials: int,
 def test_two_way_anova_and_variance_components(seed: int, materials: int, people: list[int]) -> None:
     made = [counts(seed + i, materials, n) for i, n in enumerate(people)]
     every = np.arange(materials)
-    correct = [many_studies.ratios(task, TRIALS)[every, every] for task in made]
-    design = many_studies.crossed(tuple(people), materials)
+    correct = [of_counts(task, TRIALS)[every, every] for task in made]
+    design, table_of_all = anova.tasks_by_materials(correct)
     k = sum(people)
-    reliability = many_studies.variance_component_icc(design, correct, k)
+    reliability = anova.variance_component_icc(design, table_of_all, k)
     for study in range(made[0].shape[2]):
         values: list[Fraction] = []
         tasks, shown = [], []
@@ -109,7 +109,7 @@ def test_two_way_anova_and_variance_components(seed: int, materials: int, people
         for kind in anova.TYPES:
             table = anova.two_way(cells, kind)
             for effect, name in EFFECTS.items():
-                result = many_studies.two_way(design, correct, effect, kind)
+                result = anova.two_way_tests(design, table_of_all, effect, kind)
                 same(result.statistic[study], table.effect(name).f)
                 same(result.p[study], table.effect(name).p)
         same(reliability[study], icc_of_mean(variance_components(cells), k))
@@ -121,7 +121,7 @@ def test_every_icc_form(seed: int, materials: int, people: int) -> None:
     made = counts(seed, materials, people)
     every = np.arange(materials)
     for form in icc.NAMES:
-        value, tested = many_studies.icc(made[every, every], form)
+        value, tested = icc.icc_tests(made[every, every], form)
         for study in range(made.shape[2]):
             try:
                 expected = icc.icc([fractions(made[i, i, study]) for i in every]).form(form)
@@ -136,17 +136,17 @@ def test_every_icc_form(seed: int, materials: int, people: int) -> None:
 
 def test_types_are_one_test_where_the_design_makes_them_so() -> None:
     """Numbers in proportion: I and II are one; equal numbers: all three are (Searle 1971, chapter 7)."""
-    apart = many_studies.crossed((15, 10), 4)
+    apart = anova.crossed((15,) * 4 + (10,) * 4, (2, 4))
     assert [apart.same(effect) for effect in "ABX"] == [
         [["I", "II", "III"]],
         [["I", "II"], ["III"]],
         [["I", "II", "III"]],
     ]
-    equal = many_studies.crossed((8, 8), 3)
+    equal = anova.crossed((8,) * 6, (2, 3))
     assert [len(equal.same(effect)) for effect in "ABX"] == [1, 1, 1]
 
 
-@pytest.mark.parametrize(("people", "materials"), [([5], 4), ([5, 5], 1)])
-def test_a_design_that_crosses_nothing_is_refused(people: list[int], materials: int) -> None:
+@pytest.mark.parametrize(("weights", "levels"), [((5,) * 4, (1, 4)), ((5, 5), (2, 1))])
+def test_a_design_that_crosses_nothing_is_refused(weights: tuple[int, ...], levels: tuple[int, int]) -> None:
     with pytest.raises(ValueError, match="allowed: at least 2 of each"):
-        many_studies.crossed(tuple(people), materials)
+        anova.crossed(weights, levels)

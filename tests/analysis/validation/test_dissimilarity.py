@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from analysis.validation import spectra as d
+from analysis.validation import validate as d
 from experiment.errors import RecordingError
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
 from experiment.synthesis.spectra import inverse

@@ -60,7 +60,7 @@ def test_materials_that_the_paper_has_not_are_compared_with_one_another_alone() 
 
 def test_simulated_recordings_are_said_to_be_fitted_wherever_they_stand_beside_the_paper(tmp_path: Path) -> None:
     recorded, fresh = of_the_paper(SPEEDS, 3, simulated=True), of_the_paper(FRESH, 10, simulated=True)
-    made = validate.validate(recorded, fresh, tmp_path, figures=False)
+    made = report.validate(recorded, fresh, tmp_path, figures=False)
     told = "Agreement with Table 3, with Figure 7, and of the rank correlation with Table 2 is made, not found"
     for slug in ("classification", "dissimilarity"):
         assert told in " ".join((tmp_path / "tables" / f"{slug}.md").read_text("utf-8").split())
@@ -102,7 +102,7 @@ def test_materials_compared_beyond_the_recorded_speeds_are_said_to_be_extrapolat
     for speeds, extrapolated in ((slow, True), (SPEEDS, False)):
         made = validate.compute(linear(speeds, 3), linear(FRESH, 10))
         assert made.extrapolated is extrapolated
-        assert validate.numbers(made)["reference_extrapolated"] is extrapolated
+        assert report.numbers(made)["reference_extrapolated"] is extrapolated
         assert ("EXTRAPOLATED" in " ".join(sections(made)[-1].paragraphs)) is extrapolated
 
 
@@ -137,7 +137,7 @@ class Outside(HTMLParser):
 
 def test_what_is_written_is_whole_and_says_what_it_is(tmp_path: Path) -> None:
     recorded, fresh = of_the_paper(SPEEDS, 3, simulated=True), of_the_paper(FRESH, 10, simulated=True)
-    made = validate.validate(recorded, fresh, tmp_path / "out")
+    made = report.validate(recorded, fresh, tmp_path / "out")
     names = {str(path.relative_to(tmp_path / "out")) for path in made.files}
     figures = {f"figures/{name}.{kind}" for name in ("classification", "overlay", "spectra", "confusions")
                for kind in ("svg", "png")}  # fmt: skip
@@ -162,7 +162,7 @@ def test_what_is_written_is_whole_and_says_what_it_is(tmp_path: Path) -> None:
 
 
 def test_real_recordings_are_not_called_simulated(tmp_path: Path) -> None:
-    made = validate.validate(linear(SPEEDS, 3), linear(FRESH, 10), tmp_path / "out", figures=False)
+    made = report.validate(linear(SPEEDS, 3), linear(FRESH, 10), tmp_path / "out", figures=False)
     assert "SIMULATED" not in made.text() + made.report.read_text("utf-8")
     json.dumps(made.as_dict(), allow_nan=False)
 
@@ -170,7 +170,7 @@ def test_real_recordings_are_not_called_simulated(tmp_path: Path) -> None:
 def test_a_second_run_gives_the_same_bytes(tmp_path: Path) -> None:
     contents = []
     for _ in range(2):
-        made = validate.validate(of_the_paper(SPEEDS, 3), of_the_paper(FRESH, 10), tmp_path / "out")
+        made = report.validate(of_the_paper(SPEEDS, 3), of_the_paper(FRESH, 10), tmp_path / "out")
         contents.append({path: path.read_bytes() for path in made.files})
     assert contents[0] == contents[1]
 
@@ -178,7 +178,7 @@ def test_a_second_run_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_a_file_in_the_way_stays(tmp_path: Path) -> None:
     (tmp_path / "report.html").write_text("mine")
     with pytest.raises(DatasetError, match="holds files that are not palpate's"):
-        validate.validate(linear(SPEEDS, 3), linear(FRESH, 10), tmp_path, figures=False)
+        report.validate(linear(SPEEDS, 3), linear(FRESH, 10), tmp_path, figures=False)
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
 
 
@@ -204,5 +204,5 @@ def test_what_does_not_compare_is_refused_and_nothing_is_written(
     tmp_path: Path, recorded: Takes, fresh: Takes, error: type[Exception], message: str
 ) -> None:
     with pytest.raises(error, match=message):
-        validate.validate(recorded, fresh, tmp_path / "out", figures=False)
+        report.validate(recorded, fresh, tmp_path / "out", figures=False)
     assert not (tmp_path / "out").exists()

@@ -66,9 +66,9 @@ def test_power_refuses_in_a_line(palpate: Palpate, arguments: tuple[str, ...], m
 
 def test_a_scheduler_that_does_not_answer_is_named(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    from analysis.power import workers
+    from analysis.power import simulate
 
-    monkeypatch.setattr(workers, "PATIENCE", "1s")
+    monkeypatch.setattr(simulate, "PATIENCE", "1s")
     code, _, err = palpate(
         "power", shipped("okamoto2012.toml"), *QUICK, "--participants", "4", "--scheduler", "tcp://127.0.0.1:9"
     )

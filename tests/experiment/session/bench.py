@@ -29,6 +29,7 @@ from experiment.synthesis.waveforms import Synthesised
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole, ScriptedTracker, step_samples
 
 HEADER = Header(
+    session_id="0" * 32,
     study="s",
     protocol_sha256="0" * 64,
     software="palpate 0",

@@ -290,7 +290,7 @@ def test_a_stream_with_faults_reads_the_same_however_it_is_cut(
         }[kind]
         sent[at : at + 1] = frames
     whole = b"".join(sent)
-    at_once, frames = Decoder().feed(whole)
+    at_once, decoded = Decoder().feed(whole)
     in_pieces, times, counts, link = read(Decoder(), cut(whole, places))
     assert in_pieces == at_once
-    assert (times, counts, link) == (frames.device_us.tolist(), frames.counts.tolist(), frames.link)
+    assert (times, counts, link) == (decoded.device_us.tolist(), decoded.counts.tolist(), decoded.link)
