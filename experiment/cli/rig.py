@@ -12,8 +12,8 @@ from experiment.cli import options
 from experiment.cli.options import Json
 
 if TYPE_CHECKING:
+    from experiment.apparatus.doctor.checks import Check
     from experiment.apparatus.doctor.doctor import FarEnds
-    from experiment.apparatus.doctor.verdict import Check
     from experiment.apparatus.rig import Rig
 
 commands = options.room()

@@ -10,7 +10,7 @@ from typing import TextIO
 
 from experiment.desk.port import RESTS
 from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
-from experiment.recordings.plan import Condition
+from experiment.recordings.store import Condition
 from experiment.recordings.workflow import SPEED_TOLERANCE, Step
 
 

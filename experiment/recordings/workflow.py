@@ -26,7 +26,7 @@ from experiment.clock import Clock, MonotonicClock, day
 from experiment.errors import RecordingError
 from experiment.protocol import files
 from experiment.recordings import store
-from experiment.recordings.plan import Condition, Plan, plan
+from experiment.recordings.store import Condition, Plan, plan
 
 SPEED_TOLERANCE = 0.10
 """A step is on target when its speed is within this part of it: less than half the way to the next recorded speed."""
