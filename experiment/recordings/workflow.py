@@ -204,7 +204,7 @@ def record(
         Path of the manifest.
 
     Raises:
-        RecordingError: see `partial.check`; or the accelerometer failed.
+        RecordingError: see `store.check`; or the accelerometer failed.
         TrackerError: the tracker failed.
     """
     with store.begun(planned, out) as folder:

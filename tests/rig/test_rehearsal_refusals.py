@@ -99,14 +99,14 @@ def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_t
 ) -> None:
     """The second begins while the first makes the folder, and again just when it has made it."""
     out, refused = tmp_path / "made", 0
-    make, participant, is_begun = study.simulated.make_recordings, study.rehearse_participant, study._is_begun
+    make, participant, is_begun = study.recorded_takes.make_recordings, study.rehearse_participant, study._is_begun
 
     def second() -> None:
         nonlocal refused
         with monkeypatch.context() as within:
             # It looked before the first had made anything.
             within.setattr(study, "_is_begun", lambda *_: False)
-            within.setattr(study.simulated, "make_recordings", make)
+            within.setattr(study.recorded_takes, "make_recordings", make)
             with pytest.raises(DatasetError, match="another palpate rehearse makes it at this moment"):
                 rehearse(out)
         refused += 1
@@ -122,7 +122,7 @@ def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_t
         monkeypatch.setattr(study, "rehearse_participant", participant)
         participant(*of)
 
-    monkeypatch.setattr(study.simulated, "make_recordings", making)
+    monkeypatch.setattr(study.recorded_takes, "make_recordings", making)
     monkeypatch.setattr(study, "rehearse_participant", beginning)
     assert rehearse(out) == out
     assert refused == 2
