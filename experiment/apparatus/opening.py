@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Accelerometer, Actuator, Drive, Tracker
+from experiment.apparatus.ports import Accelerometer, Actuator, Tracker
 from experiment.apparatus.rig import (
     FRAMES,
     REHEARSAL,
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
     from experiment.apparatus.audio.stream import AudioStream
+    from experiment.synthesis.voltages import Drive
 
 
 def audio_of(rig: Rig) -> AudioRig:
@@ -242,7 +243,7 @@ def open_actuator(
     Args:
         rig: the rig.
         limit_m_s2: the protocol's limit for the magnitude of any sample, m/s^2.
-        drive: frequency shaping, as `recordings.rig_drive.open_drive` opens it; for rigs with `actuator.shaping`.
+        drive: frequency shaping, as `conditioning.open_drive` opens it; for rigs with `actuator.shaping`.
         address: used instead of the one that the rig names.
         stream: the session's, for an actuator that is a channel of it.
 

@@ -1,17 +1,19 @@
-"""The experimenter's screen as lines of text; works over any terminal, and in a pipe.
+"""The experimenter's screen as lines of text, in sessions and while takes are recorded.
 
-What the experimenter sees and keys while takes are recorded, as lines of text.
+It works over any terminal, and in a pipe. Sessions that play no stimulus import nothing of recordings through it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 from experiment.desk.port import RESTS
 from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
-from experiment.recordings.plan import Condition
-from experiment.recordings.workflow import SPEED_TOLERANCE, Step
+
+if TYPE_CHECKING:
+    from experiment.recordings.plan import Condition
+    from experiment.recordings.workflow import Step
 
 
 class TerminalConsole:
@@ -121,6 +123,8 @@ class TerminalTakes:
         self._show(f"{what}, take {condition.number}{again}: step at {condition.speed_mm_s:g} mm/s.")
 
     def keeps(self, step: Step) -> bool:
+        from experiment.recordings.workflow import SPEED_TOLERANCE
+
         target = step.condition.speed_mm_s
         verdict = "; ".join([*(step.problems or (f"within {SPEED_TOLERANCE:.0%}",)), *step.notes])
         self._show(

@@ -1,24 +1,19 @@
-"""REHEARSAL of one participant: opens the ports of each task, with the simulated world at their far ends.
-
-REHEARSAL: the control condition, an actuator that plays silence whatever it is asked for.
-"""
+"""REHEARSAL of one participant: opens the ports of each task, with the simulated world at their far ends."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from experiment import storage
 from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
-from experiment.apparatus.ports import Actuator, Played, Spectrum, Wanted
+from experiment.apparatus.ports import Actuator
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import ManualClock, MonotonicClock
 from experiment.dataset import build
@@ -26,7 +21,6 @@ from experiment.desk.port import Console
 from experiment.errors import Interrupted
 from experiment.protocol.models import Protocol
 from experiment.records import journal
-from experiment.records.stimulus import Delivered
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.materials import SimulatedMaterials
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
@@ -35,64 +29,8 @@ from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.rehearsal.wires.sound_card import SimulatedSound
 from experiment.session import attempt, masker, run, runner, scene
 from experiment.settings import load
-from experiment.synthesis.spectra import Bins
-
-
-class SilentActuator:
-    """Implements `Actuator` on top of another one: as many samples, all zero."""
-
-    def __init__(self, actuator: Actuator) -> None:
-        self._actuator = actuator
-
-    @property
-    def rate_hz(self) -> int:
-        return self._actuator.rate_hz
-
-    @property
-    def lead_ns(self) -> int:
-        return self._actuator.lead_ns
-
-    def prepare(self, wanted: Wanted) -> Played:
-        return self._actuator.prepare(_Silent(wanted))
-
-    def aim(self, onset_ns: int) -> bool:
-        return self._actuator.aim(onset_ns)
-
-    def landed(self, contact_ns: int) -> None:
-        self._actuator.landed(contact_ns)
-
-    def withdraw(self) -> bool:
-        return self._actuator.withdraw()
-
-    def delivered(self, contact_ns: int) -> Delivered | None:
-        return self._actuator.delivered(contact_ns)
-
-    def close(self) -> None:
-        self._actuator.close()
-
-
-@dataclass(frozen=True)
-class _Silent:
-    """Implements `Wanted`: as long as another, with as many bins, and all of it zero."""
-
-    like: Wanted
-
-    @property
-    def waveform_m_s2(self) -> NDArray[np.float64]:
-        return np.zeros_like(self.like.waveform_m_s2)
-
-    @property
-    def bins(self) -> Callable[[], Spectrum] | None:
-        of = self.like.bins
-        if of is None:
-            return None
-
-        def none() -> Bins:
-            like = of()
-            return Bins(np.zeros_like(like.coefficients), like.samples, like.rate_hz)
-
-        return none
-
+from experiment.synthesis import waveforms
+from experiment.synthesis.waveforms import Basis
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 """When simulated time begins, so that the same seed writes the same files."""
@@ -183,17 +121,17 @@ def _rehearse_task(
             sound = opened.enter_context(SimulatedSound(rig, protocol, clock, dose_before=dose))
         panel: Panel | CardPanel | None = None
         actuator: Actuator | None = None
-        render: scene.Render | None = None
+        stimuli: dict[str, Basis] | None = None
         if planned.synthesis:
-            recordings = job.dataset / build.RECORDINGS
-            rates_hz = (rig.actuator.rate_hz,)
-            render = scene.open_stimuli(
-                scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=rates_hz
+            recordings, rate_hz = job.dataset / build.RECORDINGS, rig.actuator.rate_hz
+            stimuli = scene.open_stimuli(
+                scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz
             )
+            if job.control == "silence":
+                stimuli = {material: _silenced(basis) for material, basis in stimuli.items()}
         if planned.actuator:
             limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-            like = scene.examples(render, planned, protocol, rig.actuator.rate_hz) if render is not None else ()
-            drive = open_drive(job.dataset / "sourcedata", rig.actuator, limit_m_s2=limit_m_s2, like=like)
+            drive = open_drive(job.dataset / "sourcedata", rig.actuator, limit_m_s2=limit_m_s2, materials=stimuli)
             if sound is not None and rig.actuator.driver == "audio":
                 panel = sound.panel()
                 actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
@@ -202,8 +140,6 @@ def _rehearse_task(
                 opened.callback(panel.close)
                 actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=panel.address)
             opened.callback(actuator.close)
-            if job.control == "silence":
-                actuator = SilentActuator(actuator)
         participant = SimulatedParticipant(
             protocol=protocol,
             materials=materials,
@@ -223,7 +159,7 @@ def _rehearse_task(
             tracker_port=line.url,
             noise_mm=rig.tracker.noise_mm,
             actuator=actuator,
-            render=render,
+            materials=stimuli,
             console=participant,
             clock=clock,
             masker=sound.masker if sound is not None else None,
@@ -234,6 +170,12 @@ def _rehearse_task(
         footer = runner.run(protocol=protocol, header=header, devices=devices, rig_file=rig_file, dataset=job.dataset)
     if footer.reason == "paused":
         raise Interrupted(f"the rehearsal was paused ({footer.detail}); the same command goes on with it")
+
+
+def _silenced(basis: Basis) -> Basis:
+    """The control condition: the same material, with no vibration in any of its bins."""
+    silent = replace(basis.spectra, amplitudes=np.zeros_like(basis.spectra.amplitudes))
+    return waveforms.prepare(silent, material=basis.material, output_rate_hz=basis.output_rate_hz)
 
 
 def _simulated_now_ns(job: Job, task_id: str, position: int) -> int:

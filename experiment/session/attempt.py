@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from experiment.apparatus.ports import Actuator, Masker, Tracker
 from experiment.apparatus.tracker.clock_map import ClockMap
@@ -28,6 +28,9 @@ from experiment.session import interrupts, scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Armed, BrokenStep, Feed, Watch, WatchedStep, entry, watch
 from experiment.session.masker import KEYS, Masking
+
+if TYPE_CHECKING:
+    from experiment.synthesis.waveforms import Basis
 
 
 def keys(protocol: Protocol) -> dict[str, str]:
@@ -135,7 +138,7 @@ class Devices:
         noise_mm: of the tracker's sensor, mm rms; None where the rig file does not state it.
         actuator: what shakes the panel.
         masker: noise on the headphones; None where the rig has no sound.
-        render: what makes stimuli.
+        materials: what stimuli are made of, by the ids of the materials.
         console: the experimenter's screen.
         clock: the session's.
         reconnect_s: how long a session waits for a tracker that stopped, s; then it is paused.
@@ -146,7 +149,7 @@ class Devices:
     tracker_port: str
     noise_mm: float | None
     actuator: Actuator | None
-    render: scene.Render | None
+    materials: Mapping[str, Basis] | None
     console: Console
     clock: Clock
     masker: Masker | None
@@ -200,7 +203,7 @@ class Attempts:
             detector=GateDetector(protocol.step),
             predictor=LandingPredictor(protocol.step, noise_mm=noise_mm),
             clock=devices.clock,
-            sounder=Sounder(devices.render, devices.actuator) if devices.render and devices.actuator else None,
+            sounder=Sounder(devices.materials, devices.actuator) if devices.materials and devices.actuator else None,
         )
         self._opened: TrackerOpened | None = None
         self._broken: BrokenStep | None = None

@@ -27,6 +27,7 @@ from experiment.study import enrolment, roster, schedule
 
 if TYPE_CHECKING:
     from experiment.session.masker import Sound
+    from experiment.synthesis.waveforms import Basis
 
 
 def header(
@@ -134,19 +135,18 @@ def run(
                 f"Masker: the rig has no audio device. Play {protocol.masker.noise} noise by other means. "
                 f"{protocol.masker.criterion} At most {protocol.exposure.masker_level_db_a:g} dB(A)."
             )
-        render: scene.Render | None = None
+        materials: dict[str, Basis] | None = None
         actuator: Actuator | None = None
         used: Path | None = None
         if planned.synthesis:
             used = _keep_recordings(root, recordings, protocol, planned)
-            rates_hz = (rig.actuator.rate_hz,)
-            render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=used, output_rates_hz=rates_hz)
+            rate_hz = rig.actuator.rate_hz
+            materials = scene.open_stimuli(scene=planned, protocol=protocol, recordings=used, output_rate_hz=rate_hz)
         if planned.actuator:
             from experiment.apparatus.panel.conditioning import open_drive
 
             limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-            like = scene.examples(render, planned, protocol, rig.actuator.rate_hz) if render is not None else ()
-            drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, like=like)
+            drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, materials=materials)
             stream = sound.stream if sound is not None else None
             actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=stream)
             opened.callback(actuator.close)
@@ -169,7 +169,7 @@ def run(
             tracker_port=rig.tracker.port,
             noise_mm=rig.tracker.noise_mm,
             actuator=actuator,
-            render=render,
+            materials=materials,
             console=console,
             clock=clock,
             masker=sound.masker if sound is not None else None,

@@ -76,9 +76,15 @@ def main() -> None:
         whole_s = seconds(lambda: rehearse(folder, 99, jobs, 15))
         print(f"whole study, {jobs} processes    {1000 / whole_s:8.1f} trials/s   (25 sessions: {whole_s:.1f} s)")
         planned = scene.plan(protocol=protocol, task_id="virtual")
-        render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=folder / "0-1" / build.RECORDINGS)
+        materials = scene.open_stimuli(
+            scene=planned,
+            protocol=protocol,
+            recordings=folder / "0-1" / build.RECORDINGS,
+            output_rate_hz=48_000,
+        )
+        copy_paper = materials["copy paper"]
         speeds = [60.0 + i for i in range(RENDERS)]
-        rendered = [seconds(lambda v=v: render("copy paper", v, 48_000).stimulus.waveform_m_s2) for v in speeds]
+        rendered = [seconds(lambda v=v: copy_paper.at(v).waveform_m_s2) for v in speeds]
         print(
             f"gate to waveform            {statistics.median(rendered) * 1e3:8.3f} ms   "
             f"(0.5 s at 48 kHz, median of {RENDERS}; worst {max(rendered) * 1e3:.3f} ms)"
