@@ -20,8 +20,7 @@ from analysis.numerics.cases import PRINTED_SUM, WAYS, Way
 from analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S, Colour, noise
-from experiment.synthesis.response import Response
-from experiment.synthesis.shaping import shape
+from experiment.synthesis.shaping import Response, shape
 from experiment.synthesis.spectra import bin_frequencies_hz, grid, inverse, inverse_on
 from experiment.synthesis.waveforms import transform_error
 

@@ -4,11 +4,11 @@ Prepared, they are a weighted sum of two waveforms, those at the two neighbourin
 
 By (3) and (4) a bin's amplitude is a straight line of the speed between two measured speeds, with one sign up to the
 middle and one beyond; extrapolated lines go on and are floored at zero. By (7), on straight lines between the measured
-values (`response.py`), its voltage is made of straight lines of its amplitude, limits of the gain and of the levels
-among them (`shaping.py`); and so is the acceleration that this voltage brings about. So both are made of straight lines
-of the speed, which bend at knots: where the bin reaches a level of the response, where a limit begins or ends to hold
-it back, where the voltage that it is left with passes a level, and where it is floored. The waveform at each knot of
-any bin is held. Between two of them lies their weighted sum: nothing is approximated.
+values, its voltage is made of straight lines of its amplitude, limits of the gain and of the levels among them
+(`shaping.py`); and so is the acceleration that this voltage brings about. So both are made of straight lines of the
+speed, which bend at knots: where the bin reaches a level of the response, where a limit begins or ends to hold it back,
+where the voltage that it is left with passes a level, and where it is floored. The waveform at each knot of any bin is
+held. Between two of them lies their weighted sum: nothing is approximated.
 
 Two weights that add up to 1 lift no magnitude above the larger of the two, be it of volts or of the acceleration that
 they bring about. So where both knots keep the limits of amplifier and panel, what lies between them does.
@@ -40,8 +40,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.response import AtBins, Response
-from experiment.synthesis.shaping import Shaped, drive, response_at
+from experiment.synthesis.shaping import AtBins, Response, Shaped, drive, response_at
 from experiment.synthesis.spectra import Bins
 from experiment.synthesis.waveforms import Basis, Stimulus
 

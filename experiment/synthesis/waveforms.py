@@ -94,9 +94,8 @@ class Basis:
 
     @property
     def nbytes(self) -> int:
-        """Memory of the spectra and of the waveforms, each of which is held once."""
-        held = {id(one): one.nbytes for pairs in self.pairs for pair in pairs for one in pair}
-        return self.spectra.nbytes + sum(held.values())
+        """Memory of the spectra and of the 3 S - 2 waveforms, each of which is held once."""
+        return self.spectra.nbytes + (3 * len(self.speeds_mm_s) - 2) * self.pairs[0][0][0].nbytes
 
     def at(self, speed_mm_s: float) -> Stimulus:
         """Return the stimulus for one step; its waveform is summed when it is first asked for.
@@ -107,8 +106,10 @@ class Basis:
         Raises:
             SynthesisError: a speed that is negative or not finite.
         """
-        held = self.lowest_mm_s <= speed_mm_s <= self.highest_mm_s
-        v, speeds = speed_mm_s if held else foot_speed(speed_mm_s), self.speeds_mm_s
+        v, speeds = float(speed_mm_s), self.speeds_mm_s
+        held = self.lowest_mm_s <= v <= self.highest_mm_s
+        if not held:
+            foot_speed(v)
         i = min(max(bisect_right(speeds, v) - 1, 0), len(speeds) - 2)
         below, above = v - speeds[i], speeds[i + 1] - v
         nearer = int(below > above)

@@ -17,7 +17,7 @@ from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
 from experiment.clock import ManualClock
 from experiment.errors import ActuatorError, RigError, TrackerError
 from experiment.protocol.models import Step
-from experiment.synthesis.response import Response
+from experiment.synthesis.shaping import Response
 from experiment.synthesis.voltages import Drive
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)

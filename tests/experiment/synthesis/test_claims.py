@@ -198,4 +198,5 @@ def test_what_is_said_to_be_held_is_held() -> None:
     s = random_spectra(np.random.default_rng(5), speeds=4, bins=2500, rate_hz=5000, v=SPEEDS)
     basis = prepare(s, material="paper", output_rate_hz=48_000)
     arrays = 10 * 24_000 * 8
+    assert len({id(waveform) for halves in basis.pairs for pair in halves for waveform in pair}) == 10
     assert basis.nbytes == arrays + s.amplitudes.nbytes + s.signs.nbytes + s.speeds_mm_s.nbytes

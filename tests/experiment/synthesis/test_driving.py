@@ -10,10 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.response import Response, accelerations, at_bins
-from experiment.synthesis.shaping import Loss, Shaped, _moved_m_s2, bins_of_waveform, drive, shape, shape_at
+from experiment.synthesis.shaping import Loss, Response, Shaped, _moved_m_s2, at_bins, drive, shape, shape_at
 from experiment.synthesis.spectra import Bins, inverse, spectrum
-from tests.experiment.synthesis.measured import F_HZ, LEVELS_V, NO_LIMIT, NOTHING, TABLE, some_bins
+from tests.experiment.synthesis.measured import (
+    F_HZ,
+    LEVELS_V,
+    NO_LIMIT,
+    NOTHING,
+    TABLE,
+    accelerations,
+    bins_of_waveform,
+    some_bins,
+)
 from tests.experiment.synthesis.resampled import resampled
 
 
@@ -97,14 +105,9 @@ def test_silence_is_driven_by_silence() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_a_waveform_that_is_not_finite_is_refused(bad: float) -> None:
-    with pytest.raises(SynthesisError, match="waveform: got 1 NaN or infinite"):
-        drive(bins_of_waveform([1.0, bad], rate_hz=1000), rate_hz=1000, response=TABLE, gain_limit_v_per_m_s2=1.0)
-
-
-def test_a_waveform_of_no_samples_is_refused() -> None:
-    with pytest.raises(SynthesisError, match=r"waveform: got shape \(0,\); allowed: at least one sample"):
-        drive(bins_of_waveform([], rate_hz=1000), rate_hz=1000, response=TABLE, gain_limit_v_per_m_s2=1.0)
+def test_bins_that_are_not_finite_are_refused(bad: float) -> None:
+    with pytest.raises(SynthesisError, match="bins: got 1 NaN or infinite"):
+        drive(Bins(np.array([1.0, bad]), 2, 1000), rate_hz=1000, response=TABLE, gain_limit_v_per_m_s2=1.0)
 
 
 @pytest.mark.parametrize("output_rate_hz", [1000, 5000, 44_100, 48_000])

@@ -21,7 +21,7 @@ from analysis.numerics.oracle import RATE_HZ, SPEEDS_MM_S
 from experiment import synthesis
 from experiment.errors import SynthesisError
 from experiment.synthesis import crinkle, noise, shaping, spectra, voltages, waveforms
-from experiment.synthesis import response as rig_response
+from tests.experiment.synthesis.measured import accelerations
 
 Call = Callable[[float], object]
 EITHER = {"NaN": np.nan, "infinity": np.inf, "-infinity": -np.inf}
@@ -33,7 +33,7 @@ FREQUENCIES_HZ, LEVELS_V = np.linspace(10.0, 600.0, 60), np.sqrt(2) * np.array([
 BINS_HZ = np.linspace(0.0, 700.0, 50)
 GAIN_LIMIT_V_PER_M_S2 = 2.0
 ANSWERS = oracle.answered_m_s2(FREQUENCIES_HZ[:, None], LEVELS_V)
-RESPONSE = rig_response.Response(FREQUENCIES_HZ, LEVELS_V, ANSWERS)
+RESPONSE = shaping.Response(FREQUENCIES_HZ, LEVELS_V, ANSWERS)
 WITH_A_NULL = np.where(np.abs(FREQUENCIES_HZ - 300.0)[:, None] < 5.0, 0.0, ANSWERS)
 
 
@@ -140,46 +140,39 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     c, of = np.ones(BINS_HZ.size), RESPONSE
     f = np.linspace(20.0, 500.0, c.size)
     shape = partial(shaping.shape, response=of, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
-    asked = shaping.bins_of_waveform(c, rate_hz=RATE_HZ)
+    asked = spectra.Bins(spectra.spectrum(c), samples=c.size, rate_hz=RATE_HZ)
     drive = partial(shaping.drive, rate_hz=RATE_HZ, response=of)
-    move = partial(rig_response.accelerations, response=of)
     within: Callable[..., object] = partial(drive, asked, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     prepare = partial(voltages.prepare, material(some()), rate_hz=RATE_HZ, response=of)
     prepared = partial(prepare, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     unbounded = partial(shaping.shape, c, frequencies_hz=f, response=of)
-    at = rig_response.at_bins(of, f)
+    at = shaping.at_bins(of, f)
     shape_at = partial(shaping.shape_at, at=at, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     return [
-        ("at_bins: frequencies_hz", lambda x: rig_response.at_bins(of, changed(f, x)), EITHER),
-        ("bins_of: values", lambda x: rig_response.bins_of(changed(c, x), f, what="c"), EITHER),
-        ("bins_of: frequencies_hz", lambda x: rig_response.bins_of(c, changed(f, x), what="c"), EITHER),
+        ("at_bins: frequencies_hz", lambda x: shaping.at_bins(of, changed(f, x)), EITHER),
         ("shape_at: coefficients", lambda x: shape_at(changed(c, x)), EITHER),
         ("shape_at: gain_limit_v_per_m_s2", lambda x: shaping.shape_at(c, at, gain_limit_v_per_m_s2=x), EITHER),
         ("shape_at: scale", lambda x: shape_at(c, scale=x), EITHER),
-        ("accelerations_at: voltages_v", lambda x: rig_response.accelerations_at(changed(c, x), at), EITHER),
         (
             "Response: frequencies_hz",
-            lambda x: rig_response.Response(changed(FREQUENCIES_HZ, x), LEVELS_V, ANSWERS),
+            lambda x: shaping.Response(changed(FREQUENCIES_HZ, x), LEVELS_V, ANSWERS),
             EITHER,
         ),
         (
             "Response: levels_v",
-            lambda x: rig_response.Response(FREQUENCIES_HZ, changed(LEVELS_V, x), ANSWERS),
+            lambda x: shaping.Response(FREQUENCIES_HZ, changed(LEVELS_V, x), ANSWERS),
             EITHER,
         ),
         (
             "Response: accelerations_m_s2",
-            lambda x: rig_response.Response(FREQUENCIES_HZ, LEVELS_V, changed(ANSWERS, x)),
+            lambda x: shaping.Response(FREQUENCIES_HZ, LEVELS_V, changed(ANSWERS, x)),
             EITHER,
         ),
-        ("not_rising: accelerations_m_s2", lambda x: rig_response.not_rising(changed(ANSWERS, x)), EITHER),
+        ("not_rising: accelerations_m_s2", lambda x: shaping.not_rising(changed(ANSWERS, x)), EITHER),
         ("shape: coefficients", lambda x: shape(changed(c, x), frequencies_hz=f), EITHER),
         ("shape: frequencies_hz", lambda x: shape(c, frequencies_hz=changed(f, x)), EITHER),
         ("shape: gain_limit_v_per_m_s2", lambda x: unbounded(gain_limit_v_per_m_s2=x), EITHER),
         ("shape: scale", lambda x: shape(c, frequencies_hz=f, scale=x), EITHER),
-        ("accelerations: voltages_v", lambda x: move(changed(c, x), frequencies_hz=f), EITHER),
-        ("accelerations: frequencies_hz", lambda x: move(c, frequencies_hz=changed(f, x)), EITHER),
-        ("bins_of_waveform: waveform_m_s2", lambda x: shaping.bins_of_waveform(changed(c, x), rate_hz=RATE_HZ), EITHER),
         (
             "drive: bins",
             lambda x: drive(replace(asked, coefficients=changed(c, x)), gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2),
@@ -241,7 +234,7 @@ def test_every_number_that_a_public_function_takes_is_tried() -> None:
 
 
 def shaped(coefficients: NDArray[np.float64], answers: NDArray[np.float64] = ANSWERS) -> shaping.Shaped:
-    by = rig_response.Response(FREQUENCIES_HZ, LEVELS_V, answers)
+    by = shaping.Response(FREQUENCIES_HZ, LEVELS_V, answers)
     return shaping.shape(coefficients, frequencies_hz=BINS_HZ, response=by, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
 
 
@@ -257,19 +250,19 @@ def test_a_response_without_an_inverse_is_refused(step: float) -> None:
     answered = ANSWERS.copy()
     answered[20, 2] = answered[20, 1] + step
     with pytest.raises(SynthesisError, match="strictly rising with the level, for only then is there an inverse"):
-        rig_response.Response(FREQUENCIES_HZ, LEVELS_V, answered)
+        shaping.Response(FREQUENCIES_HZ, LEVELS_V, answered)
 
 
 def test_an_empty_table_is_refused() -> None:
     with pytest.raises(SynthesisError, match="at least one sample"):
-        rig_response.Response(np.zeros(0), LEVELS_V, np.zeros((0, LEVELS_V.size)))
+        shaping.Response(np.zeros(0), LEVELS_V, np.zeros((0, LEVELS_V.size)))
 
 
 def test_what_shaping_asks_for_moves_the_panel_as_asked() -> None:
     within = np.clip(BINS_HZ, FREQUENCIES_HZ[0], FREQUENCIES_HZ[-1]) == BINS_HZ
     wanted = np.where(within, np.random.default_rng(6).uniform(-4.0, 4.0, BINS_HZ.size), 0.0)
     made = shaped(wanted)
-    moved = rig_response.accelerations(made.coefficients_v[within], frequencies_hz=BINS_HZ[within], response=RESPONSE)
+    moved = accelerations(made.coefficients_v[within], frequencies_hz=BINS_HZ[within], response=RESPONSE)
     assert np.max(np.abs(moved - wanted[within])) <= 1e-12 * 4.0
     assert made.saturated.bins == made.bounded.bins == 0
 
@@ -299,7 +292,7 @@ def test_voltages_prepared_for_a_speed_are_those_worked_out_at_it(
     rng = np.random.default_rng(8)
     of = material(level_m_s2 * np.ceil(rng.uniform(1.0, 9.0, (len(SPEEDS_MM_S), BINS))))
     asked = waveforms.prepare(of, material="any", output_rate_hz=RATE_HZ)
-    by = rig_response.Response(FREQUENCIES_HZ, LEVELS_V, answers)
+    by = shaping.Response(FREQUENCIES_HZ, LEVELS_V, answers)
     given: dict[str, Any] = {"rate_hz": RATE_HZ, "response": by, "gain_limit_v_per_m_s2": GAIN_LIMIT_V_PER_M_S2}
     basis, held = voltages.prepare(of, **given), 0
     feet_mm_s = np.linspace(SPEEDS_MM_S[0], voltages.FASTEST * SPEEDS_MM_S[-1], 37).tolist()

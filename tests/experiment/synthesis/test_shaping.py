@@ -12,10 +12,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.response import Response, accelerations
-from experiment.synthesis.shaping import Loss, shape
+from experiment.synthesis.shaping import Loss, Response, shape
 from experiment.synthesis.spectra import inverse
-from tests.experiment.synthesis.measured import F_HZ, LEVELS_V, MEASURED, NO_LIMIT, NOTHING, TABLE, responses
+from tests.experiment.synthesis.measured import (
+    F_HZ,
+    LEVELS_V,
+    MEASURED,
+    NO_LIMIT,
+    NOTHING,
+    TABLE,
+    accelerations,
+    responses,
+)
 
 
 def weight(f: float, a: float, response: Response) -> float:

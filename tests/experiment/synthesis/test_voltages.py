@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from experiment.synthesis import voltages, waveforms
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.response import Response
-from experiment.synthesis.shaping import Shaped, drive
+from experiment.synthesis.shaping import Response, Shaped, drive
 from experiment.synthesis.spectra import Grid, inverse_on
 from experiment.synthesis.voltages import FASTEST, MISSED, DrivenBasis
 from experiment.synthesis.waveforms import Stimulus
