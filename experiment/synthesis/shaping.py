@@ -196,11 +196,6 @@ class Shaped:
         """No sample of the acceleration is larger in magnitude, at whatever rate: `highest` of `reached_m_s2`."""
         return highest(self.reached_m_s2)
 
-    @property
-    def losses(self) -> tuple[Loss, Loss, Loss]:
-        """By cause."""
-        return self.saturated, self.outside, self.bounded
-
 
 def shape(
     coefficients: ArrayLike,

@@ -21,6 +21,7 @@ from experiment.records import journal
 from experiment.records.entries import BrokenOff, Footer, Header, PlannedTrial
 from experiment.records.stimulus import Computed, Delivered
 from experiment.session import attempt, runner
+from experiment.synthesis.waveforms import Basis
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole, ScriptedTracker, step_samples
 from tests.experiment.synthesis.stimuli import Given, given
 
@@ -52,11 +53,10 @@ def header(task: str) -> Header:
     return HEADER.model_copy(update={"order": order, "task": task, "block_trials": len(order)})
 
 
-@dataclass
-class Constant:
+@dataclass(frozen=True, eq=False)
+class Constant(Basis):
     """A material whose waveform is 1.5 m/s^2 throughout, at any speed; `rendered` is what was asked for."""
 
-    material: str
     rendered: list[tuple[str, float]]
 
     def at(self, speed_mm_s: float) -> Given:
@@ -78,6 +78,10 @@ class Bench:
     zeroed: ZeroedTracker | None = None
     foreign: ForeignTracker | None = None
 
+    def materials(self, protocol: Protocol) -> dict[str, Basis]:
+        silent = {m.id: given([0.0], material=m.id).basis for m in protocol.materials}
+        return {material: Constant(**vars(basis), rendered=self.rendered) for material, basis in silent.items()}
+
     def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
         virtual = asked.task == "virtual"
         devices = attempt.Devices(
@@ -85,7 +89,7 @@ class Bench:
             tracker_port="scripted",
             noise_mm=0.1,
             actuator=self.actuator if virtual else None,
-            materials={m.id: Constant(m.id, self.rendered) for m in protocol.materials} if virtual else None,
+            materials=self.materials(protocol) if virtual else None,
             console=self.console,
             clock=self.clock,
             masker=self.masker,

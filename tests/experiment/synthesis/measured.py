@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from experiment.synthesis.shaping import ROUND_OFF, Loss, Response
+from experiment.synthesis.shaping import ROUND_OFF, Loss, Response, Shaped
 from experiment.synthesis.spectra import Bins, spectrum
 
 NO_LIMIT = 1e300
@@ -41,6 +41,11 @@ def bins_of_waveform(waveform_m_s2: ArrayLike, *, rate_hz: int) -> Bins:
     coefficients = spectrum(y)
     coefficients[np.abs(coefficients) <= ROUND_OFF * np.abs(y).max()] = 0.0
     return Bins(coefficients, samples=y.size, rate_hz=rate_hz)
+
+
+def losses(did: Shaped) -> tuple[Loss, Loss, Loss]:
+    """What each cause kept below what was asked for."""
+    return did.saturated, did.outside, did.bounded
 
 
 def accelerations(voltages_v: ArrayLike, *, frequencies_hz: ArrayLike, response: Response) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ class Given(Stimulus):
     floored: int
 
     @property
-    def waveform_m_s2(self) -> NDArray[np.float64]:  # type: ignore[override]
+    def waveform_m_s2(self) -> NDArray[np.float64]:
         return self.waveform
 
     @property
