@@ -16,7 +16,7 @@ from analysis.audit.evidence import FromResults
 from analysis.audit.mistakes import Citation, Line
 from analysis.documents.tables import Section, Table
 from analysis.identification.results import Results, TaskResult
-from analysis.published import PrintedIcc, Published
+from analysis.published.numbers import PrintedIcc, Published
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from analysis.audit.granularity import Moments, moments, neighbours, on_scale, t
 from analysis.audit.mistakes import Verdict
 from analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
 from analysis.identification.results import Results
-from analysis.published import Printed, PrintedCell, PrintedF, PrintedT, Published
-from analysis.published.numbers import Scale
-from analysis.published.printed import Interval, point
+from analysis.published.numbers import PrintedCell, PrintedF, PrintedT, Published, Scale
+from analysis.published.printed import Interval, Printed, point
 from analysis.statistics.anova import TYPES
 from analysis.statistics.exact import mean, sum_of_squares
 

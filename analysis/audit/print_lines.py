@@ -27,8 +27,7 @@ from analysis.audit.mistakes import AGREES, Citation, Line, Mistake, Verdict, ju
 from analysis.audit.recomputed import effect, p_of_f, quotient
 from analysis.audit.rows import Row, Undecided, examine, row_sum
 from analysis.documents.tables import plural
-from analysis.published import (
-    Printed,
+from analysis.published.numbers import (
     PrintedCell,
     PrintedChoices,
     PrintedSource,
@@ -36,7 +35,7 @@ from analysis.published import (
     PrintedTable,
     Published,
 )
-from analysis.published.printed import Interval, hull
+from analysis.published.printed import Interval, Printed, hull
 
 CONFLICTS: tuple[Verdict, ...] = ("differs", "impossible")
 

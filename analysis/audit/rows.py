@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.audit.granularity import totals
-from analysis.published import Printed, PrintedCell
-from analysis.published.printed import Interval
+from analysis.published.numbers import PrintedCell
+from analysis.published.printed import Interval, Printed
 
 MANY = 20_000
 """Ways of spreading one participant's trials beyond which a row is left undecided."""

@@ -103,10 +103,7 @@ class TaskResult:
 
     def test(self, material: str) -> MaterialTest:
         """The test of one material; `KeyError` when there is none."""
-        for test in self.tests:
-            if test.material == material:
-                return test
-        raise KeyError(material)
+        return {test.material: test for test in self.tests}[material]
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from pydantic import Field
 from analysis import published
 from analysis.documents.tables import plural
 from analysis.identification.confusion import confusion
+from analysis.published.numbers import Published
 from analysis.reading import dataset
 from experiment.errors import PowerError
 from experiment.protocol import rules
@@ -104,7 +105,7 @@ def guessing(protocol: Protocol) -> ChoiceModel:
     return ChoiceModel("guessing: no participant can tell the materials apart", tuple(tasks))
 
 
-def from_print(printed: published.Published, protocol: Protocol) -> ChoiceModel:
+def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
     """Means and standard deviations of a paper's tables as they stand there.
 
     A row whose printed means miss 1 by no more than their rounding can explain is scaled to 1; a larger gap is the

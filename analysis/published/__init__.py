@@ -23,32 +23,11 @@ from analysis.published.numbers import (
     Published,
     Scale,
 )
-from analysis.published.printed import Printed, as_printed
+from analysis.published.printed import Printed
 from experiment.errors import ProtocolError, PublishedError
 
 if TYPE_CHECKING:
     from analysis.published.models import Document
-
-__all__ = [
-    "Printed",
-    "PrintedCell",
-    "PrintedChoices",
-    "PrintedClaim",
-    "PrintedF",
-    "PrintedIcc",
-    "PrintedLevel",
-    "PrintedSource",
-    "PrintedSources",
-    "PrintedT",
-    "PrintedTable",
-    "PrintedTask",
-    "Published",
-    "as_printed",
-    "load",
-    "of_document",
-    "read",
-    "shipped",
-]
 
 
 def shipped() -> dict[str, Path]:

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.published import Printed
+from analysis.published.printed import Printed
 from experiment.errors import DatasetError
 
 

@@ -69,10 +69,7 @@ class Icc:
 
     def form(self, shrout_fleiss: str) -> IccForm:
         """The form with this Shrout-Fleiss name; `KeyError` when there is none."""
-        for form in self.forms:
-            if form.shrout_fleiss == shrout_fleiss:
-                return form
-        raise KeyError(shrout_fleiss)
+        return {form.shrout_fleiss: form for form in self.forms}[shrout_fleiss]
 
 
 NAMES = {
