@@ -1,6 +1,6 @@
-"""Every printed number beside the one from a dataset of the study: does it agree, and if not, why not?
+"""Every printed number beside the one from a dataset of the study, or from print, and the section that shows them.
 
-Printed numbers beside recomputed ones as a section: one line a printed cell or test.
+A line stands for a printed number, a row of the section for a printed cell or test.
 """
 
 from __future__ import annotations

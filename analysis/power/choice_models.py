@@ -1,13 +1,11 @@
-"""How participants answer: where the probabilities that simulated studies are drawn from come from.
+"""How participants answer: the probabilities that simulated studies are drawn from, and the drawing.
 
 A choice model holds, for each task and presented material, the mean share of each answer and how much participants
 differ around it. They differ as a Dirichlet distribution says, so that counts are Dirichlet-multinomial: its one
 parameter a material, the intraclass correlation of a participant's answers, follows from the standard deviations that
 a paper prints, in closed form and without a guess at anything it does not print (a logit-normal would need the
 correlations between answers). Participants' answers to different materials, and in different tasks, are independent
-given these shares.
-
-Answers of many simulated participants at once: counts drawn from a choice model, from uniform numbers alone.
+given these shares. Counts of many participants at once are drawn from uniform numbers alone.
 """
 
 from __future__ import annotations

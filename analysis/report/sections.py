@@ -1,7 +1,4 @@
-"""Results -> sections: the tables as they are read, with the records behind them.
-
-Reliabilities -> a section: every ICC form under its names, and the variance-component form.
-"""
+"""Results -> sections: the tables as they are read, with the records behind them."""
 
 from __future__ import annotations
 

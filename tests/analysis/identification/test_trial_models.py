@@ -18,9 +18,9 @@ from statsmodels.genmod.generalized_estimating_equations import GEE
 
 from analysis.identification.results import compute
 from analysis.identification.trial_models import (
+    FASTER,
     LATER,
     RESPONSE,
-    SPEED,
     TRIAL,
     Design,
     TrialLevel,
@@ -83,7 +83,7 @@ def test_gee_is_that_of_the_formula_interface(tmp_path: Path) -> None:
     ).fit(cov_type="bias_reduced", maxiter=200)
     names = [one.name for one in found.coefficients]
     levels = ["real (against virtual)", "sand (against glass)", "snow (against glass)"]
-    assert names == ["intercept", *levels, TRIAL, SPEED, RESPONSE, LATER]
+    assert names == ["intercept", *levels, TRIAL, FASTER, RESPONSE, LATER]
     steps = np.array([1, 1, 1, 1, 10, 100, 1, 1])
     assert [one.estimate for one in found.coefficients[1:]] == pytest.approx(
         (expected.params * steps)[1:].tolist(), rel=1e-4
@@ -160,7 +160,7 @@ def test_known_odds_come_back(tmp_path: Path) -> None:
     """The foot's speed changes the log odds by 1 per 100 mm/s; everyone differs by an SD of 0.5."""
     trials = design(_study(tmp_path, 30, slope=1.0))
     for model in (gee(trials), mixed(trials)):
-        speed = next(one for one in model.coefficients if one.name == SPEED)
+        speed = next(one for one in model.coefficients if one.name == FASTER)
         assert speed.estimate == pytest.approx(1.0, abs=0.25)
     assert mixed(trials).spread == pytest.approx(0.5, abs=0.25)
 
@@ -173,7 +173,7 @@ def test_the_same_trials_give_the_same_numbers(tmp_path: Path) -> None:
 def test_what_is_not_in_the_dataset_is_said(tmp_path: Path) -> None:
     trials = design(_study(tmp_path, speeds=False))
     assert trials.absent == {
-        SPEED: "known of 0 of 720 trials",
+        FASTER: "known of 0 of 720 trials",
         RESPONSE: "known of 0 of 720 trials",
         LATER: "the order of the tasks is not known of everyone",
     }
@@ -198,7 +198,7 @@ def test_a_covariate_of_one_task_alone_is_dropped_and_not_the_other_task(tmp_pat
     _known(study, "foot_speed_mm_s", virtual)
     _known(study, "response_time_s", ~virtual)
     trials = design(study)
-    assert trials.absent[SPEED] == "known of 0 of 360 trials of task real"
+    assert trials.absent[FASTER] == "known of 0 of 360 trials of task real"
     assert trials.absent[RESPONSE] == "known of 0 of 360 trials of task virtual"
     assert "task" in trials.terms
     assert (trials.left_out, len(trials.correct)) == ({}, 720)
@@ -208,7 +208,7 @@ def test_a_covariate_that_one_material_lacks_is_dropped_and_not_the_material(tmp
     study = _study(tmp_path)
     _known(study, "foot_speed_mm_s", (study.attempts["presented"] != "snow").to_numpy())
     trials = design(study)
-    assert trials.absent[SPEED].endswith("trials of material snow")
+    assert trials.absent[FASTER].endswith("trials of material snow")
     assert len(trials.correct) == 720
 
 
@@ -219,8 +219,8 @@ def test_covariates_that_hardly_meet_are_not_used_together(tmp_path: Path) -> No
     _known(study, "foot_speed_mm_s", place < 6)
     _known(study, "response_time_s", place >= 4)
     trials = design(study)
-    assert trials.absent[RESPONSE] == f"known of 432 of 720 trials, and together with {SPEED} of 144"
-    assert SPEED in trials.terms
+    assert trials.absent[RESPONSE] == f"known of 432 of 720 trials, and together with {FASTER} of 144"
+    assert FASTER in trials.terms
     assert trials.left_out == {"virtual": 144, "real": 144}
 
 
