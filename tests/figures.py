@@ -61,8 +61,12 @@ def _tracked() -> list[Path]:
 
 
 def _rooms() -> Counter[str]:
-    """Return the number of files and folders in every folder, by its path."""
-    entries = {each for path in _tracked() for each in (path, *path.parents[:-1])}
+    """Return the number of modules, data files and rooms in every folder, by its path.
+
+    The `__init__.py` that says what a room is for and its documents are no entries: nobody looks for a step there.
+    """
+    files = [path for path in _tracked() if path.name != "__init__.py" and path.suffix != ".md"]
+    entries = {each for path in files for each in (path, *path.parents[:-1])}
     return Counter(each.parent.as_posix() for each in entries if each.parent != Path())
 
 
