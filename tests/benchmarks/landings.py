@@ -38,8 +38,7 @@ from experiment.clock import MonotonicClock
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.rehearsal import study
-from experiment.rehearsal.footstep import movement
-from experiment.rehearsal.footstep.foot import Foot
+from experiment.rehearsal.footstep.foot import Foot, trajectory
 from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from experiment.session import scene
@@ -124,7 +123,7 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         for done in range(steps):
             parts.feed.drain()
             speed_mm_s = float(rng.uniform(50, 400))
-            step = movement.trajectory(rng, speed_mm_s, rest_mm=REST_MM, hesitation="none")
+            step = trajectory(rng, speed_mm_s, rest_mm=REST_MM, hesitation="none")
             foot.step(step, foot.free_us)
             found = watch(parts, protocol.materials[done % 4].id)
             if not isinstance(found, WatchedStep):

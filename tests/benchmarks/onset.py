@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.protocol.files import shipped
 from experiment.rehearsal import study
-from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep import foot
 from experiment.rehearsal.footstep.participant import SimulatedParticipant
 from tests.benchmarks.scheduling import STEP, STEPS, loaded, report, spread
 
@@ -34,7 +34,7 @@ def feet(noise_mm: float, rate_hz: int) -> Sensed:
     rng = np.random.default_rng(1)
     made = []
     for speed_mm_s in rng.uniform(50, 400, STEPS):
-        step = movement.trajectory(rng, float(speed_mm_s), hesitation="none")
+        step = foot.trajectory(rng, float(speed_mm_s), hesitation="none")
         us = np.arange(int(step.gate_top_us) - int(rng.integers(1000)), int(step.contact_us), 1_000_000 // rate_hz)
         made.append(
             (us, step.at(us.astype(np.float64)) + rng.normal(0, noise_mm, us.size), step.contact_us, float(speed_mm_s))

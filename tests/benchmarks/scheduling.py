@@ -39,7 +39,7 @@ from experiment.protocol.files import shipped
 from experiment.protocol.models import Step
 from experiment.records.stimulus import Delivered
 from experiment.rehearsal import study
-from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep import foot
 from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from experiment.session import scene
@@ -211,7 +211,7 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
         )
         rng = np.random.default_rng(2)
         for n in range(steps):
-            step = movement.trajectory(rng, float(rng.uniform(50, 400)), hesitation="none")
+            step = foot.trajectory(rng, float(rng.uniform(50, 400)), hesitation="none")
             us = np.arange(int(step.gate_top_us) - 50_000, int(step.lift_us), 1000)
             screen.arm(trial=n + 1, attempt=1, trials=steps)
             tracker.load(us, step.at(us.astype(np.float64)) + rng.normal(0, 0.1, us.size))

@@ -34,7 +34,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.rig import TrackerRig
 from experiment.apparatus.tracker.frames import Samples, encode
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep.foot import trajectory
 from experiment.rehearsal.footstep.participant import SPEED_MEDIAN_MM_S
 
 RATES_HZ = (1000, 5000)
@@ -96,7 +96,7 @@ def readings(rate_hz: int, foot: str) -> list[int]:
     """What the sensor gives, over and over: a step and the rest after it, a way down and one up, or rest."""
     rng = np.random.default_rng(0)
     if foot == "steps":
-        step = movement.trajectory(rng, SPEED_MEDIAN_MM_S, hesitation="none")
+        step = trajectory(rng, SPEED_MEDIAN_MM_S, hesitation="none")
         height_mm = step.at(np.arange(0.0, EVERY_S * 1e6, 1e6 / rate_hz))
     else:
         way_mm = HIGHEST_MM - LOWEST_MM

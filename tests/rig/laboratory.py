@@ -11,8 +11,7 @@ import numpy as np
 
 from experiment.apparatus import rig
 from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Faults, Foot
-from experiment.rehearsal.footstep.movement import trajectory
+from experiment.rehearsal.footstep.foot import Faults, Foot, trajectory
 from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.serial_line import SerialLine
 

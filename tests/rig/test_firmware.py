@@ -19,7 +19,7 @@ from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.errors import TrackerStopped
 from experiment.protocol.models import Step
-from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep.foot import trajectory
 from tests.rig import board
 from tests.rig.board import Board, Events
 
@@ -162,7 +162,7 @@ def test_no_sample_is_lost_or_late(run: RunBoard, rate_hz: int, run_us: float, c
 @pytest.mark.parametrize("speed_mm_s", [60.0, 150.0, 300.0])
 @pytest.mark.parametrize("rate_hz", [1000, 5000])
 def test_speed_and_contact_are_the_foots(run: RunBoard, rate_hz: int, speed_mm_s: float) -> None:
-    foot = movement.trajectory(np.random.default_rng(int(speed_mm_s)), speed_mm_s, hesitation="none")
+    foot = trajectory(np.random.default_rng(int(speed_mm_s)), speed_mm_s, hesitation="none")
     got = run(foot.us, foot.height_mm, run_us=foot.duration_us, RATE_HZ=rate_hz)
     detector = GateDetector(STEP)
     _, events = detector.step(

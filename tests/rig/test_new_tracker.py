@@ -20,7 +20,7 @@ from experiment.clock import MonotonicClock
 from experiment.errors import RigError, TrackerStopped
 from experiment.protocol.files import shipped
 from experiment.protocol.models import Step
-from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep import foot
 from experiment.rehearsal.wires.serial_line import SerialLine
 
 SPEED_MM_S = 180.0
@@ -49,7 +49,7 @@ def test_it_is_short(code: str) -> None:
 def test_it_follows_a_foot(code: str, tmp_path: Path) -> None:
     (tmp_path / "textline.py").write_text(code, "utf-8")
     rig = rigs.load(rig_file(tmp_path, "textline:TextTracker"))
-    trajectory = movement.trajectory(np.random.default_rng(1), SPEED_MM_S, hesitation="none")
+    trajectory = foot.trajectory(np.random.default_rng(1), SPEED_MM_S, hesitation="none")
     times_us = np.arange(0, int(trajectory.lift_us), 1000)
     readings = rigs.load(shipped("rigs/rehearsal.toml")).tracker.counts(trajectory.at(times_us.astype(float)))
     lines = [f"{us},{reading}\n".encode() for us, reading in zip(times_us.tolist(), readings.tolist(), strict=True)]

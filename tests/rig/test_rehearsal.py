@@ -16,8 +16,7 @@ from experiment import storage
 from experiment.apparatus import rig as rigs
 from experiment.protocol.files import shipped
 from experiment.records import journal
-from experiment.rehearsal.footstep.foot import Faults, Foot
-from experiment.rehearsal.footstep.movement import Trajectory
+from experiment.rehearsal.footstep.foot import Faults, Foot, Trajectory
 from experiment.rehearsal.footstep.participant import SimulatedParticipant
 from tests.reference.okamoto2012 import MATERIALS, TABLE_1, TABLE_2
 from tests.rig.rehearsed import counted, rehearse

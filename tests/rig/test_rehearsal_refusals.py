@@ -17,8 +17,7 @@ from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.rehearsal import session, study
 from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.foot import Faults, Foot
-from experiment.rehearsal.footstep.movement import Trajectory
+from experiment.rehearsal.footstep.foot import Faults, Foot, Trajectory
 from tests.rig.rehearsed import counted, rehearse
 
 

@@ -19,9 +19,7 @@ from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.clock import ManualClock
 from experiment.errors import TrackerError, TrackerStopped
 from experiment.protocol.models import Step
-from experiment.rehearsal.footstep import movement
-from experiment.rehearsal.footstep.foot import Faults, Foot
-from experiment.rehearsal.footstep.movement import Trajectory
+from experiment.rehearsal.footstep.foot import Faults, Foot, Trajectory, trajectory
 from experiment.rehearsal.wires.serial_line import Kind, SerialLine, UnpluggedError
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
@@ -66,8 +64,8 @@ def quickest(attempt: Callable[[], float]) -> float:
     return min(attempt() for _ in range(3))
 
 
-def trajectory(speed_mm_s: float = 180.0, seed: int = 0) -> Trajectory:
-    return movement.trajectory(np.random.default_rng(seed), speed_mm_s, hesitation="none")
+def a_step(speed_mm_s: float = 180.0, seed: int = 0) -> Trajectory:
+    return trajectory(np.random.default_rng(seed), speed_mm_s, hesitation="none")
 
 
 def test_every_frame_arrives_and_raw_decodes_to_the_same(line: SerialLine, tracker: SerialTracker) -> None:
@@ -247,7 +245,7 @@ def test_real_time_runs_by_the_clock_between_steps_too(line: SerialLine, setting
     settings = settings.model_copy(update={"rate_hz": 5000})
     tracker = SerialTracker(line.url, settings)
     foot = Foot(line, settings, real_time=True, clock=clock)
-    step = trajectory()
+    step = a_step()
     foot.step(step, 100_000)
     heights: list[np.ndarray] = []
     for _ in range(40):
@@ -272,7 +270,7 @@ def test_real_time_loses_what_a_full_line_does_not_take(line: SerialLine, settin
     tracker = SerialTracker(line.url, settings)
     foot = Foot(line, settings, real_time=True, clock=clock)
     read_until(tracker, 0)
-    foot.step(trajectory(), 20_000_000)
+    foot.step(a_step(), 20_000_000)
     clock.sleep_ns(30 * 10**9)
     assert foot.finish()
     tracker.drain()
@@ -300,7 +298,7 @@ def test_spoilt_frames_are_counted(
     line: SerialLine, tracker: SerialTracker, settings: TrackerRig, faults: Faults, link: LinkCounts
 ) -> None:
     foot = Foot(line, settings)
-    foot.step(trajectory(), 0, faults)
+    foot.step(a_step(), 0, faults)
     read = read_until(tracker, 399_000)
     # The last piece may hold frames beyond; count up to frame 399 by decoding what came.
     raw = b"".join(samples.raw for samples in read)
@@ -322,7 +320,7 @@ def test_a_device_that_fails_during_a_step_is_noticed(
     line: SerialLine, tracker: SerialTracker, settings: TrackerRig, faults: Faults, words: str
 ) -> None:
     foot = Foot(line, settings)
-    foot.step(trajectory(), 0, faults)
+    foot.step(a_step(), 0, faults)
     with pytest.raises(TrackerStopped, match=words):
         read_until(tracker, 400_000)
     assert tracker.counts.received <= 300

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from experiment.apparatus.tracker.frames import FRAME_BYTES, Samples, encode
 from experiment.apparatus.tracker.gate import Gate, GateDetector
 from experiment.protocol.models import Step
-from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep.foot import trajectory
 from tests.conftest import REPOSITORY
 
 FIRMWARE = REPOSITORY / "experiment" / "apparatus" / "firmware"
@@ -135,7 +135,7 @@ def test_passages_are_those_of_exact_arithmetic(
 @pytest.mark.parametrize("speed_mm_s", [60.0, 200.0, 400.0])
 @pytest.mark.parametrize("seed", range(5))
 def test_a_passage_is_the_one_that_palpate_times(code: ctypes.CDLL, speed_mm_s: float, seed: int) -> None:
-    foot = movement.trajectory(np.random.default_rng(seed), speed_mm_s, hesitation="none")
+    foot = trajectory(np.random.default_rng(seed), speed_mm_s, hesitation="none")
     us = np.arange(0, foot.duration_us, 1000).astype(np.int64)
     # 8.2 counts/mm, so that the gate's levels are whole counts.
     counts = np.rint(82 + 8.2 * foot.at(us.astype(np.float64))).astype(np.int64)

@@ -15,7 +15,7 @@ from experiment.apparatus.tracker import landing as landings
 from experiment.apparatus.tracker.gate import Gate
 from experiment.apparatus.tracker.landing import FIRST_MM_S, SLOWEST_MM_S, WANDER_MM, Falling, Landing, LandingPredictor
 from experiment.protocol.models import Step
-from experiment.rehearsal.footstep import movement
+from experiment.rehearsal.footstep import foot
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 Heights = NDArray[np.float64]
@@ -240,7 +240,7 @@ def test_onset_against_true_contact_over_2000_steps(noise_mm: float, spread_ms: 
     predictor = LandingPredictor(STEP, noise_mm=noise_mm)
     errors_ms = []
     for speed_mm_s in rng.uniform(50, 400, 2000):
-        step = movement.trajectory(rng, float(speed_mm_s), hesitation="none")
+        step = foot.trajectory(rng, float(speed_mm_s), hesitation="none")
         us = np.arange(int(step.gate_top_us) - int(rng.integers(1000)), int(step.contact_us), 1000)
         mm = step.at(us.astype(np.float64)) + rng.normal(0, noise_mm, us.size)
         errors_ms.append((expected(predictor, us, mm, lead_ms=12).us - step.contact_us) / 1e3)

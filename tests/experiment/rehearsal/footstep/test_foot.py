@@ -16,9 +16,7 @@ from experiment.apparatus.tracker.frames import Decoder, Frames, LinkCounts, Sam
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from experiment.clock import ManualClock
 from experiment.protocol.models import Step
-from experiment.rehearsal.footstep import movement
-from experiment.rehearsal.footstep.foot import Faults, Foot
-from experiment.rehearsal.footstep.movement import Hesitation, Trajectory
+from experiment.rehearsal.footstep.foot import Faults, Foot, Hesitation, Trajectory, trajectory
 from experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
@@ -69,7 +67,7 @@ def sent(
 
 
 def plain(seed: int = 0, speed_mm_s: float = 180.0, hesitation: Hesitation = "none") -> Trajectory:
-    return movement.trajectory(np.random.default_rng(seed), speed_mm_s, hesitation=hesitation)
+    return trajectory(np.random.default_rng(seed), speed_mm_s, hesitation=hesitation)
 
 
 def detected(us: np.ndarray, mm: np.ndarray) -> tuple[Gate, Contact]:
@@ -83,7 +81,7 @@ def detected(us: np.ndarray, mm: np.ndarray) -> tuple[Gate, Contact]:
 @settings(max_examples=60)
 @given(st.integers(0, 2**31), st.floats(50.0, 400.0), st.sampled_from(["none", "pause", "dip"]))
 def test_what_a_trajectory_says_of_itself_is_true(seed: int, speed_mm_s: float, hesitation: Hesitation) -> None:
-    step = movement.trajectory(np.random.default_rng(seed), speed_mm_s, hesitation=hesitation)
+    step = trajectory(np.random.default_rng(seed), speed_mm_s, hesitation=hesitation)
     assert step.speed_mm_s == pytest.approx(speed_mm_s, rel=1e-9)
     assert np.all(np.diff(step.us) > 0)
     assert step.at(np.array([step.gate_top_us, step.gate_bottom_us, step.contact_us])) == pytest.approx(
@@ -117,7 +115,7 @@ def test_the_same_seed_gives_the_same_foot() -> None:
 
 def test_some_feet_hesitate() -> None:
     rng = np.random.default_rng(1)
-    drawn = [movement.trajectory(rng, 200.0).hesitation for _ in range(1000)]
+    drawn = [trajectory(rng, 200.0).hesitation for _ in range(1000)]
     assert 70 <= 1000 - drawn.count("none") <= 130
     assert min(drawn.count("pause"), drawn.count("dip")) > 25
 
@@ -125,7 +123,7 @@ def test_some_feet_hesitate() -> None:
 @settings(max_examples=60)
 @given(st.integers(0, 2**31), st.floats(50.0, 400.0), st.sampled_from(["stop", "turn"]))
 def test_a_step_in_vain_passes_the_gate_and_never_lands(seed: int, speed_mm_s: float, hesitation: Hesitation) -> None:
-    step = movement.trajectory(np.random.default_rng(seed), speed_mm_s, hesitation=hesitation)
+    step = trajectory(np.random.default_rng(seed), speed_mm_s, hesitation=hesitation)
     assert np.all(np.diff(step.us) > 0)
     assert step.at(np.array([step.gate_top_us, step.gate_bottom_us])) == pytest.approx([20, 10], abs=1e-6)
     assert 10e6 / (step.gate_bottom_us - step.gate_top_us) == pytest.approx(speed_mm_s, rel=1e-9)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from experiment.errors import RecordingError, SessionError, SynthesisError
 from experiment.rehearsal.footstep.materials import SimulatedMaterials
-from experiment.rehearsal.footstep.observer import Observer, third_octaves
+from experiment.rehearsal.footstep.participant import Observer, third_octaves
 from experiment.synthesis.crinkle import CrinkleSpectra, subtract
 from experiment.synthesis.waveforms import synthesise
 from tests.reference.okamoto2012 import MATERIALS as IDS
