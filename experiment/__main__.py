@@ -8,6 +8,11 @@ import sys
 def main() -> None:
     """Entry point of the command."""
     try:
+        if sys.argv[1:] in ([], ["-h"], ["--help"]):
+            from experiment.cli import overview
+
+            sys.stdout.write(overview())
+            return
         from experiment.cli.app import main as command
 
         command()

@@ -251,7 +251,7 @@ def open_actuator(
     Args:
         rig: the rig.
         limit_m_s2: the protocol's limit for the magnitude of any sample, m/s^2.
-        drive: frequency shaping, as `recordings.rig_drive.open_drive` opens it; for rigs with `actuator.shaping`.
+        drive: frequency shaping, as `conditioning.open_drive` opens it; for rigs with `actuator.shaping`.
         address: used instead of the one that the rig names.
         stream: the session's, for an actuator that is a channel of it.
 

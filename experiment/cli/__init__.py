@@ -1,1 +1,61 @@
-"""experiment/cli"""
+"""What a person types: `palpate` and its commands, each in the module of its room.
+
+Arguments and files come in; what the rooms below return goes out as text, tables on disk, or one JSON document. The
+modules here import every other room, each command what it needs when it is called, and no room imports them. This
+module itself imports nothing, so that `palpate --help` is there at once.
+"""
+
+from __future__ import annotations
+
+COMMANDS = {
+    "Plan a study": {
+        "check": ("laboratory", "Show a protocol to an ethics board."),
+        "power": ("analysis", "Say how many participants a study needs."),
+        "plan": ("recordings", "Print what a task needs and what it leaves out."),
+        "rehearse": ("laboratory", "Run a whole study with simulated participants."),
+        "seal": ("laboratory", "Record the board's approval of a protocol."),
+    },
+    "Prepare a rig": {
+        "devices": ("rig", "List the devices of this machine."),
+        "calibrate": ("rig", "Calibrate a device of the rig."),
+        "doctor": ("rig", "Check a rig before a session."),
+    },
+    "Record materials": {
+        "record": ("recordings", "Record a protocol's materials and the bare panel."),
+        "validate": ("recordings", "Validate the synthesis on recordings, as published."),
+        "spectrum": ("recordings", "Print and plot the spectrum of a recording."),
+    },
+    "Run sessions": {
+        "enrol": ("laboratory", "Enrol the next participant of a study."),
+        "consent": ("laboratory", "Record the consent of an enrolled participant."),
+        "schedule": ("laboratory", "Print the trials of one participant, in order."),
+        "run": ("laboratory", "Run one session with a participant, or what remains of it."),
+        "journal": ("laboratory", "Verify a journal and tell its story."),
+        "withdraw": ("laboratory", "Record that a participant withdrew."),
+        "build": ("laboratory", "Make a dataset's tables anew from its journals."),
+    },
+    "Analyse": {
+        "analyse": ("analysis", "Make the tables and the report of a dataset."),
+        "export": ("analysis", "Write tables for R, JASP and PsychoPy users."),
+        "audit": ("analysis", "Do printed numbers agree with one another, or with a dataset?"),
+        "import-counts": ("analysis", "Make a dataset from printed counts."),
+        "numerics": ("analysis", "Measure error against run time of every method."),
+    },
+}
+"""What each command is for, in the order of a study: its module in this folder, and the first sentence of its help."""
+
+
+def overview() -> str:
+    """Return what `palpate --help` prints."""
+    lines = [
+        "Usage: palpate [OPTIONS] COMMAND [ARGS]...",
+        "",
+        "  Run vibrotactile psychophysics: from an ethics-reviewed protocol to published tables.",
+        "",
+        "Options:",
+        "  --version   Print the version.",
+        "  -h, --help  Show this message; after a command, what that command takes.",
+    ]
+    for heading, part in COMMANDS.items():
+        lines += ["", f"{heading}:", *(f"  {name:13}  {purpose}" for name, (_, purpose) in part.items())]
+    return "\n".join(lines) + "\n"

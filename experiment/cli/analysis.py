@@ -1,4 +1,4 @@
-"""The commands of the analyst's desk: analyse, export, audit, power."""
+"""The commands of the analyst's desk: analyse, export, audit, power, numerics, import-counts."""
 
 import re
 from functools import partial
@@ -8,17 +8,15 @@ from typing import Annotated
 import typer
 
 from experiment.cli import options
-from experiment.cli.laboratory import ProtocolFile
+from experiment.cli.options import Json, ProtocolFile
 from experiment.errors import Interrupted, PowerError
 
-analyst = typer.Typer()
-
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+commands = options.room()
 
 PARTICIPANTS = "4,5,6,7,8,10,12,15,20,25,30,40"
 
 
-@analyst.command(epilog="Example: palpate analyse participants/okamoto2012 --out tables")
+@commands.command(epilog="Example: palpate analyse participants/okamoto2012 --out tables")
 def analyse(
     datasets: Annotated[
         list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several: pooled.")
@@ -40,7 +38,7 @@ def analyse(
     tell_analysis(datasets, out, as_json=as_json, figures=figures, dissimilarities=dissimilarities)
 
 
-@analyst.command(epilog="Example: palpate export participants/okamoto2012 --out okamoto2012-tables")
+@commands.command(epilog="Example: palpate export participants/okamoto2012 --out okamoto2012-tables")
 def export(
     datasets: Annotated[
         list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several: pooled.")
@@ -58,7 +56,7 @@ def export(
         typer.echo(path)
 
 
-@analyst.command(epilog="Example: palpate audit okamoto2012")
+@commands.command(epilog="Example: palpate audit okamoto2012")
 def audit(
     target: Annotated[
         str,
@@ -84,7 +82,7 @@ def audit(
         typer.echo(result.text())
 
 
-@analyst.command(epilog="Example: palpate power protocols/okamoto2012.toml --participants 5-30 --out power")
+@commands.command(epilog="Example: palpate power protocols/okamoto2012.toml --participants 5-30 --out power")
 def power(
     protocol_file: ProtocolFile,
     model: Annotated[
@@ -122,7 +120,6 @@ def power(
     from analysis import published
     from analysis.documents import output
     from analysis.power import choice_models, planned_tests, report, simulate
-    from experiment.cli.options import progress
     from experiment.protocol import files
 
     for name, share in (("--alpha", alpha), ("--target", target)):
@@ -139,7 +136,7 @@ def power(
         partial(simulate.on_cores, jobs=jobs) if scheduler is None else partial(simulate.on_cluster, address=scheduler)
     )
     try:
-        with progress(simulate.LABEL, quiet=as_json) as (total, tick):
+        with options.progress(simulate.LABEL, quiet=as_json) as (total, tick):
             result = simulate.run(
                 protocol,
                 planned,
@@ -160,6 +157,55 @@ def power(
         options.put(report.as_dict(result))
     else:
         typer.echo(report.text(result))
+
+
+@commands.command(epilog="Example: palpate numerics --quick --out numerics")
+def numerics(
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer sizes and repeats.")] = False,
+    out: Annotated[Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown) and plot.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure error against run time of every method.
+
+    And try the extreme cases, each with the invariant that must hold. Ends with exit code 1 if one does not.
+    """
+    from analysis.numerics import numerics as measured
+    from experiment.synthesis.limiter import limit
+
+    if out is not None:
+        measured.check_out(out)
+    with options.progress("numerics", quiet=as_json) as (total, tick):
+        result = measured.run(quick=quick, limit=limit, total=total, tick=tick)
+    if out is not None:
+        measured.write(result, out)
+    if as_json:
+        options.put(result.as_dict())
+    else:
+        typer.echo(result.text())
+    if result.failed:
+        raise typer.Exit(1)
+
+
+@commands.command(
+    "import-counts",
+    epilog="Example: palpate import-counts --task virtual=virtual.csv --task real=real.csv --study okamoto2012 "
+    "--out again",
+)
+def import_counts(
+    task: Annotated[list[str], typer.Option("--task", help="TASK=CSV: participant,presented,answered,count.")],
+    study: Annotated[str, typer.Option("--study", help="Id of the study.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the new dataset.")],
+    source: Annotated[str | None, typer.Option("--source", help="Where the counts come from.")] = None,
+) -> None:
+    """Make a dataset from printed counts.
+
+    The dataset is labelled a reconstruction: no original data.
+    """
+    from experiment.dataset import reconstruction
+
+    pairs = dict(map(reconstruction.parse_task, task))
+    text = reconstruction.study_text(study, pairs, source)
+    typer.echo(f"Dataset: {reconstruction.import_counts(pairs, out, study=text)}")
 
 
 def tell_analysis(

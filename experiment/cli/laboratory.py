@@ -1,24 +1,51 @@
-"""The commands of a study with participants in the room: seal, enrol, consent, withdraw, run, build."""
+"""The commands of a study: its protocol, its approval, and its participants in the room."""
 
 import sys
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
-lab = typer.Typer()
+from experiment.cli import options
+from experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder
+
+commands = options.room()
 
 DAY = ["%Y-%m-%d"]
 
-ProtocolFile = Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML).")]
-Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")]
-StudyFolder = Annotated[
-    Path | None, typer.Option("--dataset", help="Folder of the study's dataset; participants/STUDY by default.")
-]
+
+@commands.command(epilog="Example: palpate check protocols/okamoto2012.toml")
+def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
+    """Show a protocol to an ethics board.
+
+    Prints a page that states the whole study, or every error at once with path, line, what was got and what is
+    allowed.
+    """
+    from experiment.errors import ProtocolError
+    from experiment.protocol import approval, files, page
+
+    try:
+        protocol = files.load(protocol_file)
+    except ProtocolError as error:
+        if as_json:
+            from dataclasses import asdict
+
+            options.put({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
+            raise typer.Exit(error.exit_code) from None
+        raise
+    if as_json:
+        import json
+
+        document = json.loads(approval.canonical(protocol))
+        options.put(
+            {"file": str(protocol_file), "valid": True, "sha256": approval.sha256(protocol), "protocol": document}
+        )
+    else:
+        typer.echo(page.page(protocol))
 
 
-@lab.command(
+@commands.command(
     epilog="Example: palpate seal study.toml --approval-number 2026-17 --approved-on 2026-04-01 --expires-on 2027-03-31"
 )
 def seal(
@@ -50,7 +77,7 @@ def seal(
     typer.echo(f"Sealed {sealed.protocol_sha256}: {approval.seal_path(protocol_file)}")
 
 
-@lab.command(epilog="Example: palpate enrol study.toml --participant 01 --consent-on 2026-05-04")
+@commands.command(epilog="Example: palpate enrol study.toml --participant 01 --consent-on 2026-05-04")
 def enrol(
     protocol_file: ProtocolFile,
     participant: Participant,
@@ -71,7 +98,7 @@ def enrol(
     )
 
 
-@lab.command(epilog="Example: palpate consent study.toml --participant 01 --consent-on 2026-05-04")
+@commands.command(epilog="Example: palpate consent study.toml --participant 01 --consent-on 2026-05-04")
 def consent(
     protocol_file: ProtocolFile,
     participant: Participant,
@@ -85,22 +112,81 @@ def consent(
     typer.echo(f"Participant {participant} has consented: {path}")
 
 
-@lab.command(epilog="Example: palpate withdraw study.toml --participant 01 --reason 'asked to stop'")
-def withdraw(
-    protocol_file: ProtocolFile,
-    participant: Participant,
-    reason: Annotated[str, typer.Option("--reason", help="One line that names no person and no state of health.")],
-    dataset: StudyFolder = None,
+@commands.command(epilog="Example: palpate schedule protocols/okamoto2012.toml --participant 03 --seed 1")
+def schedule(protocol_file: ProtocolFile, participant: Participant, seed: Seed = 1, as_json: Json = False) -> None:
+    """Print the trials of one participant, in order."""
+    from experiment.protocol import files
+    from experiment.study import roster
+    from experiment.study import schedule as schedules
+
+    protocol = files.load(protocol_file)
+    allocation = roster.find(roster.allocate(protocol, seed), participant)
+    orders = {
+        task: schedules.schedule(protocol=protocol, participant=allocation.participant, task_id=task, seed=seed)
+        for task in allocation.tasks
+    }
+    if as_json:
+        tasks = [{"task": task, "order": [t.model_dump() for t in order]} for task, order in orders.items()]
+        options.put({"participant": allocation.participant, "seed": seed, "tasks": tasks})
+        return
+    for position, (task, order) in enumerate(orders.items(), start=1):
+        typer.echo(f"Participant {allocation.participant}, task {position}: {task} (seed {seed})")
+        for planned in order:
+            typer.echo(f"{planned.trial:4d}  {' and '.join(planned.presented)}")
+
+
+@commands.command(
+    epilog="Example: palpate rehearse protocols/okamoto2012.toml --participants 3 --seed 7 --out trial-run"
+)
+def rehearse(
+    protocol_file: Annotated[
+        Path | None, typer.Argument(metavar="[PROTOCOL]", help="Protocol file; the footstep study by default.")
+    ] = None,
+    participants: Annotated[
+        int | None, typer.Option("--participants", min=1, help="How many; all of the study's by default.")
+    ] = None,
+    seed: Seed = 1,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder of the dataset; participants/rehearsal-... by default.")
+    ] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file of a simulated rig.")] = None,
+    control: Annotated[
+        Literal["none", "silence"], typer.Option("--control", help="'silence' replaces every stimulus by zeros.")
+    ] = "none",
+    jobs: Annotated[int, typer.Option("--jobs", min=0, help="Participants at a time; 0: one a core.")] = 0,
+    real_time: Annotated[bool, typer.Option("--real-time", help="Pace it by the wall clock, and show it.")] = False,
+    as_json: Json = False,
 ) -> None:
-    """Record that a participant withdrew."""
-    from experiment.dataset import build as datasets
-    from experiment.study import enrolment
+    """Run a whole study with simulated participants.
 
-    path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build)
-    typer.echo(f"Participant {participant} has withdrawn: {path}")
+    REHEARSAL: a simulated foot speaks through a real serial port, a simulated observer judges what the actuator
+    was sent, answers pass the journal, and the tables come from the dataset on disk. The same command goes on with a
+    rehearsal that was interrupted.
+    """
+    from experiment.cli.analysis import tell_analysis
+    from experiment.desk.terminal import TerminalConsole
+    from experiment.protocol.files import shipped
+    from experiment.rehearsal import study
+
+    screen = TerminalConsole(write=sys.stderr, ask=input, heading="REHEARSAL") if real_time and not as_json else None
+    with options.progress("REHEARSAL", quiet=as_json or screen is not None) as (total, tick):
+        dataset = study.rehearse(
+            protocol_file=protocol_file or shipped("okamoto2012.toml"),
+            rig_file=rig or shipped("rigs/rehearsal.toml"),
+            out=out,
+            participants=participants,
+            seed=seed,
+            control=control,
+            real_time=real_time,
+            jobs=jobs,
+            total=total,
+            tick=tick,
+            screen=screen,
+        )
+    tell_analysis([dataset], None, as_json=as_json, figures=True)
 
 
-@lab.command(epilog="Example: palpate run study.toml --participant 01 --task real --rig our-rig.toml")
+@commands.command(epilog="Example: palpate run study.toml --participant 01 --task real --rig our-rig.toml")
 def run(
     protocol_file: ProtocolFile,
     participant: Participant,
@@ -132,7 +218,41 @@ def run(
     typer.echo(f"The session is {footer.reason}: {footer.answered} answers. {footer.detail}".rstrip())
 
 
-@lab.command(epilog="Example: palpate build participants/study")
+@commands.command(
+    epilog="Example: palpate journal participants/study/sourcedata/sub-01/sub-01_task-virtual_journal.jsonl"
+)
+def journal(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Journal of a session (.jsonl).")],
+    as_json: Json = False,
+) -> None:
+    """Verify a journal and tell its story."""
+    from experiment.records import journal as journals
+    from experiment.records import transcript
+
+    contents = journals.read(file)
+    if as_json:
+        entries = [{"t_ns": line.t_ns, **line.entry.model_dump(mode="json")} for line in contents.lines]
+        options.put({"file": str(file), "torn_bytes": len(contents.torn), "entries": entries})
+    else:
+        typer.echo(transcript.text(contents))
+
+
+@commands.command(epilog="Example: palpate withdraw study.toml --participant 01 --reason 'asked to stop'")
+def withdraw(
+    protocol_file: ProtocolFile,
+    participant: Participant,
+    reason: Annotated[str, typer.Option("--reason", help="One line that names no person and no state of health.")],
+    dataset: StudyFolder = None,
+) -> None:
+    """Record that a participant withdrew."""
+    from experiment.dataset import build as datasets
+    from experiment.study import enrolment
+
+    path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build)
+    typer.echo(f"Participant {participant} has withdrawn: {path}")
+
+
+@commands.command(epilog="Example: palpate build participants/study")
 def build(
     dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")],
 ) -> None:

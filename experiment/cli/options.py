@@ -1,14 +1,28 @@
-"""What commands print for programs: one JSON document, and nothing else on standard output.
+"""What commands share: options and arguments, JSON for programs, the progress bar, and what makes a room's commands.
 
-The progress bar of long commands.
+Typer reads the annotations of a command when it builds it: in modules of commands they are objects, as they would have
+to be compiled otherwise, and such modules have no `from __future__ import annotations`.
 """
-
-from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
 
 import typer
+
+ProtocolFile = Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML).")]
+Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")]
+StudyFolder = Annotated[
+    Path | None, typer.Option("--dataset", help="Folder of the study's dataset; participants/STUDY by default.")
+]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Names every random draw.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+
+
+def room() -> typer.Typer:
+    """Return where a module's commands are registered."""
+    return typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
 
 
 def put(document: object) -> None:
@@ -20,7 +34,7 @@ def put(document: object) -> None:
 
 @contextmanager
 def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
-    """A progress bar on standard error: what sets its total, and what moves it on.
+    """Show a progress bar on standard error; gives what sets its total, and what moves it on.
 
     It is not drawn before its total is set: what is refused until then leaves one line.
     """
@@ -40,3 +54,9 @@ def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None]
     finally:
         if bar.live.is_started:
             bar.stop()
+
+
+def free(path: Path) -> Path:
+    """Return `path`, or the first of path-2, path-3, ... that is not there yet."""
+    names = (path, *(path.with_stem(f"{path.stem}-{n}") for n in range(2, 10_000)))
+    return next((name for name in names if not name.exists()), path)

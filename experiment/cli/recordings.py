@@ -1,4 +1,4 @@
-"""The commands of the synthesis engine: record, validate, plan, numerics."""
+"""The commands of recordings: record, validate, spectrum, plan."""
 
 import sys
 from pathlib import Path
@@ -7,13 +7,13 @@ from typing import Annotated
 import typer
 
 from experiment.cli import options
-from experiment.cli.laboratory import ProtocolFile
-from experiment.errors import Interrupted, RecordingError
+from experiment.cli.options import Json, ProtocolFile
+from experiment.errors import Interrupted, PalpateError, RecordingError
 
-engine = typer.Typer()
+commands = options.room()
 
 
-@engine.command(epilog="Example: palpate record study.toml --rig our-rig.toml --out recordings")
+@commands.command(epilog="Example: palpate record study.toml --rig our-rig.toml --out recordings")
 def record(
     protocol_file: ProtocolFile,
     out: Annotated[Path, typer.Option("--out", help="Folder of the recordings; new or empty.")],
@@ -69,7 +69,7 @@ def record(
     typer.echo(f"{'SIMULATED recordings' if simulated else 'Recordings'}: {manifest.parent}")
 
 
-@engine.command(epilog="Example: palpate validate recordings --fresh fresh-takes --out validation")
+@commands.command(epilog="Example: palpate validate recordings --fresh fresh-takes --out validation")
 def validate(
     folder: Annotated[Path, typer.Argument(metavar="RECORDINGS", help="Folder of recordings.")],
     fresh: Annotated[
@@ -84,7 +84,7 @@ def validate(
     ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Names the draws of simulated fresh takes.")] = 1,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Validate the synthesis on recordings, as published.
 
@@ -114,16 +114,31 @@ def validate(
         typer.echo(result.text())
 
 
-def _speeds(text: str | None) -> tuple[float, ...]:
-    if text is None:
-        return ()
-    try:
-        return tuple(float(part) for part in text.split(","))
-    except ValueError:
-        raise RecordingError(f"--speeds: got {text!r}; allowed: numbers and commas, such as 150,250,400") from None
+@commands.command(epilog="Example: palpate spectrum recording.lvm --plot spectrum.svg")
+def spectrum(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="WAV, text columns with time, or LabVIEW .lvm.")],
+    channel: Annotated[str | None, typer.Option("--channel", help="Name or number (from 1) of the channel.")] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="Where to draw it (.png or .svg).")] = None,
+    as_json: Json = False,
+) -> None:
+    """Print and plot the spectrum of a recording.
+
+    Lists the peaks of the amplitude spectrum. The sampling rate of text and LabVIEW columns is that of their time
+    column, not that of a header.
+    """
+    from experiment.recordings import spectrum as spectra
+
+    if plot is not None and plot.exists() and file.exists() and plot.samefile(file):
+        raise PalpateError(f"--plot {plot}: is the recording itself; give another file")
+    result = spectra.of_file(file, channel=channel)
+    drawn = spectra.plot(result, plot or options.free(Path(f"{file.stem}_spectrum.png")))
+    if as_json:
+        options.put({**result.as_dict(), "plot": str(drawn)})
+    else:
+        typer.echo(f"{result.text()}\nPlot: {drawn}")
 
 
-@engine.command(epilog="Example: palpate plan protocols/okamoto2012.toml --task real")
+@commands.command(epilog="Example: palpate plan protocols/okamoto2012.toml --task real")
 def plan(
     protocol_file: ProtocolFile,
     task: Annotated[str | None, typer.Option("--task", help="One task; all of the protocol's by default.")] = None,
@@ -131,7 +146,7 @@ def plan(
         Path | None, typer.Option("--recordings", help="Folder of recordings; simulated ones by default.")
     ] = None,
     rig: Annotated[Path | None, typer.Option("--rig", help="Rig file; the rehearsal's by default.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Print what a task needs and what it leaves out.
 
@@ -175,29 +190,10 @@ def plan(
         typer.echo("\n\n\n".join([f"Measured with: {source}", *(one.text() for one in plans)]))
 
 
-@engine.command(epilog="Example: palpate numerics --quick --out numerics")
-def numerics(
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer sizes and repeats.")] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown) and plot.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
-) -> None:
-    """Measure error against run time of every method.
-
-    And try the extreme cases, each with the invariant that must hold. Ends with exit code 1 if one does not.
-    """
-    from analysis.numerics import numerics as measured
-    from experiment.cli.options import progress
-    from experiment.synthesis.limiter import limit
-
-    if out is not None:
-        measured.check_out(out)
-    with progress("numerics", quiet=as_json) as (total, tick):
-        result = measured.run(quick=quick, limit=limit, total=total, tick=tick)
-    if out is not None:
-        measured.write(result, out)
-    if as_json:
-        options.put(result.as_dict())
-    else:
-        typer.echo(result.text())
-    if result.failed:
-        raise typer.Exit(1)
+def _speeds(text: str | None) -> tuple[float, ...]:
+    if text is None:
+        return ()
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise RecordingError(f"--speeds: got {text!r}; allowed: numbers and commas, such as 150,250,400") from None

@@ -9,28 +9,34 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from experiment.cli import options
+from experiment.cli.options import Json
 
 if TYPE_CHECKING:
+    from experiment.apparatus.doctor.checks import Check
     from experiment.apparatus.doctor.doctor import FarEnds
-    from experiment.apparatus.doctor.verdict import Check
     from experiment.apparatus.rig import Rig
 
-rig_commands = typer.Typer()
+commands = options.room()
 calibrate = typer.Typer(
-    help="Calibrate a device of the rig.", epilog="Example: palpate calibrate tracker --rig our-rig.toml"
+    rich_markup_mode=None,
+    help="Calibrate a device of the rig.",
+    epilog="Example: palpate calibrate tracker --rig our-rig.toml",
 )
-rig_commands.add_typer(calibrate, name="calibrate")
+commands.add_typer(calibrate, name="calibrate")
 
 RigFile = Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")]
 
 COLOURS = {"green": typer.colors.GREEN, "red": typer.colors.RED, "not checked": typer.colors.YELLOW}
 
 
-@rig_commands.command(epilog="Example: palpate devices --json")
+@commands.command(epilog="Example: palpate devices --json")
 def devices(
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    as_json: Json = False,
 ) -> None:
-    """List the devices of this machine, as a rig file names them: serial ports, who holds them, and audio devices."""
+    """List the devices of this machine.
+
+    As a rig file names them: serial ports, who holds them, and audio devices.
+    """
     from experiment.apparatus.audio import devices as audio_devices
     from experiment.apparatus.tracker import serial_port
 
@@ -55,7 +61,7 @@ def devices(
         typer.echo("  none")
 
 
-@rig_commands.command(epilog="Example: palpate doctor --rig our-rig.toml --protocol study.toml")
+@commands.command(epilog="Example: palpate doctor --rig our-rig.toml --protocol study.toml")
 def doctor(
     rig: RigFile,
     protocol: Annotated[
@@ -64,12 +70,13 @@ def doctor(
     dataset: Annotated[
         Path | None, typer.Option("--dataset", help="Folder of the study's dataset; participants/STUDY by default.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")] = False,
+    as_json: Json = False,
 ) -> None:
-    """Check a rig before a session: nobody may be on the panel, for it may move.
+    """Check a rig before a session.
 
-    Files, calibrations, tracker, audio device with its loopback, actuator, disk and clocks, each green or red with the
-    remedy, through the drivers that sessions use. Exit code 2 if anything is red.
+    Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback,
+    actuator, disk and clocks, each green or red with the remedy, through the drivers that sessions use. The exit code
+    is 2 if anything is red.
     """
     from experiment.apparatus.doctor import doctor as doctors
     from experiment.clock import MonotonicClock

@@ -12,7 +12,7 @@ from experiment.desk.port import RESTS
 from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
 
 if TYPE_CHECKING:
-    from experiment.recordings.plan import Condition
+    from experiment.recordings.store import Condition
     from experiment.recordings.workflow import Step
 
 

@@ -1,13 +1,12 @@
-"""One form of a protocol, whatever its file looks like, and the hash of that form.
+"""The one form of a protocol, whatever its file looks like; the hash of that form; and the seal that approves it.
 
-The form is RFC 8785 JSON of every field, defaults included: what is approved is what is carried out, whether a
-value was written down or left to its default. So comments, the order of keys, inline tables and the way a number
-is written (`20`, `20.0`, `2e1`) do not change it.
+The form is RFC 8785 JSON of every field, defaults included: what is approved is what is carried out, whether a value
+was written down or left to its default. So comments, the order of keys, inline tables and the way a number is written
+(`20`, `20.0`, `2e1`) do not change it.
 
-The approval of a protocol: a record beside its file that names the hash of what was approved.
-
-It shows that the protocol is the one approved, not who approved it: whoever can write the file can write the
-record. What stands in it can be checked against the board's letter.
+The seal is a record beside the protocol's file that names the hash of what was approved. It shows that the protocol is
+the one approved, not who approved it: whoever can write the file can write the record. What stands in it can be checked
+against the board's letter.
 """
 
 from __future__ import annotations

@@ -38,9 +38,8 @@ from pydantic import Field
 from experiment.errors import ProtocolError, RecordingError
 from experiment.protocol.models import Synthesis
 from experiment.recordings.readers import wav_samples
-from experiment.settings import load as load_protocol
+from experiment.settings import load as settings
 from experiment.settings.model import Confined
-from experiment.settings.problems import locate
 
 MANIFEST = "manifest.toml"
 
@@ -221,7 +220,7 @@ def _read(path: Path) -> _Manifest:
             f"{path}: got no TOML ({error}); allowed: a TOML file; restore it from its copy"
         ) from error
     try:
-        return load_protocol.checked(path, _Manifest, document, locate(text))
+        return settings.checked(path, _Manifest, document, settings.locate(text))
     except ProtocolError as error:
         first, *others = error.problems
         more = f" ({len(others)} more)" if others else ""

@@ -106,7 +106,7 @@ def of_file(path: Path, *, channel: str | None = None) -> AmplitudeSpectrum:
         channel: name, or number from 1; None for the first.
 
     Raises:
-        RecordingError: as `files.read` and `amplitude_spectrum`.
+        RecordingError: as `readers.read` and `amplitude_spectrum`.
     """
     return amplitude_spectrum(read(path, channel=channel))
 

@@ -26,7 +26,7 @@ from experiment.clock import Clock, MonotonicClock, day
 from experiment.errors import RecordingError
 from experiment.protocol import files
 from experiment.recordings import store
-from experiment.recordings.plan import Condition, Plan, plan
+from experiment.recordings.store import Condition, Plan, plan
 
 SPEED_TOLERANCE = 0.10
 """A step is on target when its speed is within this part of it: less than half the way to the next recorded speed."""
@@ -205,7 +205,7 @@ def record(
         Path of the manifest.
 
     Raises:
-        RecordingError: see `partial.check`; or the accelerometer failed.
+        RecordingError: see `store.check`; or the accelerometer failed.
         TrackerError: the tracker failed.
     """
     with store.begun(planned, out) as folder:

@@ -1,21 +1,46 @@
-"""Read a settings file as its model, or refuse it with every problem at once."""
+"""Read a settings file as its model, or refuse it with every problem at once.
+
+Problems are wrong types, missing and unknown keys, and broken rules; of a text that is no TOML, the first fault. Each
+is told in words for whoever writes the file, with what may stand there instead, and on its line. `tomllib` returns
+values without lines, so `locate` finds them: it reads the structure alone (headers, keys, and where values end) of a
+text that `tomllib` has accepted.
+"""
 
 from __future__ import annotations
 
 import difflib
+import functools
 import re
 import tomllib
-from collections.abc import Mapping
+from bisect import bisect_right
+from collections.abc import Iterable, Iterator, Mapping
+from datetime import date, time
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
 
 from experiment.errors import Problem, ProtocolError
-from experiment.settings import model as models
-from experiment.settings import problems
-from experiment.settings.problems import locate
+from experiment.settings.model import BROKEN_RULE, Confined, Table, written
+from experiment.settings.model import Path as Place
 
-Model = TypeVar("Model", bound=models.Confined)
+Model = TypeVar("Model", bound=Confined)
+Schema = Mapping[str, Any]
+
+_MISSING = object()
+
+_BLANK = re.compile(r"(?:[ \t\n]|#[^\n]*)*")
+_KEY_PART = re.compile(r"[A-Za-z0-9_-]+|\"(?:[^\"\\\n]|\\.)*\"|'[^'\n]*'")
+_DOT = re.compile(r"[ \t]*\.[ \t]*")
+_STRING = re.compile(
+    r'"""(?:[^\\]|\\.)*?"{3,5}(?!")'
+    r"|'''.*?'{3,5}(?!')"
+    r'|"(?:[^"\\\n]|\\.)*"'
+    r"|'[^'\n]*'",
+    re.DOTALL,
+)
+_BARE_VALUE = re.compile(r"[^,\]}#\n]+")
 
 
 def read(path: Path, model: type[Model]) -> Model:
@@ -27,7 +52,7 @@ def read(path: Path, model: type[Model]) -> Model:
     return checked(path, model, *parsed(path))
 
 
-def parsed(path: Path) -> tuple[dict[str, Any], Mapping[models.Path, int]]:
+def parsed(path: Path) -> tuple[dict[str, Any], Mapping[Place, int]]:
     """Return the document of the TOML file at `path`, and the line of each path in it.
 
     Raises:
@@ -38,7 +63,7 @@ def parsed(path: Path) -> tuple[dict[str, Any], Mapping[models.Path, int]]:
 
 
 def checked(
-    path: Path, model: type[Model], document: Mapping[str, Any], lines: Mapping[models.Path, int] = MappingProxyType({})
+    path: Path, model: type[Model], document: Mapping[str, Any], lines: Mapping[Place, int] = MappingProxyType({})
 ) -> Model:
     """Return `document` as a `model`.
 
@@ -52,7 +77,7 @@ def checked(
         ProtocolError: with every problem of the document.
     """
     frozen = _frozen(document)
-    found = problems.find(model, frozen, lines)
+    found = find(model, frozen, lines)
     if found:
         raise ProtocolError(str(path), found)
     return model.model_validate(frozen)
@@ -115,3 +140,280 @@ def _frozen(value: Any) -> Any:
     if isinstance(value, list):
         return tuple(_frozen(held) for held in value)
     return value
+
+
+def field(model: type[BaseModel], path: Place) -> str:
+    """What the field at `path` inside a document of `model` may hold."""
+    root = _schema(model)
+    return _in_words(root, _follow(root, path))
+
+
+def unknown_key(model: type[BaseModel], path: Place) -> str:
+    """What may stand instead of the unknown key at the end of `path`."""
+    root = _schema(model)
+    known = sorted(_follow(root, path[:-1]).get("properties", {}))
+    near = difflib.get_close_matches(str(path[-1]), known, n=1)
+    suggestion = f"did you mean '{near[0]}'? " if near else ""
+    return f"no such key; {suggestion}allowed keys: {', '.join(known)}"
+
+
+@functools.cache
+def _schema(model: type[BaseModel]) -> Schema:
+    return model.model_json_schema()
+
+
+def _resolve(root: Schema, schema: Schema) -> Schema:
+    if "$ref" in schema:
+        return _resolve(root, root["$defs"][schema["$ref"].rpartition("/")[2]])
+    if "anyOf" in schema:
+        (only,) = (option for option in schema["anyOf"] if option.get("type") != "null")
+        return _resolve(root, only)
+    return schema
+
+
+def _follow(root: Schema, path: Place) -> Schema:
+    schema = root
+    for part in path:
+        schema = _resolve(root, schema["items"] if isinstance(part, int) else schema["properties"][part])
+    return schema
+
+
+def _in_words(root: Schema, schema: Schema) -> str:
+    match schema:
+        case {"const": only}:
+            return str(only)
+        case {"enum": options}:
+            return f"one of: {', '.join(map(str, options))}"
+        case {"type": "string", "format": "date"}:
+            return "a date without quotes, such as 2012-04-01"
+        case {"type": "string"}:
+            return str(schema.get("description", "text"))
+        case {"type": "integer"}:
+            return _number("a whole number", schema)
+        case {"type": "number"}:
+            return _number("a number", schema)
+        case {"type": "boolean"}:
+            return "true or false"
+        case {"type": "array", "items": items}:
+            least = schema.get("minItems", 0)
+            count = f" of at least {least}" if least else ""
+            return f"an array{count}, each {_in_words(root, _resolve(root, items))}"
+        case {"properties": properties}:
+            return f"a table with the keys: {', '.join(_required_first(schema, properties))}"
+    raise NotImplementedError(f"no words for the schema {dict(schema)}")
+
+
+def _number(noun: str, schema: Schema) -> str:
+    bounds = (
+        ("greater than", schema.get("exclusiveMinimum")),
+        ("at least", schema.get("minimum")),
+        ("less than", schema.get("exclusiveMaximum")),
+        ("at most", schema.get("maximum")),
+    )
+    stated = " and ".join(f"{relation} {bound:.15g}" for relation, bound in bounds if bound is not None)
+    return f"{noun} {stated}" if stated else noun
+
+
+def _required_first(schema: Schema, properties: Iterable[str]) -> list[str]:
+    required = schema.get("required", ())
+    return [*required, *(f"{name} (optional)" for name in properties if name not in required)]
+
+
+def find(model: type[Confined], document: Table, lines: Mapping[Place, int]) -> tuple[Problem, ...]:
+    """Every problem of `document` as a `model`, in the order of their lines.
+
+    Args:
+        model: what the document should be.
+        document: tables, tuples and values, as the file states them.
+        lines: line of each path in the file, as `locate` returns it.
+    """
+    found = {**dict(_broken_rules(model, document)), **dict(_invalid_fields(model, document))}
+    problems = (
+        Problem(written(path), _nearest(lines, path), _shown(_value(document, path)), words)
+        for path, words in found.items()
+    )
+    return tuple(sorted(problems, key=lambda problem: (problem.line or 0, problem.path)))
+
+
+def _invalid_fields(model: type[Confined], document: Table) -> Iterator[tuple[Place, str]]:
+    try:
+        model.model_validate(document)
+    except ValidationError as error:
+        for one in error.errors(include_url=False):
+            path = one["loc"]
+            # Only valid elements are counted there: an array with a bad one is called too short though it is not.
+            if one["type"] == "too_short" and len(one["input"]) >= one["ctx"]["min_length"]:
+                continue
+            if one["type"] == "extra_forbidden":
+                yield path, unknown_key(model, path)
+            elif one["type"] != BROKEN_RULE:
+                yield path, field(model, path)
+
+
+def _broken_rules(model: type[Confined], value: object, at: Place = ()) -> Iterator[tuple[Place, str]]:
+    if not isinstance(value, Mapping):
+        return
+    for broken in model.RULES(value):
+        yield (*at, *broken.path), broken.allowed
+    for name, field in model.model_fields.items():
+        nested = _model_in(field.annotation)
+        if nested is None:
+            continue
+        held = value.get(name)
+        if isinstance(held, tuple):
+            for i, element in enumerate(held):
+                yield from _broken_rules(nested, element, (*at, name, i))
+        else:
+            yield from _broken_rules(nested, held, (*at, name))
+
+
+def _model_in(annotation: Any) -> type[Confined] | None:
+    """The model of a field's table or tables, if it holds any."""
+    if isinstance(annotation, type) and issubclass(annotation, Confined):
+        return annotation
+    return next((model for argument in get_args(annotation) if (model := _model_in(argument))), None)
+
+
+def _nearest(lines: Mapping[Place, int], path: Place) -> int | None:
+    while path and path not in lines:
+        path = path[:-1]
+    return lines.get(path)
+
+
+def _value(document: object, path: Place) -> object:
+    for part in path:
+        if isinstance(document, Mapping):
+            document = document.get(part, _MISSING)
+        elif isinstance(document, tuple) and isinstance(part, int):
+            document = document[part]
+        else:
+            return _MISSING
+    return document
+
+
+def _shown(value: object) -> str:
+    if value is _MISSING:
+        return "nothing"
+    if isinstance(value, Mapping):
+        return "a table"
+    if isinstance(value, tuple):
+        return f"an array of {len(value)}"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, date | time):
+        return f"the date or time {value.isoformat()}"
+    shown = f"'{value}'" if isinstance(value, str) else str(value)
+    shown = " ".join(shown.split())
+    return shown if len(shown) <= 60 else shown[:57] + "..."
+
+
+def locate(text: str) -> dict[Place, int]:
+    """The line, from 1, on which each key, table and array element of a TOML text begins.
+
+    A table has the line of its header, or of the first key that mentions it; an element of an array of tables the
+    line of its own header. Keys are those of the parsed document, elements are numbered from 0.
+
+    Args:
+        text: a TOML text that `tomllib.loads` accepts.
+    """
+    return _Locator(text.replace("\r\n", "\n")).run()
+
+
+class _Locator:
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._at = 0
+        self._newlines = [match.start() for match in re.finditer("\n", text)]
+        self._lines: dict[Place, int] = {}
+        self._elements: dict[Place, int] = {}
+        self._headed: set[Place] = set()
+
+    def run(self) -> dict[Place, int]:
+        table: Place = ()
+        while self._skip_blank() < len(self._text):
+            if self._text[self._at] == "[":
+                table = self._header()
+            else:
+                self._key_and_value(table)
+        return self._lines
+
+    def _line(self) -> int:
+        return bisect_right(self._newlines, self._at) + 1
+
+    def _skip_blank(self) -> int:
+        self._take(_BLANK)
+        return self._at
+
+    def _take(self, pattern: re.Pattern[str]) -> str:
+        match = pattern.match(self._text, self._at)
+        if match is None:
+            return ""
+        self._at = match.end()
+        return match.group()
+
+    def _take_mark(self, mark: str) -> bool:
+        self._skip_blank()
+        if not self._text.startswith(mark, self._at):
+            return False
+        self._at += len(mark)
+        return True
+
+    def _key(self) -> tuple[str, ...]:
+        parts = []
+        while True:
+            part = self._take(_KEY_PART)
+            # Quoted keys hold escapes, which the parser itself decodes best.
+            parts.append(next(iter(tomllib.loads(f"{part}=0"))))
+            if not self._take(_DOT):
+                return tuple(parts)
+
+    def _header(self) -> Place:
+        line = self._line()
+        of_array = self._take_mark("[[")
+        if not of_array:
+            self._take_mark("[")
+        self._skip_blank()
+        *parents, last = self._key()
+        self._take_mark("]]" if of_array else "]")
+        path: Place = ()
+        for part in parents:
+            path = self._last_element((*path, part), line)
+        path = (*path, last)
+        if of_array:
+            self._lines.setdefault(path, line)
+            count = self._elements[path] = self._elements.get(path, 0) + 1
+            path = (*path, count - 1)
+        if path not in self._headed:
+            self._headed.add(path)
+            self._lines[path] = line
+        return path
+
+    def _last_element(self, path: Place, line: int) -> Place:
+        """The table that a header's parent names: of an array of tables, its latest element."""
+        self._lines.setdefault(path, line)
+        return (*path, self._elements[path] - 1) if path in self._elements else path
+
+    def _key_and_value(self, table: Place) -> None:
+        line = self._line()
+        path = table
+        for part in self._key():
+            path = (*path, part)
+            self._lines.setdefault(path, line)
+        self._take_mark("=")
+        self._skip_blank()
+        self._value(path)
+
+    def _value(self, path: Place) -> None:
+        if self._take_mark("["):
+            count = 0
+            while not self._take_mark("]"):
+                self._lines[*path, count] = self._line()
+                self._value((*path, count))
+                self._take_mark(",")
+                count += 1
+        elif self._take_mark("{"):
+            while not self._take_mark("}"):
+                self._key_and_value(path)
+                self._take_mark(",")
+        elif not self._take(_STRING):
+            self._take(_BARE_VALUE)

@@ -16,10 +16,8 @@ import pytest
 
 from experiment.apparatus import host
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.doctor import doctor, machine
-from experiment.apparatus.doctor import machine as disk
-from experiment.apparatus.doctor import tracker as tracker_checks
-from experiment.apparatus.doctor.tracker import Heard
+from experiment.apparatus.doctor import checks, devices, doctor
+from experiment.apparatus.doctor.devices import Heard
 from experiment.apparatus.rig import TrackerRig
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.cli.rig import simulated_far_ends
@@ -47,7 +45,7 @@ def listening(line: SerialLine, settings: TrackerRig, foot: Foot) -> Iterator[Se
 
 def heard(line: SerialLine, settings: TrackerRig, foot: Foot, seconds: float = HEARD_S) -> Heard:
     with listening(line, settings, foot) as tracker:
-        return tracker_checks.listen(tracker, clock=MonotonicClock(), seconds=seconds)
+        return devices.listen(tracker, clock=MonotonicClock(), seconds=seconds)
 
 
 def test_a_rig_in_order_is_green_and_nothing_moves(
@@ -126,7 +124,7 @@ def test_what_is_timed_is_timed_at_the_priority_of_a_session(
 
         return look
 
-    for module, name in ((tracker_checks, "checks"), (disk, "writing"), (machine, "waking")):
+    for module, name in ((devices, "checks"), (checks, "writing"), (checks, "waking")):
         monkeypatch.setattr(module, name, looked(getattr(module, name)))
     rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address='"127.0.0.1:9"')
     _, out, _ = palpate("doctor", "--rig", rig, "--json")
@@ -198,7 +196,7 @@ def test_a_fault_of_our_own_is_no_red_line(
     def defect(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(tracker_checks, "listen", defect)
+    monkeypatch.setattr(devices, "listen", defect)
     rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address='"127.0.0.1:9"')
     with pytest.raises(ZeroDivisionError):
         list(
@@ -225,14 +223,14 @@ def test_frames_that_are_lost_spoilt_or_sent_twice_are_red(line: SerialLine, set
     with listening(line, settings, foot) as tracker:
         faults = Faults(drop=frozenset({100, 101}), corrupt=frozenset({200}), repeat=frozenset({300}))
         foot.step(step, foot.free_us + 300_000, faults)
-        found = tracker_checks.frames(tracker_checks.listen(tracker, clock=MonotonicClock(), seconds=HEARD_S))
+        found = devices.frames(devices.listen(tracker, clock=MonotonicClock(), seconds=HEARD_S))
     assert found.verdict == "red"
     assert found.measured.endswith("received, 2 lost, 1 damaged, 1 repeated")
 
 
 def test_another_rate_than_the_rig_files_is_red(line: SerialLine, settings: TrackerRig) -> None:
     foot = Foot(line, settings.model_copy(update={"rate_hz": 2000}), real_time=True)
-    found = tracker_checks.rate(heard(line, settings, foot), settings)
+    found = devices.rate(heard(line, settings, foot), settings)
     assert (found.verdict, found.measured) == ("red", "2000.0 Hz by the device's clock")
     assert found.allowed == "990 to 1010 Hz"
 
@@ -250,14 +248,14 @@ class Fast(MonotonicClock):
 
 def test_a_clock_that_runs_off_is_red(line: SerialLine, settings: TrackerRig) -> None:
     foot = Foot(line, settings, real_time=True, clock=Fast())
-    found = tracker_checks.drift(heard(line, settings, foot, tracker_checks.LISTEN_S))
+    found = devices.drift(heard(line, settings, foot, devices.LISTEN_S))
     assert (found.verdict, "drift -10000 ppm" in found.measured) == ("red", True)
 
 
 def test_a_sensor_beyond_its_calibration_is_red(line: SerialLine, settings: TrackerRig) -> None:
     foot = Foot(line, settings, real_time=True, rest_mm=150.0)
     with listening(line, settings, foot) as tracker:
-        found = tracker_checks.reading(tracker, settings)
+        found = devices.reading(tracker, settings)
     assert (found.verdict, found.measured) == (
         "red",
         "tracker: got readings at or beyond 100 mm, where its calibration ends",
@@ -271,6 +269,6 @@ def test_a_sensor_that_became_noisy_is_red(
 ) -> None:
     foot = Foot(line, settings, real_time=True, noise_mm=noise_mm)
     at_rest = heard(line, settings, foot)
-    assert tracker_checks.noise(at_rest, settings).verdict == verdict
-    unknown = tracker_checks.noise(at_rest, settings.model_copy(update={"noise_mm": None}))
+    assert devices.noise(at_rest, settings).verdict == verdict
+    unknown = devices.noise(at_rest, settings.model_copy(update={"noise_mm": None}))
     assert (unknown.verdict, unknown.remedy) == ("not checked", "run palpate calibrate tracker, which writes it")

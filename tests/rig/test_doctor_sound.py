@@ -14,7 +14,7 @@ import pytest
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.doctor import audio
+from experiment.apparatus.doctor import devices
 from experiment.apparatus.rig import AudioRig, TrackerRig
 from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Foot
@@ -64,14 +64,14 @@ def wired() -> Iterator[AudioStream]:
 def test_a_loopback_that_answers_otherwise_than_calibrated_is_red() -> None:
     with wired() as stream:
         found = {
-            name: {check.name: check.verdict for check in audio.loopback(stream, rig)}
+            name: {check.name: check.verdict for check in devices.loopback(stream, rig)}
             for name, rig in (
                 ("as calibrated", streamed()),
                 ("late", streamed(output_ms=256 / 48 - 2.1)),
                 ("loud", streamed(loopback_gain=0.85)),
             )
         }
-        unheard = audio.loopback(
+        unheard = devices.loopback(
             stream, STREAMED.model_copy(update={"channels": STREAMED.channels.model_copy(update={"loopback": None})})
         )
     good = {"loopback latency": "green", "loopback level": "green", "loopback residual": "green"}
@@ -86,7 +86,7 @@ def test_a_loopback_that_answers_otherwise_than_calibrated_is_red() -> None:
 def test_a_loopback_whose_cable_was_pulled_is_red() -> None:
     with sound.sound_card() as card, sound.stream() as stream:
         card.disconnect(2)
-        [found] = audio.loopback(stream, streamed())
+        [found] = devices.loopback(stream, streamed())
     assert (found.verdict, "was not heard on input 2" in found.measured) == ("red", True)
     assert found.remedy.startswith("lay the loopback's cable")
 
@@ -94,11 +94,11 @@ def test_a_loopback_whose_cable_was_pulled_is_red() -> None:
 def test_a_running_stream_is_watched_and_one_whose_server_hangs_is_red() -> None:
     with sound.sound_card() as card, sound.stream() as stream:
         since = stream.health
-        found = audio.steady(stream, streamed(), since=since, exact=True)
+        found = devices.steady(stream, streamed(), since=since, exact=True)
         watched = stream.health.frames - since.frames
         with card.held():
-            [hanging] = audio.steady(stream, streamed(), since=stream.health, exact=True)
-    assert watched >= audio.RUN_S * sound.RATE_HZ
+            [hanging] = devices.steady(stream, streamed(), since=stream.health, exact=True)
+    assert watched >= devices.RUN_S * sound.RATE_HZ
     assert [check.name for check in found] == ["audio stream", "audio timeline"]
     assert (hanging.verdict, "see that the device is plugged in" in hanging.remedy) == ("red", True)
 
@@ -109,7 +109,11 @@ def test_a_running_stream_is_watched_and_one_whose_server_hangs_is_red() -> None
         ({"device": '"hw:9"'}, "got no device of this name", "plug it in, start its server"),
         ({"actuator": "9"}, "got 4 outputs and 2 inputs", "or correct audio.channels, or choose another device"),
         ({"loopback": "3"}, "got 4 outputs and 2 inputs", "or correct audio.channels, or choose another device"),
-        ({"rate_hz": "44100"}, "Invalid sample rate", "set the device to it, or correct audio.rate_hz in the rig file"),
+        (
+            {"rate_hz": "44100"},
+            "Invalid sample rate",
+            "set the device to it, or correct audio.rate_hz in the rig file",
+        ),
     ],
     ids=["device", "output", "input", "rate"],
 )

@@ -13,7 +13,7 @@ from experiment.errors import RecordingError
 from experiment.protocol import files
 from experiment.recordings import manifest
 from experiment.recordings.manifest import Recordings
-from experiment.recordings.plan import Condition, plan
+from experiment.recordings.store import Condition, plan
 from experiment.recordings.workflow import SPEED_TOLERANCE
 from experiment.rehearsal.footstep import recorded_takes, recorder
 

@@ -1,11 +1,9 @@
-"""The masker: noise on the headphones that hides the sound of the stimuli, at the level that the participant sets.
+"""The masker: noise on the headphones that hides the sound of the stimuli, its level in dB(A), and the dose of a day.
 
 One loop plays from the beginning of a session to its end, so that it neither stops nor repeats audibly: its round is
 ten seconds, and its end goes over into its beginning. Levels change in ramps. What the headphones bring to the ear is
 known from their calibration; no level is above the protocol's limit, and each moment of it counts towards the dose of
 the day.
-
-Levels in dB(A), and the dose of a day: pure functions.
 
 The dose is that of Directive 2003/10/EC, articles 2 and 3: levels are referred to eight hours, equal energy (3 dB more
 in half the time), and the lower exposure action value of 80 dB(A) is a dose of 1.
@@ -72,7 +70,7 @@ def a_weighted_db(*, frequency_hz: NDArray[np.floating[Any]], power: NDArray[np.
 
 
 def pink_weighted_db(*, rate_hz: int) -> float:
-    """`weighted_db` of pink noise from `AUDIBLE_HZ` to half a sampling rate, dB.
+    """Return `a_weighted_db` of pink noise from `AUDIBLE_HZ` to half a sampling rate, dB.
 
     Args:
         rate_hz: sampling rate, Hz.

@@ -1,16 +1,15 @@
 """The one full-duplex stream of a session: opened once and kept; everything is told by its frames.
 
-Frames count from 0 at the stream's first sample. A block's samples are made by `mixer.Mixer` in the device's callback;
-`timeline.Timeline` says which session time a frame is. What is scheduled before `lead_frames` have to be made leaves
-at its very frame; what comes too late is never played belatedly: its cue says so.
+Frames count from 0 at the stream's first sample. A block's samples are made by `mixer.Mixer` in the device's callback.
+What is scheduled before `lead_frames` have to be made leaves at its very frame; what comes too late is never played
+belatedly: its cue says so.
 
-Which frame of the stream is which session time, from the times at which callbacks came.
-
-A callback may come late and never early, so of the last callbacks those that came soonest after their frame tell the
-time of it: the timeline is the line of the stream's rate that touches them from below. Where several
-callbacks in a row all come late by more than a quarter of a block, frames were lost, or the device stood still: that
-is a gap, and the line begins anew with the first of them. A frame of the past stands on the line that held when it was
-taken, so that a gap after a stimulus does not move it.
+`Timeline` says which session time a frame is, from the times at which callbacks came. A callback may come late and
+never early, so of the last callbacks those that came soonest after their frame tell the time of it: the timeline is the
+line of the stream's rate that touches them from below. Where several callbacks in a row all come late by more than a
+quarter of a block, frames were lost, or the device stood still: that is a gap, and the line begins anew with the first
+of them. A frame of the past stands on the line that held when it was taken, so that a gap after a stimulus does not
+move it.
 """
 
 from __future__ import annotations
@@ -295,7 +294,7 @@ class AudioStream:
         return self._timeline.frame_at(t_ns)
 
     def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
-        """Have a waveform play from a frame on, or with the next block (`cues.AT_ONCE`); see `Mixer.schedule`.
+        """Have a waveform play from a frame on, or with the next block (`mixer.AT_ONCE`); see `Mixer.schedule`.
 
         Raises:
             AudioError: it cannot be scheduled, or the stream has stopped.

@@ -14,9 +14,8 @@ from pathlib import Path
 from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.doctor import audio, machine, tracker
-from experiment.apparatus.doctor import rig as parts
-from experiment.apparatus.doctor.verdict import Check, refused, unchecked
+from experiment.apparatus.doctor import checks, devices
+from experiment.apparatus.doctor.checks import Check, refused, unchecked
 from experiment.apparatus.rig import AudioRig, Rig
 from experiment.clock import Clock, day
 from experiment.errors import AudioError, PalpateError, RigError, TrackerError
@@ -70,7 +69,7 @@ def examine(
     Raises:
         ProtocolError: the protocol cannot be used.
     """
-    begun = machine.mark(clock)
+    begun = checks.mark(clock)
     protocol = files.load(protocol_path) if protocol_path is not None else None
     rig: Rig | None = None
     try:
@@ -81,28 +80,28 @@ def examine(
     else:
         yield from _rig(rig, rig_path, protocol, clock)
     folder = root or (enrolment.default_root(protocol) if protocol is not None else FOLDER)
-    yield machine.space(folder, trials=_trials(protocol), rate_hz=rig.tracker.rate_hz if rig else HIGHEST_RATE_HZ)
+    yield checks.space(folder, trials=_trials(protocol), rate_hz=rig.tracker.rate_hz if rig else HIGHEST_RATE_HZ)
     with host.raised() as got:
         yield Check("priority", "green", f"{got}; as sessions have it")
         for check in _devices(rig, clock, simulate) if rig is not None else ():
             yield replace(check, measured=f"SIMULATED: {check.measured}") if rig and rig.rig.simulated else check
-        yield machine.writing(folder, clock)
-        yield machine.resolution(clock)
-        yield machine.waking(clock)
-    yield machine.wall(begun, machine.mark(clock))
+        yield checks.writing(folder, clock)
+        yield checks.resolution(clock)
+        yield checks.waking(clock)
+    yield checks.wall(begun, checks.mark(clock))
 
 
 def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Iterator[Check]:
     label = "SIMULATED: " if rig.rig.simulated else ""
     yield Check("rig file", "green", f"{label}{path}: rig '{rig.rig.name}', sha256 {rigs.sha256(rig)[:12]}")
-    table = parts.table(rig, path.parent)
+    table = checks.table(rig, path.parent)
     if table is not None:
         yield table
     if protocol is not None:
-        yield parts.reach(rig, protocol.footstep.step)
+        yield checks.reach(rig, protocol.footstep.step)
     else:
         yield unchecked("gate", "no protocol was given", "add --protocol")
-    yield from parts.ages(rig, day(clock.now_ns()))
+    yield from checks.ages(rig, day(clock.now_ns()))
 
 
 def _trials(protocol: Protocol | None) -> int:
@@ -125,7 +124,7 @@ def _devices(rig: Rig, clock: Clock, simulate: Simulate) -> Iterator[Check]:
             yield from _audio(rig, rig.audio, ends, clock)
         address = ends.address or rig.actuator.address
         if address is not None:
-            yield parts.answers(address, rig.actuator)
+            yield checks.answers(address, rig.actuator)
         if rig.tracker.zeroing_mm is not None:
             yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
         if rig.accelerometer is not None:
@@ -143,7 +142,7 @@ def _tracker(rig: Rig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
         with closing(device):
             yield Check(name, "green", f"{ends.port or rig.tracker.port} is open")
             try:
-                yield from tracker.checks(device, rig.tracker, clock=clock)
+                yield from devices.checks(device, rig.tracker, clock=clock)
             except TrackerError as error:
                 yield refused("tracker", error)
     except TrackerError as error:
@@ -152,14 +151,14 @@ def _tracker(rig: Rig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
 
 def _audio(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
     try:
-        stream = opening.open_probing(rig, peak=audio.PEAK, clock=clock, device=ends.device)
+        stream = opening.open_probing(rig, peak=devices.PEAK, clock=clock, device=ends.device)
     except PalpateError as error:
         yield refused("audio device", error)
         yield from _tracker(rig, ends, clock)
         return
     try:
         with closing(stream):
-            yield audio.opened(stream, settings)
+            yield devices.opened(stream, settings)
             yield from _stream(rig, settings, ends, clock, stream)
     except AudioError as error:
         yield refused("audio closing", error)
@@ -177,7 +176,7 @@ def _stream(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock, stream: A
         return
     yield from _tracker(rig, ends, clock)
     try:
-        yield from audio.steady(stream, settings, since=since, exact=rig.rig.simulated)
-        yield from audio.loopback(stream, settings)
+        yield from devices.steady(stream, settings, since=since, exact=rig.rig.simulated)
+        yield from devices.loopback(stream, settings)
     except AudioError as error:
         yield refused(name, error)

@@ -1,10 +1,9 @@
-"""Calibrating the tracker: from readings at known heights to the points of a rig file, and whether a rig's still hold.
+"""Calibrating the tracker: the walk through known heights, the points it gives, and whether a rig's still hold.
 
 Two heights make a straight line; more follow a sensor that is bent. Heights between points are read off straight lines
 (rig.py). The residual of an inner point, against the line through its neighbours, is the error that leaving it out
-would make, and about four times the one that is left.
-
-The walk through known heights, what it found as lines of text, and the rig file with it.
+would make, and about four times the one that is left. What was found is told in lines of text, and written into a new
+rig file.
 """
 
 from __future__ import annotations

@@ -226,17 +226,19 @@ class Decoder(NamedTuple):
             if sequence is None:
                 sequence = number - 1
                 us = clock_us - 1 + _CLOCK * round((self.near_us - clock_us) / _CLOCK)
-            steps, forward_us = (number - sequence) % _SEQUENCES, (clock_us - us) % _CLOCK
-            stands = forward_us == 0 and steps != 0
-            went_back = clock_us < us % _CLOCK and forward_us > LONGEST_PAUSE_US
-            restarted = restarted or stands or went_back
+            forward_us, skipped = (clock_us - us) % _CLOCK, (number - sequence - 1) % _SEQUENCES
+            if forward_us > LONGEST_PAUSE_US:
+                restarted = restarted or clock_us < us % _CLOCK
+            elif forward_us == 0:
+                restarted = restarted or skipped != _SEQUENCES - 1
             if not restarted:
                 sequence = number
                 us += forward_us
                 if forward_us == 0:
                     repeated += 1
                 else:
-                    lost += 0 if gap_expected else max((steps - 1) % _SEQUENCES - damaged, 0)
+                    if skipped > damaged and not gap_expected:
+                        lost += skipped - damaged
                     gap_expected = False
                     device_us.append(us)
                     counts.append(reading)

@@ -1,8 +1,7 @@
-"""A serial port that one thread waits at while others empty, wake or close it.
+"""Serial ports: which this machine has, what is behind them and who holds them; and one that a thread waits at.
 
-It is a device path, a pseudo-terminal, or anything that pyserial opens by URL, such as `socket://host:port`.
-
-Serial ports of this machine: which there are, what is behind them, and who holds them.
+The port that is opened is a device path, a pseudo-terminal, or anything that pyserial opens by URL, such as
+`socket://host:port`. One thread waits at it while others empty, wake or close it.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from experiment.errors import RecordingError, SynthesisError
-from experiment.recordings.plan import FASTEST_MM_S
+from experiment.recordings.store import FASTEST_MM_S
 
 ENERGY_DECADES = 4.0
 

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from experiment.errors import RecordingError
 from experiment.protocol.models import Protocol
 from experiment.recordings.manifest import Recordings
-from experiment.recordings.plan import FASTEST_MM_S, Condition, Plan, plan
-from experiment.recordings.store import SIMULATED, Take, write
+from experiment.recordings.store import FASTEST_MM_S, SIMULATED, Condition, Plan, Take, plan, write
 from experiment.recordings.workflow import SPEED_TOLERANCE
 from experiment.rehearsal.footstep.materials import CRACKLES, REFERENCE_SPEED_MM_S, SimulatedMaterials, known
 from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity_matrix, spectrum

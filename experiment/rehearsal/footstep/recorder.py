@@ -32,7 +32,7 @@ from experiment.errors import RecordingError
 from experiment.protocol import files
 from experiment.recordings import store, workflow
 from experiment.recordings.manifest import Recordings
-from experiment.recordings.plan import Condition, Plan, plan
+from experiment.recordings.store import Condition, Plan, plan
 from experiment.recordings.workflow import Step
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.foot import Foot

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from analysis.numerics import numerics
 from analysis.numerics.measured import FULL, QUICK, Extent
 from analysis.numerics.numerics import Numerics
-from experiment.cli.recordings import engine
+from experiment.cli.app import app
 from experiment.errors import DatasetError
 from experiment.synthesis import response
 from experiment.synthesis.limiter import limit
@@ -61,7 +61,7 @@ def test_the_command_ends_with_1_where_a_limiter_lets_nan_pass(
     made = {"whole": result, "broken": numerics.compute(LEAST, limit=passes)}
     for name, code in (("whole", 0), ("broken", 1)):
         monkeypatch.setattr(numerics, "run", lambda name=name, **_: made[name])
-        assert CliRunner().invoke(engine, ["numerics"], catch_exceptions=False).exit_code == code
+        assert CliRunner().invoke(app, ["numerics"], catch_exceptions=False).exit_code == code
     assert made["broken"].broken != ()
 
 
@@ -74,10 +74,10 @@ def test_a_file_in_the_way_is_found_before_anything_is_measured(
     monkeypatch.setattr(numerics, "run", measured)
     (tmp_path / "noise.csv").write_text("mine")
     with pytest.raises(DatasetError, match="holds files that are not palpate's"):
-        CliRunner().invoke(engine, ["numerics", "--out", str(tmp_path)], catch_exceptions=False)
+        CliRunner().invoke(app, ["numerics", "--out", str(tmp_path)], catch_exceptions=False)
     assert [path.name for path in tmp_path.iterdir()] == ["noise.csv"]
     with pytest.raises(DatasetError, match="is a file; choose a folder"):
-        CliRunner().invoke(engine, ["numerics", "--out", str(tmp_path / "noise.csv")], catch_exceptions=False)
+        CliRunner().invoke(app, ["numerics", "--out", str(tmp_path / "noise.csv")], catch_exceptions=False)
 
 
 def test_progress_counts_every_step(result: Numerics) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from experiment.cli.analysis import analyst
+from experiment.cli.analysis import commands
 from tests.conftest import Palpate
 
 
@@ -45,7 +45,13 @@ def test_what_is_unknown_is_one_line_and_code_2(palpate: Palpate) -> None:
 
 
 def test_the_desk_stands_in_one_module() -> None:
-    """The four commands that issue 5 names: analyse, export, audit, power."""
-    callbacks = [command.callback for command in analyst.registered_commands]
-    assert [call.__name__ for call in callbacks if call] == ["analyse", "export", "audit", "power"]
+    callbacks = [command.callback for command in commands.registered_commands]
+    assert [call.__name__ for call in callbacks if call] == [
+        "analyse",
+        "export",
+        "audit",
+        "power",
+        "numerics",
+        "import_counts",
+    ]
     assert {call.__module__ for call in callbacks if call} == {"experiment.cli.analysis"}

@@ -10,12 +10,12 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from experiment.cli.recordings import engine
+from experiment.cli.app import app
 from experiment.errors import DatasetError, PalpateError
 
 
 def call(*arguments: object) -> Result:
-    result = CliRunner().invoke(engine, [*map(str, arguments)])
+    result = CliRunner().invoke(app, [*map(str, arguments)])
     if isinstance(result.exception, PalpateError):
         raise result.exception
     return result

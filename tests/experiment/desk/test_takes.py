@@ -10,7 +10,7 @@ import pytest
 from experiment.apparatus.ports import Rester, Window
 from experiment.desk.port import RESTS, Console
 from experiment.desk.terminal import TerminalConsole, TerminalTakes
-from experiment.recordings.plan import Condition
+from experiment.recordings.store import Condition
 from experiment.recordings.workflow import RigConsole, Step
 
 CONDITION = Condition("copy paper", 100.0, 2)

@@ -8,7 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from experiment.protocol.models import ExclusionRule, Familiarisation, Order, PlannedTest, Protocol, Step, Synthesis
-from experiment.settings import problems
+from experiment.settings import load
 from tests.experiment.protocol.small import changed, document
 
 SLOW = {"id": "slow", "when": "speed-below", "limit": 30, "action": "exclude-trial", "reason": "x"}
@@ -59,7 +59,7 @@ KEPT = [
 
 @pytest.mark.parametrize(("study", "path", "allowed"), BROKEN, ids=[case[1] for case in BROKEN])
 def test_a_broken_rule_is_the_one_problem(study: dict[str, Any], path: str, allowed: str) -> None:
-    (problem,) = problems.find(Protocol, study, {})
+    (problem,) = load.find(Protocol, study, {})
     assert problem.path == path
     assert allowed in problem.allowed
 
@@ -73,7 +73,7 @@ def test_a_protocol_made_without_a_file_keeps_the_rules(study: dict[str, Any], p
 
 @pytest.mark.parametrize("study", KEPT)
 def test_what_is_just_within_the_rules_is_accepted(study: dict[str, Any]) -> None:
-    assert problems.find(Protocol, study, {}) == ()
+    assert load.find(Protocol, study, {}) == ()
     Protocol.model_validate(study)
 
 

@@ -15,7 +15,7 @@ from experiment.apparatus.tracker.gate import GateDetector
 from experiment.clock import ManualClock
 from experiment.protocol.models import Step
 from experiment.recordings import workflow
-from experiment.recordings.plan import Condition, Plan
+from experiment.recordings.store import Condition, Plan
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 HELD_UP_NS = 7_000_000

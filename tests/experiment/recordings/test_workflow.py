@@ -17,7 +17,7 @@ from experiment.clock import ManualClock
 from experiment.desk.terminal import TerminalTakes
 from experiment.errors import PalpateError, RecordingError, RigError
 from experiment.recordings import manifest, workflow
-from experiment.recordings.plan import Plan
+from experiment.recordings.store import Plan
 from tests.experiment.recordings.bench import HELD_UP_NS, PLAN, World, good, names, record
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 

@@ -10,8 +10,7 @@ import pytest
 from experiment.errors import Problem, ProtocolError
 from experiment.protocol import files
 from experiment.protocol.models import Protocol
-from experiment.settings import problems
-from experiment.settings.model import written
+from experiment.settings import load, model
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, places, protocol, without
 
 JARGON = re.compile(r"pydantic|validat|input|instance|tuple|dict|NoneType|literal|regex|pattern|str\b|int\b", re.I)
@@ -197,11 +196,11 @@ def test_a_rule_is_checked_though_a_type_is_wrong_elsewhere(tmp_path: Path) -> N
 def test_a_missing_key_is_named_at_its_table(path: tuple[str | int, ...]) -> None:
     broken = without(document(), path)
     lines = {path[:-1]: 17} if path[:-1] else {}
-    found = {problem.path: problem for problem in problems.find(Protocol, broken, lines)}
+    found = {problem.path: problem for problem in load.find(Protocol, broken, lines)}
     if path in OPTIONAL:
         assert not found
         return
-    problem = found[written(path)]
+    problem = found[model.written(path)]
     assert problem.got == "nothing"
     assert problem.line == (17 if path[:-1] else None)
     assert not JARGON.search(problem.allowed)
@@ -210,8 +209,8 @@ def test_a_missing_key_is_named_at_its_table(path: tuple[str | int, ...]) -> Non
 @pytest.mark.parametrize(("path", "value"), list(places(document())), ids=str)
 def test_a_wrong_type_is_named_in_plain_words(path: tuple[str | int, ...], value: object) -> None:
     wrong = 7.5 if isinstance(value, str | dict | tuple | bool) else {"a": 1}
-    found = {problem.path: problem for problem in problems.find(Protocol, changed(document(), path, wrong), {path: 3})}
-    problem = found[written(path)]
+    found = {problem.path: problem for problem in load.find(Protocol, changed(document(), path, wrong), {path: 3})}
+    problem = found[model.written(path)]
     assert problem.line == 3
     assert problem.got in ("7.5", "a table")
     assert not JARGON.search(problem.allowed)
@@ -222,8 +221,8 @@ def test_a_typing_error_in_a_key_is_recognised(path: tuple[str | int, ...]) -> N
     *parents, key = path
     misspelt = (*parents, str(key)[:2] + "q" + str(key)[2:])
     broken = changed(without(document(), path), misspelt, "x")
-    found = {problem.path: problem for problem in problems.find(Protocol, broken, {})}
-    assert f"did you mean '{key}'?" in found[written(misspelt)].allowed
+    found = {problem.path: problem for problem in load.find(Protocol, broken, {})}
+    assert f"did you mean '{key}'?" in found[model.written(misspelt)].allowed
 
 
 def test_an_unknown_key_is_quoted_where_it_needs_quotes(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus.doctor import machine
+from experiment.apparatus.doctor import checks
 from experiment.clock import ManualClock, MonotonicClock
 
 pytestmark = pytest.mark.fsync
@@ -22,24 +22,24 @@ Usage = namedtuple("Usage", "total used free")
 
 def test_this_disk_takes_a_session_and_nothing_is_left_behind(tmp_path: Path) -> None:
     folder = tmp_path / "participants" / "study"
-    room = machine.space(folder, trials=40, rate_hz=1000)
+    room = checks.space(folder, trials=40, rate_hz=1000)
     assert (room.verdict, f"free at {tmp_path}" in room.measured) == ("green", True)
-    assert machine.writing(folder, ManualClock(0)).verdict == "green"
-    measured = machine.writing(folder, MonotonicClock()).measured
+    assert checks.writing(folder, ManualClock(0)).verdict == "green"
+    measured = checks.writing(folder, MonotonicClock()).measured
     assert re.fullmatch(rf"an entry is on disk in \S+ ms \(median\), \S+ ms \(worst of 20\) at {tmp_path}", measured)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_session_takes_its_frames_twice_and_its_journal() -> None:
     # 40 trials of 60 s, 1000 frames a second of 12 bytes (frames.py), twice; and 2 kB a trial.
-    assert machine.session_bytes(trials=40, rate_hz=1000) == 2 * 40 * 60 * 1000 * 12 + 40 * 2000
+    assert checks.session_bytes(trials=40, rate_hz=1000) == 2 * 40 * 60 * 1000 * 12 + 40 * 2000
 
 
 @pytest.mark.parametrize(("short", "verdict"), [(0, "green"), (1, "red")])
 def test_a_disk_without_room_is_red(short: int, verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    free = machine.session_bytes(trials=40, rate_hz=1000) - short
+    free = checks.session_bytes(trials=40, rate_hz=1000) - short
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(free, 0, free))
-    found = machine.space(tmp_path, trials=40, rate_hz=1000)
+    found = checks.space(tmp_path, trials=40, rate_hz=1000)
     assert (found.verdict, "make room" in found.remedy) == (verdict, verdict == "red")
 
 
@@ -48,7 +48,7 @@ def test_one_slow_entry_is_red(late_ms: int, verdict: str, tmp_path: Path, monke
     clock = ManualClock(0)
     took_ms = iter([1] * 7 + [late_ms] + [1] * 12)
     monkeypatch.setattr(os, "fsync", lambda _: clock.sleep_ns(next(took_ms) * 1_000_000))
-    found = machine.writing(tmp_path, clock)
+    found = checks.writing(tmp_path, clock)
     assert (found.verdict, found.measured.startswith(f"an entry is on disk in 1.00 ms (median), {late_ms}.00 ms")) == (
         verdict,
         True,
@@ -61,7 +61,7 @@ def test_a_folder_that_this_user_may_not_write_is_red(tmp_path: Path, monkeypatc
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
     monkeypatch.setattr(tempfile, "TemporaryFile", forbidden)
-    found = machine.writing(tmp_path, ManualClock(0))
+    found = checks.writing(tmp_path, ManualClock(0))
     assert (found.verdict, found.measured) == ("red", f"{tmp_path}: nothing can be written (Permission denied)")
     assert found.remedy.startswith("let this user write there")
 
@@ -71,5 +71,5 @@ def test_a_disk_that_fills_up_meanwhile_is_red(tmp_path: Path, monkeypatch: pyte
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    assert "No space left on device" in machine.writing(tmp_path, ManualClock(0)).measured
+    assert "No space left on device" in checks.writing(tmp_path, ManualClock(0)).measured
     assert list(tmp_path.iterdir()) == []

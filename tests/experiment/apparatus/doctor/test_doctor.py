@@ -8,8 +8,8 @@ import pytest
 
 from experiment.apparatus import opening, rig
 from experiment.apparatus import opening as opening_audio
-from experiment.apparatus.doctor import audio, doctor, tracker
-from experiment.apparatus.doctor.verdict import Check
+from experiment.apparatus.doctor import devices, doctor
+from experiment.apparatus.doctor.checks import Check
 from experiment.clock import ManualClock
 from experiment.errors import AudioError, PalpateError, TrackerError
 from experiment.protocol.files import shipped
@@ -51,7 +51,7 @@ def test_a_tracker_that_fails_is_named_by_what_failed(monkeypatch: pytest.Monkey
         return ()
 
     monkeypatch.setattr(opening, "open_tracker", lambda *_, **__: part)
-    monkeypatch.setattr(tracker, "checks", checks)
+    monkeypatch.setattr(devices, "checks", checks)
     assert red(doctor._tracker(RIG, ENDS, ManualClock(0))) == [(name, "tracker: got no device")]
 
 
@@ -62,7 +62,7 @@ def test_audio_that_fails_is_named_by_what_failed_and_the_tracker_is_looked_at_a
     part = Part(failing, AudioError("audio: the stream broke; start again"))
     monkeypatch.setattr(opening_audio, "open_probing", lambda *_, **__: part)
     monkeypatch.setattr(opening, "open_tracker", lambda *_, **__: Part("", TrackerError("")))
-    for module, check in ((tracker, "checks"), (audio, "steady"), (audio, "loopback")):
+    for module, check in ((devices, "checks"), (devices, "steady"), (devices, "loopback")):
         monkeypatch.setattr(module, check, lambda *_, **__: ())
     assert RIG.audio is not None
     found = list(doctor._audio(RIG, RIG.audio, ENDS, ManualClock(0)))

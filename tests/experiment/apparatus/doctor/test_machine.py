@@ -6,8 +6,8 @@ from datetime import UTC, datetime
 
 import pytest
 
-from experiment.apparatus.doctor import machine
-from experiment.apparatus.doctor.machine import Mark
+from experiment.apparatus.doctor import checks
+from experiment.apparatus.doctor.checks import Mark
 from experiment.clock import ManualClock, MonotonicClock
 
 TODAY_NS = int(datetime(2026, 11, 21, 12, tzinfo=UTC).timestamp()) * 10**9
@@ -43,27 +43,27 @@ class Coarse(ManualClock):
 )
 def test_a_wall_clock_that_is_set_meanwhile_is_red(wall_s: float, verdict: str) -> None:
     begun, ended = Mark(10**18, TODAY_NS), Mark(10**18 + 5 * 10**9, TODAY_NS + round(wall_s * 1e9))
-    assert machine.wall(begun, ended).verdict == verdict
+    assert checks.wall(begun, ended).verdict == verdict
 
 
 def test_a_wall_clock_that_was_never_set_is_red() -> None:
-    found = machine.wall(Mark(0, 0), Mark(10**9, 10**9))
+    found = checks.wall(Mark(0, 0), Mark(10**9, 10**9))
     assert (found.verdict, found.remedy) == ("red", "set the clock, or wait until the time service has")
     assert found.measured.startswith("1970-01-01")
 
 
 @pytest.mark.parametrize(("late_ms", "verdict"), [(9, "green"), (11, "red")])
 def test_a_machine_that_wakes_late_is_red(late_ms: int, verdict: str) -> None:
-    found = machine.waking(Late(late_ms * 1_000_000))
+    found = checks.waking(Late(late_ms * 1_000_000))
     assert (found.verdict, f"0.00 ms (median), {late_ms}.00 ms (p99)" in found.measured) == (verdict, True)
 
 
 @pytest.mark.parametrize(("step_us", "verdict"), [(1, "green"), (10, "green"), (15_625, "red")])
 def test_a_coarse_clock_is_red(step_us: int, verdict: str) -> None:
-    assert machine.resolution(Coarse(step_us * 1000)).verdict == verdict
+    assert checks.resolution(Coarse(step_us * 1000)).verdict == verdict
 
 
 def test_this_machines_clock_is_fine() -> None:
     clock = MonotonicClock()
-    assert machine.resolution(clock).verdict == "green"
-    assert machine.wall(machine.mark(clock), machine.mark(clock)).verdict == "green"
+    assert checks.resolution(clock).verdict == "green"
+    assert checks.wall(checks.mark(clock), checks.mark(clock)).verdict == "green"

@@ -7,8 +7,8 @@ import pytest
 
 from experiment.apparatus import rig
 from experiment.apparatus.audio.stream import Fit, StreamHealth
-from experiment.apparatus.doctor import audio, tracker
-from experiment.apparatus.doctor.tracker import Heard
+from experiment.apparatus.doctor import devices
+from experiment.apparatus.doctor.devices import Heard
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts
 from experiment.protocol.files import shipped
@@ -27,21 +27,21 @@ def heard(device_us: np.ndarray, delay_ms: list[float], drift_ppm: float = 0.0) 
     [([1.0] * 999 + [200.0], "green"), ([1.0] * 98 + [11.0] * 2, "red"), ([1.0] * 999 + [201.0], "red")],
 )
 def test_reads_that_come_late_are_red(late_ms: list[float], verdict: str) -> None:
-    assert tracker.arrival(heard(np.arange(2), late_ms), RIG.tracker).verdict == verdict
+    assert devices.arrival(heard(np.arange(2), late_ms), RIG.tracker).verdict == verdict
 
 
 def test_lost_frames_do_not_change_the_rate() -> None:
-    found = tracker.rate(heard(np.delete(1000 * np.arange(1000), [10, 11, 12, 500]), []), RIG.tracker)
+    found = devices.rate(heard(np.delete(1000 * np.arange(1000), [10, 11, 12, 500]), []), RIG.tracker)
     assert (found.verdict, found.measured) == ("green", "1000.0 Hz by the device's clock")
 
 
 def test_one_sample_is_no_rate() -> None:
-    assert tracker.rate(heard(np.arange(1), []), RIG.tracker).verdict == "red"
+    assert devices.rate(heard(np.arange(1), []), RIG.tracker).verdict == "red"
 
 
 @pytest.mark.parametrize(("drift_ppm", "verdict"), [(-9999.0, "green"), (10_000.0, "red"), (-10_000.0, "red")])
 def test_a_clock_at_the_end_of_what_is_believed_is_red(drift_ppm: float, verdict: str) -> None:
-    assert tracker.drift(heard(np.arange(2), [], drift_ppm)).verdict == verdict
+    assert devices.drift(heard(np.arange(2), [], drift_ppm)).verdict == verdict
 
 
 @pytest.mark.parametrize(
@@ -49,7 +49,7 @@ def test_a_clock_at_the_end_of_what_is_believed_is_red(drift_ppm: float, verdict
     [(499.0, ""), (-5000.0, "; no crystal's but a resonator's: the foot's speed is off by 0.5 %"), (10_000.0, "")],
 )
 def test_a_resonators_drift_is_green_with_a_word(drift_ppm: float, said: str) -> None:
-    found = tracker.drift(heard(np.arange(2), [], drift_ppm))
+    found = devices.drift(heard(np.arange(2), [], drift_ppm))
     assert found.measured == f"drift {drift_ppm:+.0f} ppm against this machine's clock over 0.0 s{said}"
 
 
@@ -62,7 +62,7 @@ def test_a_stream_with_gaps_or_xruns_is_red(gaps: int, xruns: int, exact: bool, 
     # What was before the watching, 2 xruns and 3 gaps, does not count.
     since = StreamHealth(48_000, 2, 3, 0, Fit(0.0, 0.0, 0.0))
     until = StreamHealth(96_000, 2 + xruns, 3 + gaps, 0, Fit(0.0, 0.0, 0.0))
-    found = audio.health(since, until, RIG.audio, exact=exact)[0]
+    found = devices.health(since, until, RIG.audio, exact=exact)[0]
     assert (found.verdict, found.measured) == (verdict, f"1.0 s: {gaps} gaps, {xruns} xruns")
 
 
@@ -72,4 +72,4 @@ def test_callbacks_later_than_a_quarter_of_a_block_are_red(median_ms: float, ver
     # 128 frames at 48 kHz are 2.667 ms, a quarter 0.6667 ms.
     since = StreamHealth(0, 0, 0, 0, Fit(0.0, 0.0, 0.0))
     until = StreamHealth(48_000, 0, 0, 0, Fit(median_ms, 5.0, 9.0))
-    assert audio.health(since, until, RIG.audio, exact=False)[1].verdict == verdict
+    assert devices.health(since, until, RIG.audio, exact=False)[1].verdict == verdict

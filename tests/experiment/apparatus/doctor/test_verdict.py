@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from experiment.apparatus.doctor.verdict import Check, refused
+from experiment.apparatus.doctor.checks import Check, refused
 from experiment.errors import PalpateError
 
 

@@ -12,7 +12,7 @@ from experiment.errors import RecordingError, SynthesisError
 from experiment.protocol.files import load as load_protocol
 from experiment.protocol.models import Protocol
 from experiment.recordings.manifest import load
-from experiment.recordings.plan import plan
+from experiment.recordings.store import plan
 from experiment.rehearsal.footstep import materials, recorded_takes
 from experiment.rehearsal.footstep.materials import CRACKLES, Course, SimulatedMaterials, power_law_energies, pulses
 from experiment.rehearsal.footstep.recorded_takes import make_recordings

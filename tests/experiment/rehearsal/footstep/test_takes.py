@@ -11,7 +11,7 @@ from analysis.validation import validate
 from experiment.protocol.files import load as load_protocol
 from experiment.protocol.models import Protocol
 from experiment.recordings.manifest import load_all
-from experiment.recordings.plan import Condition, Plan, plan
+from experiment.recordings.store import Condition, Plan, plan
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.recorder import fresh_takes
 

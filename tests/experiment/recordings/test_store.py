@@ -10,7 +10,7 @@ import pytest
 from experiment.errors import RecordingError
 from experiment.protocol.files import load as load_protocol
 from experiment.protocol.models import Protocol
-from experiment.recordings.plan import plan
+from experiment.recordings.store import plan
 
 
 @pytest.fixture(scope="module")

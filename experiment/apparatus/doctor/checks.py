@@ -1,6 +1,8 @@
-"""Checks of the machine itself: its clocks, and whether it wakes in time.
+"""What a check finds, and the checks that need no driver: of rig file and calibrations, disk, clocks and the machine.
 
-Checks of the disk that a session is written to: room, and how long an entry takes until it is there for good.
+A check is green, red with the remedy, or not checked with the reason. The actuator behind a raw PCM port is only asked
+whether its server answers: nothing is sent, so nothing moves. The disk is asked for room, and how long an entry takes
+until it is there for good; the machine for its clocks, and whether it wakes in time.
 """
 
 from __future__ import annotations
@@ -9,14 +11,158 @@ import math
 import os
 import shutil
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from experiment.apparatus.doctor.verdict import Check, judged
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.panel import response_table as response
+from experiment.apparatus.panel.pcm_actuator import PcmActuator
+from experiment.apparatus.rig import ActuatorRig, Rig, response_table
+from experiment.apparatus.tracker import calibration
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.clock import Clock, day, wall_ns
+from experiment.errors import ActuatorError, PalpateError
+from experiment.protocol.models import Step
+
+Verdict = Literal["green", "red", "not checked"]
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that was looked at.
+
+    Attributes:
+        name: what it is.
+        verdict: whether a session may rely on it.
+        measured: what was found, with units.
+        allowed: what may be found; empty where nothing was compared.
+        remedy: what to do; empty for green.
+    """
+
+    name: str
+    verdict: Verdict
+    measured: str
+    allowed: str = ""
+    remedy: str = ""
+
+
+def judged(name: str, good: bool, measured: str, *, allowed: str, remedy: str) -> Check:
+    """Green if `good`, else red with the remedy."""
+    return Check(name, "green" if good else "red", measured, allowed, "" if good else remedy)
+
+
+def unchecked(name: str, reason: str, remedy: str = "") -> Check:
+    """What could not be looked at, and why."""
+    return Check(name, "not checked", reason, remedy=remedy)
+
+
+def refused(name: str, error: PalpateError) -> Check:
+    """Red, with what an error of palpate says: what it got, what is allowed, and the remedy, which stands last."""
+    lines = str(error).splitlines()
+    if len(lines) > 1:
+        return Check(name, "red", " ".join(line.strip() for line in lines), remedy="correct that file")
+    rest, _, remedy = str(error).rpartition("; ")
+    measured, _, allowed = rest.partition("; allowed: ")
+    return Check(name, "red", measured or remedy, allowed, remedy)
+
+
+def table(rig: Rig, folder: Path) -> Check | None:
+    """Whether the response table is the one whose hash the rig file states, and can be used; None without one.
+
+    Args:
+        rig: the rig.
+        folder: which holds the rig file.
+    """
+    shaping = rig.actuator.shaping
+    if shaping is None:
+        return None
+    name = "response table"
+    try:
+        response_table(folder, shaping)
+        measured = response.read(folder / shaping.response)
+    except PalpateError as error:
+        return refused(name, error)
+    low_hz, high_hz = measured.frequencies_hz[0], measured.frequencies_hz[-1]
+    return Check(name, "green", f"{shaping.response}: {low_hz:g} to {high_hz:g} Hz, hash as stated")
+
+
+def reach(rig: Rig, step: Step) -> Check:
+    """Whether the calibrated heights reach past a protocol's gate and panel."""
+    name = "gate"
+    try:
+        rigs.check(rig, step)
+    except PalpateError as error:
+        return refused(name, error)
+    heights_mm = [point.mm for point in rig.tracker.calibration]
+    lowest, highest = rigs.reach_mm(rig, step)
+    return judged(
+        name,
+        True,
+        f"calibrated from {min(heights_mm):g} to {max(heights_mm):g} mm",
+        allowed=f"from at most {lowest:g} to at least {highest:g} mm",
+        remedy="",
+    )
+
+
+def ages(rig: Rig, today: date) -> tuple[Check, ...]:
+    """How old the calibrations are: of the tracker, of the audio device's latency, of the headphones.
+
+    Args:
+        rig: the rig; those of a simulated one do not age.
+        today: the day of the session.
+    """
+    tracker, audio = rig.tracker, rig.audio
+    found = [
+        _age(
+            "tracker calibration",
+            rig,
+            lambda: calibration.check_age(rig, today),
+            tracker.calibrated_on,
+            tracker.calibration_days,
+            today,
+        )
+    ]
+    if audio is not None:
+        made, days = audio.latency.calibrated_on, audio.latency.calibration_days
+        found.append(_age("audio calibration", rig, lambda: rigs.check_latency(audio, today), made, days, today))
+        made, days = audio.headphones.calibrated_on, audio.headphones.calibration_days
+        found.append(_age("headphones", rig, lambda: rigs.check_headphones(audio, today), made, days, today))
+    return tuple(found)
+
+
+def _age(name: str, rig: Rig, check: Callable[[], None], made: date | None, days: int | None, today: date) -> Check:
+    if rig.rig.simulated:
+        return unchecked(name, "calibrations of a simulated rig do not age")
+    try:
+        check()
+    except PalpateError as error:
+        return refused(name, error)
+    age = (today - made).days if made is not None else 0
+    heard = "; its level: not checked, for the machine cannot hear it" if name == "headphones" else ""
+    return judged(name, True, f"{age} days old{heard}", allowed=f"0 to {days} days", remedy="")
+
+
+def answers(address: str, settings: ActuatorRig) -> Check:
+    """Whether a connection is accepted.
+
+    Args:
+        address: `host:port`.
+        settings: of the rig.
+    """
+    name = "actuator"
+    try:
+        PcmActuator(
+            address, rate_hz=settings.rate_hz, full_scale=settings.full_scale, limit_m_s2=settings.full_scale
+        ).reach()
+    except ActuatorError as error:
+        return refused(name, error)
+    return Check(name, "green", f"{address} accepts a connection; nothing was sent")
+
 
 BUILT_YEAR = 2026
 """No session is run before palpate was written."""
@@ -31,7 +177,7 @@ one that is set by any amount."""
 SLEEPS = 200
 SLEEP_NS = 1_000_000
 LATE_MS = 10.0
-"""99 of 100 sleeps end at most this late, ms, as `tracker.DELAY_P99_MS` has it."""
+"""99 of 100 sleeps end at most this late, ms, as `devices.DELAY_P99_MS` has it."""
 
 
 @dataclass(frozen=True)
