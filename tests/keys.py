@@ -15,7 +15,7 @@ from typing import Any, get_args
 
 from experiment.apparatus.rig import Rig
 from experiment.protocol.models import Protocol
-from experiment.settings import problems
+from experiment.settings import load
 from experiment.settings.model import Confined, none
 
 README = Path(__file__).parent.parent / "protocols" / "README.md"
@@ -75,7 +75,7 @@ def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, 
                 least = next((part.min_length for part in field.metadata if hasattr(part, "min_length")), 0)
                 allowed = f"{f'at least {least}' if least else 'any number'} of the tables {_header((*place, 0))}"
         else:
-            allowed = problems.field(root, place)
+            allowed = load.field(root, place)
         default = "required" if field.is_required() else _default(field.default)
         rows.append(f"| `{name}` | {said[name]} | {_unit(name)} | {allowed} | {default} |".replace("  ", " "))
     heading = f"### {_header(path)}" if path else "### The top level"
