@@ -1,1 +1,5 @@
-"""What an analyst makes of a dataset on disk: tables, tests, figures, one report."""
+"""What an analyst makes of a dataset on disk: tables, tests, figures, one report; audits, validation and power.
+
+A BIDS dataset comes in; files in a folder of results come out. Nothing here runs an experiment or reads a journal.
+`README.md` beside this file follows one number through the rooms.
+"""

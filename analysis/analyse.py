@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,8 +29,6 @@ from experiment.records.events import NO_ANSWER
 if TYPE_CHECKING:
     from analysis.documents.drawing import Sheet
 
-REPORT = "report.html"
-
 FIRST_IN_TERMINAL = ("overview", "exclusions", "comparison")
 """Sections that a terminal shows first, so that the matrices and tests are what is left on the screen."""
 
@@ -50,7 +47,7 @@ class Analysis:
     @property
     def report(self) -> Path:
         """The HTML report."""
-        return self.out / REPORT
+        return self.out / page.REPORT
 
     def text(self, width: int = WIDTH) -> str:
         """Everything for a terminal, no line longer than `width`, save for the last one, the report's path."""
@@ -120,38 +117,31 @@ def _content(
     *,
     figures: bool,
 ) -> dict[str, bytes]:
-    files: dict[str, bytes] = {}
-    software = f"palpate {metadata.version('palpate')}"
     title = study.name.removeprefix(f"{study.label}: ")
     drawn: tuple[Sheet, ...] = ()
     if figures:
         from analysis.report.figures import sheets
 
         drawn = sheets(results, study.label)
-        files |= page.drawings(drawn, "figures/")
-    drawings = {one.name: files[f"figures/{one.name}.svg"] for one in drawn}
-    files |= page.tables((*parts, _counts(results)), study.label, "tables/")
-    numbers = _numbers(study, results, comparison)
-    files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
-    files[REPORT] = page.html(title, study.label, software, parts, drawings, page.captions(drawn, METHODS)).encode()
-    files.update(_bids(study, software))
-    return files
+    numbers, counts = _numbers(study, results, comparison), _counts(results)
+    return page.folder(title, study.label, parts, drawn, METHODS, numbers, further=(counts,)) | _bids(study)
 
 
-def _bids(study: Study, software: str) -> dict[str, bytes]:
+def _bids(study: Study) -> dict[str, bytes]:
     """What makes the folder a BIDS derivative that a validator accepts."""
-    name, version = software.split(" ", 1)
+    name, version = page.software().split(" ", 1)
     description = {
         "Name": f"{study.name}: analysis",
         "BIDSVersion": "1.10.0",
         "DatasetType": "derivative",
         "GeneratedBy": [{"Name": name, "Version": version}],
     }
+    ignored = f"{page.REPORT}\nresults.json\n{MANIFEST}\ntables\nfigures\n"
     readme = f"{study.label}\n\n" * bool(study.label) + "Tables, figures and report; made by palpate analyse.\n"
     return {
         "dataset_description.json": (json.dumps(description, indent=2, ensure_ascii=False) + "\n").encode(),
         "README": readme.encode(),
-        ".bidsignore": f"# {study.label or study.name}\n{REPORT}\nresults.json\n{MANIFEST}\ntables\nfigures\n".encode(),
+        ".bidsignore": f"# {study.label or study.name}\n{ignored}".encode(),
     }
 
 

@@ -17,7 +17,7 @@ from analysis.audit.mistakes import Line
 from analysis.audit.print_lines import print_lines
 from analysis.documents.tables import WIDTH, text
 from analysis.identification.results import compute
-from analysis.published import Published
+from analysis.published.numbers import Published
 from analysis.reading.dataset import read
 from analysis.reading.study import nothing_left
 from experiment.errors import DatasetError, PublishedError

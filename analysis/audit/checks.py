@@ -16,8 +16,8 @@ from analysis.audit import mistakes
 from analysis.audit.evidence import NO_STEPS, Evidence, Misreading, Sample, Variances
 from analysis.audit.mistakes import AGREES, Citation, Layout, Line, Mistake, Verdict, judge
 from analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
-from analysis.published import Printed, PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
-from analysis.published.printed import Interval, image
+from analysis.published.numbers import PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
+from analysis.published.printed import Interval, Printed, image
 from analysis.statistics.t_tests import stars
 
 

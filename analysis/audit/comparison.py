@@ -1,6 +1,6 @@
-"""Every printed number beside the one from a dataset of the study: does it agree, and if not, why not?
+"""Every printed number beside the one from a dataset of the study, or from print, and the section that shows them.
 
-Printed numbers beside recomputed ones as a section: one line a printed cell or test.
+A line stands for a printed number, a row of the section for a printed cell or test.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from analysis.audit.evidence import FromResults
 from analysis.audit.mistakes import Citation, Line
 from analysis.documents.tables import Section, Table
 from analysis.identification.results import Results, TaskResult
-from analysis.published import PrintedIcc, Published
+from analysis.published.numbers import PrintedIcc, Published
 
 
 @dataclass(frozen=True)

@@ -16,9 +16,8 @@ from analysis.audit.granularity import Moments, moments, neighbours, on_scale, t
 from analysis.audit.mistakes import Verdict
 from analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
 from analysis.identification.results import Results
-from analysis.published import Printed, PrintedCell, PrintedF, PrintedT, Published
-from analysis.published.numbers import Scale
-from analysis.published.printed import Interval, point
+from analysis.published.numbers import PrintedCell, PrintedF, PrintedT, Published, Scale
+from analysis.published.printed import Interval, Printed, point
 from analysis.statistics.anova import TYPES
 from analysis.statistics.exact import mean, sum_of_squares
 
@@ -283,7 +282,9 @@ class FromPrint:
         if n is None or n < 2:
             return Sample(n or 0, statement="the number of participants is not printed, or below two")
         if cell.sd is None:
-            return self._without_sd(cell, n)
+            everything = Interval(Fraction(0), math.inf)
+            any_sd = (self._counted(cell, n, cell.scale, everything) if cell.scale else None) or ()
+            return Sample(n, any_sd, any_sd, NO_SD)
         misreading = self.misreading(cell)
         wanted = cell.sd.either.squared().times(MISREADINGS[misreading](n) if misreading else Fraction(1))
         stands = (Moments(n, cell.mean.either, wanted),)
@@ -313,10 +314,6 @@ class FromPrint:
                 none_within = width
             width = (none_within + too_many) / 2 if too_many else 4 * none_within
         return found
-
-    def _without_sd(self, cell: PrintedCell, n: int) -> Sample:
-        every = self._counted(cell, n, cell.scale, Interval(Fraction(0), math.inf)) if cell.scale else None
-        return Sample(n, every or (), every or (), NO_SD)
 
     def _counted(self, cell: PrintedCell, n: int, scale: Scale, variance: Interval) -> tuple[Moments, ...] | None:
         """The means and variances that whole counts give; None where they are too many."""

@@ -1,15 +1,12 @@
-"""What is asked of printed numbers alone: rows as whole counts, ANOVA tables, and what percentages are shares of.
-
-Which printed SDs are something else: those whose reading as such leaves fewer printed numbers in conflict.
+"""What printed numbers are asked without a dataset: cells and tests, rows as whole counts, ANOVA tables, percentages.
 
 A standard error in the place of an SD makes a right t look like Cohen's d, P look wrong, and F with them. One mistake
-that explains them all is simpler than one mistake each.
+that explains them all is simpler than one mistake each, so an SD is read as something else where that leaves fewer
+printed numbers in conflict.
 
-An ANOVA table as printed, line by line: MS, F and P, each from what stands beside it, and the mistakes behind it.
-
-Nothing but the table is known, so a wrong df may stand in print as well as in the sum.
-
-Which numbers of trials can stand behind percentages that are printed without them.
+An ANOVA table is asked line by line: MS, F and P, each from what stands beside it. Nothing but the table is known, so a
+wrong df may stand in print as well as in the sum. Percentages without their numbers of trials are asked which numbers
+can stand behind them.
 """
 
 from __future__ import annotations
@@ -27,8 +24,7 @@ from analysis.audit.mistakes import AGREES, Citation, Line, Mistake, Verdict, ju
 from analysis.audit.recomputed import effect, p_of_f, quotient
 from analysis.audit.rows import Row, Undecided, examine, row_sum
 from analysis.documents.tables import plural
-from analysis.published import (
-    Printed,
+from analysis.published.numbers import (
     PrintedCell,
     PrintedChoices,
     PrintedSource,
@@ -36,7 +32,7 @@ from analysis.published import (
     PrintedTable,
     Published,
 )
-from analysis.published.printed import Interval, hull
+from analysis.published.printed import Interval, Printed, hull
 
 CONFLICTS: tuple[Verdict, ...] = ("differs", "impossible")
 

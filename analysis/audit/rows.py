@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.audit.granularity import totals
-from analysis.published import Printed, PrintedCell
-from analysis.published.printed import Interval
+from analysis.published.numbers import PrintedCell
+from analysis.published.printed import Interval, Printed
 
 MANY = 20_000
 """Ways of spreading one participant's trials beyond which a row is left undecided."""
@@ -113,7 +113,11 @@ def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[i
             if stands([k for k in cut if k != i]):
                 cut.remove(i)
         return Row(n * trials, fewest, most, True, tuple(cut))
-    missing = [_missing(columns[reading], n, trials) for reading in (SD_EITHER, EITHER)]
+    tried = range(1, min(MOST_MISSING, n * trials) + 1)
+    missing = [
+        next((gaps for gaps in tried if _stands(columns[reading], n, trials, gaps)), None)
+        for reading in (SD_EITHER, EITHER)
+    ]
     misprinted = tuple(_misprinted(columns[EITHER], n, trials))
     return Row(n * trials, fewest, most, False, (), missing[0], missing[1], misprinted)
 
@@ -147,11 +151,6 @@ def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
     if len(found) > MOST_SUMS:
         raise Undecided(f"the printed means can add up in more than {MOST_SUMS} ways")
     return found
-
-
-def _missing(columns: Sequence[Column], n: int, trials: int) -> int | None:
-    tried = range(1, min(MOST_MISSING, n * trials) + 1)
-    return next((gaps for gaps in tried if _stands(columns, n, trials, gaps)), None)
 
 
 def _misprinted(columns: Sequence[Column], n: int, trials: int) -> Iterator[int]:

@@ -1,15 +1,13 @@
-"""The report: one HTML file that needs nothing else, readable on a desk and on a phone.
-
-Sections and figures -> the files of a folder of results, path within it -> content.
-"""
+"""The report, one HTML file that needs nothing else and reads on a desk and on a phone, and the folder it stands in."""
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
-from typing import TYPE_CHECKING
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
 
 from analysis.documents.tables import Section, Table, comma_separated, latex, markdown
 
@@ -65,60 +63,76 @@ footer { color: var(--quiet); font-size: .875rem; border-top: 2px solid var(--li
 """
 
 
-@dataclass(frozen=True)
-class Captions:
-    """What a report says around its figures and tables.
+REPORT = "report.html"
+
+Methods = Sequence[tuple[str, str]]
+"""Names and formulas, in the order in which a report needs them."""
+
+
+def folder(
+    title: str,
+    label: str,
+    sections: Sequence[Section],
+    sheets: Sequence[Sheet],
+    methods: Methods,
+    numbers: Mapping[str, Any],
+    *,
+    further: Sequence[Section] = (),
+) -> dict[str, bytes]:
+    """Return a folder of results, path within it -> content: figures, tables, every number as JSON, and the report.
 
     Args:
-        places: name of a figure -> slug of the section in which it stands.
-        captions: name of a figure -> what it shows.
-        methods: names and formulas, in the order in which the report needs them.
+        title: of the report.
+        label: of the dataset; leads everything. Empty for a study's own data.
+        sections: of the report, in reading order.
+        sheets: its figures.
+        methods: its formulas.
+        numbers: for `results.json`; none of them NaN or infinite.
+        further: sections that have tables and do not stand in the report.
     """
+    files = drawings(sheets, "figures/") if sheets else {}
+    svgs = {one.name: files[f"figures/{one.name}.svg"] for one in sheets}
+    files |= tables((*sections, *further), label, "tables/")
+    files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
+    files[REPORT] = html(title, label, sections, sheets, svgs, methods).encode()
+    return files
 
-    places: Mapping[str, str]
-    captions: Mapping[str, str]
-    methods: Sequence[tuple[str, str]]
+
+def software() -> str:
+    """Return our name and version."""
+    return f"palpate {metadata.version('palpate')}"
 
 
 def html(
     title: str,
     label: str,
-    software: str,
     sections: Sequence[Section],
-    figures: Mapping[str, bytes],
-    captions: Captions,
+    sheets: Sequence[Sheet],
+    svgs: Mapping[str, bytes],
+    methods: Methods,
 ) -> str:
-    """The whole report.
-
-    Args:
-        title: of the study.
-        label: of the dataset; stands at the top and at the end. Empty for a study's own data.
-        software: name and version, for the foot.
-        sections: in reading order.
-        figures: SVG by name, names as in `captions.places`.
-        captions: of the figures, and the formulas at the end.
-    """
+    """Return the whole report; `svgs` are the figures by name, the rest is as in `folder`."""
     band = f'<div class="band" role="note">{escape(label)}</div>' if label else ""
     headed = f"{label}: {title}" if label else title
     links = "".join(f'<li><a href="#{section.slug}">{escape(section.title)}</a></li>' for section in sections)
-    body = "".join(_section(section, label, figures, captions) for section in sections)
-    methods = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in captions.methods)
+    body = "".join(_section(section, label, sheets, svgs) for section in sections)
+    formulas = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in methods)
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(headed)}</title><style>{STYLE}</style></head>\n<body>{band}<main>"
         f"<h1>{escape(title)}</h1>"
         f'<nav aria-label="Contents"><ul>{links}<li><a href="#methods">Formulas</a></li></ul></nav>'
-        f'{body}<section id="methods"><h2>Formulas</h2><dl>{methods}</dl></section>'
-        f"<footer><p>{escape(label)}</p><p>{escape(software)}</p></footer></main>{band}</body></html>\n"
+        f'{body}<section id="methods"><h2>Formulas</h2><dl>{formulas}</dl></section>'
+        f"<footer><p>{escape(label)}</p><p>{escape(software())}</p></footer></main>{band}</body></html>\n"
     )
 
 
-def _section(section: Section, label: str, figures: Mapping[str, bytes], captions: Captions) -> str:
+def _section(section: Section, label: str, sheets: Sequence[Sheet], svgs: Mapping[str, bytes]) -> str:
     parts = [f'<section id="{section.slug}"><h2>{escape(section.title)}</h2>']
     parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs]
-    shown = [name for name, slug in captions.places.items() if slug == section.slug and name in figures]
-    drawings = [_figure(name, label, figures[name], captions.captions[name]) for name in shown]
+    here = [one for one in sheets if one.section == section.slug]
+    drawings = [_figure(one.name, label, svgs[one.name], one.caption) for one in here]
     parts += [f'<div class="figures">{"".join(drawings)}</div>'] if drawings else []
     parts += [_table(table) for table in section.tables]
     return "".join([*parts, "</section>\n"])
@@ -192,9 +206,3 @@ def drawings(sheets: Iterable[Sheet], folder: str = "") -> dict[str, bytes]:
 
     kinds = {"svg": drawing.svg, "png": drawing.png}
     return {f"{folder}{one.name}.{kind}": draw(one.figure) for one in sheets for kind, draw in kinds.items()}
-
-
-def captions(sheets: Sequence[Sheet], methods: Sequence[tuple[str, str]]) -> Captions:
-    """Where the figures stand in the report, what they show, and the formulas."""
-    places = {one.name: one.section for one in sheets}
-    return Captions(places, {one.name: one.caption for one in sheets}, tuple(methods))

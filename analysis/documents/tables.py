@@ -1,8 +1,6 @@
-r"""One table, and the ways to show it: plain text for a terminal, Markdown, and CSV of the numbers behind it.
+r"""Sections and their tables, and the ways to show them: text for a terminal, Markdown, CSV and LaTeX.
 
-"A section as LaTeX: one `table` environment a table, for `\input` into a paper; needs the package booktabs.
-
-Numbers in sentences.
+LaTeX is one `table` environment a table, for `\input` into a paper, and needs the package booktabs.
 """
 
 from __future__ import annotations

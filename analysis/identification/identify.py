@@ -6,8 +6,9 @@ defined is None, and a statement beside it says why.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,8 @@ from analysis.statistics.intervals import (
     resamples,
     wilson,
 )
+
+T = TypeVar("T")
 
 CHOICE_RESAMPLES = 999
 INFORMATION_RESAMPLES = 1999
@@ -118,30 +121,22 @@ def identify(
         rng: draws the resamples.
     """
     said: dict[str, str] = {}
+
+    def told(what: str, compute: Callable[[], T]) -> T | None:
+        try:
+            return compute()
+        except NotDefined as reason:
+            said[what] = str(reason)
+            return None
+
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
-    bits = bits_interval = found_choice = found_scaling = found_mantel = None
-    try:
-        bits = information(counts.sum(axis=0))
-    except NotDefined as reason:
-        said["information"] = str(reason)
-    if bits:
-        try:
-            bits_interval = _information_interval(counts, bits, rng)
-        except NotDefined as reason:
-            said["information interval"] = str(reason)
-    try:
-        found_choice = _choice(matrix, rng)
-    except NotDefined as reason:
-        said["choice"] = str(reason)
-    try:
-        found_scaling = classical(from_confusions(matrix.means()[:, :-1]))
-    except NotDefined as reason:
-        said["scaling"] = str(reason)
+    bits = told("information", lambda: information(counts.sum(axis=0)))
+    bits_interval = told("information interval", lambda: _information_interval(counts, bits, rng)) if bits else None
+    found_choice = told("choice", lambda: _choice(matrix, rng))
+    found_scaling = told("scaling", lambda: classical(from_confusions(matrix.means()[:, :-1])))
+    found_mantel = None
     if dissimilarities is not None:
-        try:
-            found_mantel = mantel(dissimilarities, _confusing(matrix))
-        except NotDefined as reason:
-            said["mantel"] = str(reason)
+        found_mantel = told("mantel", lambda: mantel(dissimilarities, _confusing(matrix)))
     return Identification(
         task,
         tuple(_cells(matrix, rng)),

@@ -1,14 +1,13 @@
-"""Information that the answers transmit about the materials, in bits, and two corrections of its bias.
+"""Information that the answers transmit about the materials, in bits, and d' of identification.
 
-Transmitted information is that of a table of counts (Miller and Nicely 1955; Garner and Hake 1951); few trials make
-it too large. Corrections: Miller and Madow's (Miller 1955) with the answers that occurred, and that of Panzeri and
-Treves (1996, Network 7, 87-107), which estimates how many answers can occur to each material.
+Transmitted information is that of a table of counts (Miller and Nicely 1955; Garner and Hake 1951); few trials make it
+too large. It is corrected by Miller and Madow's way (Miller 1955) with the answers that occurred, and by that of
+Panzeri and Treves (1996, Network 7, 87-107), which estimates how many answers can occur to each material.
 
-d' of identification by the strongest of m independent, unbiased alternatives (m-AFC).
-
-The share of correct answers is p = integral of phi(z - d') Phi(z)^(m - 1) (Green and Swets 1966; tabled by Hacker and
-Ratcliff 1979, Percept. Psychophys. 26, 168-170). Answers with a bias, or materials of which some are more alike than
-others, do not meet its assumptions: d' then sums up the share of correct answers, no more.
+d' is that of the strongest of m independent, unbiased alternatives (m-AFC): the share of correct answers is p =
+integral of phi(z - d') Phi(z)^(m - 1) (Green and Swets 1966; tabled by Hacker and Ratcliff 1979, Percept. Psychophys.
+26, 168-170). Answers with a bias, or materials of which some are more alike than others, do not meet its assumptions:
+d' then sums up the share of correct answers, no more.
 """
 
 from __future__ import annotations

@@ -1,18 +1,13 @@
-"""Similarity-choice model of a confusion matrix: how alike materials are, apart from which answers are favoured.
+"""How alike materials are: the similarity-choice model, a map of the materials, and Mantel's test.
 
-p(j | i) = s_ij b_j / sum_k s_ik b_k with s_ij = s_ji and s_ii = 1 (Shepard 1957; Luce 1963). As a model of counts it is
-quasi-symmetry (Caussinus 1965), fitted here by iterative proportional fitting to the row sums, the column sums and the
-sums n_ij + n_ji: maximum likelihood, no start value, and a similarity of exactly 0 where two materials were never
-taken for one another.
+The choice model tells similarity apart from which answers are favoured: p(j | i) = s_ij b_j / sum_k s_ik b_k with
+s_ij = s_ji and s_ii = 1 (Shepard 1957; Luce 1963). As a model of counts it is quasi-symmetry (Caussinus 1965), fitted
+here by iterative proportional fitting to the row sums, the column sums and the sums n_ij + n_ji: maximum likelihood, no
+start value, and a similarity of exactly 0 where two materials were never taken for one another.
 
-Multidimensional scaling: materials as points whose distances come close to their dissimilarities.
-
-Classical scaling (Torgerson 1952): the leading eigenvectors of the doubly centred squared dissimilarities.
-
-Mantel's test: do two tables of pairwise values go together, over every order of the objects.
-
-The P is exact: rows and columns of one table are permuted together in all n! ways (Mantel 1967, Cancer Res. 27,
-209-220), the order as it is among them.
+The map is classical scaling (Torgerson 1952): the leading eigenvectors of the doubly centred squared dissimilarities.
+Mantel's test (Mantel 1967, Cancer Res. 27, 209-220) asks whether two tables of pairwise values go together; its P is
+exact, over rows and columns of one table permuted together in all n! ways, the order as it is among them.
 """
 
 from __future__ import annotations
@@ -63,6 +58,8 @@ def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Ch
     Raises:
         NotDefined: for fewer than two materials, one that was never recognised, or an estimate on the edge.
     """
+    from scipy.special import chdtrc
+
     count = len(counts)
     if count < 2:
         raise NotDefined(f"a choice model needs two materials, got {count}")
@@ -77,7 +74,7 @@ def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Ch
     empty = np.count_nonzero(np.triu(counts + counts.T == 0, k=1))
     df = max((count - 1) * (count - 2) // 2 - int(empty), 0)
     held = biases[0] if _linked(similarities[0]) else None
-    return Choice(similarities[0], held, fitted[0], max(g2, 0.0), df, _upper_tail(df, g2) if df else None)
+    return Choice(similarities[0], held, fitted[0], max(g2, 0.0), df, float(chdtrc(df, g2)) if df else None)
 
 
 def fit(counts: NDArray[np.int64], tolerance: float = TOLERANCE) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
@@ -118,12 +115,6 @@ def _linked(similarities: Floats) -> bool:
     """Whether every two materials are joined by a chain of confusions."""
     steps = np.linalg.matrix_power((similarities > 0).astype(np.float64), len(similarities))
     return bool((steps > 0).all())
-
-
-def _upper_tail(df: int, value: float) -> float:
-    from scipy.special import chdtrc
-
-    return float(chdtrc(df, value))
 
 
 @dataclass(frozen=True)

@@ -103,10 +103,7 @@ class TaskResult:
 
     def test(self, material: str) -> MaterialTest:
         """The test of one material; `KeyError` when there is none."""
-        for test in self.tests:
-            if test.material == material:
-                return test
-        raise KeyError(material)
+        return {test.material: test for test in self.tests}[material]
 
 
 @dataclass(frozen=True)
@@ -176,14 +173,16 @@ def _task(study: Study, task: Task) -> TaskResult:
         float(guessed),
         matrix,
         tuple(
-            MaterialTest(material, test, adjusted.get(index), *_strength(test))
+            MaterialTest(
+                material,
+                test,
+                adjusted.get(index),
+                None if test.t is None else cohens_d(test.t, test.df),
+                None if test.t is None else log_bayes_factor(test.t, test.n),
+            )
             for index, (material, test) in enumerate(zip(study.materials, tests, strict=True))
         ),
     )
-
-
-def _strength(test: TTest) -> tuple[EffectSize | None, float | None]:
-    return (None, None) if test.t is None else (cohens_d(test.t, test.df), log_bayes_factor(test.t, test.n))
 
 
 def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest]:

@@ -1,13 +1,8 @@
-"""How a task went, trial by trial: right answers against trial number and foot speed, onset errors, timing,
-masker levels.
+"""How a task went, trial by trial: learning, foot speed, onset errors, timing of the rig, and masker levels.
 
-Each is there where the dataset holds what it needs; else a statement says what is missing. Trials without an answer
-are not right.
-
-Timing of the rig, as its sessions measured it: predictions, onsets, scheduling, and the dead time between trials.
-
-Every attempt counts of participants of whom the analysis takes anything, those that were done again among them: what
-the rig missed is not hidden by the repetition.
+Each is there where the dataset holds what it needs; else a statement says what is missing. Trials without an answer are
+not right. Timing counts every attempt of participants of whom the analysis takes anything, those that were done again
+among them: the repetition does not hide what the rig missed.
 """
 
 from __future__ import annotations
@@ -57,14 +52,10 @@ def timing(study: Study) -> dict[str, tuple[Timing, ...]]:
     found: dict[str, tuple[Timing, ...]] = {}
     for task in study.tasks:
         rows = used[used["task"] == task.id]
-        known = {name: _known_ms(rows[column].to_numpy(dtype=np.float64)) for name, column in QUANTITIES.items()}
+        known = {name: 1e3 * rows[column].dropna().to_numpy(np.float64) for name, column in QUANTITIES.items()}
         if spreads := tuple(_spread(name, values_ms) for name, values_ms in known.items() if values_ms.size):
             found[task.id] = spreads
     return found
-
-
-def _known_ms(values_s: NDArray[np.float64]) -> NDArray[np.float64]:
-    return values_s[np.isfinite(values_s)] * 1e3
 
 
 def _spread(quantity: str, values_ms: NDArray[np.float64]) -> Timing:

@@ -153,7 +153,10 @@ def _thinned(
         if (thin := _thin(known[name], groups)) is not None:
             absent[name] = f"known of {known.pop(name)[groups[thin]].sum()} of {groups[thin].sum()} {thin}"
             del columns[name]
-    while (thin := _thin(whole := _all(known, len(groups["trials"])), groups)) is not None:
+    while True:
+        whole = np.asarray(np.array([groups["trials"], *known.values()]).all(axis=0))
+        if (thin := _thin(whole, groups)) is None:
+            return whole
         inside = groups[thin]
         counts = {name: int(part[inside].sum()) for name, part in reversed(known.items())}
         worst = min(counts, key=counts.__getitem__)
@@ -162,11 +165,6 @@ def _thinned(
             f"known of {counts[worst]} of {inside.sum()} {thin}, and together with {others} of {whole[inside].sum()}"
         )
         del known[worst], columns[worst]
-    return whole
-
-
-def _all(known: Mapping[str, NDArray[np.bool_]], count: int) -> NDArray[np.bool_]:
-    return np.asarray(np.column_stack([np.ones(count, dtype=np.bool_), *known.values()]).all(axis=1))
 
 
 def _covariates(study: Study, table: pd.DataFrame) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
@@ -302,9 +300,11 @@ def _modes(
 
     The log density is concave with a curvature between 1 and 1 + sd^2 n / 4, so halved steps always get there.
     """
+    from scipy.special import expit
+
     u = np.zeros(people)
     for _ in range(NEWTON_STEPS):
-        p = _expit(fixed + sd * u[participants])
+        p = expit(fixed + sd * u[participants])
         slope = sd * np.bincount(participants, correct - p, minlength=people) - u
         curvature = 1 + sd * sd * np.bincount(participants, p * (1 - p), minlength=people)
         step = np.clip(slope / curvature, -1.0, 1.0)
@@ -312,12 +312,6 @@ def _modes(
         if np.abs(step).max() < MODE_TOLERANCE:
             break
     return u, 1 / np.sqrt(curvature)
-
-
-def _expit(odds: Floats) -> Floats:
-    from scipy.special import expit
-
-    return np.asarray(expit(odds), dtype=np.float64)
 
 
 LEAST = 6

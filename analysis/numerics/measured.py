@@ -1,8 +1,6 @@
-"""Error against run time: of synthesis, resampling, frequency shaping and noise.
+"""Error against run time of synthesis, resampling, frequency shaping and noise: how much is measured, and how.
 
 All spectra are made to order, SIMULATED: random amplitudes under an envelope that falls beyond 120 Hz, as a crinkle's.
-
-How much `palpate numerics` measures, how it times a call, and what it keeps of a measurement.
 """
 
 from __future__ import annotations
@@ -18,16 +16,13 @@ from numpy.typing import NDArray
 from scipy import signal
 
 from analysis.numerics import oracle
+from analysis.numerics.cases import PRINTED_SUM, WAYS, Way
 from analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.engine import methods
-from experiment.synthesis.first_block import FirstBlockRenderer
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S, Colour, noise
-from experiment.synthesis.pruning import BandPruned
-from experiment.synthesis.response import Response
-from experiment.synthesis.shaping import shape
-from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, grid, inverse, inverse_on
-from experiment.synthesis.waveforms import Method, PrintedSum, transform_error
+from experiment.synthesis.shaping import Response, shape
+from experiment.synthesis.spectra import bin_frequencies_hz, grid, inverse, inverse_on
+from experiment.synthesis.waveforms import transform_error
 
 MOST_REPEATS = 2000
 
@@ -174,7 +169,7 @@ Measurement = Callable[[], Measured]
 
 def measurements(extent: Extent) -> list[Measurement]:
     """Everything to measure, in the order of the tables."""
-    return [*synthesis(extent, methods(BAND_HZ)), *resampling(extent), *shaping(extent), *noises(extent)]
+    return [*synthesis(extent, WAYS), *resampling(extent), *shaping(extent), *noises(extent)]
 
 
 @lru_cache(maxsize=8)
@@ -192,19 +187,17 @@ def made_to_order(samples: int) -> CrinkleSpectra:
     )
 
 
-def synthesis(extent: Extent, of: Sequence[Method]) -> list[Measurement]:
-    """Every method, at every length, at every output rate, and beyond the measured speeds."""
+def synthesis(extent: Extent, of: Sequence[Way]) -> list[Measurement]:
+    """Every way, at every length, at every output rate, and beyond the measured speeds."""
     points = [(n, OUTPUT_RATE_HZ, BETWEEN_MM_S) for n in extent.lengths]
     points += [(extent.usual, rate, BETWEEN_MM_S) for rate in extent.output_rates_hz if rate != OUTPUT_RATE_HZ]
     points.append((extent.usual, OUTPUT_RATE_HZ, BEYOND_MM_S))
-    wanted: list[Measurement] = []
-    for method in of:
-        for samples, rate_hz, v in points:
-            if _terms(method, samples, rate_hz) <= extent.most_terms:
-                wanted.append(partial(_synthesis, method, samples, rate_hz, v, extent))
-                if method.name == "first block first":
-                    wanted.append(partial(_first_block, method, samples, rate_hz, v, extent))
-    return wanted
+    return [
+        partial(_synthesis, way, samples, rate_hz, v, extent)
+        for way in of
+        for samples, rate_hz, v in points
+        if way is not PRINTED_SUM or samples * samples * rate_hz // RATE_HZ <= extent.most_terms
+    ]
 
 
 def resampling(extent: Extent) -> list[Measurement]:
@@ -226,48 +219,20 @@ def noises(extent: Extent) -> list[Measurement]:
     return [partial(_noise, colour, seconds, extent) for colour in DB_PER_OCTAVE for seconds in extent.noise_s]
 
 
-def _terms(method: Method, samples: int, rate_hz: int) -> int:
-    """Cosines in a printed sum; 0 for any other method."""
-    if isinstance(method, BandPruned):
-        top = min(1.0, 2 * method.band_hz[1] / RATE_HZ)
-        return int(top * _terms(method.method, samples, rate_hz))
-    return samples * samples * rate_hz // RATE_HZ if isinstance(method, PrintedSum) else 0
-
-
-def _synthesis(method: Method, samples: int, rate_hz: int, v: float, extent: Extent) -> Measured:
+def _synthesis(way: Way, samples: int, rate_hz: int, v: float, extent: Extent) -> Measured:
     spectra = made_to_order(samples)
-    estimate = method.estimate(spectra, output_rate_hz=rate_hz)
-    render = method.prepare(spectra, output_rate_hz=rate_hz)
+    render, nbytes = way.prepare(spectra, rate_hz)
     exact = oracle.stimulus(spectra, speed_mm_s=v, output_rate_hz=rate_hz)
-    prepared = timed(
-        lambda: method.prepare(spectra, output_rate_hz=rate_hz), budget_s=extent.budget_s / 5, least_repeats=3
-    )
+    prepared = timed(lambda: way.prepare(spectra, rate_hz), budget_s=extent.budget_s / 5, least_repeats=3)
     return Measured(
         subject="synthesis",
-        way=method.name,
+        way=way.name,
         given={"samples": samples, "output_rate_hz": rate_hz, "speed_mm_s": v},
-        timed=_timed(lambda: render(v).waveform_m_s2, extent),
-        error=float(oracle.error(render(v).waveform_m_s2, exact) / exact.scale),
-        claimed=estimate.relative_error,
+        timed=_timed(lambda: render(v), extent),
+        error=float(oracle.error(render(v), exact) / exact.scale),
+        claimed=way.claim(spectra.grid(rate_hz)),
         prepared_s=prepared.median_s,
-        memory_bytes=estimate.memory_bytes,
-    )
-
-
-def _first_block(method: Method, samples: int, rate_hz: int, v: float, extent: Extent) -> Measured:
-    spectra = made_to_order(samples)
-    render = method.prepare(spectra, output_rate_hz=rate_hz)
-    if not isinstance(render, FirstBlockRenderer):
-        raise TypeError(f"got {type(render).__name__} from {method.name}; allowed: FirstBlockRenderer")
-    first = render.begin(v).first_m_s2
-    exact = oracle.stimulus(spectra, speed_mm_s=v, output_rate_hz=rate_hz)
-    return Measured(
-        subject="synthesis",
-        way=f"{method.name}: {first.size} samples",
-        given={"samples": samples, "output_rate_hz": rate_hz, "speed_mm_s": v},
-        timed=_timed(lambda: render.begin(v), extent),
-        error=float(oracle.error(first, replace(exact, samples=exact.samples[: first.size])) / exact.scale),
-        claimed=method.estimate(spectra, output_rate_hz=rate_hz).first_block_error,
+        memory_bytes=nbytes,
     )
 
 

@@ -1,28 +1,35 @@
-"""The tables of `palpate numerics`.
-
-The plot of `palpate numerics`: error against run time, a curve for each way.
-"""
+"""What `palpate numerics` says: its tables, its JSON, and the plot of error against run time, a curve for each way."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import groupby
 from math import ceil, floor, log10
+from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.gridspec import GridSpec
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from analysis.documents.drawing import COLOURS, MARKERS, STYLE
-from analysis.documents.tables import Section, Table
+from analysis.documents.drawing import COLOURS, MARKERS, STYLE, png, svg
+from analysis.documents.output import check, publish
+from analysis.documents.tables import WIDTH, Section, Table, comma_separated, markdown
+from analysis.documents.tables import text as section_text
 from analysis.numerics.cases import Outcome
 from analysis.numerics.measured import BETWEEN_MM_S, OUTPUT_RATE_HZ, Measured, usual_length
-from analysis.numerics.numerics import Numerics
+from analysis.numerics.numerics import LABEL, Numerics
+from experiment.errors import DatasetError
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
+
+FILES = (
+    *(f"{slug}.csv" for slug in ("synthesis", "resampling", "shaping", "noise", "cases")),
+    *(f"numerics.{kind}" for kind in ("md", "svg", "png")),
+)
+"""What `write` writes."""
 
 TITLES = {
     "synthesis": "Synthesis: equations (3) to (5)",
@@ -56,6 +63,59 @@ def sections(result: Numerics) -> tuple[Section, ...]:
     by_subject = groupby(result.measured, key=lambda one: one.subject)
     measured = [_measured(subject, list(rows), result) for subject, rows in by_subject]
     return (*measured, _cases(result.outcomes))
+
+
+def text(result: Numerics, width: int = WIDTH) -> str:
+    """Return everything for a terminal; the verdict stands at the end."""
+    verdict = (textwrap.fill(line, width, subsequent_indent="    ") for line in result.verdict.splitlines())
+    return "\n\n\n".join([LABEL, *(section_text(one, width) for one in sections(result)), "\n".join(verdict)])
+
+
+def as_dict(result: Numerics) -> dict[str, Any]:
+    """Return every number and outcome, for JSON."""
+    rows = {section.slug: [dict(record) for record in section.records] for section in sections(result)}
+    return {
+        "label": LABEL,
+        "software": result.software,
+        "failed": result.failed,
+        "broken": list(result.broken),
+        **rows,
+    }
+
+
+def check_out(out: Path) -> None:
+    """Refuse, before anything is measured, a folder that `write` could not write into.
+
+    Raises:
+        DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
+    """
+    check(out, FILES, "numerics")
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DatasetError(f"cannot write {error.filename or out}: {error.strerror}; choose another --out") from error
+
+
+def write(result: Numerics, out: Path) -> tuple[Path, ...]:
+    """Write tables (CSV, Markdown) and the plot (PNG, SVG) into a folder.
+
+    Args:
+        result: of `run`.
+        out: the folder; replaced there is only what this wrote before.
+
+    Returns:
+        The files.
+
+    Raises:
+        DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
+    """
+    parts = sections(result)
+    files = {f"{part.slug}.csv": comma_separated(part, LABEL).encode() for part in parts}
+    page = [f"**{LABEL}**\n", *(markdown(part, "") for part in parts), result.verdict, ""]
+    files["numerics.md"] = "\n".join(page).encode()
+    drawn = figure(result)
+    files["numerics.svg"], files["numerics.png"] = svg(drawn), png(drawn)
+    return publish(out, files, LABEL, "numerics")
 
 
 def time_text(seconds: float | None) -> str:
@@ -165,7 +225,7 @@ def _cases(outcomes: tuple[Outcome, ...]) -> Section:
     return Section(
         slug="cases",
         title="Extreme cases",
-        paragraphs=("Every method at every output rate, and every number that a public function of synthesis takes.",),
+        paragraphs=("Every way at every output rate; what a stimulus says of itself; and the oracle against itself.",),
         tables=tuple(full),
         records=tuple(
             {
@@ -197,58 +257,38 @@ def _brief(title: str, rows: list[Outcome]) -> Table:
 
 QUIET = "#57606a"
 RULE: Any = {"color": "#d5d9de", "linewidth": 0.6}
-PRUNED, SINGLE, WHOLE = "bins above 500 Hz left out", "single precision", "double precision, all bins"
 
 
-def figure(result: Numerics, label: str) -> Figure:
+def figure(result: Numerics) -> Figure:
     """Synthesis above, resampling, shaping and noise below it."""
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(8.4, 7.4))
-        drawn.suptitle(f"{label}: error against median run time", fontsize=10, fontweight="bold", y=0.985)
+        drawn.suptitle(f"{LABEL}: error against median run time", fontsize=10, fontweight="bold", y=0.985)
         synthesis = [one for one in result.measured if one.subject == "synthesis"]
-        _synthesis(
-            drawn, synthesis, drawn.add_gridspec(3, 1, left=0.09, right=0.985, top=0.86, bottom=0.47, hspace=0.25)
-        )
+        above = drawn.add_gridspec(1, 1, left=0.09, right=0.985, top=0.9, bottom=0.47)
+        _synthesis(drawn.add_subplot(above[0]), synthesis)
         below = drawn.add_gridspec(1, 3, left=0.09, right=0.985, top=0.36, bottom=0.075, wspace=0.34)
         for place, panel in enumerate((_resampling, _shaping, _noise)):
             panel(drawn.add_subplot(below[place]), result.measured)
         return drawn
 
 
-def _synthesis(drawn: Figure, rows: Sequence[Measured], grid: GridSpec) -> None:
-    """Three strips of one time axis, for nothing lies between them; a strip spans whole decades of error."""
+def _synthesis(axes: Axes, rows: Sequence[Measured]) -> None:
     shown = [one for one in rows if one.given["output_rate_hz"] == OUTPUT_RATE_HZ]
     shown = [one for one in shown if one.given["speed_mm_s"] == BETWEEN_MM_S]
-    ways = list(dict.fromkeys(_method(one) for one in shown))
-    strips = [(name, [one for one in shown if _strip(one) == name]) for name in (PRUNED, SINGLE, WHOLE)]
-    strips = [(name, points) for name, points in strips if points]
-    first: Axes | None = None
-    for place, (name, points) in enumerate(strips):
-        axes = drawn.add_subplot(grid[place], sharex=first)
-        first = first or axes
-        for way, curve in _curves(points).items():
-            _curve(axes, curve, ways.index(_method(curve[0])), hollow=name == PRUNED, label=way)
-        _decades(axes, points)
-        _times(axes, "from the speed of the foot to the waveform")
-        axes.text(0.99, 0.96, name, transform=axes.transAxes, ha="right", va="top", fontsize=9, color=QUIET)
-        if place < len(strips) - 1:
-            axes.tick_params(axis="x", which="both", bottom=False, labelbottom=False)
-            axes.set_xlabel("")
-            axes.spines["bottom"].set_visible(False)
-    lines = {str(line.get_label()): line for axes in drawn.axes for line in axes.lines}
-    keys = [way for way in ways if way in lines]
-    drawn.legend(
-        [lines[way] for way in keys],
-        keys,
-        loc="upper center",
-        bbox_to_anchor=(0.535, 0.965),
-        ncols=3,
-        frameon=False,
-        fontsize=9,
-    )
-    drawn.text(0.016, 0.665, "relative error", rotation=90, ha="center", va="center", fontsize=9)
+    for i, (way, curve) in enumerate(_curves(shown).items()):
+        _curve(axes, curve, i, label=way)
+    decades = [log10(one.error) for one in shown if one.error > 0]
+    axes.set_yscale("log")
+    if decades:
+        axes.set_ylim(10.0 ** floor(min(decades)), 10.0 ** ceil(max(decades)))
+    axes.grid(visible=True, **RULE)
+    axes.tick_params(labelsize=8)
+    _times(axes, "from the speed of the foot to the waveform")
+    axes.set_ylabel("relative error", fontsize=9)
+    axes.legend(loc="upper center", frameon=False, fontsize=9)
     lengths = ", ".join(f"{n:g}" for n in sorted({one.given["samples"] for one in shown}))
-    drawn.axes[0].set_title(f"Synthesis at 48 kHz; points: N = {lengths}", fontsize=9, loc="left", pad=5)
+    axes.set_title(f"Synthesis at 48 kHz; points: N = {lengths}", fontsize=9, loc="left", pad=5)
 
 
 def _resampling(axes: Axes, measured: Sequence[Measured]) -> None:
@@ -308,47 +348,21 @@ def _below(axes: Axes, measured: Sequence[Measured], subject: str, title: str) -
     return [one for one in measured if one.subject == subject]
 
 
-def _method(one: Measured) -> str:
-    return one.way.partition(", ")[0]
-
-
-def _strip(one: Measured) -> str:
-    if one.way != _method(one):
-        return PRUNED
-    return SINGLE if one.way == SINGLE else WHOLE
-
-
 def _curves(rows: Sequence[Measured]) -> dict[str, list[Measured]]:
     ways = dict.fromkeys(one.way for one in rows)
     return {way: [one for one in rows if one.way == way] for way in ways}
 
 
-def _curve(
-    axes: Axes, points: list[Measured], i: int, *, label: str, x: list[float] | None = None, hollow: bool = False
-) -> None:
-    colour = COLOURS[i % len(COLOURS)]
+def _curve(axes: Axes, points: list[Measured], i: int, *, label: str, x: list[float] | None = None) -> None:
     axes.plot(
         x or [one.timed.median_s for one in points],
         [one.error for one in points],
         marker=MARKERS[i % len(MARKERS)],
-        color=colour,
-        markerfacecolor="white" if hollow else colour,
-        linestyle="--" if hollow else "-",
+        color=COLOURS[i % len(COLOURS)],
         linewidth=1.1,
         markersize=4.5,
         label=label,
     )
-
-
-def _decades(axes: Axes, points: Sequence[Measured]) -> None:
-    decades = [log10(one.error) for one in points if one.error > 0]
-    axes.set_yscale("log")
-    if decades:
-        axes.set_ylim(10.0 ** floor(min(decades)), 10.0 ** ceil(max(decades)))
-    axes.grid(visible=True, **RULE)
-    axes.yaxis.set_major_locator(LogLocator(numticks=5))
-    axes.yaxis.set_minor_formatter(NullFormatter())
-    axes.tick_params(labelsize=8)
 
 
 def _times(axes: Axes, label: str) -> None:

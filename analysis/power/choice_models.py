@@ -1,13 +1,11 @@
-"""How participants answer: where the probabilities that simulated studies are drawn from come from.
+"""How participants answer: the probabilities that simulated studies are drawn from, and the drawing.
 
 A choice model holds, for each task and presented material, the mean share of each answer and how much participants
 differ around it. They differ as a Dirichlet distribution says, so that counts are Dirichlet-multinomial: its one
 parameter a material, the intraclass correlation of a participant's answers, follows from the standard deviations that
 a paper prints, in closed form and without a guess at anything it does not print (a logit-normal would need the
 correlations between answers). Participants' answers to different materials, and in different tasks, are independent
-given these shares.
-
-Answers of many simulated participants at once: counts drawn from a choice model, from uniform numbers alone.
+given these shares. Counts of many participants at once are drawn from uniform numbers alone.
 """
 
 from __future__ import annotations
@@ -25,6 +23,7 @@ from pydantic import Field
 from analysis import published
 from analysis.documents.tables import plural
 from analysis.identification.confusion import confusion
+from analysis.published.numbers import Published
 from analysis.reading import dataset
 from experiment.errors import PowerError
 from experiment.protocol.models import Protocol
@@ -104,7 +103,7 @@ def guessing(protocol: Protocol) -> ChoiceModel:
     return ChoiceModel("guessing: no participant can tell the materials apart", tuple(tasks))
 
 
-def from_print(printed: published.Published, protocol: Protocol) -> ChoiceModel:
+def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
     """Means and standard deviations of a paper's tables as they stand there.
 
     A row whose printed means miss 1 by no more than their rounding can explain is scaled to 1; a larger gap is the

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -198,8 +198,9 @@ def _icc(
         count = len(planned.materials)
         for task in test.tasks:
             counts = drawn[task]
+            right = counts[np.arange(count), np.arange(count)]
             cells = counts[:, :count].reshape(count * count, *counts.shape[2:])
-            for matrix, targets in ((f"{count * count} cells", cells), (f"{count} correct ratios", _diagonal(counts))):
+            for matrix, targets in ((f"{count * count} cells", cells), (f"{count} correct ratios", right)):
                 value, tested = icc_tests(targets, form)
                 question = Question(number, test.test, (task,), f"{form} of {matrix}", test.alpha)
                 yield question, Answer(p=tested.p, estimate=value)
@@ -217,8 +218,3 @@ def _form(test: PlannedTest) -> str | None:
 def _correct(answers: Ratios) -> Ratios:
     every = np.arange(len(answers.sums))
     return answers[every, every]
-
-
-def _diagonal(counts: Integers) -> Integers:
-    every: Sequence[int] = range(len(counts))
-    return counts[every, every]

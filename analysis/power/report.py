@@ -1,10 +1,4 @@
-"""The tables of `palpate power`.
-
-The plot of `palpate power`: a panel for each planned test and task. One function a kind of panel; each draws into
-the axes it is given.
-
-What `palpate power` prints and writes.
-"""
+"""What `palpate power` prints and writes: its tables, and a plot with a panel for each planned test and task."""
 
 from __future__ import annotations
 

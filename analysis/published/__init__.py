@@ -1,4 +1,9 @@
-"""The numbers that published studies print, with where each stands."""
+"""The numbers that published studies print, with where each stands.
+
+A TOML file of a paper comes in (`README.md` here says how to write one), checked with every error at once; `Published`
+comes out, each number with its text, so that its last digit is known. The room knows what a printed number can stand
+for, and nothing of how it is recomputed.
+"""
 
 from __future__ import annotations
 
@@ -23,32 +28,11 @@ from analysis.published.numbers import (
     Published,
     Scale,
 )
-from analysis.published.printed import Printed, as_printed
+from analysis.published.printed import Printed
 from experiment.errors import ProtocolError, PublishedError
 
 if TYPE_CHECKING:
     from analysis.published.models import Document
-
-__all__ = [
-    "Printed",
-    "PrintedCell",
-    "PrintedChoices",
-    "PrintedClaim",
-    "PrintedF",
-    "PrintedIcc",
-    "PrintedLevel",
-    "PrintedSource",
-    "PrintedSources",
-    "PrintedT",
-    "PrintedTable",
-    "PrintedTask",
-    "Published",
-    "as_printed",
-    "load",
-    "of_document",
-    "read",
-    "shipped",
-]
 
 
 def shipped() -> dict[str, Path]:

@@ -43,12 +43,17 @@ Count = Annotated[int, Field(ge=1, le=100_000)]
 Df = Annotated[int, Field(ge=1, le=1_000_000)]
 
 
-def _dicts(value: object) -> list[dict[str, Any]]:
-    return [one for one in _list(value) if isinstance(one, dict)]
-
-
 def _list(value: object) -> tuple[Any, ...]:
     return tuple(value) if isinstance(value, tuple | list) else ()
+
+
+def _dicts(table: object, *keys: str) -> Iterator[tuple[tuple[str | int, ...], dict[str, Any]]]:
+    """The tables that stand in lists under these keys, one within the other, each with its path."""
+    for i, one in enumerate(_list(table.get(keys[0])) if isinstance(table, dict) else ()):
+        if isinstance(one, dict) and len(keys) == 1:
+            yield (keys[0], i), one
+        elif isinstance(one, dict):
+            yield from (((keys[0], i, *path), inner) for path, inner in _dicts(one, *keys[1:]))
 
 
 class Task(Confined):
@@ -234,38 +239,32 @@ def _document_rules(table: Any) -> Iterator[Broken]:
 
 def _nulls_stated(table: Any) -> Iterator[Broken]:
     """Chance is that of ratios: a score has none."""
-    blocks = [block for block in _list(table.get("score")) if isinstance(block, dict)]
-    scores = {(block.get("task"), one.get("name")) for block in blocks for one in _dicts(block.get("cells"))}
-    for i, group in enumerate(_list(table.get("t"))):
-        for k, test in enumerate(_list(group.get("tests")) if isinstance(group, dict) else ()):
-            if not isinstance(test, dict) or test.get("null") is not None:
-                continue
-            if (test.get("task"), test.get("of")) in scores:
-                yield Broken(("t", i, "tests", k, "null"), "a number, where the test is of a score")
-            elif table.get("chance") is None:
-                yield Broken(("t", i, "tests", k, "null"), "a number, where the file states no chance")
+    scores = {
+        (block.get("task"), one.get("name")) for _, block in _dicts(table, "score") for _, one in _dicts(block, "cells")
+    }
+    for path, test in _dicts(table, "t", "tests"):
+        if test.get("null") is not None:
+            continue
+        if (test.get("task"), test.get("of")) in scores:
+            yield Broken((*path, "null"), "a number, where the test is of a score")
+        elif table.get("chance") is None:
+            yield Broken((*path, "null"), "a number, where the file states no chance")
 
 
 def _levels_stated(table: Any) -> Iterator[Broken]:
     """Stars and claims of significance mean something only beside the level of each."""
-    if _list(table.get("levels")):
-        return
-    blocks = [block for key in ("table", "score") for block in _list(table.get(key)) if isinstance(block, dict)]
-    cells = [cell for block in blocks for cell in _list(block.get("cells")) if isinstance(cell, dict)]
-    if table.get("claim") or any(cell.get("stars") for cell in cells):
+    cells = [cell for key in ("table", "score") for _, cell in _dicts(table, key, "cells")]
+    if not _list(table.get("levels")) and (table.get("claim") or any(cell.get("stars") for cell in cells)):
         yield Broken(("levels",), "the P below which each number of stars is given, where there are stars or claims")
 
 
 def _tasks_known(table: Any) -> Iterator[Broken]:
-    known = {task.get("id") for task in _list(table.get("task")) if isinstance(task, dict)}
-    for key in ("table", "text", "score", "one_way", "claim"):
-        for i, block in enumerate(_list(table.get(key))):
-            if isinstance(block, dict) and isinstance(block.get("task"), str) and block["task"] not in known:
-                yield Broken((key, i, "task"), f"one of: {', '.join(sorted(map(str, known)))}")
-    for i, group in enumerate(_list(table.get("t"))):
-        for k, test in enumerate(_list(group.get("tests")) if isinstance(group, dict) else ()):
-            if isinstance(test, dict) and isinstance(test.get("task"), str) and test["task"] not in known:
-                yield Broken(("t", i, "tests", k, "task"), f"one of: {', '.join(sorted(map(str, known)))}")
+    known = {task.get("id") for _, task in _dicts(table, "task")}
+    places = [(key,) for key in ("table", "text", "score", "one_way", "claim")]
+    for keys in (*places, ("t", "tests")):
+        for path, block in _dicts(table, *keys):
+            if isinstance(block.get("task"), str) and block["task"] not in known:
+                yield Broken((*path, "task"), f"one of: {', '.join(sorted(map(str, known)))}")
 
 
 PRINTED = ("table", "score", "t", "one_way", "two_way", "anova", "choices", "icc")

@@ -1,9 +1,8 @@
-"""A number as it is printed, and the values that it can stand for.
+"""A number as it is printed, and the interval of values that it can stand for.
 
-Spans of numbers with exact ends: what a printed number can stand for, and what follows from it.
-
-Ends are rational numbers (or infinite) and may be open. What is computed in floating point is widened outward, so that
-the true value always lies inside; that holds for results of 1e-300 and more in magnitude, and for 0.
+The ends of an interval are rational numbers (or infinite) and may be open. What is computed in floating point is
+widened outward, so that the true value always lies inside; that holds for results of 1e-300 and more in magnitude, and
+for 0.
 """
 
 from __future__ import annotations

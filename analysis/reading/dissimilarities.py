@@ -1,7 +1,4 @@
-"""Dissimilarities of materials to compare confusions with: printed ones, or those of recordings of one's own.
-
-What a published study prints about spectra: dissimilarities of materials, and takes put on speeds.
-"""
+"""Dissimilarities of materials to compare confusions with: those that a paper prints, or those of recordings."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.published import Printed
+from analysis.published.printed import Printed
 from experiment.errors import DatasetError
 
 

@@ -1,12 +1,8 @@
 """Results -> every figure of an analysis, with its name, the section in which it stands, and what it shows.
 
-Figures of answers: correct ratios (Okamoto, Fig. 11), confusion matrices of a task and of each participant, maps of
-the materials, and confusion against dissimilarity (Fig. 13).
-
-One function a figure; each draws into the axes it is given.
-
-Figures of the course of a study: learning and speed curves, onset errors, masker levels. One function a figure; each
-draws into the axes it is given.
+One function draws one figure into the axes it is given: correct ratios (Okamoto, Fig. 11), confusion matrices of a task
+and of each participant, maps of the materials, confusion against dissimilarity (Fig. 13), learning and speed curves,
+onset errors, and masker levels.
 """
 
 from __future__ import annotations
@@ -225,7 +221,9 @@ def learning(axes: Axes, curves: Mapping[str, Sequence[Window]], chances: Mappin
     for index, (task, windows) in enumerate(curves.items()):
         colour, line = COLOURS[index % len(COLOURS)], LINES[index % len(LINES)]
         x = [(one.first + one.last) / 2 for one in windows]
-        axes.plot(x, [one.right / one.trials for one in windows], line, color=colour, label=task, marker=_dot(x))
+        # A line through a single point would not be seen.
+        dot = "o" if len(x) == 1 else ""
+        axes.plot(x, [one.right / one.trials for one in windows], line, color=colour, label=task, marker=dot)
         known = [(place, one.interval) for place, one in zip(x, windows, strict=True) if one.interval]
         if known:
             places = [place for place, _ in known]
@@ -326,11 +324,6 @@ def _ratios(axes: Axes, chances: Mapping[str, float]) -> None:
     axes.set_yticks(np.linspace(0, 1, 6))
     axes.set_ylabel("correct answer ratio")
     key(axes)
-
-
-def _dot(points: Sequence[float]) -> str:
-    """A line through a single point would not be seen."""
-    return "o" if len(points) == 1 else ""
 
 
 FEW = 5

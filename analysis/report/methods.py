@@ -24,18 +24,17 @@ METHODS: tuple[tuple[str, str], ...] = (
     (
         "Holm's correction",
         "The i-th smallest of m values of P is multiplied by m - i + 1; no result is below that of a smaller P. The "
-        "family "
-        "is the materials of one task.",
+        "family is the materials of one task.",
     ),
     (
         "Interval of d",
-        "The noncentralities at which the observed t stands at the tails of noncentral t, over √n (Steiger and Fouladi "
-        "1997).",
+        "The noncentralities at which the observed t stands at the tails of noncentral t, over √n (Steiger and "
+        "Fouladi 1997).",
     ),
     (
         "Bayes factor",
-        "JZS: Cauchy prior of scale √2 / 2 on the effect size (Rouder et al. 2009, equation (1)); BF10 above 1 speaks "
-        "for a mean that differs from chance.",
+        "JZS: Cauchy prior of scale √2 / 2 on the effect size (Rouder et al. 2009, equation (1)); BF10 above 1 speaks"
+        " for a mean that differs from chance.",
     ),
     (
         "Intervals of a ratio",
@@ -56,27 +55,25 @@ METHODS: tuple[tuple[str, str], ...] = (
     ),
     (
         "Map and Mantel's test",
-        "Classical scaling (Torgerson 1952) of 1 - (p_ij + p_ji) / (p_ii + p_jj). Mantel (1967): Pearson's r over the "
-        "pairs, P the share of all orders of the materials with r at least as extreme.",
+        "Classical scaling (Torgerson 1952) of 1 - (p_ij + p_ji) / (p_ii + p_jj). Mantel (1967): Pearson's r over the"
+        " pairs, P the share of all orders of the materials with r at least as extreme.",
     ),
     (
         "One-way ANOVA",
         "F = ( Σ nᵢ (meanᵢ - mean)² / (g - 1) ) / ( Σ Σ (r - meanᵢ)² / (N - g) ). The g = 4 groups are the ratios of "
-        "two "
-        "materials a and b: a answered to a, b to b, a's trials answered b, b's answered a.",
+        "two materials a and b: a answered to a, b to b, a's trials answered b, b's answered a.",
     ),
     (
         "Two-way ANOVA",
         "Fixed effects, with interaction, on the correct ratios; R( ) is a reduction in the sum of squares. Type I: "
-        "R(task), "
-        "R(material | task). Type II: R(task | material), R(material | task). Type III: each effect given all "
-        "others, with "
-        "sum-to-zero contrasts. The interaction is the same in all. Sums are formed in rational numbers.",
+        "R(task), R(material | task). Type II: R(task | material), R(material | task). Type III: each effect given "
+        "all others, with sum-to-zero contrasts. The interaction is the same in all. Sums are formed in rational "
+        "numbers.",
     ),
     (
         "Partial eta squared",
-        "df1 F / (df1 F + df2). Its interval of 90 % inverts noncentral F, noncentrality L as L / (L + df1 + df2 + 1) "
-        "(Steiger 2004), and excludes 0 exactly when P < 0.05.",
+        "df1 F / (df1 F + df2). Its interval of 90 % inverts noncentral F, noncentrality L as L / (L + df1 + df2 + 1)"
+        " (Steiger 2004), and excludes 0 exactly when P < 0.05.",
     ),
     (
         "ICC, one-way random",
@@ -85,8 +82,7 @@ METHODS: tuple[tuple[str, str], ...] = (
     (
         "ICC, two-way, absolute agreement",
         "ICC(2,1) = ICC(A,1) = (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n); ICC(2,k) = ICC(A,k) = (MSR - "
-        "MSE) / "
-        "(MSR + (MSC - MSE) / n).",
+        "MSE) / (MSR + (MSC - MSE) / n).",
     ),
     (
         "ICC, two-way, consistency",
@@ -94,26 +90,22 @@ METHODS: tuple[tuple[str, str], ...] = (
     ),
     (
         "ICC, names and intervals",
-        "MSR, MSC, MSE, MSW: mean squares of the n targets, of the k raters (participants), of their interaction, "
-        "and within "
-        "targets. Names: Shrout and Fleiss (1979) = McGraw and Wong (1996). F = MSR / MSW or MSR / MSE; intervals "
-        "from F, "
-        "for ICC(2,.) with Satterthwaite's degrees of freedom.",
+        "MSR, MSC, MSE, MSW: mean squares of the n targets, of the k raters (participants), of their interaction, and"
+        " within targets. Names: Shrout and Fleiss (1979) = McGraw and Wong (1996). F = MSR / MSW or MSR / MSE; "
+        "intervals from F, for ICC(2,.) with Satterthwaite's degrees of freedom.",
     ),
     (
         "Variance-component ICC",
         "S / (S + residual / k), S = component of task + of material + of their interaction, by Henderson's method "
-        "III: "
-        "reductions in the sum of squares set equal to their expectations, all factors random. Negative components "
-        "count as "
-        "zero.",
+        "III: reductions in the sum of squares set equal to their expectations, all factors random. Negative "
+        "components count as zero.",
     ),
     (
         "Single trials",
-        "logit P(right) = intercept + task + material + covariates. GEE, exchangeable within a participant, covariance "
-        "of Mancl and DeRouen (2001); mixed logit with a normal intercept a participant, maximum likelihood by "
-        "adaptive Gauss-Hermite quadrature (Pinheiro and Bates 1995). Wald tests. Covariates are used that half of the "
-        "trials of every task and material have, all of them together.",
+        "logit P(right) = intercept + task + material + covariates. GEE, exchangeable within a participant, "
+        "covariance of Mancl and DeRouen (2001); mixed logit with a normal intercept a participant, maximum "
+        "likelihood by adaptive Gauss-Hermite quadrature (Pinheiro and Bates 1995). Wald tests. Covariates are used "
+        "that half of the trials of every task and material have, all of them together.",
     ),
     (
         "Learning curve",

@@ -1,12 +1,10 @@
-"""Results -> sections: the tables as they are read, with the records behind them.
-
-Reliabilities -> a section: every ICC form under its names, and the variance-component form.
-"""
+"""Results -> sections: the tables as they are read, with the records behind them."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import asdict
 
 from analysis.audit.comparison import Comparison, comparison_section
 from analysis.documents.tables import (
@@ -276,11 +274,7 @@ def anova_section(results: Results) -> Section:
 
 def exclusions_section(study: Study) -> Section:
     """Everything that was left out, and why."""
-    records = tuple(
-        {"participant": e.participant, "task": e.task, "trial": e.trial, "attempt": e.attempt, "rule": e.rule,
-         "reason": e.reason}
-        for e in study.exclusions
-    )  # fmt: skip
+    records = tuple(asdict(one) for one in study.exclusions)
     if not records:
         about = "Nothing: every attempt in the dataset is analysed."
         return Section("exclusions", "Left out", (about, *_unasked(study)), records=({},))

@@ -75,10 +75,7 @@ class Anova:
 
     def effect(self, name: str) -> Effect:
         """Return the effect with this name; `KeyError` when there is none."""
-        for effect in self.effects:
-            if effect.name == name:
-                return effect
-        raise KeyError(name)
+        return {effect.name: effect for effect in self.effects}[name]
 
     def eta_squared(self, effect: Effect) -> EffectSize | None:
         """Return partial eta squared of one of the effects; None where its F is not defined."""

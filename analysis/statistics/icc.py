@@ -69,10 +69,7 @@ class Icc:
 
     def form(self, shrout_fleiss: str) -> IccForm:
         """The form with this Shrout-Fleiss name; `KeyError` when there is none."""
-        for form in self.forms:
-            if form.shrout_fleiss == shrout_fleiss:
-                return form
-        raise KeyError(shrout_fleiss)
+        return {form.shrout_fleiss: form for form in self.forms}[shrout_fleiss]
 
 
 NAMES = {
@@ -113,7 +110,8 @@ def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
             limits = _limits_agreement(ms_r, ms_c, ms_e, single, n, k, confidence)
         else:
             limits = _limits_of_f(f, n - 1, df2, k, confidence)
-        stepped = tuple(None if limit is None else _spearman_brown(limit, k) for limit in limits)
+        # Spearman and Brown's step from one rater to the mean of k.
+        stepped = tuple(None if x is None or (k - 1) * x <= -1 else k * x / (1 + (k - 1) * x) for x in limits)
         for size, value, ends in (("1", single, limits), ("k", average, stepped)):
             name = f"ICC({kind},{size})"
             statement = _why(kind, value, f, limits, ends)
@@ -249,8 +247,3 @@ def _limits_agreement(
     low = n * (ms_r - f_low * ms_e) / (f_low * mixed + n * ms_r)
     high = n * (f_high * ms_r - ms_e) / (mixed + n * f_high * ms_r)
     return (low, high) if low <= value <= high else (None, None)
-
-
-def _spearman_brown(value: float, k: int) -> float | None:
-    denominator = 1 + (k - 1) * value
-    return k * value / denominator if denominator > 0 else None

@@ -1,11 +1,8 @@
-"""Intervals of a ratio of counts: Wilson's, and the exact one of Clopper and Pearson.
+"""Intervals of a ratio of counts, and of any statistic by a bootstrap over participants.
 
-Both take every trial as independent of the others, which trials of one participant are not: the interval that counts
-participants is in `analysis.statistics.intervals`.
-
-Bootstrap over participants: whole participants are drawn again with replacement, never single trials.
-
-Intervals are BCa, bias-corrected and accelerated (Efron 1987, J. Am. Stat. Assoc. 82, 171-185), the acceleration by
+Wilson's interval and the exact one of Clopper and Pearson take every trial as independent of the others, which trials
+of one participant are not. The bootstrap draws whole participants again with replacement, never single trials; its
+intervals are BCa, bias-corrected and accelerated (Efron 1987, J. Am. Stat. Assoc. 82, 171-185), the acceleration by
 leaving out one participant at a time.
 """
 

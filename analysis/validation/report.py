@@ -6,10 +6,8 @@ panel of it, into the axes it is given.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +35,6 @@ METHODS = (
 """Names and formulas."""
 
 
-REPORT = "report.html"
-
-
 @dataclass(frozen=True)
 class Validated:
     """The validation, and the files it was written to."""
@@ -52,7 +47,7 @@ class Validated:
     @property
     def report(self) -> Path:
         """The HTML report."""
-        return self.out / REPORT
+        return self.out / page.REPORT
 
     def text(self, width: int = WIDTH) -> str:
         """Everything for a terminal; the last line is the report's path."""
@@ -86,18 +81,8 @@ def validate(
     validation = compute(recorded, fresh, average=average)
     parts = sections(validation)
     label = validation.label
-    files: dict[str, bytes] = {}
-    drawn: tuple[Sheet, ...] = ()
-    if figures:
-        drawn = sheets(validation)
-        files |= page.drawings(drawn, "figures/")
-    drawings = {one.name: files[f"figures/{one.name}.svg"] for one in drawn}
-    files |= page.tables(parts, label, "tables/")
-    document = json.dumps(numbers(validation), indent=1, allow_nan=False, ensure_ascii=False)
-    files["results.json"] = f"{document}\n".encode()
-    software = f"palpate {metadata.version('palpate')}"
-    captions = page.captions(drawn, METHODS)
-    files[REPORT] = page.html("Validation of the synthesis", label, software, parts, drawings, captions).encode()
+    drawn = sheets(validation) if figures else ()
+    files = page.folder("Validation of the synthesis", label, parts, drawn, METHODS, numbers(validation))
     return Validated(validation, parts, out, publish(out, files, label, "validate"))
 
 

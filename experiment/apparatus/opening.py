@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Accelerometer, Actuator, Drive, Tracker
+from experiment.apparatus.ports import Accelerometer, Actuator, Tracker
 from experiment.apparatus.rig import (
     FRAMES,
     REHEARSAL,
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
     from experiment.apparatus.audio.stream import AudioStream
+    from experiment.synthesis.voltages import Drive
 
 
 def audio_of(rig: Rig) -> AudioRig:

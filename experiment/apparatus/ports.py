@@ -2,76 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.records.stimulus import Delivered, Driven, Shaping
+from experiment.records.stimulus import Delivered
 
-
-class Spectrum(Protocol):
-    """What a stimulus is the sum of: cosines of amplitude C_k at k F / (2 N) Hz (`synthesis.spectra.Bins` is one)."""
-
-    @property
-    def coefficients(self) -> NDArray[np.float64]:
-        """C_k with its sign, m/s^2, shape (K,)."""
-        ...
-
-    @property
-    def samples(self) -> int:
-        """N of the recordings."""
-        ...
-
-    @property
-    def rate_hz(self) -> int:
-        """F of the recordings, Hz."""
-        ...
-
-
-class Wanted(Protocol):
-    """A stimulus that an actuator is asked for (`synthesis.stimulus.Synthesised` is one)."""
-
-    @property
-    def waveform_m_s2(self) -> NDArray[np.float64]:
-        """Samples at the actuator's rate, m/s^2, shape (n,), n at least 1; summed when first asked for."""
-        ...
-
-    @property
-    def bins(self) -> Callable[[], Spectrum] | None:
-        """Returns what the waveform is the sum of; None where that is not known."""
-        ...
-
-
-@dataclass(frozen=True)
-class Waveform:
-    """Implements `Wanted`: a waveform, m/s^2, shape (n,), of which nothing else is known."""
-
-    waveform_m_s2: NDArray[np.float64]
-    bins: None = None
-
-
-@dataclass(frozen=True)
-class Voltages:
-    """What frequency shaping made of a stimulus.
-
-    Attributes:
-        waveform_v: V, shape (n,), at the device's rate.
-        shaping: returns what is lost. It may take a while, as may the next: ask after contact.
-        peak_m_s2: returns what no magnitude of the acceleration passes that the response makes of it, m/s^2.
-    """
-
-    waveform_v: NDArray[np.float64]
-    shaping: Callable[[], Shaping]
-    peak_m_s2: Callable[[], float]
-
-
-Drive = Callable[[Wanted], Voltages]
-"""Frequency shaping: a stimulus at the device's rate -> what a device that takes volts is given."""
+if TYPE_CHECKING:
+    from experiment.apparatus.panel.conditioning import Played
+    from experiment.synthesis.waveforms import Stimulus
 
 
 class Tracker(Protocol):
@@ -119,24 +62,6 @@ class Rester(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class Played:
-    """What an actuator accepted.
-
-    Attributes:
-        samples: how many were handed to the device.
-        limited: how many the limiter changed; of volts in `driven`.
-        peak_m_s2: returns the largest magnitude after the limiter, m/s^2; where the device takes volts, what none of
-            the accelerations passes that its response makes of them. It may take a while: ask after contact.
-        driven: returns what became of it in volts, where the device takes them; likewise.
-    """
-
-    samples: int
-    limited: int
-    peak_m_s2: Callable[[], float]
-    driven: Callable[[], Driven] | None = None
-
-
 class Actuator(Protocol):
     """What shakes the panel: one stimulus at a time, prepared while the foot falls, aimed at its contact.
 
@@ -153,11 +78,11 @@ class Actuator(Protocol):
         """How long before its onset a stimulus can no longer be moved or withdrawn, ns; 0 where `landed` sounds it."""
         ...
 
-    def prepare(self, wanted: Wanted) -> Played:
+    def prepare(self, stimulus: Stimulus) -> Played:
         """Make a stimulus ready; nothing sounds yet. It replaces one that was prepared and has not begun.
 
         Args:
-            wanted: the stimulus, at `rate_hz`.
+            stimulus: of the step, at `rate_hz`.
 
         Raises:
             ActuatorError: there is nothing to play, or the device is gone.

@@ -165,23 +165,23 @@ def numerics(
     out: Annotated[Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown) and plot.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure error against run time of every method.
+    """Measure error against run time of every way to compute a stimulus.
 
     And try the extreme cases, each with the invariant that must hold. Ends with exit code 1 if one does not.
     """
     from analysis.numerics import numerics as measured
-    from experiment.synthesis.limiter import limit
+    from analysis.numerics import report
 
     if out is not None:
-        measured.check_out(out)
+        report.check_out(out)
     with options.progress("numerics", quiet=as_json) as (total, tick):
-        result = measured.run(quick=quick, limit=limit, total=total, tick=tick)
+        result = measured.run(quick=quick, total=total, tick=tick)
     if out is not None:
-        measured.write(result, out)
+        report.write(result, out)
     if as_json:
-        options.put(result.as_dict())
+        options.put(report.as_dict(result))
     else:
-        typer.echo(result.text())
+        typer.echo(report.text(result))
     if result.failed:
         raise typer.Exit(1)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from experiment.records.entries import Record
 
 
@@ -23,18 +25,11 @@ class Shaping(Record):
     scale: float
 
 
-class Driven(Record):
-    """The voltages of a stimulus: what shaping did, samples that the limiter changed in volts, and its peak."""
-
-    shaping: Shaping
-    limited: int
-    peak_v: float
-
-
 class Computed(Record):
     """How the stimuli of a material are computed.
 
-    `method`: its name, with the band where bins outside it are left out. `relative_error`: what it claims at any speed.
+    `method`: its name, with the band where bins outside it are left out. `relative_error`: what it claims at any speed,
+    of the bins that are held.
     """
 
     method: str
@@ -42,23 +37,33 @@ class Computed(Record):
 
 
 class Stimulus(Record):
-    """What was synthesised and handed to the actuator.
+    """What was asked of the actuator for a step, what its device was handed, and what that makes of the panel.
 
-    `sha256` is that of the samples as float64, little-endian. `floored_bins` counts the bins that
-    extrapolation would have made negative, of the whole spectrum. `peak_m_s2`: largest magnitude that the device was
-    given; where it takes volts, what none of the accelerations that its response makes of them passes, by less than
-    1.3 %. `driven` is None where the actuator takes accelerations.
+    Asked for is an acceleration. `asked_sha256` is that of the amplitudes of its bins, m/s^2 with sign, as float64,
+    little-endian; no waveform need be summed to know it. `floored_bins` counts those that extrapolation would have made
+    negative.
+
+    Handed to the device are samples, volts or accelerations as `handed_unit` says. `handed_sha256` is that of the
+    samples as float32, little-endian, 1.0 being full scale; `handed_peak` the largest magnitude among them, in the
+    unit; `limited` says how many the limiter changed.
+
+    `reached_peak_m_s2`: no acceleration of the panel is larger in magnitude. Where the device takes volts it is what
+    the rig's response makes of them, less than 1.3 % too high, and `shaping` says what is lost; where it takes
+    accelerations it is `handed_peak`, and `shaping` is None.
     """
 
-    sha256: str
-    samples: int
-    rate_hz: int
+    asked_sha256: str
     floored_bins: int
     extrapolated: bool
-    limited: int
-    peak_m_s2: float
-    driven: Driven | None = None
     computed: Computed
+    handed_sha256: str
+    handed_unit: Literal["V", "m/s^2"]
+    handed_peak: float
+    samples: int
+    rate_hz: int
+    limited: int
+    reached_peak_m_s2: float
+    shaping: Shaping | None = None
 
 
 class Delivered(Record):

@@ -1,22 +1,17 @@
-"""REHEARSAL of one participant: opens the ports of each task, with the simulated world at their far ends.
-
-REHEARSAL: the control condition, an actuator that plays silence whatever it is asked for.
-"""
+"""REHEARSAL of one participant: opens the ports of each task, with the simulated world at their far ends."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Actuator, Played, Spectrum, Tracker, Wanted
+from experiment.apparatus.ports import Tracker
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock, ManualClock, MonotonicClock
 from experiment.desk.port import Console
@@ -24,7 +19,6 @@ from experiment.errors import Interrupted
 from experiment.protocol import files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
-from experiment.records.stimulus import Delivered
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.materials import SimulatedMaterials
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
@@ -33,64 +27,8 @@ from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from experiment.session import runner, scene
 from experiment.session.laboratory import header, open_laboratory
-from experiment.synthesis.spectra import Bins
-
-
-class SilentActuator:
-    """Implements `Actuator` on top of another one: as many samples, all zero."""
-
-    def __init__(self, actuator: Actuator) -> None:
-        self._actuator = actuator
-
-    @property
-    def rate_hz(self) -> int:
-        return self._actuator.rate_hz
-
-    @property
-    def lead_ns(self) -> int:
-        return self._actuator.lead_ns
-
-    def prepare(self, wanted: Wanted) -> Played:
-        return self._actuator.prepare(_Silent(wanted))
-
-    def aim(self, onset_ns: int) -> bool:
-        return self._actuator.aim(onset_ns)
-
-    def landed(self, contact_ns: int) -> None:
-        self._actuator.landed(contact_ns)
-
-    def withdraw(self) -> bool:
-        return self._actuator.withdraw()
-
-    def delivered(self, contact_ns: int) -> Delivered | None:
-        return self._actuator.delivered(contact_ns)
-
-    def close(self) -> None:
-        self._actuator.close()
-
-
-@dataclass(frozen=True)
-class _Silent:
-    """Implements `Wanted`: as long as another, with as many bins, and all of it zero."""
-
-    like: Wanted
-
-    @property
-    def waveform_m_s2(self) -> NDArray[np.float64]:
-        return np.zeros_like(self.like.waveform_m_s2)
-
-    @property
-    def bins(self) -> Callable[[], Spectrum] | None:
-        of = self.like.bins
-        if of is None:
-            return None
-
-        def none() -> Bins:
-            like = of()
-            return Bins(np.zeros_like(like.coefficients), like.samples, like.rate_hz)
-
-        return none
-
+from experiment.synthesis import waveforms
+from experiment.synthesis.waveforms import Basis
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 """When simulated time begins, so that the same seed writes the same files."""
@@ -219,8 +157,10 @@ class SimulatedEnds:
         self._panel = panel
         return panel.address
 
-    def hand_over(self, actuator: Actuator) -> Actuator:
-        return SilentActuator(actuator) if self._job.control == "silence" else actuator
+    def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
+        if self._job.control != "silence":
+            return materials
+        return {material: _silenced(basis) for material, basis in materials.items()}
 
     def tracker(self, opened: ExitStack) -> tuple[str, ClockMap | None]:
         line = opened.enter_context(SerialLine())
@@ -249,6 +189,12 @@ class SimulatedEnds:
             tick=self._tick,
             screen=self._screen,
         )
+
+
+def _silenced(basis: Basis) -> Basis:
+    """Return the control condition: the same material, with no vibration in any of its bins."""
+    silent = replace(basis.spectra, amplitudes=np.zeros_like(basis.spectra.amplitudes))
+    return waveforms.prepare(silent, material=basis.material, output_rate_hz=basis.output_rate_hz)
 
 
 def _simulated_now_ns(job: Job, task_id: str, position: int) -> int:

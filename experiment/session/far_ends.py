@@ -6,13 +6,16 @@ It is the one difference between a session with a participant and a rehearsal.
 from __future__ import annotations
 
 from contextlib import ExitStack
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from experiment.apparatus.ports import Actuator, Tracker
+from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker import calibration
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.desk.port import Console
+
+if TYPE_CHECKING:
+    from experiment.synthesis.waveforms import Basis
 
 
 class FarEnds(Protocol):
@@ -43,8 +46,8 @@ class FarEnds(Protocol):
         """Set the panel up; return where its actuator answers, or None for the address that the rig names."""
         ...
 
-    def hand_over(self, actuator: Actuator) -> Actuator:
-        """Return the actuator as the session is to drive it."""
+    def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
+        """Return what is presented for each material, by its id: itself, unless a rehearsal controls for it."""
         ...
 
     def tracker(self, opened: ExitStack) -> tuple[str | None, ClockMap | None]:
@@ -79,8 +82,8 @@ class RealEnds:
     def panel(self, opened: ExitStack) -> None:  # noqa: ARG002
         return None
 
-    def hand_over(self, actuator: Actuator) -> Actuator:
-        return actuator
+    def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
+        return materials
 
     def tracker(self, opened: ExitStack) -> tuple[None, None]:  # noqa: ARG002
         return None, None

@@ -2,34 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from experiment.protocol.models import Protocol
-from experiment.records.stimulus import Computed
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
     from experiment.synthesis.crinkle import CrinkleSpectra
-    from experiment.synthesis.engine import Choice
-    from experiment.synthesis.waveforms import Renderer, Synthesised
-
-
-@dataclass(frozen=True)
-class Rendered:
-    """A stimulus, and how it was computed."""
-
-    stimulus: Synthesised
-    computed: Computed
-
-
-Render = Callable[[str, float, int], Rendered]
-"""(material, foot speed in mm/s, output rate in Hz) -> the stimulus."""
+    from experiment.synthesis.waveforms import Basis
 
 
 @dataclass(frozen=True)
@@ -104,91 +89,56 @@ def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> t
     Raises:
         SynthesisError: a speed that counts and has no spectrum.
     """
-    from experiment.synthesis.pruning import loudest_outside
+    from experiment.synthesis.crinkle import rms_outside
 
     fastest, band_hz = fastest_mm_s(protocol), protocol.footstep.tactile.band_hz
     if fastest == float("inf"):
         return next(iter(spectra)), fastest
-    levels = {m: loudest_outside(of, band_hz=band_hz, fastest_mm_s=fastest) for m, of in spectra.items()}
+    levels = {m: rms_outside(of, band_hz=band_hz, fastest_mm_s=fastest) for m, of in spectra.items()}
     loudest = max(levels, key=levels.__getitem__)
     return loudest, levels[loudest]
 
 
-def choose(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol, output_rate_hz: int) -> dict[str, Choice]:
-    """How the stimuli of a task's materials are computed: exactly, or on the tactile band where the rest is not felt.
-
-    It is not felt where of no material what lies outside reaches the floor (`felt_outside`). That is decided for all
-    materials together: were some filtered and others not, participants could tell them apart by that.
-
-    Args:
-        spectra: of each material of a task.
-        protocol: its tactile band and floor, and its fastest foot.
-        output_rate_hz: samples a second that the actuator expects, Hz.
-
-    Raises:
-        SynthesisError: no waveform can be made at this rate.
-    """
-    from experiment.synthesis import engine, pruning
-
-    if felt_outside(spectra, protocol)[1] >= protocol.footstep.tactile.floor_m_s2:
-        return {material: engine.choose(of, output_rate_hz=output_rate_hz) for material, of in spectra.items()}
-    band_hz = protocol.footstep.tactile.band_hz
-
-    def on_the_band(of: CrinkleSpectra) -> Choice:
-        left_out = pruning.left_out_error(of, band_hz=band_hz, on=of.grid(output_rate_hz))
-        allowed = left_out + engine.EXACT
-        return engine.choose(of, output_rate_hz=output_rate_hz, band_hz=band_hz, allowed_relative_error=allowed)
-
-    return {material: on_the_band(of) for material, of in spectra.items()}
-
-
-def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_rates_hz: Sequence[int] = ()) -> Render:
-    """Load the spectra that `scene` holds and return what renders a stimulus from them.
+def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_rate_hz: int) -> dict[str, Basis]:
+    """Return the materials that `scene` holds, by their ids, prepared from their recordings.
 
     Args:
         scene: a scene that needs synthesis.
         protocol: its protocol.
         recordings: folder with the recordings' manifest.
-        output_rates_hz: rates that will be asked for, Hz. What a rate needs is prepared here; any other rate costs some
-            milliseconds when it is first asked for.
+        output_rate_hz: samples a second that the actuator expects, Hz.
 
     Raises:
         RecordingError: a recording is missing or unusable.
-        SynthesisError: no waveform can be made of the recordings at one of the rates.
+        SynthesisError: no waveform can be made of the recordings at this rate.
     """
     spectra = load_spectra(scene=scene, protocol=protocol, recordings=recordings)
-    return prepare_stimuli(spectra, protocol=protocol, output_rates_hz=output_rates_hz)
+    return prepare_stimuli(spectra, protocol=protocol, output_rate_hz=output_rate_hz)
 
 
 def prepare_stimuli(
-    spectra: Mapping[str, CrinkleSpectra], *, protocol: Protocol, output_rates_hz: Sequence[int] = ()
-) -> Render:
-    """What renders a stimulus from spectra; arguments and errors as in `open_stimuli`."""
+    spectra: Mapping[str, CrinkleSpectra], *, protocol: Protocol, output_rate_hz: int
+) -> dict[str, Basis]:
+    """Return the materials of a task, prepared: with all their bins, or with those of the tactile band.
 
-    @cache
-    def chosen(output_rate_hz: int) -> dict[str, tuple[Renderer, Computed]]:
-        return {
-            material: (
-                choice.prepare(spectra[material], output_rate_hz=output_rate_hz),
-                Computed(method=choice.method.name, relative_error=choice.estimate.relative_error),
-            )
-            for material, choice in choose(spectra, protocol, output_rate_hz).items()
-        }
+    Bins outside the band are left out where of no material what lies outside reaches the floor (`felt_outside`). That
+    is decided for all materials together: were some filtered and others not, participants could tell them apart by
+    that. Arguments and errors are otherwise as in `open_stimuli`.
 
-    for output_rate_hz in output_rates_hz:
-        chosen(output_rate_hz)
+    Args:
+        spectra: of each material.
+        protocol: its tactile band and floor, and its fastest foot.
+        output_rate_hz: as in `open_stimuli`.
+    """
+    from experiment.synthesis import crinkle, waveforms
 
-    def render(material: str, speed_mm_s: float, output_rate_hz: int) -> Rendered:
-        renderer, computed = chosen(output_rate_hz)[material]
-        return Rendered(renderer(speed_mm_s), computed)
-
-    return render
-
-
-def examples(render: Render, scene: Scene, protocol: Protocol, output_rate_hz: int) -> list[Synthesised]:
-    """A stimulus of each material that a scene holds, for what is to be prepared for their like."""
-    speed_mm_s = protocol.footstep.synthesis.speeds_mm_s[0]
-    return [render(material, speed_mm_s, output_rate_hz).stimulus for material in scene.materials]
+    tactile = protocol.footstep.tactile
+    if felt_outside(spectra, protocol)[1] < tactile.floor_m_s2:
+        spectra = {material: crinkle.leave_out(of, band_hz=tactile.band_hz) for material, of in spectra.items()}
+    return {
+        material: waveforms.prepare(of, material=material, output_rate_hz=output_rate_hz)
+        for material, of in spectra.items()
+    }
 
 
 def masker_samples(*, protocol: Protocol, rate_hz: int, seconds: float) -> NDArray[np.float64]:

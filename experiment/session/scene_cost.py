@@ -1,7 +1,4 @@
-"""What a task leaves out, and what that saves and costs: measured here and now, on this machine.
-
-The time and memory that a call, or an import, takes: measured here and now, on this machine.
-"""
+"""What a task needs and leaves out, and what each omission saves and costs: measured here and now, on this machine."""
 
 from __future__ import annotations
 
@@ -26,15 +23,13 @@ from experiment.session import scene as scenes
 
 if TYPE_CHECKING:
     from experiment.synthesis.crinkle import CrinkleSpectra
-    from experiment.synthesis.engine import Choice
-    from experiment.synthesis.waveforms import Renderer
-
+    from experiment.synthesis.waveforms import Basis
 
 REPEATS = 5
 
 
 @dataclass(frozen=True)
-class Taken:
+class Timing:
     """A time, as the median of repeats, and how far these spread.
 
     Attributes:
@@ -51,7 +46,7 @@ class Taken:
         return abs(self.ms) > self.spread_ms
 
 
-def import_cost(modules: tuple[str, ...]) -> tuple[Taken, float | None]:
+def import_cost(modules: tuple[str, ...]) -> tuple[Timing, float | None]:
     """Time, and the median of resident memory, kB, that importing `modules` adds to a session without them.
 
     Each time a new interpreter first imports what every session needs. No memory where the system does not tell it.
@@ -79,7 +74,7 @@ def import_cost(modules: tuple[str, ...]) -> tuple[Taken, float | None]:
     return taken([run[0] for run in runs]), resident_kb
 
 
-def measured(call: Callable[[], object]) -> tuple[Taken, float]:
+def measured(call: Callable[[], object]) -> tuple[Timing, float]:
     """What a call takes, and the memory that its result holds, kB."""
     times = taken([ms(call) for _ in range(REPEATS)])
     tracemalloc.start()
@@ -91,10 +86,10 @@ def measured(call: Callable[[], object]) -> tuple[Taken, float]:
     return times, held / 1e3
 
 
-def taken(ms: list[float]) -> Taken:
+def taken(ms: list[float]) -> Timing:
     """Median and spread of repeats, ms."""
     lower, median, upper = np.quantile(ms, [0.25, 0.5, 0.75]).tolist()
-    return Taken(median, upper - lower)
+    return Timing(median, upper - lower)
 
 
 def ms(call: Callable[[], object]) -> float:
@@ -112,7 +107,7 @@ ALWAYS = ("tracker", "gate and contact", "limiter", "exposure account", "journal
 STIMULUS_MODULES = (
     "experiment.recordings.manifest",
     "experiment.apparatus.panel.conditioning",
-    "experiment.synthesis.engine",
+    "experiment.synthesis.waveforms",
     "experiment.synthesis.shaping",
     "experiment.apparatus.panel.pcm_actuator",
 )
@@ -122,7 +117,13 @@ SPEEDS_MM_S = tuple(float(v) for v in range(40, 420, 20))
 """Foot speeds at which times and errors are taken."""
 
 TURNS = 51
-"""Rounds over all speeds where single steps are timed, for what lies between two ways may be less than 1 us."""
+"""Rounds over all speeds where single steps are timed, for what a step takes more or less may be below 1 us."""
+
+ERROR = (
+    "each waveform is an inverse DCT; a stimulus is the weighted sum of two of them, of at most 3 times its own rms "
+    "between measured speeds, and beyond them of 8 times the rms at the nearest; or else an inverse DCT of its own"
+)
+"""What the bound on the relative error of a stimulus rests on; `synthesis/waveforms.py` derives it."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +140,7 @@ class Omission:
 
     kind: Kind
     what: str
-    saves: Taken | None
+    saves: Timing | None
     saves_kb: float | None
     costs: str
 
@@ -177,14 +178,12 @@ class TaskPlan:
     title: str
     needs: tuple[str, ...]
     left_out: tuple[Omission, ...]
-    ways: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, object]:
         """For JSON."""
         return {
             "task": self.task,
             "needs": list(self.needs),
-            "ways": list(self.ways),
             "never_left_out": list(ALWAYS),
             "left_out": [omission.as_dict() for omission in self.left_out],
         }
@@ -196,7 +195,6 @@ class TaskPlan:
             "",
             "needs",
             *(f"  {need}" for need in self.needs),
-            *(["", "ways to compute a stimulus", *(f"  {way}" for way in self.ways)] if self.ways else []),
             "",
             "leaves out",
         ]
@@ -226,10 +224,7 @@ def plan(*, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, record
     scene = scenes.plan(protocol=protocol, task_id=task_id)
     title = protocol.task(task_id).title
     if scene.synthesis:
-        from experiment.synthesis import engine
-
-        ways = tuple(f"{name}: {when}" for name, when in engine.TAKEN.items())
-        return TaskPlan(task_id, title, *_virtual(scene, protocol, rig, recordings), ways)
+        return TaskPlan(task_id, title, *_virtual(scene, protocol, rig, recordings))
     needs = (f"parts     {', '.join(ALWAYS)}", "steps     laying out the real object before each trial")
     return TaskPlan(task_id, title, needs, _real(protocol, rig, rig_folder, recordings))
 
@@ -241,24 +236,23 @@ def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> t
     load = partial(scenes.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
     imported, imported_kb = import_cost(STIMULUS_MODULES)
     loaded, loaded_kb = measured(load)
-    prepare = partial(scenes.prepare_stimuli, load(), protocol=protocol, output_rates_hz=(rig.actuator.rate_hz,))
+    prepare = partial(scenes.prepare_stimuli, load(), protocol=protocol, output_rate_hz=rig.actuator.rate_hz)
     prepared, prepared_kb = measured(prepare)
-    first, render = virtual.materials[0], prepare()
-    like = scenes.examples(render, virtual, protocol, rig.actuator.rate_hz)
+    materials = prepare()
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-    drive = partial(open_drive, rig_folder, rig.actuator, limit_m_s2=limit_m_s2, like=like)
+    drive = partial(open_drive, rig_folder, rig.actuator, limit_m_s2=limit_m_s2, materials=materials)
     driven, driven_kb = measured(drive) if rig.actuator.shaping is not None else (None, None)
     shaped = drive()
 
     def made(speed_mm_s: float) -> object:
         """What has to be there before contact: a device that takes volts waits for no waveform in m/s^2."""
-        stimulus = render(first, speed_mm_s, rig.actuator.rate_hz).stimulus
+        stimulus = materials[virtual.materials[0]].at(speed_mm_s)
         return stimulus.waveform_m_s2 if shaped is None else shaped(stimulus)
 
     rendered = taken([_step_ms(made) for _ in range(TURNS)])
     nothing = "nothing: no stimulus is played, so not a bit of any record differs"
     return (
-        Omission("parts", "synthesis engine: prepared stimuli of every material", prepared, prepared_kb, nothing),
+        Omission("parts", "synthesis: prepared waveforms of every material", prepared, prepared_kb, nothing),
         Omission(
             "parts",
             "frequency shaping: voltages of every material, prepared where they fit",
@@ -277,28 +271,21 @@ def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> t
 def _virtual(
     scene: scenes.Scene, protocol: Protocol, rig: Rig, recordings: Path
 ) -> tuple[tuple[str, ...], tuple[Omission, ...]]:
-    from experiment.synthesis import engine
-
     rate_hz = rig.actuator.rate_hz
     held = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
-    needs = [f"parts     {', '.join(ALWAYS)}, synthesis engine, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
+    needs = [f"parts     {', '.join(ALWAYS)}, synthesis, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
     left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
-    chosen = scenes.choose(held, protocol, rate_hz)
-    promises: dict[str, list[str]] = {}
-    for material, spectra in held.items():
-        choice, exact = chosen[material], engine.choose(spectra, output_rate_hz=rate_hz)
-        kept = f"{choice.method.name}, relative error up to {choice.estimate.relative_error:.2g}"
-        needs.append(f"material  {material}: {kept}, {choice.estimate.memory_bytes / 1e3:.0f} kB")
-        promises.setdefault(choice.estimate.why, []).append(material)
-        if choice.method != exact.method:
-            left_out.append(_bins(material, spectra, choice, protocol, rate_hz))
-        dropped = spectra.dropped(spectra.grid(rate_hz))
+    for material, basis in scenes.prepare_stimuli(held, protocol=protocol, output_rate_hz=rate_hz).items():
+        kept = f"{basis.method}, relative error up to {basis.relative_error:.2g}"
+        needs.append(f"material  {material}: {kept}, {basis.nbytes / 1e3:.0f} kB")
+        if basis.spectra.band_hz is not None:
+            left_out.append(_bins(held[material], basis, protocol))
+        dropped = basis.spectra.dropped(basis.on)
         if dropped:
             lost = "all that they would add: no actuator at this rate can play them"
-            what = f"{dropped} of {spectra.samples} bins of {material}, at or above half of {rate_hz} Hz"
+            what = f"{dropped} of {basis.spectra.samples} bins of {material}, at or above half of {rate_hz} Hz"
             left_out.append(Omission("bins", what, None, None, lost))
-    needs += [f"error     {', '.join(materials)}: {why}" for why, materials in promises.items()]
-    needs.append(f"bins      {_felt(held, protocol)}")
+    needs += [f"error     {ERROR}", f"bins      {_felt(held, protocol)}"]
     return tuple(needs), tuple(left_out)
 
 
@@ -315,25 +302,23 @@ def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
     return f"{band} of every material: what lies outside {reached}, below the floor {tactile.floor_m_s2:g}"
 
 
-def _bins(material: str, spectra: CrinkleSpectra, chosen: Choice, protocol: Protocol, rate_hz: int) -> Omission:
+def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol) -> Omission:
     """What leaving out the bins beyond the tactile band of one material saves and costs."""
-    from experiment.synthesis import engine, pruning
+    from experiment.synthesis import crinkle, waveforms
 
-    tactile, exact = protocol.footstep.tactile, engine.choose(spectra, output_rate_hz=rate_hz)
-    pruned, whole = (one.prepare(spectra, output_rate_hz=rate_hz) for one in (chosen, exact))
-    errors = [_relative_error(pruned(v).waveform_m_s2, whole(v).waveform_m_s2) for v in SPEEDS_MM_S]
-    saves = taken([_summed_ms(whole) - _summed_ms(pruned) for _ in range(TURNS)])
-    bins = spectra.samples - pruning.prune(spectra, band_hz=tactile.band_hz).amplitudes.shape[1]
-    fastest = scenes.fastest_mm_s(protocol)
-    loudest = pruning.loudest_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
+    tactile, fastest = protocol.footstep.tactile, scenes.fastest_mm_s(protocol)
+    whole = waveforms.prepare(spectra, material=held.material, output_rate_hz=held.output_rate_hz)
+    errors = [_relative_error(held.at(v).waveform_m_s2, whole.at(v).waveform_m_s2) for v in SPEEDS_MM_S]
+    saves = taken([_summed_ms(whole) - _summed_ms(held) for _ in range(TURNS)])
+    loudest = crinkle.rms_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
     lost = (
-        f"a relative error (rms) of {max(errors):.2g} at {SPEEDS_MM_S[0]:g} to {SPEEDS_MM_S[-1]:g} mm/s, claimed at "
-        f"most {chosen.estimate.relative_error:.2g}; all of it together reaches {loudest:.2g} m/s^2 rms at up to "
-        f"{fastest:g} mm/s, below the floor {tactile.floor_m_s2:g}"
+        f"a relative error (rms) of {max(errors):.2g} at {SPEEDS_MM_S[0]:g} to {SPEEDS_MM_S[-1]:g} mm/s; all of it "
+        f"together reaches {loudest:.2g} m/s^2 rms at up to {fastest:g} mm/s, below the floor {tactile.floor_m_s2:g}"
     )
-    what = f"{bins} of {spectra.samples} bins of {material}, outside {tactile.low_hz:g} to {tactile.high_hz:g} Hz"
-    saves_kb = (exact.estimate.memory_bytes - chosen.estimate.memory_bytes) / 1e3
-    return Omission("bins", what, saves, saves_kb, lost)
+    bins = spectra.samples - held.spectra.amplitudes.shape[1]
+    band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
+    what = f"{bins} of {spectra.samples} bins of {held.material}, outside {band}"
+    return Omission("bins", what, saves, (whole.nbytes - held.nbytes) / 1e3, lost)
 
 
 def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> float:
@@ -342,9 +327,9 @@ def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> f
     return float(np.sqrt(np.mean((found - right) ** 2))) / rms if rms else 0.0
 
 
-def _summed_ms(render: Renderer) -> float:
+def _summed_ms(basis: Basis) -> float:
     """Time of one step to its waveform, ms."""
-    return _step_ms(lambda speed_mm_s: render(speed_mm_s).waveform_m_s2)
+    return _step_ms(lambda speed_mm_s: basis.at(speed_mm_s).waveform_m_s2)
 
 
 def _step_ms(render: Callable[[float], object]) -> float:

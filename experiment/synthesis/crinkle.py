@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.spectra import Grid, finite, grid, spectrum
+from experiment.synthesis.spectra import Grid, bin_frequencies_hz, finite, grid, rms, spectrum
 
 Average = Literal["magnitude", "signed"]
 
@@ -39,7 +39,7 @@ class CrinkleSpectra:
         amplitudes: C'_k(v_i) >= 0, m/s^2, shape (S, K).
         signs: sign of C_k,panel+object(v_i), +1 or -1, shape (S, K).
         recorded: N of the recordings, at least K, where bins from K on are left out; None where K is N.
-        left_out: C'_k(v_i) of bins that do not sound, m/s^2, shape (S, M), so that floored ones among them count too.
+        band_hz: lowest and highest frequency held, Hz, where bins beyond them are left out; None where all are held.
     """
 
     speeds_mm_s: NDArray[np.float64]
@@ -47,7 +47,7 @@ class CrinkleSpectra:
     amplitudes: NDArray[np.float64]
     signs: NDArray[np.float64]
     recorded: int | None = None
-    left_out: NDArray[np.float64] | None = None
+    band_hz: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no equation accepts, so that no method need look again. Raises `SynthesisError`."""
@@ -74,13 +74,6 @@ class CrinkleSpectra:
                 f"recorded: got {self.samples} samples for {amplitudes.shape[1]} bins; "
                 "allowed: as many samples as bins, or more; make them with `subtract`"
             )
-        if self.left_out is not None and (
-            finite(self.left_out, what="left_out").shape[:-1] != speeds.shape or self.left_out.min() < 0
-        ):
-            raise SynthesisError(
-                f"left_out: got shape {self.left_out.shape} and {self.left_out.min():g} at the lowest for "
-                f"{speeds.size} speeds; allowed: (speeds, bins), zero or more; make them with `pruning.prune`"
-            )
 
     def grid(self, output_rate_hz: int) -> Grid:
         """The times of a stimulus at an output rate, Hz. Raises as `spectra.grid`."""
@@ -91,19 +84,15 @@ class CrinkleSpectra:
         """Bins of the recordings that a grid cannot carry."""
         return max(0, self.samples - ceil(on.p / on.q))
 
-    def neighbours(self, speed_mm_s: float) -> tuple[int, int]:
-        """Places of two measured speeds: the lower of those that a speed lies between or beside, and the nearest.
-
-        Halfway the lower one counts as nearest; `at_speed` says how that is settled in float64.
-        """
-        v, speeds = speed_mm_s, self.speeds_mm_s
-        lower = min(max(int(np.searchsorted(speeds, v, side="right")) - 1, 0), speeds.size - 2)
-        return lower, lower if v - speeds[lower] <= speeds[lower + 1] - v else lower + 1
-
     @property
     def samples(self) -> int:
         """N of the recordings."""
         return self.amplitudes.shape[1] if self.recorded is None else self.recorded
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the arrays."""
+        return self.speeds_mm_s.nbytes + self.amplitudes.nbytes + self.signs.nbytes
 
 
 @dataclass(frozen=True)
@@ -112,7 +101,7 @@ class SpectrumAtSpeed:
 
     Attributes:
         coefficients: with sign, m/s^2, shape (N,).
-        floored_bins: bins that extrapolation would have made negative, set to zero; `left_out` ones among them.
+        floored_bins: bins that extrapolation would have made negative, set to zero.
         extrapolated: whether v lies outside the measured speeds.
     """
 
@@ -206,30 +195,26 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
     Source: Okamoto et al., equations (3) and (4).
     """
     v, speeds = foot_speed(speed_mm_s), spectra.speeds_mm_s
-    lower, nearest = spectra.neighbours(v)
+    lower = min(max(int(np.searchsorted(speeds, v, side="right")) - 1, 0), speeds.size - 2)
+    below_mm_s, above_mm_s = v - speeds[lower], speeds[lower + 1] - v
+    nearest = lower if below_mm_s <= above_mm_s else lower + 1
     extrapolated = not speeds[0] <= v <= speeds[-1]
-
-    def line(levels: NDArray[np.float64]) -> NDArray[np.float64]:
-        below_mm_s, above_mm_s = v - speeds[lower], speeds[lower + 1] - v
-        gap_mm_s = speeds[lower + 1] - speeds[lower]
-        first, second = levels[lower], levels[lower + 1]
-        if speeds[nearest] == v:
-            return np.asarray(levels[nearest])
-        if literal:
-            return np.asarray(first + np.abs(second - first) * (below_mm_s / gap_mm_s))
-        if extrapolated:
-            # From the nearer speed on: from v_i, a bin that falls would cancel to less than its rounding.
-            return np.asarray(levels[nearest] + (second - first) * ((v - speeds[nearest]) / gap_mm_s))
-        # Two terms of one sign, so that no bin loses digits, even one that falls to nothing.
-        return np.asarray(first * (above_mm_s / gap_mm_s) + second * (below_mm_s / gap_mm_s))
-
+    gap_mm_s = speeds[lower + 1] - speeds[lower]
+    first, second = spectra.amplitudes[lower], spectra.amplitudes[lower + 1]
     with np.errstate(over="ignore", invalid="ignore"):
-        amplitudes = line(spectra.amplitudes)
+        if speeds[nearest] == v:
+            amplitudes = spectra.amplitudes[nearest]
+        elif literal:
+            amplitudes = first + np.abs(second - first) * (below_mm_s / gap_mm_s)
+        elif extrapolated:
+            # From the nearer speed on: from v_i, a bin that falls would cancel to less than its rounding.
+            amplitudes = spectra.amplitudes[nearest] + (second - first) * ((v - speeds[nearest]) / gap_mm_s)
+        else:
+            # Two terms of one sign, so that no bin loses digits, even one that falls to nothing.
+            amplitudes = first * (above_mm_s / gap_mm_s) + second * (below_mm_s / gap_mm_s)
         sounding = np.maximum(amplitudes, 0.0)
         total = sounding.sum()
         floored = np.count_nonzero(amplitudes < 0)
-        if extrapolated and spectra.left_out is not None:
-            floored += np.count_nonzero(line(spectra.left_out) < 0)
     if not total <= LOUDEST_M_S2 * FARTHEST:
         raise SynthesisError(f"speed_mm_s: got {v}; allowed: speeds at which the spectrum is finite; check the tracker")
     return SpectrumAtSpeed(
@@ -237,3 +222,58 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
         floored_bins=int(floored),
         extrapolated=extrapolated,
     )
+
+
+def leave_out(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> CrinkleSpectra:
+    """Return spectra without the bins above a band, and silent below it; so they take less memory, and no less time.
+
+    Args:
+        spectra: of one material.
+        band_hz: lowest and highest frequency that count, both included, Hz.
+
+    Raises:
+        SynthesisError: a band that is none.
+    """
+    inside = ~_outside(spectra, band_hz)
+    bins = int(np.flatnonzero(inside)[-1]) + 1 if inside.any() else 1
+    return CrinkleSpectra(
+        speeds_mm_s=spectra.speeds_mm_s,
+        rate_hz=spectra.rate_hz,
+        amplitudes=np.where(inside[:bins], spectra.amplitudes[:, :bins], 0.0),
+        signs=spectra.signs[:, :bins].copy(),
+        recorded=spectra.samples,
+        band_hz=band_hz,
+    )
+
+
+def rms_outside(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], fastest_mm_s: float) -> float:
+    """Return the largest rms of all that lies outside a band together, at any speed up to `fastest_mm_s`, m/s^2.
+
+    All together, for skin does not feel bins: how much of a vibration falls into one bin depends on the length of the
+    take. The rms of the whole does not, as long as the material sounds throughout; and no third octave, nor any other
+    part, has more. Rms, for so thresholds of vibration are stated.
+
+    Each bin is convex in speed from one measured speed to the next, and beyond them with the floor, and so is their
+    rms: it is largest at a measured speed, at 0 mm/s, or at the fastest.
+
+    Args:
+        spectra: of one material.
+        band_hz: lowest and highest frequency that count, both included, Hz.
+        fastest_mm_s: fastest speed of a foot, mm/s.
+
+    Raises:
+        SynthesisError: a band that is none, or a speed at which there is no spectrum.
+    """
+    measured = spectra.amplitudes[spectra.speeds_mm_s <= fastest_mm_s]
+    ends = [np.abs(at_speed(spectra, speed_mm_s=v).coefficients) for v in (0.0, fastest_mm_s)]
+    # On the recordings' own grid, which carries every bin.
+    levels = rms(np.vstack([measured, *ends]) * _outside(spectra, band_hz), spectra.grid(spectra.rate_hz))
+    return float(levels.max())
+
+
+def _outside(spectra: CrinkleSpectra, band_hz: tuple[float, float]) -> NDArray[np.bool_]:
+    low_hz, high_hz = band_hz
+    if not 0 <= low_hz < high_hz:
+        raise SynthesisError(f"band_hz: got {low_hz} to {high_hz}; allowed: two rising frequencies; correct the band")
+    f = bin_frequencies_hz(bins=spectra.samples, rate_hz=spectra.rate_hz)[: spectra.amplitudes.shape[1]]
+    return np.asarray((f < low_hz) | (f > high_hz))

@@ -1,11 +1,11 @@
 """Frequency shaping: the voltages that move a rig as a spectrum asks, equation (7) of Okamoto et al. and section 4.
 
 A rig answers a sinusoid of amplitude e volts at f with a sinusoid of amplitude A(f, e) m/s^2, measured at some
-frequencies and drive levels. W(f, a) is the inverse of A in e. Between the nearest measured values A follows straight
-lines (rig_response.py). So the inverse is exact at the measured points, undoes A everywhere, and rises with a at every
-f, which no smoother interpolation in f promises: cubics through two neighbouring levels may cross.
-
-The price is the error of straight lines across a resonance: about h^2 / 8 |A''| / A between frequencies h apart.
+frequencies and drive levels: its `Response`. Between the nearest measured values A follows straight lines, first in f
+at each level, then in e, from 0 at 0 V through the lowest level to the highest. W(f, a) is the inverse of A in e. So it
+is exact at the measured points, undoes A everywhere, and rises with a at every f, which no smoother interpolation in f
+promises: cubics through two neighbouring levels may cross. The price is the error of straight lines across a resonance:
+about h^2 / 8 |A''| / A between frequencies h apart.
 
 What the rig cannot do is left out, counted, and added up as amplitudes that were asked for and not reached:
 
@@ -13,9 +13,8 @@ What the rig cannot do is left out, counted, and added up as amplitudes that wer
 - bounded: bins that would take more volts per m/s^2 than the rig's stated limit, near nulls, get that limit;
 - saturated: bins above what the highest level reaches get the highest level.
 
-Each bin counts once, under what limited it last.
-
-The voltages of a waveform, within the limits of panel and amplifier: equations (1) and (7) of Okamoto et al.
+Each bin counts once, under what limited it last. `drive` makes the voltages of a sum of bins, and takes down the whole
+of what would pass a limit of panel or amplifier.
 """
 
 from __future__ import annotations
@@ -28,8 +27,134 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.response import AtBins, Response, at_bins, bins_of
-from experiment.synthesis.spectra import Bins, bin_frequencies_hz, finite, grid, highest, inverse_on, spectrum
+from experiment.synthesis.spectra import Bins, bin_frequencies_hz, finite, grid, highest, inverse_on
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """A measured frequency response.
+
+    Attributes:
+        frequencies_hz: strictly rising, zero or more, shape (F,), F >= 2.
+        levels_v: amplitudes of the driving sinusoid (sqrt 2 times its rms), strictly rising, above zero, shape (L,).
+        accelerations_m_s2: amplitudes of the answer (half its peak-to-peak), shape (F, L). At each frequency they
+            rise strictly with the level from above zero, or are all zero (a null).
+
+    Raises:
+        SynthesisError: anything else.
+    """
+
+    frequencies_hz: NDArray[np.float64]
+    levels_v: NDArray[np.float64]
+    accelerations_m_s2: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        f = finite(self.frequencies_hz, what="frequencies_hz of the response")
+        levels = finite(self.levels_v, what="levels_v of the response")
+        a = finite(self.accelerations_m_s2, what="accelerations_m_s2 of the response")
+        if f.ndim != 1 or f.size < 2 or f[0] < 0 or np.any(np.diff(f) <= 0):
+            raise SynthesisError(
+                f"frequencies_hz of the response: got {_few(f)}; allowed: two or more, strictly rising, none below 0; "
+                "sort the table"
+            )
+        if levels.ndim != 1 or levels[0] <= 0 or np.any(np.diff(levels) <= 0):
+            raise SynthesisError(
+                f"levels_v of the response: got {_few(levels)}; allowed: strictly rising, above 0; sort the table"
+            )
+        if a.shape != (f.size, levels.size):
+            raise SynthesisError(
+                f"accelerations_m_s2 of the response: got shape {a.shape}; allowed: {(f.size, levels.size)}, one value "
+                "for each frequency and level; measure what is missing"
+            )
+        place = not_rising(a)
+        if place is not None:
+            i, j = place
+            raise SynthesisError(
+                f"accelerations_m_s2 of the response: got {a[i, j]:g} at {f[i]:g} Hz and {levels[j]:g} V after "
+                f"{a[i, j - 1] if j else 0.0:g}; allowed: strictly rising with the level, for only then is there an "
+                "inverse; measure that frequency again"
+            )
+
+
+def not_rising(accelerations_m_s2: NDArray[np.float64]) -> tuple[int, int] | None:
+    """Where a response does not rise strictly with the level from above zero; rows of zeros are nulls and allowed.
+
+    Args:
+        accelerations_m_s2: one row a frequency, one column a level, shape (F, L).
+
+    Returns:
+        The first such place (row, column); None if there is none.
+
+    Raises:
+        SynthesisError: values that are not finite.
+    """
+    a = finite(accelerations_m_s2, what="accelerations_m_s2 of the response")
+    before = np.insert(a[:, :-1], 0, 0.0, axis=1)
+    wrong = np.argwhere((a <= before) & np.any(a != 0, axis=1, keepdims=True))
+    return (int(wrong[0, 0]), int(wrong[0, 1])) if wrong.size else None
+
+
+@dataclass(frozen=True)
+class AtBins:
+    """What a response says of some bins.
+
+    Attributes:
+        known: the bins within the table, K of N; nothing is known of the others.
+        levels_v: 0 V and each level, shape (1 + L,).
+        curves: A(f, e) at these for each known bin, shape (1 + L, K).
+    """
+
+    known: NDArray[np.intp] | slice
+    levels_v: NDArray[np.float64]
+    curves: NDArray[np.float64]
+
+    def voltages_v(self, amplitudes_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
+        """W(f, a) of each known bin, at most the highest level; amplitudes and voltages of shape (K,), none below 0."""
+        segment = (self.curves[1:-1] < amplitudes_m_s2).sum(axis=0)
+        return _between(amplitudes_m_s2, *self._ends(segment, slice(None)), *self._levels(segment))
+
+    def amplitudes_m_s2(
+        self, voltages_v: NDArray[np.float64], some: NDArray[np.intp] | slice = slice(None)
+    ) -> NDArray[np.float64]:
+        """A(f, e) of some of the known bins, all by default; voltages and amplitudes one a bin, none below 0."""
+        segment = np.searchsorted(self.levels_v[1:-1], voltages_v)
+        return _between(voltages_v, *self._levels(segment), *self._ends(segment, some))
+
+    def _ends(
+        self, segment: NDArray[np.intp], some: NDArray[np.intp] | slice
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Amplitudes at both ends of a segment of some bins' curves."""
+        at = segment * self.curves.shape[1] + np.arange(self.curves.shape[1])[some]
+        return self.curves.take(at), self.curves.take(at + self.curves.shape[1])
+
+    def _levels(self, segment: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return self.levels_v.take(segment), self.levels_v.take(segment + 1)
+
+
+def at_bins(response: Response, frequencies_hz: NDArray[np.float64]) -> AtBins:
+    """Look a response up, once for all spectra of the same bins.
+
+    Args:
+        response: of the rig.
+        frequencies_hz: of each bin, Hz, shape (N,); one at 0 Hz is no oscillation, and counts as unknown.
+
+    Raises:
+        SynthesisError: a frequency that is not finite.
+    """
+    f, at = finite(frequencies_hz, what="frequencies_hz"), response.frequencies_hz
+    within = (f >= at[0]) & (f <= at[-1]) & (f > 0)
+    known = np.flatnonzero(within)
+    f = f[known]
+    i = np.clip(np.searchsorted(at, f, side="right") - 1, 0, at.size - 2)
+    part = ((f - at[i]) / (at[i + 1] - at[i]))[:, None]
+    curves = np.zeros((1 + response.levels_v.size, f.size))
+    curves[1:] = ((1 - part) * response.accelerations_m_s2[i] + part * response.accelerations_m_s2[i + 1]).T
+    one_run = known.size and known[-1] - known[0] == known.size - 1
+    return AtBins(
+        known=slice(int(known[0]), int(known[-1]) + 1) if one_run else known,
+        levels_v=np.concatenate([[0.0], response.levels_v]),
+        curves=curves,
+    )
 
 
 @dataclass(frozen=True)
@@ -71,11 +196,6 @@ class Shaped:
         """No sample of the acceleration is larger in magnitude, at whatever rate: `highest` of `reached_m_s2`."""
         return highest(self.reached_m_s2)
 
-    @property
-    def losses(self) -> tuple[Loss, Loss, Loss]:
-        """By cause."""
-        return self.saturated, self.outside, self.bounded
-
 
 def shape(
     coefficients: ArrayLike,
@@ -101,9 +221,13 @@ def shape(
 
     Source: Okamoto et al., section 4, 'Frequency shaping', and equation (7).
     """
-    signed, f = bins_of(coefficients, frequencies_hz, what="coefficients")
-    at = at_bins(response, f)
-    return shape_at(signed, at, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2, scale=scale)
+    signed, f = finite(coefficients, what="coefficients"), finite(frequencies_hz, what="frequencies_hz")
+    if signed.ndim != 1 or signed.shape != f.shape:
+        raise SynthesisError(
+            f"coefficients: got shape {signed.shape} for frequencies of shape {f.shape}; allowed: one spectrum, shape "
+            "(N,) both; pass the frequency of each bin"
+        )
+    return shape_at(signed, at_bins(response, f), gain_limit_v_per_m_s2=gain_limit_v_per_m_s2, scale=scale)
 
 
 def shape_at(
@@ -153,27 +277,7 @@ def _loss(short_m_s2: NDArray[np.float64]) -> Loss:
 
 
 ROUND_OFF = 16 * float(np.finfo(np.float64).eps)
-"""Coefficients below this part of a waveform's peak are round-off of the transform, and no bin that was asked for."""
-
-
-def bins_of_waveform(waveform_m_s2: ArrayLike, *, rate_hz: int) -> Bins:
-    """What a waveform is the sum of, by (1).
-
-    Args:
-        waveform_m_s2: acceleration at the times (i + 1/2) / F, m/s^2, shape (n,).
-        rate_hz: its sampling rate F, Hz.
-
-    Returns:
-        Its own n bins. A waveform made by (5) has the spectrum it was made from, to round-off (`ROUND_OFF` of its
-        peak), at any output rate whose samples fill the same time.
-
-    Raises:
-        SynthesisError: a waveform that is not finite.
-    """
-    y = finite(waveform_m_s2, what="waveform")
-    coefficients = spectrum(y)
-    coefficients[np.abs(coefficients) <= ROUND_OFF * np.abs(y).max()] = 0.0
-    return Bins(coefficients, samples=y.size, rate_hz=rate_hz)
+"""What a transform may add to a magnitude, as a part of it; twice that, for each sample, is kept from the limits."""
 
 
 def drive(
@@ -255,3 +359,21 @@ def _moved_m_s2(shaped: Shaped, before: tuple[Shaped, float] | None, limit_m_s2:
 def response_at(response: Response, samples: int, rate_hz: int, bins: int) -> AtBins:
     """A response at the first bins of recordings of so many samples; looked up once for all their spectra."""
     return at_bins(response, bin_frequencies_hz(bins=samples, rate_hz=rate_hz)[:bins])
+
+
+def _between(
+    x: NDArray[np.float64],
+    low: NDArray[np.float64],
+    high: NDArray[np.float64],
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Straight lines from (`low`, `start`) to (`high`, `end`) at `x`, `end` beyond `high`; all of shape (N,)."""
+    part = np.divide(np.minimum(x, high) - low, high - low, out=np.ones_like(x), where=high > low)
+    between: NDArray[np.float64] = np.minimum(start + (end - start) * part, end)
+    return between
+
+
+def _few(values: NDArray[np.float64]) -> str:
+    text = str(values.tolist())
+    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -155,6 +155,26 @@ def grid(*, samples: int, bins: int, rate_hz: int, output_rate_hz: int) -> Grid:
     return Grid(p=p, q=q, count=count, carried=min(bins, ceil(p / q)))
 
 
+def rms(amplitudes: NDArray[np.float64], on: Grid) -> NDArray[np.float64]:
+    """Return sqrt(sum_k C_k^2 / 2) over the bins 1 to carried - 1: by Parseval the rms of the waveform where q is 1.
+
+    Args:
+        amplitudes: of any scale, 1e300 and denormals included, shape (..., N).
+        on: their grid.
+
+    Returns:
+        Shape (...).
+
+    Raises:
+        SynthesisError: one that is NaN or infinite.
+    """
+    sounding = finite(amplitudes, what="amplitudes")[..., 1 : on.carried]
+    largest = np.max(np.abs(sounding), axis=-1, initial=0.0)
+    unit = np.where(largest > 0, largest, 1.0)
+    relative: NDArray[np.float64] = np.sqrt(np.sum((sounding / unit[..., None]) ** 2, axis=-1) / 2)
+    return np.asarray(relative * largest)
+
+
 @dataclass(frozen=True)
 class Bins:
     """What a waveform is the sum of, by equation (5).

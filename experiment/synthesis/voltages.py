@@ -1,12 +1,14 @@
-"""The voltages of one material, prepared: between two neighbouring knots of the foot's speed, a weighted sum of two.
+"""The voltages that a rig is given for a stimulus: prepared for each material where they can be, else worked out.
+
+Prepared, they are a weighted sum of two waveforms, those at the two neighbouring knots of the foot's speed.
 
 By (3) and (4) a bin's amplitude is a straight line of the speed between two measured speeds, with one sign up to the
 middle and one beyond; extrapolated lines go on and are floored at zero. By (7), on straight lines between the measured
-values (`response.py`), its voltage is made of straight lines of its amplitude, limits of the gain and of the levels
-among them (`shaping.py`); and so is the acceleration that this voltage brings about. So both are made of straight lines
-of the speed, which bend at knots: where the bin reaches a level of the response, where a limit begins or ends to hold
-it back, where the voltage that it is left with passes a level, and where it is floored. The waveform at each knot of
-any bin is held. Between two of them lies their weighted sum: nothing is approximated.
+values, its voltage is made of straight lines of its amplitude, limits of the gain and of the levels among them
+(`shaping.py`); and so is the acceleration that this voltage brings about. So both are made of straight lines of the
+speed, which bend at knots: where the bin reaches a level of the response, where a limit begins or ends to hold it back,
+where the voltage that it is left with passes a level, and where it is floored. The waveform at each knot of any bin is
+held. Between two of them lies their weighted sum: nothing is approximated.
 
 Two weights that add up to 1 lift no magnitude above the larger of the two, be it of volts or of the acceleration that
 they bring about. So where both knots keep the limits of amplifier and panel, what lies between them does.
@@ -17,7 +19,7 @@ all of the above holds with other weights: the part of the way is t o_2 / ((1 - 
 least o that the limits ask for is, like the magnitudes they are set on, nowhere above such a line. Where it is lower by
 more than `WASTE` in the middle, nothing is held; as below the slowest measured speed, where bins are floored by the
 hundred and the foot leaves time enough, beyond `FASTEST`, and of a material with too many knots for `MOST_BYTES`. There
-`driving.drive` does the work.
+`shaping.drive` does the work.
 
 Error: between knots a bin keeps its sign, so that the rms of neither term is above that of their sum. Each brings the
 error of its own transform, and three roundings come on top. A knot is as exact as its place: where a response is so
@@ -27,7 +29,7 @@ steep that the rounding of a place tells, more than `MISSED` in the middle of tw
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -38,9 +40,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.response import AtBins, Response
-from experiment.synthesis.shaping import Shaped, drive, response_at
+from experiment.synthesis.shaping import AtBins, Response, Shaped, drive, response_at
 from experiment.synthesis.spectra import Bins
+from experiment.synthesis.waveforms import Basis, Stimulus
 
 FASTEST = 1.5
 """Waveforms are held up to this multiple of the fastest measured speed: 450 mm/s in the study of Okamoto et al."""
@@ -80,36 +82,35 @@ class Piece:
         from_mm_s: its lower end.
         to_mm_s: its upper end.
         knots: by their parts, which rise from 0 to 1.
+        parts: of the knots.
     """
 
     from_mm_s: float
     to_mm_s: float
     knots: tuple[Knot, ...]
+    parts: tuple[float, ...]
 
 
 @dataclass(frozen=True)
 class DrivenBasis:
-    """Call it with a foot's speed, mm/s.
+    """The voltages of one material, prepared; `prepare` makes it.
 
     Attributes:
-        spectra: of the material.
-        pieces: by `CrinkleSpectra.neighbours`.
+        pieces: by `Stimulus.interval` and `Stimulus.nearer`.
     """
 
-    spectra: CrinkleSpectra
     pieces: dict[tuple[int, int], Piece]
 
-    def __call__(self, speed_mm_s: float) -> tuple[NDArray[np.float64], float] | None:
-        """The voltages of the material's bins at this speed, V, shape (n,), and the scale that they were taken down to.
+    def at(self, stimulus: Stimulus) -> tuple[NDArray[np.float64], float] | None:
+        """Return the voltages of a stimulus, V, shape (n,), and the scale that they were taken down to.
 
-        Returns:
-            What `drive` returns when it is given that scale; None where nothing is held.
+        They are what `shaping.drive` returns when it is given that scale; None where nothing is held.
         """
-        piece = self.pieces.get(self.spectra.neighbours(speed_mm_s))
-        if piece is None or not piece.from_mm_s <= speed_mm_s <= piece.to_mm_s:
+        piece = self.pieces.get((stimulus.interval, stimulus.nearer))
+        if piece is None or not piece.from_mm_s <= stimulus.speed_mm_s <= piece.to_mm_s:
             return None
-        part = (speed_mm_s - piece.from_mm_s) / (piece.to_mm_s - piece.from_mm_s)
-        place = min(bisect_right(piece.knots, part, key=lambda knot: knot.part), len(piece.knots) - 1)
+        part = (stimulus.speed_mm_s - piece.from_mm_s) / (piece.to_mm_s - piece.from_mm_s)
+        place = min(bisect_right(piece.parts, part), len(piece.knots) - 1)
         return _between(piece.knots[place - 1], piece.knots[place], part)
 
     @property
@@ -155,7 +156,7 @@ def prepare(
         for place, ends_mm_s in _ends_mm_s(spectra).items()
     }
     bending = {place: line.bending() for place, line in lines.items()}
-    nothing, basis = DrivenBasis(spectra, {}), DrivenBasis(spectra, {})
+    nothing, basis = DrivenBasis({}), DrivenBasis({})
     if sum(parts.size for parts in bending.values()) * on.count * 8 > MOST_BYTES:
         return nothing
     for place, line in lines.items():
@@ -171,8 +172,8 @@ def _ends_mm_s(spectra: CrinkleSpectra) -> dict[tuple[int, int], tuple[float, fl
     ends = {}
     for i in range(len(speeds) - 1):
         middle = (speeds[i] + speeds[i + 1]) / 2
-        ends[i, i] = speeds[i], middle
-        ends[i, i + 1] = middle, speeds[i + 1]
+        ends[i, 0] = speeds[i], middle
+        ends[i, 1] = middle, speeds[i + 1]
     *_, last = ends
     ends[last] = ends[last][0], FASTEST * speeds[-1]
     return ends
@@ -200,7 +201,7 @@ class _Line:
         gaps = (self._gap(low, high, loudest_v) for low, high in pairwise(knots))
         knots += [gap for gap in gaps if gap is not None]
         knots.sort(key=lambda knot: knot.part)
-        return Piece(*self.ends_mm_s, tuple(knots))
+        return Piece(*self.ends_mm_s, tuple(knots), tuple(knot.part for knot in knots))
 
     def bending(self) -> NDArray[np.float64]:
         """Where any bin bends, as parts of the way, 0 and 1 among them."""
@@ -245,7 +246,7 @@ class _Line:
         return Knot(part, shaped.scale, waveform_v)
 
     def _bins(self, part: float) -> Bins:
-        coefficients = np.maximum(self._amplitudes(part), 0.0) * self.spectra.signs[self.place[1]]
+        coefficients = np.maximum(self._amplitudes(part), 0.0) * self.spectra.signs[sum(self.place)]
         return Bins(coefficients, self.spectra.samples, self.spectra.rate_hz)
 
     def _amplitudes(self, part: float) -> NDArray[np.float64]:
@@ -274,3 +275,69 @@ def _bends_m_s2(at: AtBins, gain_limit_v_per_m_s2: float) -> NDArray[np.float64]
     limited[~((low < limited) & (limited < high))] = np.nan
     held_back[held_back < high] = np.nan
     return np.concatenate([at.curves, limited, held_back])
+
+
+class Drive:
+    """What a rig that takes volts is given for each stimulus, within the limits of its panel and its amplifier."""
+
+    def __init__(
+        self,
+        materials: Mapping[str, Basis],
+        *,
+        rate_hz: int,
+        response: Response,
+        gain_limit_v_per_m_s2: float,
+        limit_m_s2: float = inf,
+        limit_v: float = inf,
+    ) -> None:
+        """Prepare the voltages of each material; arguments and errors otherwise as in `shaping.drive`.
+
+        Args:
+            materials: by their ids; stimuli of any other are worked out, as are those beyond what is prepared.
+        """
+        self.rate_hz = rate_hz
+        self.limit_m_s2 = limit_m_s2
+        self._response = response
+        self._gain_limit = gain_limit_v_per_m_s2
+        self._limit_v = limit_v
+        self._held = {
+            material: prepare(
+                basis.spectra,
+                rate_hz=rate_hz,
+                response=response,
+                gain_limit_v_per_m_s2=gain_limit_v_per_m_s2,
+                limit_m_s2=limit_m_s2,
+                limit_v=limit_v,
+            )
+            for material, basis in materials.items()
+        }
+
+    def __call__(self, stimulus: Stimulus) -> tuple[NDArray[np.float64], float]:
+        """Return the voltages of a stimulus, V, shape (n,), and the scale that all of it was taken down to.
+
+        Raises:
+            SynthesisError: as `shaping.drive`.
+        """
+        held = self._held.get(stimulus.material)
+        found = held.at(stimulus) if held is not None else None
+        if found is not None:
+            return found
+        voltages_v, shaped = drive(
+            stimulus.bins,
+            rate_hz=self.rate_hz,
+            response=self._response,
+            gain_limit_v_per_m_s2=self._gain_limit,
+            limit_m_s2=self.limit_m_s2,
+            limit_v=self._limit_v,
+        )
+        return voltages_v, shaped.scale
+
+    def shaped(self, stimulus: Stimulus, scale: float) -> Shaped:
+        """Return what shaping did to a stimulus that was taken down to a scale; it is worked out anew."""
+        return drive(
+            stimulus.bins,
+            rate_hz=self.rate_hz,
+            response=self._response,
+            gain_limit_v_per_m_s2=self._gain_limit,
+            scale=scale,
+        )[1]

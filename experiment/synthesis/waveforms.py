@@ -1,253 +1,223 @@
-"""A stimulus: what a material's spectra become at one foot speed and one output rate, equation (5) of Okamoto et al.
+"""The stimulus of one step: equations (3) to (5) of Okamoto et al., from waveforms that are made beforehand.
 
-Ways to compute the same stimulus, equations (3) to (5) of Okamoto et al., behind one interface.
+Between measured speeds equations (3) and (4) make a weighted sum of two waveforms: C'(v) = s_j (C'(v_j) + t (C'(v_l) -
+C'(v_j))), v_j being the nearer speed of an interval, v_l the other, and t = (v - v_j) / (v_l - v_j). So the nearer
+speed's own waveform and, with its signs, the difference of the two are made beforehand for each half of each interval,
+3 S - 2 waveforms for S speeds, and a step costs one product and one sum, in one new array. At a measured speed t = 0,
+and its own waveform comes out to the bit.
+
+Beyond the measured speeds the same holds with t < 0, as long as no bin is floored and the two terms stay within
+`CANCELLATION` times the vibration at the nearest measured speed. The speeds between which both hold are found
+beforehand, and outside them a zero-padded inverse DCT takes over: one floored bin is one cosine too many in every
+sample. Taking each fallen bin's cosine out of the weighted sum would cost some 30 us a bin, a quarter of the inverse
+DCT; and of a simulated material's 2,500 bins up to 13 are floored 10 mm/s beyond the fastest recording, and 60 to 90 at
+100 mm/s beyond.
 
 The relative error of a waveform is the rms of its difference from the exact one, divided by the rms of the exact one,
 both by Parseval: `rms` of the bins that the output rate carries. In extrapolation a spectrum may vanish at a speed;
 there the divisor is at least the rms at the nearest measured speed. Rounding of numbers below 1e-307 comes on top: at
 most `denormal_error_m_s2`.
 
-Frequency shaping (7) is not linear in amplitude, so no method weights shaped waveforms: every method returns m/s^2, and
-the actuator's driver shapes what it is given (`driving.drive`), from the bins that come with it where it can. What it
-weights itself, once a rig's response is known, is prepared in `voltages.py`.
+How the two terms compare with the result, in rms: let L_j, L_l, D and W be the rms of C'(v_j), of C'(v_l), of their
+difference and of C'(v). No amplitude is negative, so D^2 <= L_j^2 + L_l^2 and, where 0 <= t <= 1/2,
+W^2 >= (1 - t)^2 L_j^2 + t^2 L_l^2. Hence t D <= W and L_j <= 2 W: between measured speeds the terms are at most 3 W.
+Beyond them D <= L_j + L_l, and `_steps_out` keeps L_j + |t| (L_j + L_l) within `CANCELLATION` L_j, and so |t| within
+`CANCELLATION` - 1. A term's error, as a part of the term, is that of the transform, and eight roundings: three of t,
+one of the difference of two amplitudes, and those of the sample held, its weight, their product and the sum.
+
+Frequency shaping (7) is not linear in amplitude, so shaped waveforms are not weighted: `voltages.py` says what is done
+for a device that takes volts.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 from math import log2, sqrt
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed, at_speed
-from experiment.synthesis.spectra import Bins, Grid, finite, inverse_on, transformable
-
-
-@dataclass(frozen=True)
-class BinsAtSpeed:
-    """What a stimulus is the sum of; call it. Arguments and errors as in `at_speed`."""
-
-    spectra: CrinkleSpectra
-    speed_mm_s: float
-
-    @cached_property
-    def at(self) -> SpectrumAtSpeed:
-        """C'_k(v), computed when it is first asked for."""
-        return at_speed(self.spectra, speed_mm_s=self.speed_mm_s)
-
-    def __call__(self) -> Bins:
-        return Bins(self.at.coefficients, samples=self.spectra.samples, rate_hz=self.spectra.rate_hz)
-
-
-@dataclass(frozen=True)
-class Synthesised:
-    """A stimulus for one step of the foot.
-
-    Attributes:
-        summed: returns the sum of the bins at the output rate, m/s^2, shape (n,).
-        floored_bins: as in `SpectrumAtSpeed`.
-        extrapolated: as in `SpectrumAtSpeed`.
-        dropped_bins: bins of the recordings that the output rate cannot carry.
-        bins: returns what the waveform is the sum of; it costs some microseconds.
-    """
-
-    summed: Callable[[], NDArray[np.float64]]
-    floored_bins: int
-    extrapolated: bool
-    dropped_bins: int
-    bins: Callable[[], Bins]
-
-    @cached_property
-    def waveform_m_s2(self) -> NDArray[np.float64]:
-        """At the output rate, m/s^2, shape (n,); summed when it is first asked for. Raises as `inverse_on`."""
-        return self.summed()
-
-
-def synthesise(spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int) -> Synthesised:
-    """The stimulus for one step: equations (3), (4) and (5), as long as the recordings were.
-
-    Args:
-        spectra: of one material, from `subtract`.
-        speed_mm_s: foot speed, mm/s, zero or more.
-        output_rate_hz: samples a second that the actuator expects, Hz.
-
-    Raises:
-        SynthesisError: as `at_speed`, `grid` and `transformable`.
-
-    Source: Okamoto et al., section 3.1.
-    """
-    bins = BinsAtSpeed(spectra, speed_mm_s)
-    on = spectra.grid(output_rate_hz)
-    transformable(on)
-    return Synthesised(
-        summed=lambda: inverse_on(bins.at.coefficients, on),
-        floored_bins=bins.at.floored_bins,
-        extrapolated=bins.at.extrapolated,
-        dropped_bins=spectra.dropped(on),
-        bins=bins,
-    )
-
+from experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed, at_speed, foot_speed
+from experiment.synthesis.spectra import Bins, Grid, inverse_on, rms, transformable
 
 ROUNDING = float(np.finfo(np.float64).eps) / 2
 """u, the largest relative error of one rounding of a float64."""
 
-AT_SPEED_ROUNDINGS = 8
-"""What equation (3) is allowed: `crinkle.at_speed` rounds a bin seven times at most, and one covers second order."""
-
-COSINE_ROUNDINGS = 13
-"""Roundings, of 1, in a cosine of `cosines`: an angle below 2 pi is the product of a whole number below 2^53 and
-pi / 2p, and so within 2.4 roundings of itself; its cosine within 2.4 max |x sin x| = 11.6, and one of its own."""
-
 LEAST = 5e-324
 """The smallest float64: what the rounding of a denormal number costs at most, twice."""
 
-CHUNK_BYTES = 2**20
-"""Memory for the terms that `PrintedSum` sums at a time, bytes; their phases take as much again, twice."""
+CANCELLATION = 8.0
+"""Largest sum of the two terms' rms in extrapolation, as a multiple of the rms at the nearest measured speed; between
+measured speeds the sum is at most 3 times the rms of the result."""
+
+MARGIN = 1e-9
+"""How far before the first bin falls to zero, as a part of the way there, the inverse DCT takes over."""
 
 
-@dataclass(frozen=True)
-class Estimate:
-    """What a method promises for one material at one output rate, known before anything is prepared.
+@dataclass(frozen=True, eq=False)
+class Basis:
+    """One material, prepared for one output rate; `prepare` makes it.
 
     Attributes:
-        relative_error: bound on the relative error (see the module) at any speed.
-        why: what the bound rests on, in words.
-        memory_bytes: what the prepared renderer holds, the spectra among it.
-        first_block_error: the same for the first block by itself, where a method hands it out before the rest; the
-            divisor is that of the whole stimulus.
+        material: id of the material.
+        spectra: of the material.
+        output_rate_hz: samples a second.
+        on: the grid of that rate.
+        speeds_mm_s: v_i.
+        lowest_mm_s: the slowest speed at which the weighted sum holds, mm/s.
+        highest_mm_s: the fastest, mm/s.
+        pairs: for each interval and each of its speeds v_j, v_l being the other, the waveforms of C'(v_j) and of
+            C'(v_l) - C'(v_j), both with the signs of v_j, m/s^2, each of shape (n,).
     """
 
-    relative_error: float
-    why: str
-    memory_bytes: int
-    first_block_error: float | None = None
+    material: str
+    spectra: CrinkleSpectra
+    output_rate_hz: int
+    on: Grid
+    speeds_mm_s: tuple[float, ...]
+    lowest_mm_s: float
+    highest_mm_s: float
+    pairs: tuple[tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...], ...]
 
+    @property
+    def method(self) -> str:
+        """How the stimuli are computed, with the band where bins outside it are left out, as records name it."""
+        band_hz = self.spectra.band_hz
+        return "basis waveforms" if band_hz is None else f"basis waveforms, {band_hz[0]:g} to {band_hz[1]:g} Hz"
 
-class Renderer(Protocol):
-    """One material, prepared for one output rate."""
+    @property
+    def relative_error(self) -> float:
+        """Bound on the relative error of a stimulus at any speed (see the module); bins left out are not in it."""
+        return relative_error(self.on)
 
-    def __call__(self, speed_mm_s: float) -> Synthesised:
-        """The stimulus for one step.
+    @property
+    def nbytes(self) -> int:
+        """Memory of the spectra and of the 3 S - 2 waveforms, each of which is held once."""
+        return self.spectra.nbytes + (3 * len(self.speeds_mm_s) - 2) * self.pairs[0][0][0].nbytes
+
+    def at(self, speed_mm_s: float) -> Stimulus:
+        """Return the stimulus for one step; its waveform is summed when it is first asked for.
 
         Args:
             speed_mm_s: foot speed, mm/s, zero or more.
 
         Raises:
-            SynthesisError: a speed that is negative, not finite, or so high that the spectrum overflows.
+            SynthesisError: a speed that is negative or not finite.
         """
-        ...
+        v, speeds = float(speed_mm_s), self.speeds_mm_s
+        held = self.lowest_mm_s <= v <= self.highest_mm_s
+        if not held:
+            foot_speed(v)
+        i = min(max(bisect_right(speeds, v) - 1, 0), len(speeds) - 2)
+        below, above = v - speeds[i], speeds[i + 1] - v
+        nearer = int(below > above)
+        return Stimulus(self, v, i, nearer, (above if nearer else below) / (speeds[i + 1] - speeds[i]), held)
 
 
-class Method(Protocol):
-    """A way to compute stimuli."""
+@dataclass(frozen=True)
+class Stimulus:
+    """What one step of the foot calls for; `Basis.at` makes it.
+
+    Attributes:
+        basis: the material, prepared for the output rate.
+        speed_mm_s: of the foot.
+        interval: i, of the measured speeds v_i and v_i+1 that the speed lies between or beside.
+        nearer: 0 where v_i is the nearer of them, 1 where v_i+1 is.
+        of_difference: t, from the nearer speed towards the other: 0 to 1/2 between the two, negative beyond the nearer.
+        held: whether the weighted sum of two of the basis waveforms is the stimulus.
+    """
+
+    basis: Basis
+    speed_mm_s: float
+    interval: int
+    nearer: int
+    of_difference: float
+    held: bool
 
     @property
-    def name(self) -> str:
-        """As tables and plots print it."""
-        ...
+    def material(self) -> str:
+        """Id of the material."""
+        return self.basis.material
 
-    def estimate(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Estimate:
-        """What this method promises; costs next to nothing. Raises as `spectra.grid`."""
-        ...
+    @property
+    def extrapolated(self) -> bool:
+        """Whether the speed lies outside the measured ones."""
+        return not self.basis.speeds_mm_s[0] <= self.speed_mm_s <= self.basis.speeds_mm_s[-1]
 
-    def prepare(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Renderer:
-        """Do beforehand what does not depend on the speed. Raises as `spectra.grid` and `spectra.inverse_on`."""
-        ...
+    @property
+    def floored_bins(self) -> int:
+        """How many of the bins held extrapolation would have made negative. Raises as `at_speed`."""
+        return 0 if self.held else self.spectrum.floored_bins
 
+    @cached_property
+    def spectrum(self) -> SpectrumAtSpeed:
+        """C'_k(v), worked out when it is first asked for. Raises as `at_speed`."""
+        return at_speed(self.basis.spectra, speed_mm_s=self.speed_mm_s)
 
-@dataclass(frozen=True)
-class PrintedSum:
-    """Equation (5) as printed, one cosine a bin and sample: slow, and the oracle of the others."""
+    @property
+    def bins(self) -> Bins:
+        """What the waveform is the sum of. Raises as `at_speed`."""
+        of = self.basis.spectra
+        return Bins(self.spectrum.coefficients, samples=of.samples, rate_hz=of.rate_hz)
 
-    name: str = "printed sum"
-
-    def estimate(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Estimate:
-        bins = spectra.grid(output_rate_hz).carried
-        return Estimate(
-            relative_error=printed_sum_error(bins),
-            why=f"each cosine within {COSINE_ROUNDINGS} roundings, its phase reduced in whole numbers; pairwise sums; "
-            "and the sum of the amplitudes is at most sqrt(2 bins) times the rms",
-            memory_bytes=held_bytes(spectra) + 3 * CHUNK_BYTES,
-        )
-
-    def prepare(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Renderer:
-        return _PrintedSum(spectra, spectra.grid(output_rate_hz))
-
-
-@dataclass(frozen=True)
-class InverseDct:
-    """Zero-padded inverse DCT: exact and band-limited, at any speed."""
-
-    name: str = "inverse DCT"
-
-    def estimate(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Estimate:
-        on = spectra.grid(output_rate_hz)
-        return Estimate(
-            relative_error=AT_SPEED_ROUNDINGS * ROUNDING + transform_error(on),
-            why="rounding of a fast transform grows with the logarithm of its length",
-            memory_bytes=held_bytes(spectra),
-        )
-
-    def prepare(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Renderer:
-        transformable(spectra.grid(output_rate_hz))
-        return _InverseDct(spectra, output_rate_hz)
+    @cached_property
+    def waveform_m_s2(self) -> NDArray[np.float64]:
+        """At the output rate, m/s^2, shape (n,), summed when it is first asked for. Raises as `at_speed`."""
+        if not self.held:
+            return inverse_on(self.spectrum.coefficients, self.basis.on)
+        own, difference = self.basis.pairs[self.interval][self.nearer]
+        summed: NDArray[np.float64] = difference * self.of_difference
+        summed += own
+        return summed
 
 
-@dataclass(frozen=True)
-class _PrintedSum:
-    spectra: CrinkleSpectra
-    on: Grid
+def prepare(spectra: CrinkleSpectra, *, material: str, output_rate_hz: int) -> Basis:
+    """Make the waveforms of one material beforehand.
 
-    def __call__(self, speed_mm_s: float) -> Synthesised:
-        bins, on = BinsAtSpeed(self.spectra, speed_mm_s), self.on
+    Args:
+        spectra: of the material, from `subtract`.
+        material: its id.
+        output_rate_hz: samples a second that the actuator expects, Hz.
 
-        def summed() -> NDArray[np.float64]:
-            samples = np.empty(on.count)
-            rows = max(1, CHUNK_BYTES // (8 * on.carried))
-            for start in range(0, on.count, rows):
-                stop = min(start + rows, on.count)
-                terms = cosines(on, start=start, stop=stop)
-                terms *= bins.at.coefficients[1 : on.carried]
-                samples[start:stop] = terms.sum(axis=1)
-            return samples
+    Raises:
+        SynthesisError: as `spectra.grid` and `spectra.inverse_on`.
 
-        return Synthesised(
-            summed=summed,
-            floored_bins=bins.at.floored_bins,
-            extrapolated=bins.at.extrapolated,
-            dropped_bins=self.spectra.dropped(on),
-            bins=bins,
-        )
-
-
-@dataclass(frozen=True)
-class _InverseDct:
-    spectra: CrinkleSpectra
-    output_rate_hz: int
-
-    def __call__(self, speed_mm_s: float) -> Synthesised:
-        return synthesise(self.spectra, speed_mm_s=speed_mm_s, output_rate_hz=self.output_rate_hz)
-
-
-def printed_sum_error(bins: int) -> float:
-    """Bound on the relative error of any sample of a printed sum, equation (3) included.
-
-    Each term is within the roundings of its amplitude, its cosine and its product, and of a sum of blocks of 128 terms
-    in eight running sums, then pairwise: 19 + log2(bins). The amplitudes add up to at most sqrt(2 bins) times the rms.
+    Source: Okamoto et al., section 3.1 and equations (3) to (5).
     """
-    return (AT_SPEED_ROUNDINGS + COSINE_ROUNDINGS + 20 + log2(bins)) * ROUNDING * sqrt(2 * bins)
+    on = spectra.grid(output_rate_hz)
+    transformable(on)
+    amplitudes, signs = spectra.amplitudes[:, : on.carried].copy(), spectra.signs[:, : on.carried]
+    amplitudes[:, 0] = 0.0  # it sounds in no waveform, and may be larger than what does
+    own = [inverse_on(amplitudes[j] * signs[j], on) for j in range(len(amplitudes))]
+
+    def pair(j: int, other: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return own[j], inverse_on((amplitudes[other] - amplitudes[j]) * signs[j], on)
+
+    lowest, highest = _holds_between(spectra, rms(spectra.amplitudes, on))
+    return Basis(
+        material=material,
+        spectra=spectra,
+        output_rate_hz=output_rate_hz,
+        on=on,
+        speeds_mm_s=tuple(spectra.speeds_mm_s.tolist()),
+        lowest_mm_s=lowest,
+        highest_mm_s=highest,
+        pairs=tuple((pair(i, i + 1), pair(i + 1, i)) for i in range(len(own) - 1)),
+    )
+
+
+def relative_error(on: Grid) -> float:
+    """Return the bound on the relative error of `Stimulus.waveform_m_s2` at any speed, on a grid (see the module)."""
+    return CANCELLATION * (4 * ROUNDING * sqrt(on.p / on.count) + 4 * ROUNDING + transform_error(on))
 
 
 def denormal_error_m_s2(samples: int) -> float:
-    """What the rounding of numbers below 1e-307 may add to an error, m/s^2.
+    """Return what the rounding of numbers below 1e-307 may add to an error, m/s^2.
 
     Equation (3), or the weights of scaled waveforms, round twice a bin, by `LEAST` at most. The waveforms are made of
-    normal numbers (`spectra.LIFT`), rounded once a sample, and weighted by 8 at most (`basis.CANCELLATION`).
+    normal numbers (`spectra.LIFT`), rounded once a sample, and weighted by 8 at most (`CANCELLATION`).
 
     Args:
         samples: N of the recordings.
@@ -255,53 +225,8 @@ def denormal_error_m_s2(samples: int) -> float:
     return (2 * samples + 16) * LEAST
 
 
-def cosines(on: Grid, *, start: int, stop: int) -> NDArray[np.float64]:
-    """cos(pi k q (i + 1/2) / p) of bins 1 to carried - 1 at some samples, each within `COSINE_ROUNDINGS` of 1.
-
-    Args:
-        on: the grid.
-        start: first sample i.
-        stop: one past the last.
-
-    Returns:
-        Shape (stop - start, carried - 1).
-
-    Raises:
-        SynthesisError: a grid whose phases overflow whole numbers of 64 bits.
-    """
-    if 2 * on.carried * on.q * stop >= 2**63:
-        raise SynthesisError(
-            f"output_rate_hz: got one whose ratio to the recording's is {on.p}/{on.q} samples; "
-            "allowed: phases below 2^63; use a rounder rate"
-        )
-    odd = 2 * np.arange(start, stop, dtype=np.int64)[:, None] + 1
-    phases = odd * (np.arange(1, on.carried, dtype=np.int64) * on.q)
-    phases %= 4 * on.p
-    return np.asarray(np.cos(phases * (np.pi / (2 * on.p))))
-
-
-def rms(amplitudes: NDArray[np.float64], on: Grid) -> NDArray[np.float64]:
-    """sqrt(sum_k C_k^2 / 2) over the bins 1 to carried - 1: by Parseval the rms of the waveform where q is 1.
-
-    Args:
-        amplitudes: of any scale, 1e300 and denormals included, shape (..., N).
-        on: their grid.
-
-    Returns:
-        Shape (...).
-
-    Raises:
-        SynthesisError: one that is NaN or infinite.
-    """
-    sounding = finite(amplitudes, what="amplitudes")[..., 1 : on.carried]
-    largest = np.max(np.abs(sounding), axis=-1, initial=0.0)
-    unit = np.where(largest > 0, largest, 1.0)
-    relative: NDArray[np.float64] = np.sqrt(np.sum((sounding / unit[..., None]) ** 2, axis=-1) / 2)
-    return np.asarray(relative * largest)
-
-
 def transform_error(on: Grid) -> float:
-    """Bound on the relative error of an inverse DCT on a grid.
+    """Return the bound on the relative error of an inverse DCT on a grid.
 
     For lengths that are powers of two, the norm of the error of a fast transform stays within about 7 log2(length)
     roundings of the norm of its result (Higham, Accuracy and Stability of Numerical Algorithms, theorem 24.2); 8 and
@@ -312,7 +237,27 @@ def transform_error(on: Grid) -> float:
     return 8 * log2(4 * on.p) * ROUNDING * sqrt(on.p / on.count)
 
 
-def held_bytes(spectra: CrinkleSpectra) -> int:
-    """Memory of one material's spectra, bytes."""
-    left_out = 0 if spectra.left_out is None else spectra.left_out.nbytes
-    return spectra.speeds_mm_s.nbytes + spectra.amplitudes.nbytes + spectra.signs.nbytes + left_out
+def _holds_between(spectra: CrinkleSpectra, levels: NDArray[np.float64]) -> tuple[float, float]:
+    """Slowest and fastest speed at which no bin is floored and the two terms cancel too little to matter, mm/s."""
+    slowest, second = spectra.speeds_mm_s[:2]
+    fastest = spectra.speeds_mm_s[-1]
+    every = spectra.amplitudes
+    down = _steps_out(every[0], every[1], levels[0], levels[1])
+    up = _steps_out(every[-1], every[-2], levels[-1], levels[-2])
+    lowest = slowest - down * (second - slowest)
+    highest = fastest + up * (fastest - spectra.speeds_mm_s[-2])
+    # Rounded inwards: the next number may lie beyond a floor that is nearer than half of its distance.
+    return max(float(np.nextafter(lowest, slowest)), 0.0), float(np.nextafter(highest, fastest))
+
+
+def _steps_out(
+    nearest: NDArray[np.float64], next_nearest: NDArray[np.float64], level: float, next_level: float
+) -> float:
+    """How far beyond the nearest measured speed the weighted sum holds, in gaps between these two speeds."""
+    falling = nearest < next_nearest
+    with np.errstate(over="ignore"):
+        until_floor = np.min(nearest[falling] / (next_nearest[falling] - nearest[falling]), initial=np.inf)
+    if level == 0:
+        return 0.0
+    until_cancelled = (CANCELLATION - 1) * level / (level + next_level)
+    return float(min(until_floor * (1 - MARGIN), until_cancelled))

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from scipy import stats
 from statsmodels.stats.anova import anova_lm
 
-from analysis.published import Published, of_document
+from analysis.published import of_document
 from analysis.published.models import Document
+from analysis.published.numbers import Published
 
 MATERIALS = ("glass", "sand", "snow")
 LEVELS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))

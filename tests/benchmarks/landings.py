@@ -96,7 +96,7 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         landed.priority = opened.enter_context(host.raised())
         planned, rate_hz = scene.plan(protocol=protocol, task_id="virtual"), rig.actuator.rate_hz
         recordings = folder / storage.RECORDINGS
-        render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
+        materials = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
         line = opened.enter_context(SerialLine())
         powered_ns = clock.now_ns()
         foot = Foot(line, rig.tracker, real_time=True, rest_mm=REST_MM, noise_mm=NOISE_MM)
@@ -106,8 +106,7 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         card = opened.enter_context(WiredCard(rig))
         sound = open_sound(rig, protocol, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
         card.wire()
-        like = scene.examples(render, planned, protocol, rate_hz)
-        drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, like=like)
+        drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, materials=materials)
         actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
         opened.callback(actuator.close)
         parts = Watch(
@@ -115,7 +114,7 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
             detector=GateDetector(protocol.footstep.step),
             predictor=LandingPredictor(protocol.footstep.step, noise_mm=NOISE_MM),
             clock=clock,
-            sounder=Sounder(render, actuator),
+            sounder=Sounder(materials, actuator),
         )
         begun_ns = clock.now_ns()
         while clock.now_ns() - begun_ns < SETTLED_S * 1e9:

@@ -26,8 +26,8 @@ from numpy.typing import NDArray
 from experiment import storage
 from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel.conditioning import open_drive
-from experiment.apparatus.ports import Actuator, Played, Wanted
+from experiment.apparatus.panel.conditioning import Played, open_drive
+from experiment.apparatus.ports import Actuator
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState
@@ -46,6 +46,7 @@ from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, watch
 from experiment.session.masker import open_sound
+from experiment.synthesis.waveforms import Stimulus
 
 STEPS = 2000
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
@@ -137,8 +138,8 @@ class Timed:
     def lead_ns(self) -> int:
         return self._actuator.lead_ns
 
-    def prepare(self, wanted: Wanted) -> Played:
-        return self._actuator.prepare(wanted)
+    def prepare(self, stimulus: Stimulus) -> Played:
+        return self._actuator.prepare(stimulus)
 
     def aim(self, onset_ns: int) -> bool:
         self._actuator.aim(onset_ns)
@@ -182,13 +183,12 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
     protocol = files.load(shipped("okamoto2012.toml"))
     planned = scene.plan(protocol=protocol, task_id="virtual")
     recordings = folder / "rehearsal" / storage.RECORDINGS
-    render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=(rate_hz,))
+    materials = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
     rig_file, clock, tracker = shipped(f"rigs/{rig_name}.toml"), MonotonicClock(), Replayed()
     rig = rigs.load(rig_file)
     rig = rig.model_copy(update={"actuator": rig.actuator.model_copy(update={"rate_hz": rate_hz})})
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-    like = scene.examples(render, planned, protocol, rate_hz)
-    drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, like=like)
+    drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, materials=materials)
     with ExitStack() as opened:
         if rig.audio is None:
             panel = Panel(rig.actuator)
@@ -207,7 +207,7 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
             detector=Noted(tracker, actuator),
             predictor=LandingPredictor(STEP, noise_mm=0.1),
             clock=clock,
-            sounder=Sounder(render, actuator),
+            sounder=Sounder(materials, actuator),
         )
         rng = np.random.default_rng(2)
         for n in range(steps):

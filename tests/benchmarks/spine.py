@@ -75,11 +75,17 @@ def main() -> None:
         whole_s = seconds(lambda: rehearse(folder, 99, jobs, 15))
         print(f"whole study, {jobs} processes    {1000 / whole_s:8.1f} trials/s   (25 sessions: {whole_s:.1f} s)")
         planned = scene.plan(protocol=protocol, task_id="virtual")
-        render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=folder / "0-1" / storage.RECORDINGS)
+        materials = scene.open_stimuli(
+            scene=planned,
+            protocol=protocol,
+            recordings=folder / "0-1" / storage.RECORDINGS,
+            output_rate_hz=48_000,
+        )
+        copy_paper = materials["copy paper"]
         speeds = [60.0 + i for i in range(RENDERS)]
 
         def sounded(speed_mm_s: float) -> object:
-            return render("copy paper", speed_mm_s, 48_000).stimulus.waveform_m_s2
+            return copy_paper.at(speed_mm_s).waveform_m_s2
 
         rendered = [seconds(partial(sounded, v)) for v in speeds]
         print(

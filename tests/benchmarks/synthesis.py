@@ -1,6 +1,6 @@
 """What synthesis costs: run `python -m tests.benchmarks.synthesis`; every figure is a median, every ratio of one run.
 
-One material as in the paper: 2,500 bins at 5 kHz, rendered for 0.5 s at 48 kHz. Methods and yardsticks take turns, so
+One material as in the paper: 2,500 bins at 5 kHz, rendered for 0.5 s at 48 kHz. Ways and yardsticks take turns, so
 that whatever else the machine does falls on all of them. Memory is that of new processes. Not a test: it asserts
 nothing, because these figures belong to the machine that printed them.
 """
@@ -17,11 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from experiment.synthesis.basis import Basis
+from analysis.numerics.cases import BASIS, PRINTED_SUM, WAYS
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.engine import EXACT, FASTEST_FIRST
-from experiment.synthesis.first_block import FIRST_BLOCK, FirstBlockFirst
-from experiment.synthesis.waveforms import PrintedSum, Renderer
 
 OUTPUT_RATE_HZ = 48_000
 SPEEDS_MM_S = np.array([50.0, 100.0, 200.0, 300.0])
@@ -44,24 +41,26 @@ import scipy.fft
 scipy_mb = peak_mb()
 if {traced}:
     tracemalloc.start()
-from experiment.synthesis import crinkle, driving, engine, rig_response
-response = rig_response.Response(
+from experiment.synthesis import crinkle, response, shaping, waveforms
+response = response.Response(
     np.linspace(10.0, 600.0, 60), np.linspace(0.2, 2.0, 10), np.outer(np.ones(60), np.linspace(0.8, 8.0, 10))
 )
 rng = np.random.default_rng(1)
-renderers = []
+materials = []
 for material in range(4):
     takes = rng.normal(size=(2, 4, 3, 2500))
     spectra = crinkle.subtract(
         speeds_mm_s=[50, 100, 200, 300], rate_hz=5000, panel_object_takes=2 * takes[0], panel_takes=takes[1]
     )
-    renderers.append(engine.choose(spectra, output_rate_hz=48_000).prepare(spectra, output_rate_hz=48_000))
-for render in renderers:
+    materials.append(waveforms.prepare(spectra, material=str(material), output_rate_hz=48_000))
+for basis in materials:
     for v in range(0, 500, 10):
-        made = render(v).waveform_m_s2
+        stimulus = basis.at(v)
+        stimulus.waveform_m_s2
         if v == 200:
-            asked = driving.bins_of_waveform(made, rate_hz=48_000)
-            driving.drive(asked, rate_hz=48_000, response=response, gain_limit_v_per_m_s2=1.0, limit_m_s2=30.0)
+            shaping.drive(
+                stimulus.bins, rate_hz=48_000, response=response, gain_limit_v_per_m_s2=1.0, limit_m_s2=30.0
+            )
 if {traced}:
     print(tracemalloc.get_traced_memory()[1] / 1e6)
 else:
@@ -76,10 +75,6 @@ def paper() -> CrinkleSpectra:
     )
 
 
-def waveform(render: Renderer, speed_mm_s: float) -> NDArray[np.float64]:
-    return render(speed_mm_s).waveform_m_s2
-
-
 def times_us(calls: dict[str, Callable[[], object]]) -> dict[str, NDArray[np.float64]]:
     """Times of each call, in turns, us."""
     times: dict[str, list[int]] = {name: [] for name in calls}
@@ -90,16 +85,6 @@ def times_us(calls: dict[str, Callable[[], object]]) -> dict[str, NDArray[np.flo
             if turn >= WARM_UP:
                 times[name].append(time.perf_counter_ns() - begun)
     return {name: np.array(taken) / 1e3 for name, taken in times.items()}
-
-
-def print_order(times: dict[str, NDArray[np.float64]], claimed: list[str]) -> None:
-    """The order of the methods by median, with quartiles, and in how many turns each was faster than the next."""
-    measured = sorted(claimed, key=lambda name: float(np.median(times[name])))
-    print(f"fastest first, as measured ({'as' if measured == claimed else 'not as'} the engine says):")
-    for name, after in zip(measured, [*measured[1:], None], strict=True):
-        low, median, high = np.quantile(times[name], [0.25, 0.5, 0.75]).tolist()
-        share = "" if after is None else f"; faster than the next in {np.mean(times[name] < times[after]):.0%} of turns"
-        print(f"  {name:45s} {median:10.1f} us   ({low:.1f} to {high:.1f}{share})")
 
 
 def memory(*, traced: bool) -> list[float]:
@@ -120,39 +105,32 @@ def main() -> None:
         np.multiply(y, 0.7, out=product)
         np.add(kept, product, out=kept)
 
-    renderers = {m.name: m.prepare(spectra, output_rate_hz=OUTPUT_RATE_HZ) for m in FASTEST_FIRST}
-    slow = PrintedSum().name
-    fast = {name: render for name, render in renderers.items() if name != slow}
-    first = FirstBlockFirst().prepare(spectra, output_rate_hz=OUTPUT_RATE_HZ)
+    renderers = {way.name: way.prepare(spectra, OUTPUT_RATE_HZ)[0] for way in WAYS}
+    fast = {name: render for name, render in renderers.items() if name != PRINTED_SUM.name}
     times = times_us(
         {
             "bare a*x + b*y, new array": lambda: 0.3 * x + 0.7 * y,
             "bare a*x + b*y, preallocated": preallocated,
             "scipy.fft.idct of 24,000": lambda: fft.idct(x),
-            **{name: partial(waveform, render, BETWEEN_MM_S) for name, render in fast.items()},
-            **{f"{name}, bins floored": partial(waveform, render, FLOORED_MM_S) for name, render in fast.items()},
-            f"first {FIRST_BLOCK} samples": lambda: first.begin(BETWEEN_MM_S),
-            f"first {FIRST_BLOCK} samples, bins floored": lambda: first.begin(FLOORED_MM_S),
+            **{name: partial(render, BETWEEN_MM_S) for name, render in fast.items()},
+            **{f"{name}, bins floored": partial(render, FLOORED_MM_S) for name, render in fast.items()},
         }
     )
     took = {name: float(np.median(taken)) for name, taken in times.items()}
     begun = time.perf_counter_ns()
-    oracle = renderers[slow](BETWEEN_MM_S).waveform_m_s2
-    took[f"{slow}, once"] = (time.perf_counter_ns() - begun) / 1e3
+    oracle = renderers[PRINTED_SUM.name](BETWEEN_MM_S)
+    took[f"{PRINTED_SUM.name}, once"] = (time.perf_counter_ns() - begun) / 1e3
     print(f"0.5 s at 48 kHz, one material of 2,500 bins; medians of {ROUNDS}, in turns")
     for name, us in took.items():
         print(f"  {name:45s} {us:10.1f} us")
-    print_order(times, list(fast))
-    engine, new, idct = took[Basis().name], took["bare a*x + b*y, new array"], took["scipy.fft.idct of 24,000"]
+    engine, new, idct = took[BASIS.name], took["bare a*x + b*y, new array"], took["scipy.fft.idct of 24,000"]
     print(f"gate to waveform / bare sum into a new array      {engine / new:8.2f}   (at most 1.5)")
     print(f"gate to waveform / bare sum, preallocated         {engine / took['bare a*x + b*y, preallocated']:8.2f}")
     print(f"scipy.fft.idct / gate to waveform                 {idct / engine:8.2f}   (at least 5)")
     print("relative error against the printed sum, largest of any sample by largest sample; and as claimed")
-    for method in FASTEST_FIRST:
-        made = renderers[method.name](BETWEEN_MM_S).waveform_m_s2
-        claim = method.estimate(spectra, output_rate_hz=OUTPUT_RATE_HZ).relative_error
-        error = np.max(np.abs(made - oracle)) / np.max(np.abs(oracle))
-        print(f"  {method.name:45s} {error:10.1e}   {claim:8.1e}{'  exact' if claim < EXACT else ''}")
+    for way in WAYS:
+        error = np.max(np.abs(renderers[way.name](BETWEEN_MM_S) - oracle)) / np.max(np.abs(oracle))
+        print(f"  {way.name:45s} {error:10.1e}   {way.claim(spectra.grid(OUTPUT_RATE_HZ)):8.1e}")
     resident, scipy_alone, random = np.median([memory(traced=False) for _ in range(5)], axis=0).tolist()
     print("4 materials at 48 kHz with frequency shaping, as in a session; resident peak")
     print(f"  beyond numpy with numpy.random: the claim     {resident - random:10.1f} MB   (at most 40)")

@@ -13,13 +13,14 @@ from experiment.apparatus import opening as opening_audio
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.mixer import AT_ONCE
 from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.ports import Actuator, Waveform
+from experiment.apparatus.ports import Actuator
 from experiment.apparatus.rig import Rig
 from experiment.clock import MonotonicClock
 from experiment.errors import ActuatorError, RigError
 from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.panel import CardPanel
 from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from tests.experiment.synthesis.stimuli import given
 from tests.rig import sound
 
 CLOCK = MonotonicClock()
@@ -78,8 +79,8 @@ def panel(card: SoundCard, stream: AudioStream) -> Iterator[CardPanel]:
 def test_a_stimulus_is_heard_and_felt_as_it_was_intended(actuator: Actuator, panel: CardPanel) -> None:
     for seed in range(5):
         wanted = stimulus(seed)
-        played = actuator.prepare(Waveform(wanted))
-        assert (played.samples, played.limited) == (4800, 0)
+        played = actuator.prepare(given(wanted))
+        assert (played.samples.size, played.limited) == (4800, 0)
         onset_ns = CLOCK.now_ns() + 80 * MS
         assert actuator.aim(onset_ns)
         assert actuator.aim(onset_ns - 20 * MS)
@@ -100,7 +101,7 @@ def test_a_stimulus_is_heard_and_felt_as_it_was_intended(actuator: Actuator, pan
 
 
 def test_what_lies_within_the_lead_is_refused_and_nothing_changes(actuator: Actuator, stream: AudioStream) -> None:
-    actuator.prepare(Waveform(stimulus()))
+    actuator.prepare(given(stimulus()))
     within = stream.next_frame + stream.lead_frames - 2
     assert not actuator.aim(stream.ns_of(within) + round(OUTPUT_MS * MS))
     later_ns = CLOCK.now_ns() + 200 * MS
@@ -114,7 +115,7 @@ def test_what_lies_within_the_lead_is_refused_and_nothing_changes(actuator: Actu
 
 
 def test_a_stimulus_that_was_never_aimed_sounds_once_the_foot_has_landed(actuator: Actuator) -> None:
-    actuator.prepare(Waveform(stimulus()))
+    actuator.prepare(given(stimulus()))
     contact_ns = CLOCK.now_ns()
     actuator.landed(contact_ns)
     heard = actuator.delivered(contact_ns)
@@ -131,7 +132,7 @@ def test_what_sounds_as_asked_but_not_at_contact_is_not_delivered(stream: AudioS
     assert RIG.audio is not None
     lenient = headless(delivered=RIG.audio.delivered.model_copy(update={"onset_ms": 100.0}))
     actuator = opening.open_actuator(lenient, limit_m_s2=20.0, stream=stream)
-    actuator.prepare(Waveform(stimulus()))
+    actuator.prepare(given(stimulus()))
     onset_ns = CLOCK.now_ns() + 80 * MS
     assert actuator.aim(onset_ns)
     contact_ns = onset_ns - late_ms * MS
@@ -143,7 +144,7 @@ def test_what_sounds_as_asked_but_not_at_contact_is_not_delivered(stream: AudioS
 
 
 def test_a_withdrawn_stimulus_is_not_felt(actuator: Actuator, panel: CardPanel) -> None:
-    actuator.prepare(Waveform(stimulus()))
+    actuator.prepare(given(stimulus()))
     assert actuator.aim(CLOCK.now_ns() + 60 * MS)
     assert actuator.withdraw()
     assert panel.felt(0.2) is None
@@ -152,9 +153,9 @@ def test_a_withdrawn_stimulus_is_not_felt(actuator: Actuator, panel: CardPanel) 
 
 
 def test_a_later_stimulus_takes_the_place_of_one_that_waits(actuator: Actuator, panel: CardPanel) -> None:
-    actuator.prepare(Waveform(stimulus(1)))
+    actuator.prepare(given(stimulus(1)))
     assert actuator.aim(CLOCK.now_ns() + 60 * MS)
-    actuator.prepare(Waveform(stimulus(2)))
+    actuator.prepare(given(stimulus(2)))
     actuator.landed(CLOCK.now_ns())
     heard = actuator.delivered(CLOCK.now_ns())
     assert heard is not None
@@ -169,7 +170,7 @@ def test_a_pulled_loopback_and_a_soft_one_are_not_delivered(
     actuator: Actuator, card: SoundCard, stream: AudioStream
 ) -> None:
     card.disconnect(2)
-    actuator.prepare(Waveform(stimulus()))
+    actuator.prepare(given(stimulus()))
     actuator.landed(CLOCK.now_ns())
     unheard = actuator.delivered(CLOCK.now_ns())
     assert unheard is not None
@@ -178,7 +179,7 @@ def test_a_pulled_loopback_and_a_soft_one_are_not_delivered(
     assert RIG.audio is not None
     louder = headless(latency=RIG.audio.latency.model_copy(update={"loopback_gain": 2.0}))
     other = opening.open_actuator(louder, limit_m_s2=20.0, stream=stream)
-    other.prepare(Waveform(stimulus()))
+    other.prepare(given(stimulus()))
     other.landed(CLOCK.now_ns())
     soft = other.delivered(CLOCK.now_ns())
     assert soft is not None
@@ -186,7 +187,7 @@ def test_a_pulled_loopback_and_a_soft_one_are_not_delivered(
 
 
 def test_an_intended_silence_is_delivered(actuator: Actuator) -> None:
-    actuator.prepare(Waveform(np.zeros(480)))
+    actuator.prepare(given(np.zeros(480)))
     onset_ns = CLOCK.now_ns() + 60 * MS
     assert actuator.aim(onset_ns)
     heard = actuator.delivered(onset_ns)
@@ -198,7 +199,7 @@ def test_an_intended_silence_in_which_something_sounds_is_not_delivered(
     actuator: Actuator, stream: AudioStream
 ) -> None:
     assert RIG.audio is not None
-    actuator.prepare(Waveform(np.zeros(4800)))
+    actuator.prepare(given(np.zeros(4800)))
     # The conditioner's limit of 20 m/s^2 is 0.31 of full scale.
     stream.schedule(np.full(9600, 0.25), channel=RIG.audio.channels.actuator - 1, frame=AT_ONCE)
     actuator.landed(CLOCK.now_ns())
@@ -212,7 +213,7 @@ def test_a_start_that_a_standing_stream_missed_is_on_record(
     actuator: Actuator, stream: AudioStream, panel: CardPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The stream's counter is past the frame when the callback comes to it, as after a callback that came too late.
-    actuator.prepare(Waveform(stimulus()))
+    actuator.prepare(given(stimulus()))
     monkeypatch.setattr(AudioStream, "next_frame", property(lambda _: 0))
     monkeypatch.setattr(AudioStream, "frame_at", lambda self, _: self._mixer.frame - 5 * self.lead_frames)
     assert actuator.aim(CLOCK.now_ns())

@@ -132,11 +132,12 @@ def test_stimuli_were_shaped_by_the_table_that_is_kept_beside_the_journal(one: P
     assert rig.actuator.shaping is not None
     kept = path.with_name(rig.actuator.shaping.response)
     assert kept.read_bytes() == shipped("rigs/rehearsal-response.csv").read_bytes()
-    driven = [entry.stimulus.driven for entry in journal.read(path).entries if entry.kind == "step" and entry.stimulus]
-    assert len(driven) == 40
-    for stimulus in driven:
-        assert stimulus is not None
-        assert 0 < stimulus.peak_v < rig.actuator.full_scale
+    stimuli = [entry.stimulus for entry in journal.read(path).entries if entry.kind == "step" and entry.stimulus]
+    assert len(stimuli) == 40
+    for stimulus in stimuli:
+        assert stimulus.shaping is not None
+        assert stimulus.handed_unit == "V"
+        assert 0 < stimulus.handed_peak < rig.actuator.full_scale
         assert stimulus.limited == stimulus.shaping.bounded_bins == 0
         assert stimulus.shaping.outside_cost_m_s2 > 0
 

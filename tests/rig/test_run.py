@@ -111,7 +111,7 @@ def test_a_session_from_the_experimenters_chair(
     delivered = [laboratory.panel.felt(0) for _ in steps]
     if task == "virtual":
         assert [s.stimulus.samples for s in steps if s.stimulus] == [d.size for d in delivered if d is not None]
-        assert len({s.stimulus.sha256 for s in steps if s.stimulus}) == 4
+        assert len({s.stimulus.handed_sha256 for s in steps if s.stimulus}) == 4
     else:
         assert delivered == [None] * 4
     description = json.loads((tmp_path / "dataset" / "dataset_description.json").read_text())

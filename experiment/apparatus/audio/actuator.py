@@ -1,6 +1,6 @@
 """An actuator on an output of the session's audio stream: scheduled to the sample, and measured by loopback.
 
-What a loopback heard, set beside what was intended: where it began, how loud it was, and what else was there.
+What the loopback heard is set beside what was intended: where it began, how loud it was, and what else was there.
 """
 
 from __future__ import annotations
@@ -14,11 +14,12 @@ from scipy import signal
 
 from experiment.apparatus.audio.mixer import AT_ONCE, Cue
 from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.panel.conditioning import Conditioner
-from experiment.apparatus.ports import Drive, Played, Wanted
+from experiment.apparatus.panel.conditioning import Conditioner, Played
 from experiment.apparatus.rig import AudioRig
 from experiment.errors import ActuatorError
 from experiment.records.stimulus import Delivered
+from experiment.synthesis.voltages import Drive
+from experiment.synthesis.waveforms import Stimulus
 
 FOUND = 0.5
 """Correlation from which on something heard is the intended waveform; noise of any length stays far below."""
@@ -47,7 +48,7 @@ class Alignment:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """What may differ; see `rig_audio.DeliveredRig`."""
+    """What may differ; see `rig.DeliveredRig`."""
 
     onset_ms: float
     contact_ms: float | None
@@ -182,11 +183,11 @@ class AudioActuator:
         frames = self._stream.lead_frames + self._audio.block
         return round(self._output_ns + frames / self._stream.rate_hz * 1e9)
 
-    def prepare(self, wanted: Wanted) -> Played:
+    def prepare(self, stimulus: Stimulus) -> Played:
         """Limit and shape a stimulus and lay it ready; nothing sounds yet.
 
         Args:
-            wanted: the stimulus, at `rate_hz`.
+            stimulus: of the step, at `rate_hz`.
 
         Raises:
             ActuatorError: there is nothing to play.
@@ -194,7 +195,8 @@ class AudioActuator:
         """
         self.withdraw()
         self._requested_ns = None
-        self._samples, played = self._condition(wanted)
+        played = self._condition(stimulus)
+        self._samples = played.samples
         self._cue = self._stream.schedule(self._samples, channel=self._audio.channels.actuator - 1, frame=SOMETIME)
         self._xruns = self._stream.xruns
         return played

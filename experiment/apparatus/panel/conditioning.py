@@ -1,34 +1,75 @@
 """From a stimulus in m/s^2 to the samples of a device, 1.0 being its full scale. Shared by the actuators' drivers.
 
 A device that takes accelerations gets the limited stimulus. One that takes volts gets what frequency shaping makes of
-the stimulus: the protocol's limit is one of acceleration, and the same voltage moves the panel far at one frequency and
-hardly at another, so shaping holds it on what the panel will do, and takes down the whole of a stimulus that would pass
-it. Where only the samples of a stimulus are known, as of none that a session plays, they are clipped before and then
-shaped. The limit last before the device bounds the voltage whatever shaping did.
-
-The voltages that a rig's device is given for a stimulus, by the response table that the rig file names.
+the stimulus, by the response table that the rig file names: the protocol's limit is one of acceleration, and the same
+voltage moves the panel far at one frequency and hardly at another, so shaping holds that limit on what the panel will
+do, and takes down the whole of a stimulus that would pass it. The limiter stands last before the device, and bounds the
+voltage whatever shaping did.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import hashlib
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from experiment.apparatus.panel.response_table import parse
-from experiment.apparatus.ports import Drive, Played, Voltages, Wanted, Waveform
 from experiment.apparatus.rig import ActuatorRig, response_table
 from experiment.errors import ActuatorError
-from experiment.records.stimulus import Driven, Shaping
-from experiment.synthesis.limiter import limit
-from experiment.synthesis.shaping import Shaped, bins_of_waveform, drive
-from experiment.synthesis.spectra import Bins
-from experiment.synthesis.voltages import DrivenBasis, prepare
-from experiment.synthesis.waveforms import BinsAtSpeed
+from experiment.records import stimulus as records
+from experiment.synthesis.shaping import Shaped
+from experiment.synthesis.voltages import Drive
+from experiment.synthesis.waveforms import Basis, Stimulus
+
+
+@dataclass(frozen=True)
+class Played:
+    """A stimulus as an actuator's device is given it.
+
+    Attributes:
+        stimulus: what was asked for.
+        samples: what the device is handed, 1.0 being full scale, little-endian float32, shape (n,).
+        full_scale: what a sample of 1.0 is: V where there is a `drive`, else m/s^2.
+        limited: how many samples the limiter changed.
+        drive: what made the voltages, for a device that takes them.
+        scale: what shaping took the whole stimulus down to; 1 where there is none.
+    """
+
+    stimulus: Stimulus
+    samples: NDArray[np.float32]
+    full_scale: float
+    limited: int
+    drive: Drive | None = None
+    scale: float = 1.0
+
+    def on_record(self) -> records.Stimulus:
+        """Return what goes on record of it. Shaping is worked out anew for that: ask after contact."""
+        asked = self.stimulus
+        peak = max(float(self.samples.max()), -float(self.samples.min())) * self.full_scale
+        shaped, reached = None, peak
+        if self.drive is not None:
+            shaped = self.drive.shaped(asked, self.scale)
+            # The bound may lie above the peak, and so above a limit that is known to hold.
+            reached = min(shaped.peak_m_s2, self.drive.limit_m_s2)
+        return records.Stimulus(
+            asked_sha256=hashlib.sha256(np.asarray(asked.spectrum.coefficients, "<f8").tobytes()).hexdigest(),
+            floored_bins=asked.floored_bins,
+            extrapolated=asked.extrapolated,
+            computed=records.Computed(method=asked.basis.method, relative_error=asked.basis.relative_error),
+            handed_sha256=hashlib.sha256(self.samples.tobytes()).hexdigest(),
+            handed_unit="m/s^2" if shaped is None else "V",
+            handed_peak=peak,
+            samples=self.samples.size,
+            rate_hz=asked.basis.output_rate_hz,
+            limited=self.limited,
+            reached_peak_m_s2=reached,
+            shaping=None if shaped is None else _lost(shaped),
+        )
 
 
 class Conditioner:
@@ -47,73 +88,75 @@ class Conditioner:
         """
         limit((), limit_m_s2)
         self._full_scale = full_scale
-        self._peak_m_s2 = limit_m_s2 if drive else min(limit_m_s2, full_scale)
+        self._limit = full_scale if drive is not None else min(limit_m_s2, full_scale)
         self._drive = drive
+        highest = np.float32(self._limit / full_scale)
+        # Rounding to float32 must not lift a sample over the limit.
+        self._highest = np.nextafter(highest, np.float32(0)) if float(highest) * full_scale > self._limit else highest
 
     @property
     def ceiling(self) -> float:
         """No sample is larger in magnitude; 1.0 is full scale."""
-        return 1.0 if self._drive else float(self._highest(self._peak_m_s2))
+        return float(self._highest)
 
-    def __call__(self, wanted: Wanted) -> tuple[NDArray[np.float32], Played]:
-        """Limit, shape and scale a stimulus.
+    def __call__(self, stimulus: Stimulus) -> Played:
+        """Shape, limit and scale a stimulus.
 
         Args:
-            wanted: the stimulus, at the device's rate.
-
-        Returns:
-            Samples of the device, little-endian float32, shape (n,); and what became of the stimulus.
+            stimulus: at the device's rate.
 
         Raises:
             ActuatorError: there is nothing to play.
+            SynthesisError: the speed is so high that the spectrum overflows.
         """
-        if self._drive is not None and wanted.bins is not None:
-            return self._driven(self._drive(wanted), limited=0)
-        waveform_m_s2 = wanted.waveform_m_s2
-        if np.ndim(waveform_m_s2) != 1 or np.size(waveform_m_s2) == 0:
+        wanted, scale = (stimulus.waveform_m_s2, 1.0) if self._drive is None else self._drive(stimulus)
+        if np.ndim(wanted) != 1 or np.size(wanted) == 0:
             raise ActuatorError(
-                f"actuator: got a stimulus of shape {np.shape(waveform_m_s2)}; allowed: one channel, one sample or more"
+                f"actuator: got a stimulus of shape {np.shape(wanted)}; allowed: one channel, one sample or more"
             )
-        bounded_m_s2, limited = limit(waveform_m_s2, self._peak_m_s2)
-        if self._drive is not None:
-            return self._driven(self._drive(Waveform(bounded_m_s2)), limited=limited)
-        samples = self._scaled(bounded_m_s2, self._peak_m_s2)
-        return samples, Played(samples=samples.size, limited=limited, peak_m_s2=lambda: self._peak(samples))
-
-    def _driven(self, voltages: Voltages, *, limited: int) -> tuple[NDArray[np.float32], Played]:
-        bounded_v, limited_v = limit(voltages.waveform_v, self._full_scale)
-        samples = self._scaled(bounded_v, self._full_scale)
-
-        def driven() -> Driven:
-            return Driven(shaping=voltages.shaping(), limited=limited_v, peak_v=self._peak(samples))
-
-        return samples, Played(samples=samples.size, limited=limited, peak_m_s2=voltages.peak_m_s2, driven=driven)
-
-    def _highest(self, peak: float) -> np.float32:
-        """The largest sample within a peak; rounding to float32 must not lift one over it."""
-        highest = np.float32(peak / self._full_scale)
-        return np.nextafter(highest, np.float32(0)) if float(highest) * self._full_scale > peak else highest
-
-    def _scaled(self, bounded: NDArray[np.float64], peak: float) -> NDArray[np.float32]:
-        highest = self._highest(peak)
-        scaled = np.empty(bounded.shape, "<f4")
-        np.divide(bounded, self._full_scale, out=scaled, casting="same_kind")
-        return np.clip(scaled, -highest, highest, out=scaled)
-
-    def _peak(self, samples: NDArray[np.float32]) -> float:
-        return max(float(samples.max()), -float(samples.min())) * self._full_scale
+        bounded, limited = limit(wanted, self._limit)
+        samples = np.empty(bounded.shape, "<f4")
+        np.divide(bounded, self._full_scale, out=samples, casting="same_kind")
+        np.clip(samples, -self._highest, self._highest, out=samples)
+        return Played(stimulus, samples, self._full_scale, limited, self._drive, scale)
 
 
-def open_drive(folder: Path, actuator: ActuatorRig, *, limit_m_s2: float, like: Iterable[Wanted] = ()) -> Drive | None:
-    """What turns accelerations into voltages for the actuator of a rig; None for one that takes accelerations.
+def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
+    """Bound every sample: the limiter, last before the device, which holds for any input.
+
+    Args:
+        waveform: any samples, m/s^2 or V, NaN and infinity included, any shape.
+        peak: largest magnitude that may pass, in the same unit, finite and not negative.
+
+    Returns:
+        Samples of the same shape, none larger in magnitude than `peak`: NaN becomes 0, all else the nearest value
+        allowed. Where none had to be changed they are the samples given, not a copy. And how many were changed.
+
+    Raises:
+        ActuatorError: `peak` is no limit.
+    """
+    if not (math.isfinite(peak) and peak >= 0):
+        raise ActuatorError(f"limiter: got a limit of {peak} m/s^2; allowed: a finite number, not negative")
+    wanted = np.asarray(waveform, dtype=np.float64)
+    lowest, highest = wanted.min(initial=0.0), wanted.max(initial=0.0)
+    if -peak <= lowest and highest <= peak:
+        return wanted, 0
+    numbers = np.where(np.isnan(wanted), 0.0, wanted) if math.isnan(lowest) else wanted
+    bounded = np.clip(numbers, -peak, peak)
+    return bounded, int(np.count_nonzero(bounded != wanted))
+
+
+def open_drive(
+    folder: Path, actuator: ActuatorRig, *, limit_m_s2: float, materials: Mapping[str, Basis] | None = None
+) -> Drive | None:
+    """Return what turns accelerations into voltages for the actuator of a rig; None for one that takes accelerations.
 
     Args:
         folder: which holds the rig file; the response table stands there.
         actuator: of the rig.
         limit_m_s2: the protocol's limit for the magnitude of the acceleration that is delivered, m/s^2.
-        like: a stimulus of each material that will be asked for, at any speed. What the voltages of their like need is
-            prepared here, so that they are there sooner: of stimuli whose `bins` are `BinsAtSpeed` of the same spectra,
-            not of equal ones.
+        materials: those that will be asked for, by their ids. Their voltages are prepared here, so that they are there
+            sooner.
 
     Raises:
         RigError: the table is not the one that the rig file names.
@@ -122,71 +165,23 @@ def open_drive(folder: Path, actuator: ActuatorRig, *, limit_m_s2: float, like: 
     settings = actuator.shaping
     if settings is None:
         return None
-    response = parse(folder / settings.response, response_table(folder, settings))
-    rate_hz, gain_limit = actuator.rate_hz, settings.gain_limit_v_per_m_s2
-    whole = partial(drive, rate_hz=rate_hz, response=response, gain_limit_v_per_m_s2=gain_limit)
-    limited = partial(whole, limit_m_s2=limit_m_s2, limit_v=settings.full_scale_v)
-    held = {
-        id(asked.spectra): prepare(
-            asked.spectra,
-            rate_hz=rate_hz,
-            response=response,
-            gain_limit_v_per_m_s2=gain_limit,
-            limit_m_s2=limit_m_s2,
-            limit_v=settings.full_scale_v,
-        )
-        for asked in (stimulus.bins for stimulus in like)
-        if isinstance(asked, BinsAtSpeed)
-    }
-    return _RigDrive(rate_hz, limit_m_s2, whole, limited, held)
+    return Drive(
+        materials or {},
+        rate_hz=actuator.rate_hz,
+        response=parse(folder / settings.response, response_table(folder, settings)),
+        gain_limit_v_per_m_s2=settings.gain_limit_v_per_m_s2,
+        limit_m_s2=limit_m_s2,
+        limit_v=settings.full_scale_v,
+    )
 
 
-@dataclass(frozen=True)
-class _RigDrive:
-    """Implements `Drive`.
-
-    Attributes:
-        rate_hz: of the device.
-        limit_m_s2: of the acceleration.
-        whole: `drive` on this rig, no limit set.
-        limited: the same within the limits of panel and amplifier.
-        held: what is prepared, by the identity of the spectra, which it holds.
-    """
-
-    rate_hz: int
-    limit_m_s2: float
-    whole: Callable[..., tuple[NDArray[np.float64], Shaped]]
-    limited: Callable[..., tuple[NDArray[np.float64], Shaped]]
-    held: dict[int, DrivenBasis]
-
-    def __call__(self, wanted: Wanted) -> Voltages:
-        asked = wanted.bins
-        if isinstance(asked, BinsAtSpeed) and id(asked.spectra) in self.held:
-            found = self.held[id(asked.spectra)](asked.speed_mm_s)
-            if found is not None:
-                waveform_v, scale = found
-                # Nothing is taken down again, for the limits hold already: `driven_basis` says why.
-                return self._said(waveform_v, cache(lambda: self.whole(asked(), scale=scale)[1]))
-        if asked is None:
-            bins = bins_of_waveform(wanted.waveform_m_s2, rate_hz=self.rate_hz)
-        else:
-            known = asked()
-            bins = Bins(known.coefficients, known.samples, known.rate_hz)
-        waveform_v, did = self.limited(bins)
-        return self._said(waveform_v, lambda: did)
-
-    def _said(self, waveform_v: NDArray[np.float64], did: Callable[[], Shaped]) -> Voltages:
-        def shaping() -> Shaping:
-            lost = did()
-            return Shaping(
-                saturated_bins=lost.saturated.bins,
-                saturated_cost_m_s2=lost.saturated.cost_m_s2,
-                outside_bins=lost.outside.bins,
-                outside_cost_m_s2=lost.outside.cost_m_s2,
-                bounded_bins=lost.bounded.bins,
-                bounded_cost_m_s2=lost.bounded.cost_m_s2,
-                scale=lost.scale,
-            )
-
-        # `highest` may lie above the peak, and so above a limit that is known to hold.
-        return Voltages(waveform_v, shaping, peak_m_s2=lambda: min(did().peak_m_s2, self.limit_m_s2))
+def _lost(shaped: Shaped) -> records.Shaping:
+    return records.Shaping(
+        saturated_bins=shaped.saturated.bins,
+        saturated_cost_m_s2=shaped.saturated.cost_m_s2,
+        outside_bins=shaped.outside.bins,
+        outside_cost_m_s2=shaped.outside.cost_m_s2,
+        bounded_bins=shaped.bounded.bins,
+        bounded_cost_m_s2=shaped.bounded.cost_m_s2,
+        scale=shaped.scale,
+    )

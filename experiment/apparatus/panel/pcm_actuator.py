@@ -14,10 +14,11 @@ import socket
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.panel.conditioning import Conditioner
-from experiment.apparatus.ports import Drive, Played, Wanted
+from experiment.apparatus.panel.conditioning import Conditioner, Played
 from experiment.errors import ActuatorError
 from experiment.records.stimulus import Delivered
+from experiment.synthesis.voltages import Drive
+from experiment.synthesis.waveforms import Stimulus
 
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""
@@ -61,16 +62,17 @@ class PcmActuator:
     def lead_ns(self) -> int:
         return 0
 
-    def prepare(self, wanted: Wanted) -> Played:
+    def prepare(self, stimulus: Stimulus) -> Played:
         """Limit, shape and keep a stimulus.
 
         Args:
-            wanted: the stimulus, at `rate_hz`.
+            stimulus: of the step, at `rate_hz`.
 
         Raises:
             ActuatorError: there is nothing to play.
         """
-        self._prepared, played = self._condition(wanted)
+        played = self._condition(stimulus)
+        self._prepared = played.samples
         return played
 
     def aim(self, onset_ns: int) -> bool:  # noqa: ARG002

@@ -28,7 +28,7 @@ import numpy as np
 
 from experiment import storage
 from experiment.errors import RecordingError
-from experiment.synthesis.response import Response, not_rising
+from experiment.synthesis.shaping import Response, not_rising
 
 COLUMNS = ("frequency_hz", "drive_vrms", "acceleration_pp_m_s2")
 

@@ -36,7 +36,7 @@ from experiment.apparatus.panel import response_table
 from experiment.apparatus.rig import ActuatorRig
 from experiment.errors import AudioError
 from experiment.rehearsal.wires.listener import Tap
-from experiment.synthesis.response import Response
+from experiment.synthesis.shaping import Response
 from experiment.synthesis.spectra import bin_frequencies_hz, inverse, spectrum
 
 SUSPENSION_HZ, SUSPENSION_DAMPING = 35.0, 0.5

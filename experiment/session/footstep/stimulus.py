@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from experiment.apparatus.ports import Actuator, Played
+from experiment.apparatus.ports import Actuator
 from experiment.apparatus.tracker.gate import Contact
 from experiment.apparatus.tracker.landing import Landing
 from experiment.clock import lasted_ms
 from experiment.records.stimulus import Onset, Stimulus
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
+    from experiment.apparatus.panel.conditioning import Played
     from experiment.clock import Clock
-    from experiment.session.scene import Render, Rendered
+    from experiment.synthesis.waveforms import Basis
 
 
 @dataclass(frozen=True)
 class Sounder:
-    """What stimuli are made with: synthesis, and the actuator that plays them."""
+    """What stimuli are made with: the materials, by their ids, and the actuator that plays them."""
 
-    render: Render
+    materials: Mapping[str, Basis]
     actuator: Actuator
 
 
@@ -36,14 +34,13 @@ class Sounding:
         """Nothing is prepared yet.
 
         Args:
-            sounder: synthesis and actuator.
+            sounder: materials and actuator.
             material: what is presented.
             session_ns: session time of a device time, us -> ns.
             clock: the session's.
         """
-        self._render = sounder.render
+        self._basis = sounder.materials[material]
         self._actuator = sounder.actuator
-        self._material = material
         self._session_ns = session_ns
         self._clock = clock
         self._aimed: Landing | None = None
@@ -51,15 +48,14 @@ class Sounding:
         self._gate_to_scheduled_ms: float | None = None
         self._scheduled_ns: int | None = None
         self._speed_mm_s: float | None = None
-        self._prepared: tuple[Rendered, Played] | None = None
+        self._played: Played | None = None
 
     def prepare(self, speed_mm_s: float) -> None:
         """Synthesise for a foot's speed, mm/s, and have it ready; another speed replaces an earlier one."""
         if speed_mm_s == self._speed_mm_s:
             return
         self._speed_mm_s = speed_mm_s
-        rendered = self._render(self._material, speed_mm_s, self._actuator.rate_hz)
-        self._prepared = rendered, self._actuator.prepare(rendered.stimulus)
+        self._played = self._actuator.prepare(self._basis.at(speed_mm_s))
 
     def given(self, speed_mm_s: float, arrived_ns: int) -> None:
         """The gate was given at a speed, mm/s, by a frame that arrived at a session time: have it ready."""
@@ -68,22 +64,8 @@ class Sounding:
 
     @property
     def stimulus(self) -> Stimulus | None:
-        """What was prepared; None before the end of the gate. It sums the waveform and hashes it: ask after contact."""
-        if self._prepared is None:
-            return None
-        rendered, played = self._prepared
-        made = rendered.stimulus
-        return Stimulus(
-            sha256=hashlib.sha256(np.asarray(made.waveform_m_s2, "<f8").tobytes()).hexdigest(),
-            samples=played.samples,
-            rate_hz=self._actuator.rate_hz,
-            floored_bins=made.floored_bins,
-            extrapolated=made.extrapolated,
-            limited=played.limited,
-            peak_m_s2=played.peak_m_s2(),
-            driven=None if played.driven is None else played.driven(),
-            computed=rendered.computed,
-        )
+        """What was prepared; None before the end of the gate. It takes a while to say: ask after contact."""
+        return None if self._played is None else self._played.on_record()
 
     def in_time(self, landing: Landing) -> bool:
         """Whether the onset could still be moved when the newest sample was taken."""
@@ -114,7 +96,7 @@ class Sounding:
 
     def withdraw(self) -> bool:
         """Whether nothing of it sounds."""
-        return self._prepared is None or self._actuator.withdraw()
+        return self._played is None or self._actuator.withdraw()
 
     def onset(self, contact: Contact, contact_ns: int) -> Onset:
         """How onset and contact met, once the stimulus has ended.

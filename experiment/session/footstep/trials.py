@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,10 +27,10 @@ from experiment.session.far_ends import FarEnds
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
 from experiment.session.kind import Log, Meaning, Seen
-from experiment.session.scene import Render
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
+    from experiment.synthesis.waveforms import Basis
 
 CLOCKS_PART_US = 10e6
 """Device and session time may part by this much: a slow step, and what came before the first."""
@@ -48,14 +48,14 @@ class FootstepDevices:
         tracker_port: what the journal calls its port.
         noise_mm: of the tracker's sensor, mm rms; None where the rig file does not state it.
         actuator: what shakes the panel.
-        render: what makes stimuli.
+        materials: what stimuli are made of, by the ids of the materials.
     """
 
     tracker: Tracker
     tracker_port: str
     noise_mm: float | None
     actuator: Actuator | None
-    render: Render | None
+    materials: Mapping[str, Basis] | None
 
     def begin(self, *, protocol: Protocol, header: Header, console: Console, clock: Clock, log: Log) -> Footsteps:
         return Footsteps(self, protocol=protocol, header=header, console=console, clock=clock, log=log)
@@ -80,29 +80,29 @@ def open_footsteps(
         opened: closes what is opened here.
     """
     planned = scene.plan(protocol=protocol, task_id=task_id)
-    render: Render | None = None
+    materials: Mapping[str, Basis] | None = None
     if planned.synthesis:
         if recordings is None:
             raise RecordingError(f"task '{task_id}': got no recordings; allowed: a folder of them; name it")
-        rates_hz = (rig.actuator.rate_hz,)
-        render = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rates_hz=rates_hz)
+        rate_hz = rig.actuator.rate_hz
+        materials = ends.presented(
+            scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
+        )
     actuator: Actuator | None = None
     if planned.actuator:
         from experiment.apparatus.panel.conditioning import open_drive
 
         limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-        like = scene.examples(render, planned, protocol, rig.actuator.rate_hz) if render is not None else ()
-        drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2, like=like)
+        drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2, materials=materials)
         address = ends.panel(opened)
         actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=address, stream=stream)
         opened.callback(actuator.close)
-        actuator = ends.hand_over(actuator)
     port, clock_map = ends.tracker(opened)
     contact_mm = protocol.footstep.step.contact_mm
     tracker = opening.open_tracker(rig, clock=clock, port=port, clock_map=clock_map, contact_mm=contact_mm)
     opened.callback(tracker.close)
     ends.check(tracker, rig)
-    return FootstepDevices(tracker, port or rig.tracker.port, rig.tracker.noise_mm, actuator, render)
+    return FootstepDevices(tracker, port or rig.tracker.port, rig.tracker.noise_mm, actuator, materials)
 
 
 @dataclass(frozen=True)
@@ -157,7 +157,7 @@ class Footsteps:
             detector=GateDetector(step),
             predictor=LandingPredictor(step, noise_mm=NOISE_MM if devices.noise_mm is None else devices.noise_mm),
             clock=clock,
-            sounder=Sounder(devices.render, devices.actuator) if devices.render and devices.actuator else None,
+            sounder=Sounder(devices.materials, devices.actuator) if devices.materials and devices.actuator else None,
         )
         self._opened: TrackerOpened | None = None
         self._broken: BrokenStep | None = None

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.audit.print_lines import Reading, common, counts, either, rounded, smallest, truncated
-from analysis.published import Printed
+from analysis.published.printed import Printed
 
 WAYS: dict[Reading, tuple[str, ...]] = {
     rounded: (ROUND_HALF_UP, ROUND_HALF_EVEN, "ROUND_HALF_DOWN"),

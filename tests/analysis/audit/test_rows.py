@@ -12,9 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.audit.rows import Column, Undecided, examine, row_sum, solve
-from analysis.published import Printed, PrintedCell
-from analysis.published.numbers import Scale
-from analysis.published.printed import Interval
+from analysis.published.numbers import PrintedCell, Scale
+from analysis.published.printed import Interval, Printed
 
 
 def _cells(printed: list[tuple[str, str | None]], trials: int) -> list[PrintedCell]:

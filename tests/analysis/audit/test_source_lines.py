@@ -7,7 +7,8 @@ from scipy import stats
 
 from analysis.audit.mistakes import Line
 from analysis.audit.print_lines import source_lines
-from analysis.published import Printed, PrintedSource, PrintedSources
+from analysis.published.numbers import PrintedSource, PrintedSources
+from analysis.published.printed import Printed
 
 RIGHT = {"ss": "42.0", "ms": "21.0", "f": "7.00", "p": f"{stats.f.sf(7, 2, 20):.5f}"}
 """By hand: 42 / 2 = 21, 60 / 20 = 3, 21 / 3 = 7."""

@@ -35,5 +35,15 @@ def test_files_of_a_figure() -> None:
     assert list(files) == ["figures/map.svg", "figures/map.png"]
     assert files["figures/map.png"].startswith(b"\x89PNG\r\n\x1a\n")
     assert files["figures/map.svg"].startswith(b"<?xml")
-    found = page.captions([one], [("Name", "formula")])
-    assert (found.places, found.captions) == ({"map": "confusions"}, {"map": "What it shows."})
+
+
+def test_a_figure_stands_in_its_section_with_its_caption_and_the_formulas_at_the_end() -> None:
+    one = Sheet("map", "confusions", "What it shows.", Figure())
+    parts = [Section("overview", "Study"), Section("confusions", "Confusions")]
+    made = page.folder("A study", "SIMULATED", parts, [one], [("Name", "formula")], {"n": 1})
+    report = made[page.REPORT].decode()
+    before, section = report.split('<section id="confusions">')
+    assert "<figcaption>" not in before
+    assert section.count("<figcaption>SIMULATED. What it shows.</figcaption>") == 1
+    assert section.index("<figcaption>") < section.index("<dt>Name</dt><dd>formula</dd>")
+    assert made["results.json"] == b'{\n "n": 1\n}\n'

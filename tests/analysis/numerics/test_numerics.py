@@ -7,18 +7,15 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from numpy.typing import ArrayLike
 from typer.testing import CliRunner
 
-from analysis.numerics import numerics
+from analysis.numerics import cases, numerics, report
 from analysis.numerics.measured import FULL, QUICK, Extent
 from analysis.numerics.numerics import Numerics
 from experiment.cli.app import app
 from experiment.errors import DatasetError
-from experiment.synthesis import response
-from experiment.synthesis.limiter import limit
+from experiment.synthesis import spectra
 from tests.analysis.numerics.test_numerics_measured import TINY
 
 NAMES = {
@@ -42,8 +39,7 @@ TICKS: list[None] = []
 
 @pytest.fixture(scope="module")
 def result() -> Numerics:
-    """The tiny extent, measured once for all tests, with what it told a progress bar."""
-    return numerics.compute(TINY, limit=limit, total=TOTALS.append, tick=lambda: TICKS.append(None))
+    return numerics.compute(TINY)
 
 
 def test_everything_holds(result: Numerics) -> None:
@@ -52,17 +48,13 @@ def test_everything_holds(result: Numerics) -> None:
     assert result.verdict.startswith("All of ")
 
 
-def test_the_command_ends_with_1_where_a_limiter_lets_nan_pass(
+def test_the_command_ends_with_1_where_an_invariant_is_broken(
     monkeypatch: pytest.MonkeyPatch, result: Numerics
 ) -> None:
-    def passes(wave: ArrayLike, peak: float) -> tuple[np.ndarray, int]:
-        return np.asarray(wave, dtype=np.float64), 0
-
-    made = {"whole": result, "broken": numerics.compute(LEAST, limit=passes)}
-    for name, code in (("whole", 0), ("broken", 1)):
-        monkeypatch.setattr(numerics, "run", lambda name=name, **_: made[name])
+    broken = replace(result, outcomes=(replace(result.outcomes[0], holds=False), *result.outcomes[1:]))
+    for made, code in ((result, 0), (broken, 1)):
+        monkeypatch.setattr(numerics, "run", lambda made=made, **_: made)
         assert CliRunner().invoke(app, ["numerics"], catch_exceptions=False).exit_code == code
-    assert made["broken"].broken != ()
 
 
 def test_a_file_in_the_way_is_found_before_anything_is_measured(
@@ -80,8 +72,15 @@ def test_a_file_in_the_way_is_found_before_anything_is_measured(
         CliRunner().invoke(app, ["numerics", "--out", str(tmp_path / "noise.csv")], catch_exceptions=False)
 
 
-def test_progress_counts_every_step(result: Numerics) -> None:
-    assert TOTALS == [len(TICKS)] == [len(result.measured) + len(result.outcomes)]
+def test_progress_counts_every_step() -> None:
+    totals: list[int] = []
+    ticks: list[None] = []
+    made = numerics.compute(
+        replace(TINY, lengths=(50,), output_rates_hz=(48_000,)),
+        total=totals.append,
+        tick=lambda: ticks.append(None),
+    )
+    assert totals == [len(ticks)] == [len(made.measured) + len(made.outcomes)]
 
 
 def test_quick_and_full_differ_in_extent_alone(monkeypatch: pytest.MonkeyPatch, result: Numerics) -> None:
@@ -92,19 +91,20 @@ def test_quick_and_full_differ_in_extent_alone(monkeypatch: pytest.MonkeyPatch, 
         return result
 
     monkeypatch.setattr(numerics, "compute", compute)
-    numerics.run(quick=True, limit=limit)
-    numerics.run(quick=False, limit=limit)
+    numerics.run(quick=True)
+    numerics.run(quick=False)
     assert asked == [QUICK, FULL]
 
 
 def test_a_broken_invariant_fails_and_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(response, "not_rising", lambda _: None)
-    made = numerics.compute(LEAST, limit=limit)
+    monkeypatch.setattr(cases, "inverse", lambda c: spectra.inverse(c) * 1.001)
+    made = numerics.compute(replace(TINY, lengths=(50,), output_rates_hz=(48_000,)))
     assert made.failed
-    assert "response, a plateau between two levels: the table: accepted" in made.broken
-    assert "response, a reversal between two levels: the table: accepted" in made.text()
-    assert max(map(len, made.text().splitlines())) <= 100
-    assert made.as_dict()["failed"] is True
+    (found,) = [line for line in made.broken if line.startswith("length, N = 60: off by")]
+    shown = report.text(made)
+    assert found in shown
+    assert max(map(len, shown.splitlines())) <= 100
+    assert report.as_dict(made)["failed"] is True
 
 
 def test_an_error_above_its_claim_fails_and_is_named(result: Numerics) -> None:
@@ -121,7 +121,7 @@ def test_an_error_that_is_no_number_fails(result: Numerics) -> None:
 
 
 def test_what_a_terminal_shows(result: Numerics) -> None:
-    shown = result.text()
+    shown = report.text(result)
     assert max(map(len, shown.splitlines())) <= 100
     assert shown.startswith("SIMULATED spectra")
     for title in ("Synthesis", "Resampling", "Frequency shaping", "Noise of the masker", "Extreme cases"):
@@ -131,7 +131,7 @@ def test_what_a_terminal_shows(result: Numerics) -> None:
 
 
 def test_json_has_every_row(result: Numerics) -> None:
-    document = json.loads(json.dumps(result.as_dict(), allow_nan=False))
+    document = json.loads(json.dumps(report.as_dict(result), allow_nan=False))
     assert (document["failed"], document["label"]) == (result.failed, "SIMULATED spectra")
     rows = sum(len(document[slug]) for slug in ("synthesis", "resampling", "shaping", "noise"))
     assert rows == len(result.measured)
@@ -140,8 +140,8 @@ def test_json_has_every_row(result: Numerics) -> None:
 
 
 def test_files_are_whole_and_may_be_written_again(result: Numerics, tmp_path: Path) -> None:
-    files = numerics.write(result, tmp_path)
-    assert {path.name for path in files} == NAMES == set(numerics.FILES)
+    files = report.write(result, tmp_path)
+    assert {path.name for path in files} == NAMES == set(report.FILES)
     assert (tmp_path / "numerics.png").read_bytes().startswith(b"\x89PNG")
     assert b"<svg" in (tmp_path / "numerics.svg").read_bytes()
     with (tmp_path / "synthesis.csv").open(encoding="utf-8", newline="") as file:
@@ -154,18 +154,18 @@ def test_files_are_whole_and_may_be_written_again(result: Numerics, tmp_path: Pa
     page = (tmp_path / "numerics.md").read_text(encoding="utf-8")
     assert page.startswith("**SIMULATED spectra**")
     assert result.verdict in page
-    assert numerics.write(result, tmp_path) == files
+    assert report.write(result, tmp_path) == files
 
 
 def test_a_file_of_someone_else_is_left_alone(result: Numerics, tmp_path: Path) -> None:
     (tmp_path / "noise.csv").write_text("mine", "utf-8")
     with pytest.raises(DatasetError, match="holds files that are not palpate's"):
-        numerics.write(result, tmp_path)
+        report.write(result, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["noise.csv"]
 
 
 def test_two_runs_measure_and_judge_the_same(result: Numerics) -> None:
-    other = numerics.compute(TINY, limit=limit)
+    other = numerics.compute(TINY)
     assert [(one.given, one.holds) for one in other.outcomes] == [(one.given, one.holds) for one in result.outcomes]
     for again, first in zip(other.measured, result.measured, strict=True):
         assert (again.way, again.given, again.claimed) == (first.way, first.given, first.claimed)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from analysis.numerics import measured
+from analysis.numerics.cases import INVERSE_DCT, PRINTED_SUM, WAYS, Render, Way
 from analysis.numerics.measured import FULL, QUICK, Extent, Measured, Timed, timed, usual_length
 from analysis.numerics.oracle import stimulus
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.engine import FASTEST_FIRST, methods
-from experiment.synthesis.pruning import BandPruned
-from experiment.synthesis.waveforms import Estimate, InverseDct, PrintedSum, Renderer, Synthesised
 
 TINY = Extent(
     lengths=(50, 60),
@@ -29,30 +27,19 @@ TINY = Extent(
 )
 
 
-@dataclass(frozen=True)
-class Wrong:
+def wrong(part: float, claimed: float) -> Way:
     """An inverse DCT whose waveform is too large by a known part."""
 
-    part: float
-    claimed: float
-    name: str = "wrong"
+    def prepare(spectra: CrinkleSpectra, output_rate_hz: int) -> tuple[Render, int]:
+        right, nbytes = INVERSE_DCT.prepare(spectra, output_rate_hz)
+        return lambda speed_mm_s: right(speed_mm_s) * (1 + part), nbytes
 
-    def estimate(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Estimate:
-        return replace(InverseDct().estimate(spectra, output_rate_hz=output_rate_hz), relative_error=self.claimed)
-
-    def prepare(self, spectra: CrinkleSpectra, *, output_rate_hz: int) -> Renderer:
-        right = InverseDct().prepare(spectra, output_rate_hz=output_rate_hz)
-
-        def render(speed_mm_s: float) -> Synthesised:
-            made = right(speed_mm_s)
-            return replace(made, summed=lambda: made.waveform_m_s2 * (1 + self.part))
-
-        return render
+    return Way("wrong", lambda _: claimed, prepare)
 
 
 @pytest.mark.parametrize("part", [1e-2, 1e-6, 1e-10])
 def test_the_error_column_is_an_injected_error(part: float) -> None:
-    rows = [measure() for measure in measured.synthesis(TINY, [Wrong(part, 2 * part)])]
+    rows = [measure() for measure in measured.synthesis(TINY, [wrong(part, 2 * part)])]
     whole = [one for one in rows if one.given["output_rate_hz"] == 48_000 and one.given["speed_mm_s"] < 300]
     assert len(whole) == 2
     for one in whole:
@@ -63,7 +50,7 @@ def test_the_error_column_is_an_injected_error(part: float) -> None:
 
 
 def test_an_error_above_the_claim_does_not_hold() -> None:
-    rows = [measure() for measure in measured.synthesis(TINY, [Wrong(1e-6, 1e-7)])]
+    rows = [measure() for measure in measured.synthesis(TINY, [wrong(1e-6, 1e-7)])]
     assert not any(one.holds for one in rows)
 
 
@@ -74,28 +61,17 @@ def test_without_a_claim_an_error_need_only_be_a_number() -> None:
     assert not replace(one, error=float("nan"), claimed=1.0).holds
 
 
-def test_every_method_is_measured_and_keeps_its_claim() -> None:
-    rows = [measure() for measure in measured.synthesis(TINY, methods((0.0, 500.0)))]
-    assert {one.way for one in rows} > {method.name for method in methods((0.0, 500.0))}
-    assert all(one.holds for one in rows)
-    exact = {one.way: one.error for one in rows if "500 Hz" not in one.way}
-    assert max(error for way, error in exact.items() if way != "single precision") < 1e-14
-    assert 1e-9 < exact["single precision"] < 1e-6 or exact["single precision"] < 1e-14
-    assert all(1e-5 < one.error < 0.1 for one in rows if one.way.endswith("500 Hz"))
+def test_every_way_is_measured_and_keeps_its_claim() -> None:
+    rows = [measure() for measure in measured.synthesis(TINY, WAYS)]
+    assert {one.way for one in rows} == {way.name for way in WAYS}
+    assert all(one.holds and one.error < 1e-14 for one in rows)
 
 
 def test_large_printed_sums_are_left_out() -> None:
     extent = replace(TINY, most_terms=50 * 50 * 48_000 // 5000)
-    points = [measure() for measure in measured.synthesis(extent, [PrintedSum(), BandPruned(PrintedSum(), (0, 500))])]
-    assert [one.given["samples"] for one in points if one.way == "printed sum"] == [50]
-    assert {one.given["samples"] for one in points if one.way != "printed sum"} == {50, 60}
-
-
-def test_the_first_block_has_a_row_of_its_own() -> None:
-    rows = [measure() for measure in measured.synthesis(TINY, FASTEST_FIRST)]
-    first = [one for one in rows if one.way == "first block first: 64 samples"]
-    assert len(first) == sum(one.way == "first block first" for one in rows)
-    assert all(one.claimed is not None and one.error < 1e-14 < one.claimed < 1e-12 and one.holds for one in first)
+    points = [measure() for measure in measured.synthesis(extent, WAYS)]
+    assert [one.given["samples"] for one in points if one.way == PRINTED_SUM.name] == [50]
+    assert {one.given["samples"] for one in points if one.way != PRINTED_SUM.name} == {50, 60}
 
 
 def test_spectra_made_to_order_are_the_same_at_every_call() -> None:

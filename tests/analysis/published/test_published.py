@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from analysis.published import Printed, Published, load
+from analysis.published import load
+from analysis.published.numbers import Published
+from analysis.published.printed import Printed
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Voltages, Wanted
 from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
 from experiment.clock import ManualClock
 from experiment.errors import ActuatorError, RigError, TrackerError
 from experiment.protocol.models import Step
+from experiment.synthesis.shaping import Response
+from experiment.synthesis.voltages import Drive
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
@@ -160,9 +161,12 @@ def test_another_measurement_of_the_response_is_another_rig(write: Write) -> Non
 
 
 def test_shaping_is_opened_for_volts_and_for_nothing_else(write: Write) -> None:
-    def drive(wanted: Wanted) -> Voltages:
-        raise NotImplementedError
-
+    drive = Drive(
+        {},
+        rate_hz=48_000,
+        response=Response(np.array([10.0, 20.0]), np.array([1.0]), np.ones((2, 1))),
+        gain_limit_v_per_m_s2=1.0,
+    )
     with pytest.raises(RigError, match="got no frequency shaping for its actuator; allowed: one"):
         opening.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0)
     with pytest.raises(RigError, match="got a frequency shaping for its actuator; allowed: none"):

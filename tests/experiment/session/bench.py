@@ -23,10 +23,9 @@ from experiment.records.footstep import BrokenOff
 from experiment.records.stimulus import Computed, Delivered
 from experiment.session import attempt, runner
 from experiment.session.footstep.trials import FootstepDevices
-from experiment.session.scene import Rendered
-from experiment.synthesis.spectra import Bins
-from experiment.synthesis.waveforms import Synthesised
+from experiment.synthesis.waveforms import Basis
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole, ScriptedTracker, step_samples
+from tests.experiment.synthesis.stimuli import Given, given
 
 HEADER = Header(
     session_id="0" * 32,
@@ -46,7 +45,7 @@ HEADER = Header(
     order=(PlannedTrial(trial=1, presented=("Papier à lettres",)), PlannedTrial(trial=2, presented=("foil",))),
 )
 ORDER = ("copy paper", "polypropylene", "copy paper")
-COMPUTED = Computed(method="constant", relative_error=0.0)
+COMPUTED = Computed(method="basis waveforms", relative_error=given([0.0]).basis.relative_error)
 DELIVERED = Delivered(
     requested_ns=0, onset_ns=0, onset_error_ms=0.0, gain=1.0, residual_db=-60.0, xruns=0, delivered=True
 )
@@ -55,6 +54,17 @@ DELIVERED = Delivered(
 def header(task: str) -> Header:
     order = tuple(PlannedTrial(trial=n, presented=(material,)) for n, material in enumerate(ORDER, start=1))
     return HEADER.model_copy(update={"order": order, "task": task, "block_trials": len(order)})
+
+
+@dataclass(frozen=True, eq=False)
+class Constant(Basis):
+    """A material whose waveform is 1.5 m/s^2 throughout, at any speed; `rendered` is what was asked for."""
+
+    rendered: list[tuple[str, float]]
+
+    def at(self, speed_mm_s: float) -> Given:
+        self.rendered.append((self.material, speed_mm_s))
+        return given(np.full(2500, 1.5), material=self.material, floored=3)
 
 
 @dataclass
@@ -71,18 +81,11 @@ class Bench:
     zeroed: ZeroedTracker | None = None
     foreign: GuardedTracker | None = None
 
-    def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
-        def render(material: str, speed_mm_s: float, rate_hz: int) -> Rendered:
-            self.rendered.append((material, speed_mm_s))
-            made = Synthesised(
-                lambda: np.full(rate_hz // 2, 1.5),
-                floored_bins=3,
-                extrapolated=False,
-                dropped_bins=0,
-                bins=lambda: Bins(np.zeros(1), samples=1, rate_hz=rate_hz),
-            )
-            return Rendered(made, COMPUTED)
+    def materials(self, protocol: Protocol) -> dict[str, Basis]:
+        silent = {m.id: given([0.0], material=m.id).basis for m in protocol.materials}
+        return {material: Constant(**vars(basis), rendered=self.rendered) for material, basis in silent.items()}
 
+    def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
         virtual = asked.task == "virtual"
         devices = attempt.Devices(
             trials=FootstepDevices(
@@ -90,7 +93,7 @@ class Bench:
                 tracker_port="scripted",
                 noise_mm=0.1,
                 actuator=self.actuator if virtual else None,
-                render=render if virtual else None,
+                materials=self.materials(protocol) if virtual else None,
             ),
             console=self.console,
             clock=self.clock,

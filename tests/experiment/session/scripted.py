@@ -8,12 +8,13 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.ports import Played, Wanted
+from experiment.apparatus.panel.conditioning import Played
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerStopped
 from experiment.records.stimulus import Delivered
+from experiment.synthesis.waveforms import Stimulus
 
 START_NS = 10**18
 
@@ -92,10 +93,10 @@ class ScriptedActuator:
         self.heard: deque[Delivered | BaseException] = deque()
         self._prepared: NDArray[np.float64] | None = None
 
-    def prepare(self, wanted: Wanted) -> Played:
-        waveform_m_s2 = self._prepared = wanted.waveform_m_s2
+    def prepare(self, stimulus: Stimulus) -> Played:
+        self._prepared = stimulus.waveform_m_s2
         self.aimed.append([])
-        return Played(samples=len(waveform_m_s2), limited=0, peak_m_s2=lambda: float(np.abs(waveform_m_s2).max()))
+        return Played(stimulus, self._prepared.astype("<f4"), full_scale=1.0, limited=0)
 
     def aim(self, onset_ns: int) -> bool:
         self.aimed[-1].append(onset_ns)

@@ -38,7 +38,7 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
     assert isinstance(step, FootStep)
     assert step.contact_us == pytest.approx(2_000_000 + 300_000, abs=1)
     assert step.stimulus is not None
-    assert (step.stimulus.samples, step.stimulus.floored_bins, step.stimulus.peak_m_s2) == (2500, 3, 1.5)
+    assert (step.stimulus.samples, step.stimulus.floored_bins, step.stimulus.handed_peak) == (2500, 3, 1.5)
     assert step.stimulus.computed == COMPUTED
 
 

@@ -11,9 +11,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.numerics.cases import Way
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.first_block import FirstBlockRenderer
-from experiment.synthesis.waveforms import Method, denormal_error_m_s2
+from experiment.synthesis.waveforms import denormal_error_m_s2
 
 Extended = NDArray[np.longdouble]
 
@@ -96,29 +96,16 @@ def exact(
 
 
 def worst_excess(
-    method: Method, s: CrinkleSpectra, speeds_mm_s: list[float], output_rate_hz: int, wanted: Exact | None = None
+    way: Way, s: CrinkleSpectra, speeds_mm_s: list[float], output_rate_hz: int, wanted: Exact | None = None
 ) -> float:
-    """Largest relative error of a method over speeds, divided by the bound that it claims; 1 is just kept.
-
-    The first block, where there is one, counts by the bound claimed for it.
-    """
+    """Largest relative error of a way over speeds, divided by the bound that it claims; 1 is just kept."""
     wanted = wanted or exact(s, speeds_mm_s, output_rate_hz)
-    render = method.prepare(s, output_rate_hz=output_rate_hz)
-    claims = method.estimate(s, output_rate_hz=output_rate_hz)
-    made = np.array([render(v).waveform_m_s2 for v in speeds_mm_s], dtype=np.longdouble)
+    render, _ = way.prepare(s, output_rate_hz)
+    made = np.array([render(v) for v in speeds_mm_s], dtype=np.longdouble)
     assert made.shape == wanted.samples.shape
-    excess = _excess(made, wanted.samples, claims.relative_error, wanted.scale, s.samples)
-    if claims.first_block_error is None:
-        return excess
-    assert isinstance(render, FirstBlockRenderer)
-    first = np.array([render.begin(v).first_m_s2 for v in speeds_mm_s], dtype=np.longdouble)
-    block = wanted.samples[:, : first.shape[1]]
-    return max(excess, _excess(first, block, claims.first_block_error, wanted.scale, s.samples))
-
-
-def _excess(made: Extended, wanted: Extended, claim: float, scale: Extended, samples: int) -> float:
-    error = np.sqrt(((made - wanted) ** 2).mean(axis=1))
-    return float(np.max(error / (claim * scale + np.longdouble(denormal_error_m_s2(samples)))))
+    error = np.sqrt(((made - wanted.samples) ** 2).mean(axis=1))
+    claim = way.claim(s.grid(output_rate_hz))
+    return float(np.max(error / (claim * wanted.scale + np.longdouble(denormal_error_m_s2(s.samples)))))
 
 
 def random_spectra(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
 from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract
-from experiment.synthesis.waveforms import synthesise
+from tests.experiment.synthesis.stimuli import waveform
 
 SPEEDS = [50.0, 100.0, 200.0, 300.0]
 BETWEEN = [50.1, 75.0, 99.0, 130.0, 150.0, 151.0, 250.0, 299.9]
@@ -139,15 +139,15 @@ def test_extrapolation_below_zero_is_floored_and_counted() -> None:
 def test_a_panel_that_is_louder_everywhere_leaves_silence() -> None:
     both, bare = takes(4, object_level=1e-6)
     s = subtract(speeds_mm_s=SPEEDS, rate_hz=5000, panel_object_takes=both, panel_takes=bare)
-    made = synthesise(s, speed_mm_s=120.0, output_rate_hz=48_000)
+    made = waveform(s, speed_mm_s=120.0, output_rate_hz=48_000)
     assert not s.amplitudes.any()
-    assert not made.waveform_m_s2.any()
+    assert not made.any()
 
 
 def test_takes_of_nothing_make_silence() -> None:
     nothing = np.zeros((4, 3, 5))
     s = subtract(speeds_mm_s=SPEEDS, rate_hz=5000, panel_object_takes=nothing, panel_takes=nothing)
-    assert not synthesise(s, speed_mm_s=400.0, output_rate_hz=5000).waveform_m_s2.any()
+    assert not waveform(s, speed_mm_s=400.0, output_rate_hz=5000).any()
 
 
 def test_signed_averaging_of_incoherent_takes_loses_about_sqrt_3() -> None:

@@ -12,10 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.response import Response, accelerations
-from experiment.synthesis.shaping import Loss, shape
+from experiment.synthesis.shaping import Loss, Response, shape
 from experiment.synthesis.spectra import inverse
-from tests.experiment.synthesis.measured import F_HZ, LEVELS_V, MEASURED, NO_LIMIT, NOTHING, TABLE, responses
+from tests.experiment.synthesis.measured import (
+    F_HZ,
+    LEVELS_V,
+    MEASURED,
+    NO_LIMIT,
+    NOTHING,
+    TABLE,
+    accelerations,
+    losses,
+    responses,
+)
 
 
 def weight(f: float, a: float, response: Response) -> float:
@@ -213,7 +222,7 @@ def test_what_is_reached_by_each_cause_is_read_off_the_table() -> None:
     asked, f = [-4.5, 20.0, -0.75, 3.0], [200.0, 200.0, 500.0, 501.0]
     whole = shape(asked, frequencies_hz=f, response=TABLE, gain_limit_v_per_m_s2=2 / 3)
     assert whole.reached_m_s2 == pytest.approx([-4.5, 8.0, -0.25, 0.0], rel=1e-15)
-    assert [loss.bins for loss in whole.losses] == [1, 1, 1]
+    assert [loss.bins for loss in losses(whole)] == [1, 1, 1]
     half = shape(asked, frequencies_hz=f, response=TABLE, gain_limit_v_per_m_s2=2 / 3, scale=0.5)
     # A quarter of a volt is half of the lowest level.
     assert half.reached_m_s2 == pytest.approx([-2.25, 8.0, -0.125, 0.0], rel=1e-15)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from experiment.apparatus.panel.response_table import read, write
 from experiment.errors import RecordingError
-from experiment.synthesis.response import Response
+from experiment.synthesis.shaping import Response
 from tests.experiment.apparatus.panel.tables import GOOD, Write
 
 

@@ -12,7 +12,7 @@ from experiment.errors import RecordingError, SessionError, SynthesisError
 from experiment.rehearsal.footstep.materials import SimulatedMaterials
 from experiment.rehearsal.footstep.participant import Observer, third_octaves
 from experiment.synthesis.crinkle import CrinkleSpectra, subtract
-from experiment.synthesis.waveforms import synthesise
+from tests.experiment.synthesis.stimuli import waveform
 from tests.reference.okamoto2012 import MATERIALS as IDS
 from tests.reference.okamoto2012 import TABLE_1, TABLE_2
 
@@ -80,7 +80,7 @@ def stimuli(seed: int, *, shift: int = 0) -> Deliver:
     known = spectra(seed)
 
     def deliver(presented: int, v: float, rng: np.random.Generator) -> Delivered:
-        return synthesise(known[(presented + shift) % 4], speed_mm_s=v, output_rate_hz=OUTPUT_HZ).waveform_m_s2
+        return waveform(known[(presented + shift) % 4], speed_mm_s=v, output_rate_hz=OUTPUT_HZ)
 
     return deliver
 
@@ -159,7 +159,7 @@ def test_the_rate_of_the_actuator_does_not_matter(rate_hz: int) -> None:
     named = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        made = synthesise(known, speed_mm_s=150, output_rate_hz=rate_hz).waveform_m_s2
+        made = waveform(known, speed_mm_s=150, output_rate_hz=rate_hz)
         panel = MATERIALS.panel_take(speed_mm_s=150, rng=rng)
         named += observer.judge_virtual(panel, made, rate_hz=rate_hz, speed_mm_s=150, rng=rng) == "copy paper"
     assert named >= 20

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import hashlib
 
-import numpy as np
 import pytest
 
-from experiment.apparatus.ports import Played, Wanted
+from experiment.apparatus.panel.conditioning import Conditioner, Played
 from experiment.apparatus.tracker.gate import Contact
 from experiment.apparatus.tracker.landing import Landing
 from experiment.clock import ManualClock
-from experiment.records.stimulus import Computed, Delivered
+from experiment.records.stimulus import Delivered
 from experiment.session.footstep.stimulus import Sounder, Sounding
-from experiment.session.scene import Rendered
-from experiment.synthesis.spectra import Bins
-from experiment.synthesis.waveforms import Synthesised
+from experiment.synthesis.waveforms import Stimulus
+from tests.experiment.synthesis.stimuli import basis_of
 
 LEAD_NS = 10_000_000
 
@@ -31,9 +29,9 @@ class Aimed:
         self.aims: list[int] = []
         self.prepared = 0
 
-    def prepare(self, wanted: Wanted) -> Played:
+    def prepare(self, stimulus: Stimulus) -> Played:
         self.prepared += 1
-        return Played(samples=wanted.waveform_m_s2.size, limited=0, peak_m_s2=lambda: 0.0)
+        return Conditioner(full_scale=64.0, limit_m_s2=20.0)(stimulus)
 
     def aim(self, onset_ns: int) -> bool:
         assert onset_ns >= self._clock.now_ns() + LEAD_NS
@@ -62,9 +60,8 @@ def landing(ms: float) -> Landing:
 
 
 def silent(actuator: Aimed, clock: ManualClock) -> Sounding:
-    made = Synthesised(lambda: np.zeros(10), 0, False, 0, lambda: Bins(np.zeros(1), samples=10, rate_hz=1000))
-    silence = Rendered(made, Computed(method="silence", relative_error=0.0))
-    sounder = Sounder(lambda material, speed_mm_s, rate_hz: silence, actuator)
+    basis = basis_of([0.0], samples=10, rate_hz=1000, material="copy paper")
+    sounder = Sounder({"copy paper": basis}, actuator)
     return Sounding(sounder, "copy paper", lambda us: round(us * 1e3), clock)
 
 
@@ -77,7 +74,9 @@ def test_a_stimulus_is_prepared_once_for_a_speed_and_anew_for_another() -> None:
         sounding.prepare(speed_mm_s)
     assert actuator.prepared == 2
     assert sounding.stimulus is not None
-    assert sounding.stimulus.sha256 == hashlib.sha256(bytes(80)).hexdigest()
+    assert sounding.stimulus.asked_sha256 == hashlib.sha256(bytes(8)).hexdigest()
+    assert sounding.stimulus.handed_sha256 == hashlib.sha256(bytes(40)).hexdigest()
+    assert (sounding.stimulus.handed_unit, sounding.stimulus.handed_peak) == ("m/s^2", 0.0)
 
 
 def test_an_onset_is_put_off_only_where_that_brings_it_nearer_to_the_contact() -> None:

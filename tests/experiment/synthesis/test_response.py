@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.response import Response, accelerations, not_rising
-from tests.experiment.synthesis.measured import TABLE
+from experiment.synthesis.shaping import Response, not_rising
 
 
 @pytest.mark.parametrize(
@@ -47,9 +46,3 @@ def test_where_a_response_does_not_rise(rows: list[list[float]], place: tuple[in
 def test_a_response_that_is_none_is_refused(frequencies: list[float], levels: list[float], problem: str) -> None:
     with pytest.raises(SynthesisError, match=problem):
         Response(np.array(frequencies), np.array(levels), np.array([[1.0, 2.0], [1.0, 2.0]]))
-
-
-@pytest.mark.parametrize(("volts", "f"), [(2.1, 200.0), (1.0, 99.0), (1.0, 501.0)])
-def test_the_response_is_not_extrapolated(volts: float, f: float) -> None:
-    with pytest.raises(SynthesisError, match="allowed: 100 to 500 Hz and up to 2 V, as measured"):
-        accelerations([volts], frequencies_hz=[f], response=TABLE)

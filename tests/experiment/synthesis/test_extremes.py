@@ -1,22 +1,27 @@
-"""Every number that a public function of synthesis takes, to be tried with NaN and infinity."""
+"""Every number that a public function of synthesis takes is refused as NaN and infinity, and extreme responses hold."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import importlib
+import inspect
+import pkgutil
+import warnings
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from analysis.numerics import oracle
-from analysis.numerics.cases import BAND_HZ, BINS, OUTPUT_RATES_HZ, material, some
+from analysis.numerics.cases import BINS, OUTPUT_RATES_HZ, material, some
 from analysis.numerics.oracle import RATE_HZ, SPEEDS_MM_S
-from experiment.synthesis import crinkle, engine, noise, pruning, shaping, spectra, voltages, waveforms
-from experiment.synthesis import response as rig_response
-from experiment.synthesis import shaping as driving
-from experiment.synthesis.first_block import FirstBlockFirst
+from experiment import synthesis
+from experiment.errors import SynthesisError
+from experiment.synthesis import crinkle, noise, shaping, spectra, voltages, waveforms
+from tests.experiment.synthesis.measured import accelerations
 
 Call = Callable[[float], object]
 EITHER = {"NaN": np.nan, "infinity": np.inf, "-infinity": -np.inf}
@@ -27,11 +32,9 @@ NO_LIMIT = {"NaN": np.nan, "-infinity": -np.inf}
 FREQUENCIES_HZ, LEVELS_V = np.linspace(10.0, 600.0, 60), np.sqrt(2) * np.array([0.1, 0.5, 1.0, 1.5])
 BINS_HZ = np.linspace(0.0, 700.0, 50)
 GAIN_LIMIT_V_PER_M_S2 = 2.0
-
-
-def inputs() -> list[tuple[str, Call, dict[str, float]]]:
-    """Every number that a public function takes: its name, what calls it so, values to refuse."""
-    return [*_of_spectra(), *_of_crinkle(), *_of_methods(), *_of_shaping(), *_of_noise()]
+ANSWERS = oracle.answered_m_s2(FREQUENCIES_HZ[:, None], LEVELS_V)
+RESPONSE = shaping.Response(FREQUENCIES_HZ, LEVELS_V, ANSWERS)
+WITH_A_NULL = np.where(np.abs(FREQUENCIES_HZ - 300.0)[:, None] < 5.0, 0.0, ANSWERS)
 
 
 def changed(values: NDArray[np.float64], value: float) -> NDArray[np.float64]:
@@ -39,14 +42,6 @@ def changed(values: NDArray[np.float64], value: float) -> NDArray[np.float64]:
     changed = values.copy()
     changed.flat[changed.size // 2] = value
     return changed
-
-
-def answers() -> NDArray[np.float64]:
-    return oracle.answered_m_s2(FREQUENCIES_HZ[:, None], LEVELS_V)
-
-
-def response() -> rig_response.Response:
-    return rig_response.Response(FREQUENCIES_HZ, LEVELS_V, answers())
 
 
 def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
@@ -60,6 +55,7 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
         ("bin_frequencies_hz: rate_hz", lambda x: spectra.bin_frequencies_hz(bins=BINS, rate_hz=x), EITHER),
         ("inverse: coefficients", lambda x: spectra.inverse(changed(c, x)), EITHER),
         ("inverse_on: coefficients", lambda x: spectra.inverse_on(changed(c, x), on), EITHER),
+        ("rms: amplitudes", lambda x: spectra.rms(changed(some(), x), on), EITHER),
         ("highest: coefficients", lambda x: spectra.highest(changed(c, x)), EITHER),
         ("grid: rate_hz", lambda x: spectra.grid(samples=BINS, bins=BINS, **{**rates, "rate_hz": x}), EITHER),
         (
@@ -100,6 +96,7 @@ def _of_crinkle() -> list[tuple[str, Call, dict[str, float]]]:
     of, rate_hz = material(a), OUTPUT_RATES_HZ[0]
     make = partial(crinkle.CrinkleSpectra, rate_hz=RATE_HZ)
     subtract = partial(crinkle.subtract, rate_hz=RATE_HZ)
+    outside = partial(crinkle.rms_outside, of)
     return [
         ("rising: speeds_mm_s", lambda x: crinkle.rising(changed(speeds, x)), EITHER),
         ("foot_speed: speed_mm_s", crinkle.foot_speed, EITHER),
@@ -114,11 +111,6 @@ def _of_crinkle() -> list[tuple[str, Call, dict[str, float]]]:
             EITHER,
         ),
         ("CrinkleSpectra: signs", lambda x: make(speeds_mm_s=speeds, amplitudes=a, signs=changed(of.signs, x)), EITHER),
-        (
-            "CrinkleSpectra: left_out",
-            lambda x: make(speeds_mm_s=speeds, amplitudes=a, signs=of.signs, left_out=changed(a, x)),
-            EITHER,
-        ),
         (
             "subtract: speeds_mm_s",
             lambda x: subtract(speeds_mm_s=changed(speeds, x), panel_object_takes=takes, panel_takes=takes),
@@ -135,86 +127,52 @@ def _of_crinkle() -> list[tuple[str, Call, dict[str, float]]]:
             EITHER,
         ),
         ("at_speed: speed_mm_s", lambda x: crinkle.at_speed(of, speed_mm_s=x), EITHER),
-        ("BinsAtSpeed: speed_mm_s", lambda x: waveforms.BinsAtSpeed(of, x)(), EITHER),
-        ("synthesise: speed_mm_s", lambda x: waveforms.synthesise(of, speed_mm_s=x, output_rate_hz=rate_hz), EITHER),
-    ]
-
-
-def _of_methods() -> list[tuple[str, Call, dict[str, float]]]:
-    of, rate_hz = material(some()), OUTPUT_RATES_HZ[0]
-    on, band_hz = of.grid(rate_hz), (100.0, 500.0)
-    share = partial(pruning.largest_share, of, carried=on.carried)
-    loudest = partial(pruning.loudest_outside, of)
-    begin = FirstBlockFirst().prepare(of, output_rate_hz=rate_hz).begin
-    choose = partial(engine.choose, of, output_rate_hz=rate_hz)
-    rendered = [
-        (f"{method.name}: speed_mm_s", method.prepare(of, output_rate_hz=rate_hz), EITHER)
-        for method in engine.methods(BAND_HZ)
-    ]
-    return [
-        *rendered,
-        ("first block alone: speed_mm_s", begin, EITHER),
-        ("choose: allowed_relative_error", lambda x: choose(allowed_relative_error=x), NAN),
-        ("choose: allowed_memory_bytes", lambda x: choose(allowed_memory_bytes=x), NAN),
-        ("choose: band_hz, lowest", lambda x: choose(band_hz=(x, 500.0)), EITHER),
-        ("choose: band_hz, highest", lambda x: choose(band_hz=(0.0, x)), NAN),
-        ("prune: band_hz, lowest", lambda x: pruning.prune(of, band_hz=(x, 500.0)), EITHER),
-        ("prune: band_hz, highest", lambda x: pruning.prune(of, band_hz=(0.0, x)), NAN),
-        ("largest_share: band_hz, lowest", lambda x: share(band_hz=(x, 500.0)), EITHER),
-        ("largest_share: band_hz, highest", lambda x: share(band_hz=(0.0, x)), NAN),
-        ("left_out_error: band_hz, lowest", lambda x: pruning.left_out_error(of, band_hz=(x, 500.0), on=on), EITHER),
-        ("left_out_error: band_hz, highest", lambda x: pruning.left_out_error(of, band_hz=(0.0, x), on=on), NAN),
-        ("loudest_outside: band_hz, lowest", lambda x: loudest(band_hz=(x, 500.0), fastest_mm_s=600.0), EITHER),
-        ("loudest_outside: band_hz, highest", lambda x: loudest(band_hz=(0.0, x), fastest_mm_s=600.0), NAN),
-        ("loudest_outside: fastest_mm_s", lambda x: loudest(band_hz=band_hz, fastest_mm_s=x), EITHER),
-        ("rms: amplitudes", lambda x: waveforms.rms(changed(some(), x), on), EITHER),
+        ("leave_out: band_hz, lowest", lambda x: crinkle.leave_out(of, band_hz=(x, 500.0)), EITHER),
+        ("leave_out: band_hz, highest", lambda x: crinkle.leave_out(of, band_hz=(0.0, x)), NAN),
+        ("rms_outside: band_hz, lowest", lambda x: outside(band_hz=(x, 500.0), fastest_mm_s=600.0), EITHER),
+        ("rms_outside: band_hz, highest", lambda x: outside(band_hz=(0.0, x), fastest_mm_s=600.0), NAN),
+        ("rms_outside: fastest_mm_s", lambda x: outside(band_hz=(100.0, 500.0), fastest_mm_s=x), EITHER),
+        ("Basis.at: speed_mm_s", waveforms.prepare(of, material="any", output_rate_hz=rate_hz).at, EITHER),
     ]
 
 
 def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
-    c, of = np.ones(BINS_HZ.size), response()
+    c, of = np.ones(BINS_HZ.size), RESPONSE
     f = np.linspace(20.0, 500.0, c.size)
     shape = partial(shaping.shape, response=of, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
-    asked = driving.bins_of_waveform(c, rate_hz=RATE_HZ)
-    drive = partial(driving.drive, rate_hz=RATE_HZ, response=of)
-    move = partial(rig_response.accelerations, response=of)
+    asked = spectra.Bins(spectra.spectrum(c), samples=c.size, rate_hz=RATE_HZ)
+    drive = partial(shaping.drive, rate_hz=RATE_HZ, response=of)
     within: Callable[..., object] = partial(drive, asked, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     prepare = partial(voltages.prepare, material(some()), rate_hz=RATE_HZ, response=of)
     prepared = partial(prepare, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     unbounded = partial(shaping.shape, c, frequencies_hz=f, response=of)
-    at = rig_response.at_bins(of, f)
+    at = shaping.at_bins(of, f)
     shape_at = partial(shaping.shape_at, at=at, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
     return [
-        ("at_bins: frequencies_hz", lambda x: rig_response.at_bins(of, changed(f, x)), EITHER),
-        ("bins_of: values", lambda x: rig_response.bins_of(changed(c, x), f, what="c"), EITHER),
-        ("bins_of: frequencies_hz", lambda x: rig_response.bins_of(c, changed(f, x), what="c"), EITHER),
+        ("at_bins: frequencies_hz", lambda x: shaping.at_bins(of, changed(f, x)), EITHER),
         ("shape_at: coefficients", lambda x: shape_at(changed(c, x)), EITHER),
         ("shape_at: gain_limit_v_per_m_s2", lambda x: shaping.shape_at(c, at, gain_limit_v_per_m_s2=x), EITHER),
         ("shape_at: scale", lambda x: shape_at(c, scale=x), EITHER),
-        ("accelerations_at: voltages_v", lambda x: rig_response.accelerations_at(changed(c, x), at), EITHER),
         (
             "Response: frequencies_hz",
-            lambda x: rig_response.Response(changed(FREQUENCIES_HZ, x), LEVELS_V, answers()),
+            lambda x: shaping.Response(changed(FREQUENCIES_HZ, x), LEVELS_V, ANSWERS),
             EITHER,
         ),
         (
             "Response: levels_v",
-            lambda x: rig_response.Response(FREQUENCIES_HZ, changed(LEVELS_V, x), answers()),
+            lambda x: shaping.Response(FREQUENCIES_HZ, changed(LEVELS_V, x), ANSWERS),
             EITHER,
         ),
         (
             "Response: accelerations_m_s2",
-            lambda x: rig_response.Response(FREQUENCIES_HZ, LEVELS_V, changed(answers(), x)),
+            lambda x: shaping.Response(FREQUENCIES_HZ, LEVELS_V, changed(ANSWERS, x)),
             EITHER,
         ),
-        ("not_rising: accelerations_m_s2", lambda x: rig_response.not_rising(changed(answers(), x)), EITHER),
+        ("not_rising: accelerations_m_s2", lambda x: shaping.not_rising(changed(ANSWERS, x)), EITHER),
         ("shape: coefficients", lambda x: shape(changed(c, x), frequencies_hz=f), EITHER),
         ("shape: frequencies_hz", lambda x: shape(c, frequencies_hz=changed(f, x)), EITHER),
         ("shape: gain_limit_v_per_m_s2", lambda x: unbounded(gain_limit_v_per_m_s2=x), EITHER),
         ("shape: scale", lambda x: shape(c, frequencies_hz=f, scale=x), EITHER),
-        ("accelerations: voltages_v", lambda x: move(changed(c, x), frequencies_hz=f), EITHER),
-        ("accelerations: frequencies_hz", lambda x: move(c, frequencies_hz=changed(f, x)), EITHER),
-        ("bins_of_waveform: waveform_m_s2", lambda x: driving.bins_of_waveform(changed(c, x), rate_hz=RATE_HZ), EITHER),
         (
             "drive: bins",
             lambda x: drive(replace(asked, coefficients=changed(c, x)), gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2),
@@ -236,3 +194,112 @@ def _of_noise() -> list[tuple[str, Call, dict[str, float]]]:
         ("noise: samples", lambda x: make(samples=x, rate_hz=OUTPUT_RATES_HZ[0]), EITHER),
         ("noise: rate_hz", lambda x: make(samples=OUTPUT_RATES_HZ[0], rate_hz=x), EITHER),
     ]
+
+
+INPUTS = [*_of_spectra(), *_of_crinkle(), *_of_shaping(), *_of_noise()]
+"""Every number that a public function takes: its name, what calls it so, values to refuse."""
+
+NUMBERS = ("float", "ArrayLike", "NDArray[np.float64]", "tuple[float, float]")
+"""Annotations of what could be NaN or infinite."""
+
+
+@pytest.fixture(autouse=True)
+def no_warning() -> Iterator[None]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+@pytest.mark.parametrize(
+    ("call", "value"),
+    [pytest.param(call, value, id=f"{name} {said}") for name, call, values in INPUTS for said, value in values.items()],
+)
+def test_what_is_not_finite_is_refused(call: Call, value: float) -> None:
+    with pytest.raises(SynthesisError, match="allowed: "):
+        call(value)
+
+
+def test_every_number_that_a_public_function_takes_is_tried() -> None:
+    tried = {name.partition(",")[0] for name, _, _ in INPUTS}
+    wanted = {"CrinkleSpectra: speeds_mm_s", "CrinkleSpectra: amplitudes", "CrinkleSpectra: signs"}
+    wanted |= {"Response: frequencies_hz", "Response: levels_v", "Response: accelerations_m_s2", "Basis.at: speed_mm_s"}
+    for found in pkgutil.iter_modules(synthesis.__path__):
+        module = importlib.import_module(f"{synthesis.__name__}.{found.name}")
+        for name, function in inspect.getmembers(module, inspect.isfunction):
+            if function.__module__ == module.__name__ and not name.startswith("_"):
+                taken = inspect.signature(function).parameters.values()
+                wanted |= {f"{name}: {one.name}" for one in taken if one.annotation in NUMBERS}
+    assert wanted <= tried
+    assert len(wanted) > 40
+
+
+def shaped(coefficients: NDArray[np.float64], answers: NDArray[np.float64] = ANSWERS) -> shaping.Shaped:
+    by = shaping.Response(FREQUENCIES_HZ, LEVELS_V, answers)
+    return shaping.shape(coefficients, frequencies_hz=BINS_HZ, response=by, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
+
+
+def test_at_a_null_no_bin_takes_more_volts_than_the_limit_of_the_gain() -> None:
+    wanted = np.full(BINS_HZ.size, 0.05)
+    made = shaped(wanted, WITH_A_NULL)
+    assert np.all(np.abs(made.coefficients_v) / wanted <= GAIN_LIMIT_V_PER_M_S2 * (1 + 1e-15))
+    assert made.bounded.bins > 0
+
+
+@pytest.mark.parametrize("step", [0.0, -0.1], ids=["a plateau", "a reversal"])
+def test_a_response_without_an_inverse_is_refused(step: float) -> None:
+    answered = ANSWERS.copy()
+    answered[20, 2] = answered[20, 1] + step
+    with pytest.raises(SynthesisError, match="strictly rising with the level, for only then is there an inverse"):
+        shaping.Response(FREQUENCIES_HZ, LEVELS_V, answered)
+
+
+def test_an_empty_table_is_refused() -> None:
+    with pytest.raises(SynthesisError, match="at least one sample"):
+        shaping.Response(np.zeros(0), LEVELS_V, np.zeros((0, LEVELS_V.size)))
+
+
+def test_what_shaping_asks_for_moves_the_panel_as_asked() -> None:
+    within = np.clip(BINS_HZ, FREQUENCIES_HZ[0], FREQUENCIES_HZ[-1]) == BINS_HZ
+    wanted = np.where(within, np.random.default_rng(6).uniform(-4.0, 4.0, BINS_HZ.size), 0.0)
+    made = shaped(wanted)
+    moved = accelerations(made.coefficients_v[within], frequencies_hz=BINS_HZ[within], response=RESPONSE)
+    assert np.max(np.abs(moved - wanted[within])) <= 1e-12 * 4.0
+    assert made.saturated.bins == made.bounded.bins == 0
+
+
+def test_1e300_m_s2_in_every_bin_takes_the_highest_level_and_each_bin_counts_once() -> None:
+    made = shaped(np.full(BINS_HZ.size, 1e300))
+    assert np.max(np.abs(made.coefficients_v)) <= LEVELS_V[-1]
+    assert made.saturated.bins + made.bounded.bins + made.outside.bins == BINS_HZ.size
+
+
+@pytest.mark.parametrize("amplitude", [0.0, oracle.LEAST], ids=["zeros", "denormals"])
+def test_what_is_all_but_silent_loses_nothing_within_the_table(amplitude: float) -> None:
+    made = shaped(np.full(BINS_HZ.size, amplitude))
+    assert np.max(np.abs(made.coefficients_v)) <= amplitude * GAIN_LIMIT_V_PER_M_S2
+    assert made.saturated.bins == made.bounded.bins == 0
+    assert (made.outside.bins == 0) == (amplitude == 0)
+
+
+@pytest.mark.parametrize(
+    ("level_m_s2", "answers", "least"),
+    [(1.0, ANSWERS, 1.0), (1.0, WITH_A_NULL, 1.0), (1e300, ANSWERS, 0.5), (oracle.LEAST, ANSWERS, 0.0)],
+    ids=["as measured", "a null at 300 Hz", "1e300 m/s^2", "denormals"],
+)
+def test_voltages_prepared_for_a_speed_are_those_worked_out_at_it(
+    level_m_s2: float, answers: NDArray[np.float64], least: float
+) -> None:
+    rng = np.random.default_rng(8)
+    of = material(level_m_s2 * np.ceil(rng.uniform(1.0, 9.0, (len(SPEEDS_MM_S), BINS))))
+    asked = waveforms.prepare(of, material="any", output_rate_hz=RATE_HZ)
+    by = shaping.Response(FREQUENCIES_HZ, LEVELS_V, answers)
+    given: dict[str, Any] = {"rate_hz": RATE_HZ, "response": by, "gain_limit_v_per_m_s2": GAIN_LIMIT_V_PER_M_S2}
+    basis, held = voltages.prepare(of, **given), 0
+    feet_mm_s = np.linspace(SPEEDS_MM_S[0], voltages.FASTEST * SPEEDS_MM_S[-1], 37).tolist()
+    for v in feet_mm_s:
+        found = basis.at(asked.at(v))
+        if found is not None:
+            held += 1
+            wanted_v, _ = shaping.drive(asked.at(v).bins, **given)
+            assert np.abs(found[0] - wanted_v).max() <= 1e-12 * np.abs(wanted_v).max()
+    assert held >= least * len(feet_mm_s)

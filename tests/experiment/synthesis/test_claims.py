@@ -1,4 +1,4 @@
-"""Every method keeps the error that it claims: at the paper's size and in extreme cases (random: `test_bounds.py`)."""
+"""Every way keeps the error that it claims: at the paper's size and in extreme cases (random: `test_bounds.py`)."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from analysis.numerics import cases
+from analysis.numerics.cases import PRINTED_SUM, WAYS, Way
 from experiment.errors import SynthesisError
-from experiment.synthesis.basis import Basis
 from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.engine import EXACT, FASTEST_FIRST, methods
-from experiment.synthesis.spectra import grid
-from experiment.synthesis.waveforms import Method, PrintedSum, cosines, rms
+from experiment.synthesis.spectra import grid, rms
+from experiment.synthesis.waveforms import prepare
 from tests.experiment.synthesis.oracle import exact, random_spectra, spectrum_at, worst_excess
 from tests.experiment.synthesis.resampled import resampled
 
-EVERY = methods(band_hz=(2.0, 15.0))
-"""Each on all bins and on a band; `random_spectra` reach up to 25 Hz."""
+EXACT = 1e-12
+"""What an error relative to the peak must stay below; the claims are relative to the rms, and smaller."""
 
 SPEEDS = np.array([50.0, 100.0, 200.0, 300.0])
 EXTREME_SPEEDS = [0.0, 1e-6, 75.0, 150.0, 250.0, *SPEEDS.tolist(), np.nextafter(200.0, 0), 301.0, 650.0, 1e4]
@@ -56,8 +56,8 @@ def of(amplitudes: NDArray[np.float64], seed: int = 3) -> CrinkleSpectra:
 @pytest.mark.parametrize("case", extreme())
 def test_every_claimed_bound_holds_in_extreme_cases(case: str, output_rate_hz: int) -> None:
     s = of(extreme()[case])
-    for method in EVERY:
-        assert worst_excess(method, s, EXTREME_SPEEDS, output_rate_hz) <= 1, method.name
+    for way in WAYS:
+        assert worst_excess(way, s, EXTREME_SPEEDS, output_rate_hz) <= 1, way.name
 
 
 @pytest.mark.parametrize("v", [0.0, 20.0, 120.0, 275.0, 310.0, 1e4])
@@ -65,75 +65,76 @@ def test_at_the_size_of_the_paper_exact_means_below_1e_12_of_the_peak(v: float) 
     s = random_spectra(np.random.default_rng(8), speeds=4, bins=2500, rate_hz=5000, v=SPEEDS)
     places = tuple(np.random.default_rng(9).integers(0, 24_000, 30).tolist())
     wanted = exact(s, [v], 48_000, places).samples[0]
-    for method in FASTEST_FIRST:
-        claim = method.estimate(s, output_rate_hz=48_000).relative_error
-        if isinstance(method, PrintedSum):
-            continue
-        made = method.prepare(s, output_rate_hz=48_000)(v).waveform_m_s2
-        error = np.max(np.abs(made[list(places)] - wanted)) / np.max(np.abs(made))
-        assert error < (EXACT if claim < EXACT else claim), method.name
+    for way in WAYS:
+        if way is not PRINTED_SUM:
+            made = way.prepare(s, 48_000)[0](v)
+            error = np.max(np.abs(made[list(places)] - wanted)) / np.max(np.abs(made))
+            assert error < EXACT, way.name
 
 
-def test_which_methods_claim_exactness_at_the_size_of_the_paper() -> None:
+@pytest.mark.parametrize("rate_hz", [5000, 44_100, 48_000, 96_000, 192_000])
+def test_every_way_claims_less_than_1e_12_at_the_size_of_the_paper(rate_hz: int) -> None:
     s = random_spectra(np.random.default_rng(8), speeds=4, bins=2500, rate_hz=5000, v=SPEEDS)
-    for rate_hz in (5000, 44_100, 48_000, 96_000, 192_000):
-        claims = {m.name: m.estimate(s, output_rate_hz=rate_hz).relative_error < EXACT for m in FASTEST_FIRST}
-        assert [name for name, it_does in claims.items() if not it_does] == ["single precision"]
+    assert all(way.claim(s.grid(rate_hz)) < EXACT for way in WAYS)
 
 
-@pytest.mark.parametrize("method", FASTEST_FIRST, ids=lambda m: m.name)
 @pytest.mark.parametrize("v", [0.0, 20.0, 100.0, 120.0, 310.0])
-def test_a_stimulus_is_the_sum_of_the_bins_that_it_names(method: Method, v: float) -> None:
+def test_a_stimulus_is_the_sum_of_the_bins_that_it_names(v: float) -> None:
     s = of(extreme()["odd"])
-    made = method.prepare(s, output_rate_hz=480)(v)
-    bins = made.bins()
-    assert (bins.samples, bins.rate_hz) == (s.samples, s.rate_hz)
-    summed = resampled(bins.coefficients, rate_hz=bins.rate_hz, output_rate_hz=480)
+    made = prepare(s, material="odd", output_rate_hz=480).at(v)
+    assert (made.bins.samples, made.bins.rate_hz) == (s.samples, s.rate_hz)
+    summed = resampled(made.bins.coefficients, rate_hz=made.bins.rate_hz, output_rate_hz=480)
     error = np.sqrt(np.mean((made.waveform_m_s2 - summed) ** 2)) / np.sqrt(np.mean(summed**2))
-    assert error < method.estimate(s, output_rate_hz=480).relative_error + EXACT
+    assert error < made.basis.relative_error + EXACT
 
 
 def test_a_printed_sum_of_several_chunks_is_the_sum_of_one(monkeypatch: pytest.MonkeyPatch) -> None:
     s = of(extreme()["odd"])
-    whole = PrintedSum().prepare(s, output_rate_hz=480)(120.0).waveform_m_s2
-    monkeypatch.setattr("experiment.synthesis.waveforms.CHUNK_BYTES", 500)
-    np.testing.assert_array_equal(PrintedSum().prepare(s, output_rate_hz=480)(120.0).waveform_m_s2, whole)
+    whole = PRINTED_SUM.prepare(s, 480)[0](120.0)
+    monkeypatch.setattr(cases, "CHUNK_BYTES", 500)
+    np.testing.assert_array_equal(PRINTED_SUM.prepare(s, 480)[0](120.0), whole)
 
 
-@pytest.mark.parametrize("method", FASTEST_FIRST, ids=lambda m: m.name)
-def test_counts_and_flags_are_those_of_the_line(method: Method) -> None:
+def test_counts_and_flags_are_those_of_the_line() -> None:
     s = of(extreme()["a bin falling to zero"])
-    render = method.prepare(s, output_rate_hz=20)
+    basis = prepare(s, material="falling", output_rate_hz=20)
     for v in EXTREME_SPEEDS:
-        made = render(v)
+        made = basis.at(v)
         _, floored, outside = spectrum_at(s, v)
         assert (made.floored_bins, made.extrapolated) == (floored, outside is not None)
-        assert made.dropped_bins == 13 - 6
+        assert s.dropped(basis.on) == 13 - 6
 
 
-@pytest.mark.parametrize("method", EVERY, ids=lambda m: m.name)
-def test_a_rendered_waveform_is_the_caller_s_own(method: Method) -> None:
-    render = method.prepare(of(extreme()["odd"]), output_rate_hz=50)
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
+def test_a_rendered_waveform_is_the_caller_s_own(way: Way) -> None:
+    render, _ = way.prepare(of(extreme()["odd"]), 50)
     for v in (100.0, 120.0, 0.0, 1e4):
-        made = render(v).waveform_m_s2
+        made = render(v)
         kept = made.copy()
         made[:] = np.nan
-        np.testing.assert_array_equal(render(v).waveform_m_s2, kept)
+        np.testing.assert_array_equal(render(v), kept)
         assert made.dtype == np.float64
 
 
-@pytest.mark.parametrize("method", EVERY, ids=lambda m: m.name)
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
 @pytest.mark.parametrize("v", [-1.0, np.nan, np.inf, -np.inf])
-def test_impossible_speeds_are_refused(method: Method, v: float) -> None:
-    render = method.prepare(of(extreme()["odd"]), output_rate_hz=50)
+def test_impossible_speeds_are_refused(way: Way, v: float) -> None:
+    render, _ = way.prepare(of(extreme()["odd"]), 50)
     with pytest.raises(SynthesisError, match="speed_mm_s: got"):
         render(v)
 
 
-@pytest.mark.parametrize("method", EVERY, ids=lambda m: m.name)
-def test_a_rate_without_a_sample_is_refused(method: Method) -> None:
+@pytest.mark.parametrize("v", [-1.0, np.nan, np.inf, -np.inf])
+def test_an_impossible_speed_is_refused_before_anything_is_summed(v: float) -> None:
+    basis = prepare(of(extreme()["odd"]), material="odd", output_rate_hz=50)
+    with pytest.raises(SynthesisError, match="speed_mm_s: got"):
+        basis.at(v)
+
+
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
+def test_a_rate_without_a_sample_is_refused(way: Way) -> None:
     with pytest.raises(SynthesisError, match="output_rate_hz: got 1"):
-        method.prepare(of(extreme()["N = 2"]), output_rate_hz=1)
+        way.prepare(of(extreme()["N = 2"]), 1)
 
 
 @pytest.mark.parametrize(
@@ -167,46 +168,35 @@ def test_recordings_that_would_overflow_are_refused() -> None:
         of(np.full((4, 13), 1e308))
 
 
-@pytest.mark.parametrize("method", EVERY, ids=lambda m: m.name)
-def test_a_speed_at_which_the_sum_overflows_is_refused(method: Method) -> None:
-    render = method.prepare(of(np.outer([1e302, 2e302, 3e302, 4e302], np.ones(13))), output_rate_hz=480)
-    assert np.isfinite(render(1e4).waveform_m_s2).all()
+@pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
+def test_a_speed_at_which_the_sum_overflows_is_refused(way: Way) -> None:
+    render, _ = way.prepare(of(np.outer([1e302, 2e302, 3e302, 4e302], np.ones(13))), 480)
+    assert np.isfinite(render(1e4)).all()
     with pytest.raises(SynthesisError, match=r"speed_mm_s: got 10000000.0; allowed: speeds at which"):
         render(1e7)
 
 
-@pytest.mark.parametrize("method", FASTEST_FIRST, ids=lambda m: m.name)
-def test_a_transform_that_is_too_long_is_refused_before_the_first_step(method: Method) -> None:
+@pytest.mark.parametrize("way", [way for way in WAYS if way is not PRINTED_SUM], ids=lambda way: way.name)
+def test_a_transform_that_is_too_long_is_refused_before_the_first_step(way: Way) -> None:
     s = CrinkleSpectra(SPEEDS, 99_989, np.ones((4, 99_991)), np.ones((4, 99_991)))
-    if isinstance(method, PrintedSum):
-        return
     with pytest.raises(SynthesisError, match="use a rounder rate"):
-        method.prepare(s, output_rate_hz=191_999)
+        way.prepare(s, 191_999)
 
 
 def test_rms_is_parseval_s_at_any_scale() -> None:
     s = of(extreme()["prime"])
     on = s.grid(480)
-    wave = PrintedSum().prepare(s, output_rate_hz=480)(100.0).waveform_m_s2
     whole = grid(samples=11, bins=11, rate_hz=50, output_rate_hz=500)
     level = float(rms(s.amplitudes[1], whole))
-    assert np.sqrt(np.mean(PrintedSum().prepare(s, output_rate_hz=500)(100.0).waveform_m_s2 ** 2)) == pytest.approx(
-        level, rel=1e-13
-    )
-    assert np.sqrt(np.mean(wave**2)) == pytest.approx(level, rel=0.05)
+    assert np.sqrt(np.mean(PRINTED_SUM.prepare(s, 500)[0](100.0) ** 2)) == pytest.approx(level, rel=1e-13)
+    assert np.sqrt(np.mean(PRINTED_SUM.prepare(s, 480)[0](100.0) ** 2)) == pytest.approx(level, rel=0.05)
     assert float(rms(s.amplitudes[1] * 2.0**1000, on)) == float(rms(s.amplitudes[1], on)) * 2.0**1000
 
 
-def test_phases_that_overflow_are_refused() -> None:
-    on = grid(samples=2_000_003, bins=2_000_003, rate_hz=1_999_993, output_rate_hz=1_999_999)
-    with pytest.raises(SynthesisError, match="phases below 2"):
-        cosines(on, start=on.count - 1, stop=on.count)
-
-
-def test_single_precision_holds_half_of_the_basis() -> None:
-    s = of(extreme()["odd"])
-    sizes = [
-        sum(w.nbytes for half in Basis(single=single).prepare(s, output_rate_hz=480).pairs for p in half for w in p)
-        for single in (False, True)
-    ]
-    assert sizes[0] == 2 * sizes[1]
+def test_what_is_said_to_be_held_is_held() -> None:
+    """The basis: ten arrays for four speeds and the spectra, to the byte."""
+    s = random_spectra(np.random.default_rng(5), speeds=4, bins=2500, rate_hz=5000, v=SPEEDS)
+    basis = prepare(s, material="paper", output_rate_hz=48_000)
+    arrays = 10 * 24_000 * 8
+    assert len({id(waveform) for halves in basis.pairs for pair in halves for waveform in pair}) == 10
+    assert basis.nbytes == arrays + s.amplitudes.nbytes + s.signs.nbytes + s.speeds_mm_s.nbytes

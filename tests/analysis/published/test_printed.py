@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.audit.mistakes import judge, shown
-from analysis.published import Printed, as_printed
-from analysis.published.printed import Interval, hull, image, outward, point
+from analysis.published.printed import Interval, Printed, as_printed, hull, image, outward, point
 
 ENDS = st.integers(-18, 18).map(lambda sixths: Fraction(sixths, 6))
 GRID = [Fraction(k, 12) for k in range(-48, 49)]
