@@ -13,7 +13,17 @@ from tests.figures import figures
 
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "statsmodels", "psychopy", "serial", "rich")
 
-DOCUMENTS = ("README.md", "CONTRIBUTING.md", "experiment/README.md", "analysis/README.md", "tests/README.md")
+DOCUMENTS = (
+    "README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "analysis/README.md",
+    "experiment/decisions.md",
+    "experiment/README.md",
+    "experiment/apparatus/README.md",
+    "protocols/README.md",
+    "tests/README.md",
+)
 
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -93,10 +103,12 @@ def test_the_readme_is_short(repository_root: Path) -> None:
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=str)
-def test_what_a_document_links_to_is_there(repository_root: Path, document: str) -> None:
-    file = repository_root / document
-    linked = re.findall(r"\]\(([^)#:]+)\)", file.read_text("utf-8"))
-    assert [link for link in linked if not (file.parent / link).exists()] == []
+def test_what_a_document_names_is_there(repository_root: Path, document: str) -> None:
+    text = (repository_root / document).read_text("utf-8")
+    linked = [(repository_root / document).parent / link for link in re.findall(r"\]\(([^)#:]+)\)", text)]
+    named = [repository_root / path for path in re.findall(r"`((?:experiment|analysis|tests|protocols)/[^` ]+)`", text)]
+    assert linked + named
+    assert [path for path in linked + named if not path.exists()] == []
 
 
 def test_the_readme_of_the_experiment_names_every_module(repository_root: Path) -> None:

@@ -341,7 +341,7 @@ _LINE_BITS = 10 * FRAME_BYTES
 
 
 def _tracker_rules(table: Any) -> Iterator[Broken]:
-    """`baud` is at least 120 times `rate_hz`, for a frame takes 120 bits.
+    """`baud` is at least 120 times `rate_hz`, because a frame takes 120 bits.
 
     From point to point of `calibration` the counts rise, and the heights rise or fall all the way.
     """
