@@ -55,7 +55,7 @@ def seal(
         datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="First day on which the study may run.")
     ],
     expires_on: Annotated[datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Last day on which it may.")],
-    replace: Annotated[bool, typer.Option("--replace", help="Of an earlier form of the protocol.")] = False,
+    replace: Annotated[bool, typer.Option("--replace", help="Take the place of the seal of an earlier form.")] = False,
 ) -> None:
     """Record the board's approval of a protocol.
 
