@@ -85,7 +85,7 @@ def enrol(
         datetime | None, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day of consent.")
     ] = None,
     dataset: StudyFolder = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Of the study; drawn if left out.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the study; drawn if left out.")] = None,
 ) -> None:
     """Enrol the next participant of a study."""
     from experiment.study import enrolment
