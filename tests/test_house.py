@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -11,6 +12,18 @@ import pytest
 from tests.figures import figures
 
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "statsmodels", "psychopy", "serial", "rich")
+
+DOCUMENTS = (
+    "README.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+    "analysis/README.md",
+    "experiment/decisions.md",
+    "experiment/README.md",
+    "experiment/apparatus/README.md",
+    "protocols/README.md",
+    "tests/README.md",
+)
 
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -81,6 +94,29 @@ def test_packages_import_light(repository_root: Path, package: str) -> None:
 def test_style(repository_root: Path, tool: list[str]) -> None:
     done = run("-m", *tool, cwd=repository_root)
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+
+
+def test_the_readme_is_short(repository_root: Path) -> None:
+    text = (repository_root / "README.md").read_text("utf-8")
+    words = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE).split()
+    assert len(words) <= 600
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=str)
+def test_what_a_document_names_is_there(repository_root: Path, document: str) -> None:
+    text = (repository_root / document).read_text("utf-8")
+    linked = [(repository_root / document).parent / link for link in re.findall(r"\]\(([^)#:]+)\)", text)]
+    named = [repository_root / path for path in re.findall(r"`((?:experiment|analysis|tests|protocols)/[^` ]+)`", text)]
+    assert linked + named
+    assert [path for path in linked + named if not path.exists()] == []
+
+
+def test_the_readme_of_the_experiment_names_every_module(repository_root: Path) -> None:
+    room = repository_root / "experiment"
+    named = set(re.findall(r"`([\w/]+\.py)`", (room / "README.md").read_text("utf-8")))
+    modules = {path.relative_to(room).as_posix() for path in room.rglob("*.py")}
+    missing = {module for module in modules - named if not module.endswith("__init__.py")}
+    assert (missing, named - modules) == (set(), set())
 
 
 def test_every_command_has_help_with_an_example() -> None:

@@ -50,6 +50,10 @@ def _port_rules(table: Any) -> Iterator[Broken]:
 
 
 def _actuator_rules(table: Any) -> Iterator[Broken]:
+    """`pcm-tcp` needs `address`, `audio` has none.
+
+    Either `full_scale_m_s2` or the table `shaping` is there, never both.
+    """
     yield from _port_rules(table)
     driver, address = table.get("driver"), table.get("address")
     if driver == "pcm-tcp" and address is None:
@@ -68,9 +72,12 @@ def _actuator_rules(table: Any) -> Iterator[Broken]:
 class ShapingRig(Confined):
     """How a device that takes volts moves the panel, as measured: frequency shaping (Okamoto et al., equation (7)).
 
-    `response` is a table of `apparatus/panel/response_table.py`, in the folder of the rig file; its hash stands here,
-    so that the rig's own hash names one measurement. No bin of a stimulus takes more than `gain_limit_v_per_m_s2`:
-    near a null of the response the voltage would grow without bound.
+    Attributes:
+        response: the measured response, a table as in `apparatus/panel/`, in the folder of the rig file.
+        response_sha256: its hash, so that the rig's own hash names one measurement.
+        full_scale_v: the voltage of a sample of 1.0, and the last limit before the device.
+        gain_limit_v_per_m_s2: no bin of a stimulus takes more: near a null of the response the voltage would grow
+            without bound.
     """
 
     response: Annotated[
@@ -86,8 +93,12 @@ class ShapingRig(Confined):
 class ActuatorRig(Confined):
     """What shakes the panel: a raw PCM port of its own, or a channel of the rig's audio device.
 
-    A device that takes accelerations has `full_scale_m_s2`, one that takes volts has `shaping` with `full_scale_v`.
-    Samples go out divided by it, so that 1.0 is the device's full scale.
+    Attributes:
+        driver: `pcm-tcp`: a server that takes raw float32 samples; `audio`: a channel of the audio device.
+        address: of the PCM server.
+        rate_hz: its sampling rate.
+        full_scale_m_s2: the acceleration of a sample of 1.0, for a device that takes accelerations.
+        shaping: the measured response, for a device that takes volts.
     """
 
     RULES: ClassVar[Rules] = _actuator_rules
@@ -108,6 +119,7 @@ class ActuatorRig(Confined):
 
 
 def _accelerometer_rules(table: Any) -> Iterator[Broken]:
+    """`trigger_m_s2` is less than `full_scale_m_s2`."""
     yield from _port_rules(table)
     full_scale, trigger = table.get("full_scale_m_s2"), table.get("trigger_m_s2")
     if isinstance(full_scale, int | float) and isinstance(trigger, int | float) and trigger >= full_scale:
@@ -115,9 +127,15 @@ def _accelerometer_rules(table: Any) -> Iterator[Broken]:
 
 
 class AccelerometerRig(Confined):
-    """What measures the panel while takes are recorded; a sample of 1.0 stands for `full_scale_m_s2`.
+    """What measures the panel while takes are recorded.
 
-    A take begins where a magnitude reaches `trigger_m_s2`: above the noise of the panel at rest, below what matters.
+    Attributes:
+        driver: a server that sends raw float32 samples without end.
+        address: of that server.
+        rate_hz: its sampling rate: that of the protocol's recordings.
+        full_scale_m_s2: the acceleration of a sample of 1.0.
+        trigger_m_s2: a take begins where a magnitude reaches this: above the noise of the panel at rest, below what
+            matters.
     """
 
     RULES: ClassVar[Rules] = _accelerometer_rules
@@ -160,6 +178,7 @@ Days = Annotated[int, Field(ge=1, le=3650)]
 
 
 def _channel_rules(table: Any) -> Iterator[Broken]:
+    """No two outputs are one channel, and no two inputs."""
     headphones, actuator = table.get("headphones"), table.get("actuator")
     if isinstance(headphones, list | tuple):
         if len(set(map(str, headphones))) < len(headphones):
@@ -171,9 +190,14 @@ def _channel_rules(table: Any) -> Iterator[Broken]:
 
 
 class AudioChannels(Confined):
-    """Which channel of the device is what. `microphone` and `loopback` are inputs; the others outputs.
+    """Which channel of the device is what.
 
-    `loopback` hears what the actuator's amplifier is given: a cable from its output, or a divider behind the amplifier.
+    Attributes:
+        headphones: outputs that play the masker, at most 8.
+        actuator: the output that plays the stimulus.
+        microphone: an input.
+        loopback: the input that hears what the actuator's amplifier is given: a cable from its output, or a divider
+            behind it.
     """
 
     RULES: ClassVar[Rules] = _channel_rules
@@ -197,8 +221,12 @@ class AudioChannels(Confined):
 class HeadphonesRig(Confined):
     """How loud the headphones are, as measured at the ear.
 
-    `full_scale_db_a` is the level of pink noise whose rms is full scale (a sample of 1.0), in dB(A): play pink noise
-    at a known lower level, measure, and add how far below full scale it was.
+    Play pink noise at a known lower level, measure, and add how far below full scale it was.
+
+    Attributes:
+        full_scale_db_a: the level of pink noise whose rms is full scale (a sample of 1.0).
+        calibrated_on: when it was measured.
+        calibration_days: for how many days the measurement holds.
     """
 
     full_scale_db_a: Annotated[float, Field(ge=40, le=160)]
@@ -209,9 +237,14 @@ class HeadphonesRig(Confined):
 class LatencyRig(Confined):
     """How late the device is, as `palpate calibrate audio` measures it by loopback.
 
-    A frame leaves the output `output_ms` after the stream took it, and what reaches an input is handed over `input_ms`
-    later. Their sum is measured; how it divides is what the driver says. `loopback_gain` is what a sample of 1.0
-    comes back as.
+    The sum of both latencies is measured; how it divides is what the driver says.
+
+    Attributes:
+        output_ms: from the stream's taking of a frame until the frame leaves the output.
+        input_ms: from a sound's arrival at an input until it is handed over.
+        loopback_gain: what a sample of 1.0 comes back as.
+        calibrated_on: when it was measured.
+        calibration_days: for how many days the measurement holds.
     """
 
     output_ms: Annotated[float, Field(ge=0, le=1000)]
@@ -222,12 +255,15 @@ class LatencyRig(Confined):
 
 
 class DeliveredRig(Confined):
-    """What a stimulus heard by loopback may differ from the intended one and still count as delivered.
+    """How far a stimulus heard by loopback may differ from the intended one and still count as delivered.
 
-    `onset_ms`: how early or late, against when it was asked for; `contact_ms`: the same against contact, so that the
-    error of the prediction counts, and not asked where it is left out; `gain_db`: how much louder or softer;
-    `residual_db`: power of what neither delay nor gain explains, relative to the intended waveform; of an intended
-    silence the loudest sample, relative to full scale.
+    Attributes:
+        onset_ms: early or late, against when it was asked for.
+        contact_ms: early or late, against contact, so that the error of the prediction counts; not asked where it is
+            left out.
+        gain_db: louder or softer.
+        residual_db: power of what neither delay nor gain explains, relative to the intended waveform; of an intended
+            silence the loudest sample, relative to full scale.
     """
 
     onset_ms: Annotated[float, Field(gt=0, le=100)]
@@ -239,8 +275,15 @@ class DeliveredRig(Confined):
 class AudioRig(Confined):
     """The one audio device of a session: masker, stimulus, microphone and loopback on one sample clock.
 
-    `host_api` and `device` are as `palpate devices` lists them. `block` is the frames of a period; with JACK that of
-    the server.
+    Attributes:
+        host_api: as `palpate devices` lists it.
+        device: as `palpate devices` lists it.
+        rate_hz: its sampling rate.
+        block: frames of a period; with JACK that of the server.
+        channels: which channel is what.
+        headphones: how loud the headphones are.
+        latency: how late the device is.
+        delivered: what counts as delivered.
     """
 
     host_api: Text
@@ -298,6 +341,10 @@ _LINE_BITS = 10 * FRAME_BYTES
 
 
 def _tracker_rules(table: Any) -> Iterator[Broken]:
+    """`baud` is at least 120 times `rate_hz`, because a frame takes 120 bits.
+
+    From point to point of `calibration` the counts rise, and the heights rise or fall all the way.
+    """
     baud, rate_hz = table.get("baud"), table.get("rate_hz")
     if isinstance(baud, int) and isinstance(rate_hz, int) and baud < _LINE_BITS * rate_hz:
         yield Broken(("baud",), f"at least {_LINE_BITS * rate_hz}: {rate_hz} frames of {FRAME_BYTES} bytes a second")
@@ -320,6 +367,10 @@ def _tracker_rules(table: Any) -> Iterator[Broken]:
 
 
 def _rig_rules(table: Any) -> Iterator[Broken]:
+    """`actuator.driver = "audio"` needs the table `[audio]`, at the same `rate_hz`.
+
+    Only a simulated rig may say "rehearsal" for a port, an address or a device.
+    """
     yield from _audio_rules(table.get("actuator"), table.get("audio"))
     rig = table.get("rig")
     if not isinstance(rig, dict) or rig.get("simulated") is not False:
@@ -343,14 +394,24 @@ def _audio_rules(actuator: Any, audio: Any) -> Iterator[Broken]:
 
 
 class Identity(Confined):
-    """What the rig is called, and whether it is simulated."""
+    """What the rig is called, and whether it is simulated.
+
+    Attributes:
+        name: what the laboratory calls it.
+        simulated: true for rehearsals, false for sessions with participants.
+    """
 
     name: Name
     simulated: bool
 
 
 class CalibrationPoint(Confined):
-    """A reading, and the height at which it was taken."""
+    """A reading, and the height at which it was taken.
+
+    Attributes:
+        counts: what the sensor reads.
+        mm: the height above the panel.
+    """
 
     counts: Annotated[int, Field(ge=0, le=65535)]
     mm: float
@@ -359,12 +420,18 @@ class CalibrationPoint(Confined):
 class TrackerRig(Confined):
     """The foot's sensor, and the serial port that it speaks through.
 
-    `port` is a device path, or a URL that pyserial opens such as `socket://127.0.0.1:4711`. After `stall_ms` without a
-    frame the tracker counts as stopped. `calibration` has two points or more, both columns strictly monotone; a real
-    rig says when it was made and for how many days it holds. `driver` is palpate's own for the frames of frames.py, or
-    `module:Class` for a class that is called as `SerialTracker` is, in `module.py` beside the rig file or in a package
-    that is installed. With `zeroing_mm` heights count from where
-    the participant's foot rests on the panel, which may lie so far from the protocol's contact at most.
+    Attributes:
+        driver: palpate's own for its frames, or a class of a module beside the rig file or of an installed package.
+        port: a device path, or a URL that pyserial opens such as `socket://127.0.0.1:4711`.
+        baud: the speed of the line, bits a second.
+        rate_hz: frames a second.
+        stall_ms: after so long without a frame the tracker counts as stopped.
+        calibration: readings at known heights; heights between two points follow a straight line.
+        calibrated_on: when the calibration was made; a real rig states it.
+        calibration_days: for how many days the calibration holds; a real rig states it.
+        noise_mm: rms of the sensor at rest, as `palpate calibrate tracker` measures it.
+        zeroing_mm: heights count from where the participant's foot rests on the panel, at most so far from contact;
+            without it they count as calibrated.
     """
 
     RULES: ClassVar[Rules] = _tracker_rules
@@ -414,7 +481,17 @@ class TrackerRig(Confined):
 
 
 class Rig(Confined):
-    """A whole rig; the accelerometer is needed by `palpate record` alone, `audio` where sound is."""
+    """A whole rig.
+
+    Attributes:
+        format: the form of the file.
+        rig: what it is called.
+        tracker: what follows the foot.
+        actuator: what shakes the panel.
+        accelerometer: what measures the panel; only `palpate record` needs it.
+        audio: the audio device, where there is one: for the masker, the loopback and an actuator with `driver =
+            "audio"`.
+    """
 
     RULES: ClassVar[Rules] = _rig_rules
 

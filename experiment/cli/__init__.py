@@ -39,7 +39,7 @@ COMMANDS = {
         "export": ("analysis", "Write tables for R, JASP and PsychoPy users."),
         "audit": ("analysis", "Do printed numbers agree with one another, or with a dataset?"),
         "import-counts": ("analysis", "Make a dataset from printed counts."),
-        "numerics": ("analysis", "Measure error against run time of every method."),
+        "numerics": ("analysis", "Measure error against run time of every way to compute a stimulus."),
     },
 }
 """What each command is for, in the order of a study: its module in this folder, and the first sentence of its help."""

@@ -55,7 +55,7 @@ def seal(
         datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="First day on which the study may run.")
     ],
     expires_on: Annotated[datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Last day on which it may.")],
-    replace: Annotated[bool, typer.Option("--replace", help="Of an earlier form of the protocol.")] = False,
+    replace: Annotated[bool, typer.Option("--replace", help="Take the place of the seal of an earlier form.")] = False,
 ) -> None:
     """Record the board's approval of a protocol.
 
@@ -85,7 +85,7 @@ def enrol(
         datetime | None, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day of consent.")
     ] = None,
     dataset: StudyFolder = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Of the study; drawn if left out.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the study; drawn if left out.")] = None,
 ) -> None:
     """Enrol the next participant of a study."""
     from experiment.study import enrolment

@@ -24,7 +24,9 @@ def record(
     speeds: Annotated[
         str | None, typer.Option("--speeds", help="Targets in mm/s, such as 150,250,400; the protocol's by default.")
     ] = None,
-    takes: Annotated[int | None, typer.Option("--takes", help="Of each condition; the protocol's by default.")] = None,
+    takes: Annotated[
+        int | None, typer.Option("--takes", help="Takes of each condition; the protocol's by default.")
+    ] = None,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Names every random draw of --simulated.")] = 1,
 ) -> None:
     """Record a protocol's materials and the bare panel.

@@ -185,7 +185,9 @@ def calibrate_audio(
     rig_file: RigFile,
     out: Annotated[Path | None, typer.Option("--out", help="Write the rig file with the result to here.")] = None,
     probes: Annotated[int, typer.Option("--probes", min=2, max=1000, help="How many sweeps are played.")] = 20,
-    peak: Annotated[float, typer.Option("--peak", min=0.001, max=1.0, help="Of a sweep; 1.0 is full scale.")] = 0.1,
+    peak: Annotated[
+        float, typer.Option("--peak", min=0.001, max=1.0, help="Peak of a sweep; 1.0 is full scale.")
+    ] = 0.1,
 ) -> None:
     """Measure latency and level of the audio device by loopback.
 

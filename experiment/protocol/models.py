@@ -1,7 +1,8 @@
 """Frozen models of a protocol file: what a study is, as its ethics board approved it.
 
 Unknown keys are refused. Units stand in the names. Text that a board reads is kept word for word.
-What must hold between fields stands in `rules`; each model names its own.
+What must hold between fields stands in `rules`; each model names its own. The words under `Attributes:` are what
+`protocols/README.md` says of each key.
 """
 
 from __future__ import annotations
@@ -16,7 +17,14 @@ from experiment.settings.model import Confined, Key, Label, Name, Rules, Text
 
 
 class Study(Confined):
-    """What the study is and where it was published."""
+    """What the study is and where it was published.
+
+    Attributes:
+        id: names the study, its files and the folder of its dataset.
+        title: what the study is called.
+        source: the publication or plan that the study follows.
+        participants: how many people take part.
+    """
 
     id: Label
     title: Text
@@ -25,7 +33,16 @@ class Study(Confined):
 
 
 class Ethics(Confined):
-    """Who approved the study. The fields of a lab's own approval stay empty in a published protocol."""
+    """Who approved the study. The fields of a lab's own approval stay empty in a published protocol.
+
+    Attributes:
+        board: the board that approves the study.
+        statement: what the board approved, in words.
+        approval_number: as on the board's letter; empty before the approval.
+        approved_on: the first day on which the study may run.
+        expires_on: the last day on which it may.
+        contact: whom participants may turn to.
+    """
 
     RULES: ClassVar[Rules] = rules.ethics
 
@@ -38,13 +55,23 @@ class Ethics(Confined):
 
 
 class Eligibility(Confined):
-    """Who may take part."""
+    """Who may take part.
+
+    Attributes:
+        criteria: one sentence for each condition.
+    """
 
     criteria: Annotated[tuple[Text, ...], Field(min_length=1)]
 
 
 class Consent(Confined):
-    """What participants consent to before the first session."""
+    """What participants consent to before the first session.
+
+    Attributes:
+        required: whether a participant's consent must be on record before a session.
+        statement: what participants are told and agree to.
+        voice_recordings: whether answers are recorded; `palpate run` still refuses true.
+    """
 
     required: bool
     statement: Text
@@ -52,7 +79,12 @@ class Consent(Confined):
 
 
 class Duration(Confined):
-    """How long one participant's visit takes, all tasks and breaks included, as participants are told before."""
+    """How long one participant's visit takes, all tasks and breaks included, as participants are told before.
+
+    Attributes:
+        shortest_min: a short visit.
+        longest_min: a long visit.
+    """
 
     RULES: ClassVar[Rules] = rules.duration
 
@@ -61,7 +93,13 @@ class Duration(Confined):
 
 
 class Exposure(Confined):
-    """Limits that protect the participant; never pruned. A session is one task of one participant."""
+    """Limits that protect the participant; never pruned. A session is one task of one participant.
+
+    Attributes:
+        vibration_peak_m_s2: the largest acceleration of the panel, which the limiter holds for any stimulus.
+        masker_level_db_a: the loudest masker at the ear.
+        session_min: the longest session.
+    """
 
     vibration_peak_m_s2: Annotated[float, Field(gt=0, le=100)]
     masker_level_db_a: Annotated[float, Field(gt=0, le=85)]
@@ -69,7 +107,13 @@ class Exposure(Confined):
 
 
 class Masker(Confined):
-    """Noise on the headphones that hides the sound of the stimuli."""
+    """Noise on the headphones that hides the sound of the stimuli.
+
+    Attributes:
+        noise: the noise's colour.
+        level_set_by: who sets its level.
+        criterion: what must hold at the level that is chosen.
+    """
 
     noise: Literal["pink", "white"]
     level_set_by: Literal["participant", "experimenter"]
@@ -77,7 +121,14 @@ class Masker(Confined):
 
 
 class Material(Confined):
-    """One of the materials a participant tells apart, and how its name is said and keyed."""
+    """One of the materials a participant tells apart, and how its name is said and keyed.
+
+    Attributes:
+        id: names the material in orders, journals and tables.
+        key: the experimenter's key for this answer.
+        spoken: what participants may call it; the first is shown to the experimenter.
+        description: what the object is: make, size, weight.
+    """
 
     RULES: ClassVar[Rules] = rules.material
 
@@ -88,7 +139,15 @@ class Material(Confined):
 
 
 class Synthesis(Confined):
-    """Recordings from which virtual stimuli are made (section 3.1 of the source)."""
+    """Recordings from which virtual stimuli are made (section 3.1 of the source).
+
+    Attributes:
+        rate_hz: the sampling rate of the recordings.
+        samples: how long each take is, in samples.
+        takes: how often each condition is recorded.
+        speeds_mm_s: the speeds of the foot at which recordings are made.
+        average: what of the takes is averaged: the magnitudes of their spectra, or signed coefficients.
+    """
 
     RULES: ClassVar[Rules] = rules.synthesis
 
@@ -102,8 +161,12 @@ class Synthesis(Confined):
 class Tactile(Confined):
     """What skin and actuator can pass; what lies outside may be left out where it stays below the floor.
 
-    `low_hz` to `high_hz`: the frequencies that count. `floor_m_s2`: rms of all that lies outside the band together,
-    below which it is not felt; decided for all materials of a task at once. `source`: where both come from.
+    Attributes:
+        low_hz: the lowest frequency that counts.
+        high_hz: the highest frequency that counts.
+        floor_m_s2: rms of all that lies outside the band together, below which it is not felt, in any material of a
+            task.
+        source: where band and floor come from.
     """
 
     RULES: ClassVar[Rules] = rules.tactile
@@ -120,7 +183,13 @@ class Tactile(Confined):
 
 
 class Step(Confined):
-    """How a foot step is read: the gate, and the contact that ends it."""
+    """How a foot step is read: the gate, and the contact that ends it. Heights are above the panel.
+
+    Attributes:
+        gate_top_mm: where the measurement of the foot's speed begins.
+        gate_bottom_mm: where it ends.
+        contact_mm: where the foot counts as landed.
+    """
 
     RULES: ClassVar[Rules] = rules.step
 
@@ -130,7 +199,13 @@ class Step(Confined):
 
 
 class Footstep(Confined):
-    """What trials of the kind `footstep` need: how the step is read, and what its stimuli are made of."""
+    """What trials of the kind `footstep` need.
+
+    Attributes:
+        step: how the step is read.
+        synthesis: what virtual stimuli are made of.
+        tactile: which frequencies count.
+    """
 
     step: Step
     synthesis: Synthesis
@@ -138,7 +213,13 @@ class Footstep(Confined):
 
 
 class Familiarisation(Confined):
-    """Free handling of the real materials before a task."""
+    """Free handling of the real materials before a task.
+
+    Attributes:
+        min_s: the shortest time.
+        max_s: the longest time.
+        instruction: what the participant is told.
+    """
 
     RULES: ClassVar[Rules] = rules.familiarisation
 
@@ -148,7 +229,13 @@ class Familiarisation(Confined):
 
 
 class Order(Confined):
-    """How the trials of a task are put in order."""
+    """How the trials of a task are put in order.
+
+    Attributes:
+        kind: all trials shuffled, each repetition shuffled by itself, or no material more often in a row than
+            `max_run`.
+        max_run: how often one material may come in a row.
+    """
 
     RULES: ClassVar[Rules] = rules.order
 
@@ -157,7 +244,19 @@ class Order(Confined):
 
 
 class Task(Confined):
-    """One task: which kind of trial, which stimuli, how often, in which order, for how many participants."""
+    """One task: which kind of trial, which stimuli, how often, in which order, for how many participants.
+
+    Attributes:
+        id: names the task in commands, files and tables.
+        title: what the task is called.
+        kind: the kind of trial.
+        stimulus: synthesised vibration, or real objects that the experimenter lays out.
+        instruction: what the participant is told.
+        participants: how many do this task: those who enrol first.
+        repetitions: how often each material is presented.
+        order: how the trials are put in order.
+        familiarisation: what comes before the trials.
+    """
 
     id: Label
     title: Text
@@ -173,7 +272,9 @@ class Task(Confined):
 class TaskOrder(Confined):
     """In which order a participant does the tasks, and the break between them.
 
-    `fixed` is the order of the file; `counterbalanced` gives each order to as many participants, by permuted blocks.
+    Attributes:
+        kind: `fixed`: as in the file; `counterbalanced`: each order for as many participants, by permuted blocks.
+        break_min_s: the shortest break between two tasks.
     """
 
     kind: Literal["counterbalanced", "fixed"]
@@ -181,7 +282,14 @@ class TaskOrder(Confined):
 
 
 class Answers(Confined):
-    """How answers are given and logged."""
+    """How answers are given and logged.
+
+    Attributes:
+        mode: the participant says the answer, and the experimenter keys it.
+        no_answer_key: the key for a trial without an answer.
+        redo_key: the key that has the trial done again at once.
+        pause_key: the key that pauses the session.
+    """
 
     mode: Literal["oral"]
     no_answer_key: Key
@@ -192,10 +300,17 @@ class Answers(Confined):
 class ExclusionRule(Confined):
     """One rule that leaves out a trial or a participant, and says so.
 
-    `when` is one of: `frames-lost` (more than `limit` frames lost or damaged between arming and contact),
-    `speed-below` / `speed-above` (foot speed, mm/s, against `limit`), `undelivered` (the loopback heard the stimulus
-    early, late, changed or not at all, by the rig's thresholds), `answers-below` (fewer than `limit` answered trials in
-    a task), `withdrawn`. A trial that a rule repeats may have been felt, so it comes again at the end of its block.
+    A trial that a rule repeats may have been felt, so it comes again at the end of its block.
+
+    Attributes:
+        id: names the rule in reports.
+        when: frames lost or damaged between arming and contact; the foot's speed; a stimulus that the loopback heard
+            early, late, changed or not at all, by the rig's thresholds; answered trials in a task; or a participant who
+            withdrew.
+        limit: frames, mm/s or answers, by `when`; the rule holds for `frames-lost` and `speed-above` where there are
+            more, for the others where there are fewer.
+        action: what the rule does.
+        reason: why, as it stands in reports.
     """
 
     RULES: ClassVar[Rules] = rules.exclusion_rule
@@ -208,7 +323,16 @@ class ExclusionRule(Confined):
 
 
 class PlannedTest(Confined):
-    """One test of the planned analysis, by name."""
+    """One test of the planned analysis, by name.
+
+    Attributes:
+        test: which test.
+        tasks: the tasks that it is about, by id.
+        question: what it is to answer, and how.
+        chance: the share of right answers of somebody who guesses.
+        form: the form of the intraclass correlation.
+        alpha: the level of significance.
+    """
 
     RULES: ClassVar[Rules] = rules.planned_test
 
@@ -221,7 +345,25 @@ class PlannedTest(Confined):
 
 
 class Protocol(Confined):
-    """A whole study. Names are unique and every reference between parts holds."""
+    """A whole study.
+
+    Attributes:
+        format: the form of the file.
+        study: what the study is.
+        ethics: who approved it.
+        eligibility: who may take part.
+        consent: what participants agree to.
+        duration: how long a visit takes.
+        exposure: limits that protect the participant.
+        masker: the noise on the headphones.
+        answers: how answers are given.
+        footstep: what trials of the kind `footstep` need.
+        materials: the materials to tell apart.
+        task_order: the order of the tasks.
+        tasks: the tasks.
+        exclusion: what leaves out a trial or a participant.
+        analysis: the planned tests.
+    """
 
     RULES: ClassVar[Rules] = rules.protocol
 

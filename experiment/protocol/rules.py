@@ -25,39 +25,39 @@ MAX_COUNTED = 400
 
 
 def ethics(table: Table) -> Iterator[Broken]:
-    """An approval expires after it was given."""
+    """`expires_on` comes after `approved_on`."""
     approved, expires = table.get("approved_on"), table.get("expires_on")
     if isinstance(approved, date) and isinstance(expires, date) and expires <= approved:
         yield Broken(("expires_on",), f"a date after approved_on ({approved})")
 
 
 def duration(table: Table) -> Iterator[Broken]:
-    """The longest visit is no shorter than the shortest."""
+    """`longest_min` is no less than `shortest_min`."""
     yield from _in_order(table, "shortest_min", "longest_min")
 
 
 def material(table: Table) -> Iterator[Broken]:
-    """A material is named unlike what tables write for a missing answer or value."""
+    """No material is called `(none)` or `n/a`, which stand in tables for a missing answer or value."""
     if table.get("id") in (NO_ANSWER, "n/a"):
         yield Broken(("id",), f"any name but '{NO_ANSWER}' and 'n/a', which stand for what is missing")
 
 
 def synthesis(table: Table) -> Iterator[Broken]:
-    """Recorded speeds rise."""
+    """Each of `speeds_mm_s` is greater than the one before it."""
     for i, (slower, faster) in enumerate(pairwise(_list(table, "speeds_mm_s")), start=1):
         if _is_number(slower) and _is_number(faster) and faster <= slower:
             yield Broken(("speeds_mm_s", i), f"a number greater than the one before it ({slower})")
 
 
 def tactile(table: Table) -> Iterator[Broken]:
-    """The band rises."""
+    """`high_hz` is greater than `low_hz`."""
     low, high = _number(table, "low_hz"), _number(table, "high_hz")
     if low is not None and high is not None and high <= low:
         yield Broken(("high_hz",), f"a number greater than low_hz ({low})")
 
 
 def step(table: Table) -> Iterator[Broken]:
-    """The foot passes the top of the gate, then its bottom, then lands."""
+    """`gate_bottom_mm` is less than `gate_top_mm`, and `contact_mm` less than both."""
     for higher, lower in pairwise(("gate_top_mm", "gate_bottom_mm", "contact_mm")):
         above, below = _number(table, higher), _number(table, lower)
         if above is not None and below is not None and below >= above:
@@ -65,12 +65,12 @@ def step(table: Table) -> Iterator[Broken]:
 
 
 def familiarisation(table: Table) -> Iterator[Broken]:
-    """The longest familiarisation is no shorter than the shortest."""
+    """`max_s` is no less than `min_s`."""
     yield from _in_order(table, "min_s", "max_s")
 
 
 def order(table: Table) -> Iterator[Broken]:
-    """`max_run` belongs to orders of that kind."""
+    """Kind `max-run` needs `max_run`; the other kinds have no such key."""
     kind, limit = table.get("kind"), table.get("max_run")
     if kind == "max-run" and limit is None:
         yield Broken(("max_run",), "a whole number at least 1: kind 'max-run' needs it")
@@ -79,7 +79,10 @@ def order(table: Table) -> Iterator[Broken]:
 
 
 def exclusion_rule(table: Table) -> Iterator[Broken]:
-    """Every rule has the limit and the action that its condition needs."""
+    """`withdrawn` and `undelivered` have no limit; the others need one.
+
+    `withdrawn` and `answers-below` exclude a participant; the others repeat or exclude a trial.
+    """
     when, limit, action = table.get("when"), table.get("limit"), table.get("action")
     if when in ("withdrawn", "undelivered") and limit is not None:
         yield Broken(("limit",), f"no value: '{when}' needs no limit")
@@ -92,7 +95,10 @@ def exclusion_rule(table: Table) -> Iterator[Broken]:
 
 
 def planned_test(table: Table) -> Iterator[Broken]:
-    """Every test is completely named."""
+    """`t against chance` needs `chance`, `ICC` needs `form`, and no other test has them.
+
+    `tasks` names each task once, and at least two for a `two-way ANOVA`.
+    """
     test, tasks = table.get("test"), _list(table, "tasks")
     for key, owner, what in (
         ("chance", "t against chance", "a number between 0 and 1"),
@@ -109,7 +115,13 @@ def planned_test(table: Table) -> Iterator[Broken]:
 
 
 def protocol(table: Table) -> Iterator[Broken]:
-    """Names are unique, and every reference between the parts of a protocol holds."""
+    """Ids are unique among materials, tasks and exclusion rules; so are keys, and phrases of `spoken`.
+
+    The keys `+` and `-` set the masker's level and stand for nothing else. No task has more participants than the
+    study, and the largest has as many. The tests of `analysis` name tasks of the protocol. A familiarisation is shorter
+    than `exposure.session_min`. An order `max-run` is of no more than 400 trials. `answers-below` is at most the trials
+    of the shortest task, and `speed-above` is greater than `speed-below`. At most 6 tasks are counterbalanced.
+    """
     yield from _unique(_tables(table, "materials"), "materials", "id")
     yield from _unique(_tables(table, "tasks"), "tasks", "id")
     yield from _unique(_tables(table, "exclusion"), "exclusion", "id")

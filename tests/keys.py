@@ -1,0 +1,115 @@
+"""Every key of a protocol file and of a rig file, for protocols/README.md: `python -m tests.keys` writes it there.
+
+What a key means stands under `Attributes:` of its model, and what must hold between keys in the docstring of the
+model's rules. Allowed values are told in the words of palpate's own error messages.
+"""
+
+from __future__ import annotations
+
+import inspect
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args
+
+from experiment.apparatus.rig import Rig
+from experiment.protocol.models import Protocol
+from experiment.settings import load
+from experiment.settings.model import Confined, none
+
+README = Path(__file__).parent.parent / "protocols" / "README.md"
+BEGIN, END = "<!-- keys: written by python -m tests.keys -->", "<!-- end of keys -->"
+
+UNITS = {
+    "_m_s2": "m/s²",
+    "_mm_s": "mm/s",
+    "_mm": "mm",
+    "mm": "mm",
+    "_hz": "Hz",
+    "_ms": "ms",
+    "_min": "min",
+    "_db_a": "dB(A)",
+    "_db": "dB",
+    "_days": "days",
+    "_v": "V",
+    "_s": "s",
+    "gain_limit_v_per_m_s2": "V per m/s²",
+    "baud": "bits/s",
+}
+
+
+def keys() -> str:
+    """Return what stands between the markers of protocols/README.md, in Markdown."""
+    files = (("A protocol file", Protocol), ("A rig file", Rig))
+    return "\n\n".join(f"## {title}\n\n" + "\n\n".join(_tables(model, model, ())) for title, model in files)
+
+
+def written(readme: str) -> str:
+    """Return the text of the README with its keys as the models have them."""
+    before, _, rest = readme.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    return f"{before}{BEGIN}\n\n{keys()}\n\n{END}{after}"
+
+
+def meanings(model: type[Confined]) -> dict[str, str]:
+    """Return what the model's docstring says of each key under `Attributes:`."""
+    _, _, listed = inspect.cleandoc(model.__doc__ or "").partition("Attributes:\n")
+    entries = re.findall(r"^    (\w+): (.+(?:\n {8}.+)*)", listed, re.MULTILINE)
+    return {name: " ".join(text.split()).rstrip(".") for name, text in entries}
+
+
+def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, ...]) -> Iterator[str]:
+    """Yield one table of keys for a model, and one for each model that it holds."""
+    summary, _, _ = inspect.cleandoc(model.__doc__ or "").partition("\n\nAttributes:")
+    said = meanings(model)
+    rows = ["| key | meaning | unit | allowed | default |", "|:--|:--|:--|:--|:--|"]
+    inner: list[str] = []
+    for name, field in model.model_fields.items():
+        inside, many = held(field.annotation)
+        place = (*path, name)
+        if inside is not None:
+            inner += _tables(root, inside, (*place, 0) if many else place)
+            allowed = f"the table {_header((*place, 0) if many else place)}"
+            if many:
+                least = next((part.min_length for part in field.metadata if hasattr(part, "min_length")), 0)
+                allowed = f"{f'at least {least}' if least else 'any number'} of the tables {_header((*place, 0))}"
+        else:
+            allowed = load.field(root, place)
+        default = "required" if field.is_required() else _default(field.default)
+        rows.append(f"| `{name}` | {said[name]} | {_unit(name)} | {allowed} | {default} |".replace("  ", " "))
+    heading = f"### {_header(path)}" if path else "### The top level"
+    parts = [heading, " ".join(summary.split()), "\n".join(rows)]
+    if model.RULES is not none:
+        parts.append(" ".join((model.RULES.__doc__ or "").split()))
+    yield "\n\n".join(parts)
+    yield from inner
+
+
+def held(annotation: Any) -> tuple[type[Confined] | None, bool]:
+    """Return the model of a table or of an array of tables, and whether it is an array."""
+    if isinstance(annotation, type) and issubclass(annotation, Confined):
+        return annotation, False
+    for argument in get_args(annotation):
+        if isinstance(argument, type) and issubclass(argument, Confined):
+            return argument, Ellipsis in get_args(annotation)
+    return None, False
+
+
+def _header(path: tuple[str | int, ...]) -> str:
+    """Return how a table is opened in TOML, as code."""
+    name = ".".join(part for part in path if isinstance(part, str))
+    return f"`[[{name}]]`" if path[-1] == 0 else f"`[{name}]`"
+
+
+def _default(value: object) -> str:
+    """Return a default as it would stand in the file."""
+    return f"`{json.dumps(value)}`" if value not in (None, ()) else "left out"
+
+
+def _unit(key: str) -> str:
+    return next((unit for ending, unit in sorted(UNITS.items(), key=lambda e: -len(e[0])) if key.endswith(ending)), "")
+
+
+if __name__ == "__main__":
+    README.write_text(written(README.read_text("utf-8")), "utf-8")

@@ -1,0 +1,33 @@
+"""protocols/README.md lists every key as the models have it."""
+
+from __future__ import annotations
+
+import pytest
+
+from experiment.apparatus.rig import Rig
+from experiment.protocol import rules
+from experiment.protocol.models import Protocol
+from experiment.settings.model import Confined
+from tests import keys
+
+
+def models(model: type[Confined]) -> list[type[Confined]]:
+    inner = [keys.held(field.annotation)[0] for field in model.model_fields.values()]
+    return [model, *(found for each in inner if each is not None for found in models(each))]
+
+
+@pytest.mark.parametrize("model", [*models(Protocol), *models(Rig)], ids=lambda model: model.__name__)
+def test_every_key_has_a_meaning(model: type[Confined]) -> None:
+    assert list(keys.meanings(model)) == list(model.model_fields)
+
+
+def test_the_readme_lists_the_keys_of_the_models() -> None:
+    text = keys.README.read_text("utf-8")
+    assert text.count(keys.BEGIN) == text.count(keys.END) == 1
+    assert text == keys.written(text), "run python -m tests.keys"
+
+
+def test_the_words_of_the_rules_name_their_limits() -> None:
+    said = rules.protocol.__doc__ or ""
+    assert f"no more than {rules.MAX_COUNTED} trials" in said
+    assert f"At most {rules.MAX_COUNTERBALANCED} tasks" in said
