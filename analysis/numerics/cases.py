@@ -1,4 +1,4 @@
-"""What must hold of every way to compute a stimulus at extreme speeds and of extreme spectra, and whether it does."""
+"""What must hold of every way to compute a stimulus, at extreme speeds and for extreme spectra."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from experiment.synthesis.spectra import Grid, inverse, inverse_on, spectrum, tr
 from experiment.synthesis.waveforms import ROUNDING, denormal_error_m_s2, transform_error
 
 OUTPUT_RATES_HZ = (48_000, 44_100, 2_000)
-"""A whole multiple of the recordings' rate, none, and one that cannot carry every bin."""
+"""A whole multiple of the recordings' rate, a rate that is none, and one that cannot carry every bin."""
 
 ALL_SPEEDS_MM_S = (0.0, 1e-6, 20.0, 50.0, 75.0, 100.0, 150.0, 170.0, 200.0, 250.0, 299.0, 300.0, 301.0, 650.0, 1e4)
-"""Extremes, the measured speeds, those halfway, where the sign may change, and others."""
+"""Extremes, the measured speeds, the speeds halfway between them, where the sign may change, and others."""
 
 BINS = 60
 
 AT_SPEED_ROUNDINGS = 8
-"""What equation (3) is allowed: `crinkle.at_speed` rounds a bin seven times at most, and one covers second order."""
+"""Allowed for equation (3): `crinkle.at_speed` rounds a bin at most seven times, and one covers the second order."""
 
 COSINE_ROUNDINGS = 13
 """Roundings, of 1, in a cosine of `cosines`: an angle below 2 pi is the product of a whole number below 2^53 and
 pi / 2p, and so within 2.4 roundings of itself; its cosine within 2.4 max |x sin x| = 11.6, and one of its own."""
 
 CHUNK_BYTES = 2**20
-"""Memory for the terms that a printed sum sums at a time, bytes; their phases take as much again, twice."""
+"""Memory for the terms that a printed sum adds up at a time; their phases take twice as much again."""
 
 Render = Callable[[float], NDArray[np.float64]]
 """Speed of the foot, mm/s -> samples at the output rate, m/s^2, shape (n,)."""
@@ -45,11 +45,9 @@ Render = Callable[[float], NDArray[np.float64]]
 class Way:
     """A way to compute stimuli.
 
-    Attributes:
-        name: as tables and plots print it.
-        claim: returns the bound on its relative error on a grid, as `experiment.synthesis.waveforms` defines that.
-        prepare: does beforehand for an output rate, Hz, what does not depend on the speed; returns what renders a
-            stimulus, and the memory that it holds, bytes.
+    `claim` returns the bound on its relative error on a grid, as `experiment.synthesis.waveforms` defines that error.
+    `prepare` takes an output rate in Hz and does beforehand what does not depend on the speed; it returns what renders
+    a stimulus, and the memory that this holds, in bytes.
     """
 
     name: str
@@ -58,25 +56,19 @@ class Way:
 
 
 def printed_sum_error(on: Grid) -> float:
-    """Bound on the relative error of any sample of a printed sum, equation (3) included.
+    """Return the bound on the relative error of any sample of a printed sum, equation (3) included.
 
-    Each term is within the roundings of its amplitude, its cosine and its product, and of a sum of blocks of 128 terms
-    in eight running sums, then pairwise: 19 + log2(bins). The amplitudes add up to at most sqrt(2 bins) times the rms.
+    The roundings are those of each term's amplitude, cosine and product, and of a sum of blocks of 128 terms in eight
+    running sums, then pairwise: 19 + log2(bins). The amplitudes add up to at most sqrt(2 bins) times the rms.
     """
     bins = on.carried
     return (AT_SPEED_ROUNDINGS + COSINE_ROUNDINGS + 20 + log2(bins)) * ROUNDING * sqrt(2 * bins)
 
 
 def cosines(on: Grid, *, start: int, stop: int) -> NDArray[np.float64]:
-    """cos(pi k q (i + 1/2) / p) of bins 1 to carried - 1 at some samples, each within `COSINE_ROUNDINGS` of 1.
+    """Return cos(pi k q (i + 1/2) / p) of bins 1 to carried - 1 at samples `start` to `stop` - 1.
 
-    Args:
-        on: the grid.
-        start: first sample i.
-        stop: one past the last.
-
-    Returns:
-        Shape (stop - start, carried - 1).
+    Shape (stop - start, carried - 1); each is within `COSINE_ROUNDINGS` of 1.
     """
     odd = 2 * np.arange(start, stop, dtype=np.int64)[:, None] + 1
     phases = odd * (np.arange(1, on.carried, dtype=np.int64) * on.q)
@@ -114,8 +106,8 @@ BASIS = Way("basis waveforms", waveforms.relative_error, _basis)
 INVERSE_DCT = Way("inverse DCT", lambda on: AT_SPEED_ROUNDINGS * ROUNDING + transform_error(on), _inverse_dct)
 PRINTED_SUM = Way("printed sum", printed_sum_error, _printed_sum)
 WAYS = (BASIS, INVERSE_DCT, PRINTED_SUM)
-"""What sessions do; what they do beyond the basis waveforms; and equation (5) as printed, one cosine a bin and sample:
-slow, and the oracle of the others."""
+"""What sessions do; what they do beyond the basis waveforms; and equation (5) as printed, one cosine for each bin and
+sample, which is slow and the oracle of the others."""
 
 Seen = tuple[bool, str]
 """Whether the invariant holds, and what was seen."""
@@ -123,14 +115,7 @@ Seen = tuple[bool, str]
 
 @dataclass(frozen=True)
 class Case:
-    """One extreme case.
-
-    Attributes:
-        group: of cases.
-        given: the input.
-        invariant: what must hold.
-        check: finds out.
-    """
+    """One extreme case: its input, the invariant that must hold, and the check that finds out."""
 
     group: str
     given: str
@@ -140,7 +125,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a case; attributes as in `Case`."""
+    """A case, whether its invariant holds, and what was seen."""
 
     group: str
     given: str
@@ -150,7 +135,7 @@ class Outcome:
 
 
 def settle(case: Case) -> Outcome:
-    """Find out whether a case's invariant holds; an exception that it does not expect, or a warning, breaks it."""
+    """Return whether a case's invariant holds; an exception that it does not expect, or a warning, breaks it."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
@@ -160,28 +145,28 @@ def settle(case: Case) -> Outcome:
     return Outcome(case.group, case.given, case.invariant, holds, seen)
 
 
-def refused(calls: Sequence[tuple[str, Callable[[], object]]], kind: type[Exception] = SynthesisError) -> Seen:
-    """Whether each call raises an error of this kind, and which did not."""
+def refused(calls: Sequence[tuple[str, Callable[[], object]]]) -> Seen:
+    """Return whether every call raises a `SynthesisError`, and which does not."""
     accepted = []
     for name, call in calls:
         try:
             call()
-        except kind:
+        except SynthesisError:
             continue
         except Exception as error:
             accepted.append(f"{name}: {type(error).__name__}")
         else:
             accepted.append(f"{name}: accepted")
-    return not accepted, "; ".join(accepted) or f"{kind.__name__} for {', '.join(name for name, _ in calls)}"
+    return not accepted, "; ".join(accepted) or f"SynthesisError for {', '.join(name for name, _ in calls)}"
 
 
 def some(bins: int = BINS) -> NDArray[np.float64]:
-    """Amplitudes at four speeds, none of them special, shape (4, bins)."""
+    """Return random amplitudes at four speeds, shape (4, bins)."""
     return np.abs(np.random.default_rng(11).normal(size=(4, bins)))
 
 
 def material(amplitudes: NDArray[np.float64]) -> CrinkleSpectra:
-    """A material of these amplitudes, and of random signs."""
+    """Return a material with these amplitudes and random signs."""
     signs = np.random.default_rng(3).choice([-1.0, 1.0], size=amplitudes.shape)
     return CrinkleSpectra(np.array(SPEEDS_MM_S), RATE_HZ, amplitudes, signs)
 
@@ -189,12 +174,9 @@ def material(amplitudes: NDArray[np.float64]) -> CrinkleSpectra:
 def within_claims(
     spectra: CrinkleSpectra, speeds_mm_s: Sequence[float] = ALL_SPEEDS_MM_S, *, denormal: bool = False
 ) -> Seen:
-    """Every way, at every output rate, against the oracle: error and length; and the counts and flags of a stimulus.
+    """Compare every way at every output rate with the oracle: error, length, and the counts and flags of a stimulus.
 
-    Args:
-        spectra: of one material.
-        speeds_mm_s: of the foot.
-        denormal: floored bins are not compared: what rounds to zero before it is floored is none.
+    With `denormal`, floored bins are not compared, because a bin that rounds to zero is not floored.
     """
     worst = 0.0
     for rate_hz in OUTPUT_RATES_HZ:
@@ -209,26 +191,25 @@ def within_claims(
             claim, (render, _) = way.claim(spectra.grid(rate_hz)), way.prepare(spectra, rate_hz)
             for v, wanted in exact.items():
                 samples = render(v)
+                at = f"{way.name}, {v:g} mm/s, {rate_hz} Hz"
                 if samples.shape != wanted.samples.shape:
-                    return (
-                        False,
-                        f"{way.name}, {v:g} mm/s, {rate_hz} Hz: {samples.size} samples, not {wanted.samples.size}",
-                    )
-                share = _share(samples, wanted, claim)
+                    return False, f"{at}: {samples.size} samples, not {wanted.samples.size}"
+                rounding = np.longdouble(denormal_error_m_s2(wanted.bins))
+                share = float(oracle.error(samples, wanted) / (claim * wanted.scale + rounding))
                 if not share <= 1:
-                    return False, f"{way.name}, {v:g} mm/s, {rate_hz} Hz: {share:.3g} of the error claimed"
+                    return False, f"{at}: {share:.3g} of the error claimed"
                 worst = max(worst, share)
         wrong = _miscounted(spectra, rate_hz, exact, counted=not denormal)
         if wrong:
             return False, wrong
     if not worst:
         return True, "no error at all"
-    # Rounded down, for what is just kept is kept.
+    # Rounded down, so that a claim that is just kept does not look broken.
     return True, f"at most {floor(1000 * worst) / 1000:.3f} of the error claimed"
 
 
 def _miscounted(spectra: CrinkleSpectra, rate_hz: int, exact: dict[float, oracle.Exact], *, counted: bool) -> str:
-    """What a stimulus says wrongly of itself; empty where nothing is wrong."""
+    """Return what a stimulus states wrongly about itself; empty where nothing is wrong."""
     basis = waveforms.prepare(spectra, material="simulated", output_rate_hz=rate_hz)
     for v, wanted in exact.items():
         stimulus = basis.at(v)
@@ -240,16 +221,11 @@ def _miscounted(spectra: CrinkleSpectra, rate_hz: int, exact: dict[float, oracle
     return ""
 
 
-def _share(samples: NDArray[np.float64], wanted: oracle.Exact, claim: float) -> float:
-    rounding = np.longdouble(denormal_error_m_s2(wanted.bins))
-    return float(oracle.error(samples, wanted) / (claim * wanted.scale + rounding))
-
-
 ROUND_TRIP, TRANSCRIBED, PARSEVAL = 1e-13, 1e-12, 1e-13
 
 
 def cases() -> list[Case]:
-    """Every case."""
+    """Return every case."""
     return [*_speeds(), *_spectra(), *_lengths(), *_oracle()]
 
 
@@ -302,15 +278,16 @@ def _spectra() -> list[Case]:
     one[:, 5] = [1.0, 2.0, 1.5, 3.0]
     falling[:, 4] = [3.0, 2.0, 1.0, 0.0]
     loud *= 1e300
+    mixed = np.outer([1e300, 1e-300, 1e300, 1e-300], some()[0])
     denormals = np.asarray(np.random.default_rng(5).integers(0, 50, size=(4, BINS)) * oracle.LEAST, dtype=np.float64)
     keeps = "finite; every way keeps the error it claims at every speed"
-    tiny = f"{keeps}, rounding of denormals apart"
+    tiny = f"{keeps}, apart from the rounding of denormals"
     return [
-        Case("spectrum", "zeros", "every sample of every way is 0, at every speed", partial(_silent, one * 0)),
+        Case("spectrum", "zeros", "every sample of every way is 0 at every speed", partial(_silent, one * 0)),
         Case("spectrum", "one bin", "the cosine of that bin, to 1e-13; and the errors claimed", partial(_cosine, one)),
         Case("spectrum", "denormals", tiny, partial(within_claims, material(denormals), denormal=True)),
         Case("spectrum", "1e300 m/s^2", keeps, partial(within_claims, material(loud))),
-        Case("spectrum", "1e300 beside 1e-300 m/s^2", tiny, partial(within_claims, _beside_each_other())),
+        Case("spectrum", "1e300 beside 1e-300 m/s^2", tiny, partial(within_claims, material(mixed))),
         Case("spectrum", "1.7e308 m/s^2 in every bin", "refused with SynthesisError", _overflowing),
         Case(
             "spectrum",
@@ -321,14 +298,10 @@ def _spectra() -> list[Case]:
         Case(
             "spectrum",
             "panel louder than object everywhere",
-            "nothing is left: every sample is 0, at every speed",
+            "nothing is left: every sample is 0 at every speed",
             _louder_panel,
         ),
     ]
-
-
-def _beside_each_other() -> CrinkleSpectra:
-    return material(np.outer([1e300, 1e-300, 1e300, 1e-300], some()[0]))
 
 
 def _silent(amplitudes: NDArray[np.float64]) -> Seen:

@@ -1,8 +1,8 @@
-"""What `experiment.synthesis` is measured against: exact whole numbers, extended precision, closed forms.
+"""The oracle that `experiment.synthesis` is compared with: exact whole numbers, extended precision, closed forms.
 
 Nothing here calls what it judges. Grids are fractions, phases are reduced in whole numbers, and sums are of
-`numpy.longdouble`, which on x86 has 64 bits of mantissa. Where a platform's has no more than a float64, errors near
-1e-16 are as much the oracle's as the method's; `extended_epsilon` says which it is.
+`numpy.longdouble`, which has a mantissa of 64 bits on x86. Where a platform's is no longer than that of a float64,
+errors near 1e-16 are as much the oracle's as the method's; `extended_epsilon` tells which.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LEAST = 5e-324
 """The smallest float64, m/s^2."""
 
 PEAK_HZ, DAMPING, GAIN_M_S2_PER_V, SOFT_V = 360.0, 0.12, 4.0, 5.0
-"""Of the simulated response: the peak is that of Figure 9 of Okamoto et al., the others are plausible choices."""
+"""The simulated response: the peak is that of Figure 9 of Okamoto et al., the other values are plausible choices."""
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class Exact:
 
     Attributes:
         samples: shape (n,), m/s^2.
-        scale: what a relative error is divided by, as `experiment.synthesis.waveforms` defines it.
-        floored: bins that the line of equation (3) makes negative.
-        extrapolated: whether the speed lies outside the measured ones.
-        dropped: bins of the recordings that the output rate cannot carry.
+        scale: divisor of a relative error, as `experiment.synthesis.waveforms` defines it.
+        floored: number of bins that the line of equation (3) makes negative.
+        extrapolated: whether the speed lies outside the measured speeds.
+        dropped: number of bins of the recordings that the output rate cannot carry.
         bins: N of the recordings.
     """
 
@@ -53,15 +53,15 @@ class Exact:
 
 
 def extended_epsilon() -> float:
-    """Distance from 1 to the next number of the extended precision at hand."""
+    """Return the distance from 1 to the next number of this platform's extended precision."""
     return float(np.finfo(np.longdouble).eps)
 
 
 def spectrum_at(spectra: CrinkleSpectra, speed_mm_s: float) -> tuple[Extended, int, int | None]:
-    """C'_k(v) of equations (3) and (4), with the signed difference, as printed otherwise.
+    """Return C'_k(v) of equations (3) and (4), with the signed difference but otherwise as printed.
 
-    Returns:
-        The spectrum, floored at zero; how many bins were; and, in extrapolation, the place of the nearest speed.
+    The spectrum is floored at zero; with it come the number of floored bins and, in extrapolation, the place of the
+    nearest speed.
     """
     v = np.longdouble(speed_mm_s)
     speeds, amplitudes = spectra.speeds_mm_s.astype(np.longdouble), spectra.amplitudes.astype(np.longdouble)
@@ -74,7 +74,7 @@ def spectrum_at(spectra: CrinkleSpectra, speed_mm_s: float) -> tuple[Extended, i
 
 
 def stimulus(spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int) -> Exact:
-    """Equations (3) to (5) at one speed and output rate."""
+    """Return the stimulus of equations (3) to (5) at one speed and output rate."""
     wanted, floored, nearest = spectrum_at(spectra, speed_mm_s)
     carried = min(wanted.size, ceil(_places(spectra, output_rate_hz)))
     bins = slice(1, carried)
@@ -92,20 +92,15 @@ def stimulus(spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int)
 
 
 def error(made: NDArray[np.float64], exact: Exact) -> np.longdouble:
-    """Rms of the difference from the exact stimulus, m/s^2."""
+    """Return the rms of the difference from the exact stimulus, m/s^2."""
     return np.longdouble(_length(made - exact.samples) / np.sqrt(np.longdouble(made.size)))
 
 
 def term_by_term(coefficients: ArrayLike, *, numerators: ArrayLike, denominator: int) -> Extended:
-    """Equation (5), one cosine a bin and sample: sum_{k=1} C_k cos(pi k m / d), phases reduced in whole numbers.
+    """Return equation (5), one cosine for each bin and sample: sum_{k=1} C_k cos(pi k m / d), shape (n,).
 
-    Args:
-        coefficients: C_k with its sign, shape (K,).
-        numerators: m of each sample, whole, shape (n,).
-        denominator: d, whole.
-
-    Returns:
-        Shape (n,).
+    Phases are reduced in whole numbers. `coefficients` are C_k with their signs, shape (K,); `numerators` are the whole
+    numbers m of the samples, shape (n,); `denominator` is d.
     """
     c = np.asarray(coefficients, dtype=np.longdouble)[1:]
     phases = np.outer(np.asarray(numerators, dtype=np.int64), np.arange(1, c.size + 1, dtype=np.int64))
@@ -115,7 +110,7 @@ def term_by_term(coefficients: ArrayLike, *, numerators: ArrayLike, denominator:
 
 
 def forward(samples: ArrayLike) -> Extended:
-    """Equation (1) as printed: C_k = (2/N) sum_i y_i cos(pi k (i + 1/2) / N), shape (N,)."""
+    """Return equation (1) as printed: C_k = (2/N) sum_i y_i cos(pi k (i + 1/2) / N), shape (N,)."""
     y = np.asarray(samples, dtype=np.longdouble)
     n = y.size
     phases = np.outer(np.arange(n, dtype=np.int64), 2 * np.arange(n, dtype=np.int64) + 1) % (4 * n)
@@ -123,25 +118,25 @@ def forward(samples: ArrayLike) -> Extended:
 
 
 def answered_m_s2(frequencies_hz: NDArray[np.float64], voltages_v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A(f, e) = G(f) E asinh(e / E): a resonance that saturates softly, SIMULATED."""
+    """Return A(f, e) = G(f) E asinh(e / E): a SIMULATED resonance that saturates softly."""
     return np.asarray(_gain(frequencies_hz) * SOFT_V * np.arcsinh(voltages_v / SOFT_V))
 
 
 def voltage_v(frequencies_hz: NDArray[np.float64], wanted_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
-    """W(f, a) of equation (7) in closed form: the inverse of `answered_m_s2`."""
+    """Return W(f, a) of equation (7) in closed form: the inverse of `answered_m_s2`."""
     return np.asarray(SOFT_V * np.sinh(wanted_m_s2 / (SOFT_V * _gain(frequencies_hz))))
 
 
 def octave_deviations_db(samples: NDArray[np.float64], *, rate_hz: int, db_per_octave: float) -> NDArray[np.float64]:
-    """How far each octave band is from its colour, relative to the band at 1 kHz.
+    """Return how far each octave band of one period of noise is from its colour, dB relative to the band at 1 kHz.
 
     Args:
-        samples: noise, one period of it, shape (n,).
-        rate_hz: of it, Hz.
-        db_per_octave: by which the levels of octave bands should rise: 0 for pink noise, 10 log10(10^0.3) for white.
+        samples: shape (n,).
+        rate_hz: sampling rate.
+        db_per_octave: rise of the levels of octave bands: 0 for pink noise, 10 log10(10^0.3) for white noise.
 
     Returns:
-        dB, shape (10,), from the band at 31.5 Hz to that at 16 kHz, whose exact centres are 1000 times a power of
+        Shape (10,), from the band at 31.5 Hz to the band at 16 kHz, whose exact centres are 1000 times a power of
         10^0.3 (IEC 61260-1); minus infinity for a band without a bin.
     """
     power = np.abs(np.fft.rfft(samples)) ** 2
@@ -155,7 +150,7 @@ def octave_deviations_db(samples: NDArray[np.float64], *, rate_hz: int, db_per_o
 
 
 def _length(values: Extended) -> np.longdouble:
-    """Euclidean, without overflow or underflow where extended precision has no more exponents than a float64."""
+    """Return the Euclidean length, safe where extended precision has no more exponents than a float64."""
     largest = np.max(np.abs(values), initial=0)
     return np.longdouble(0) if largest == 0 else np.longdouble(largest * np.sqrt(np.sum((values / largest) ** 2)))
 
@@ -166,7 +161,7 @@ def _gain(frequencies_hz: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _places(spectra: CrinkleSpectra, output_rate_hz: int) -> Fraction:
-    """N F' / F: samples that fill the recording's time; bin k is below half the output rate where k is below it."""
+    """Return N F' / F, the samples that fill the recording's time; bins below it lie below half the output rate."""
     return Fraction(spectra.samples * output_rate_hz, spectra.rate_hz)
 
 

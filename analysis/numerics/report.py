@@ -1,10 +1,10 @@
-"""What `palpate numerics` says: its tables, its JSON, and the plot of error against run time, a curve for each way."""
+"""What `palpate numerics` prints and writes: tables, JSON, and the plot of error against run time."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
 from itertools import groupby
 from math import ceil, floor, log10
 from pathlib import Path
@@ -15,13 +15,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from analysis.documents.drawing import COLOURS, MARKERS, STYLE, png, svg
+from analysis.documents.drawing import STYLE, colour, marker, png, svg
 from analysis.documents.output import check, publish
 from analysis.documents.tables import WIDTH, Section, Table, comma_separated, markdown
 from analysis.documents.tables import text as section_text
 from analysis.numerics.cases import Outcome
-from analysis.numerics.measured import BETWEEN_MM_S, OUTPUT_RATE_HZ, Measured, usual_length
-from analysis.numerics.numerics import LABEL, Numerics
+from analysis.numerics.numerics import BETWEEN_MM_S, LABEL, OUTPUT_RATE_HZ, Measured, Numerics, usual_length
 from experiment.errors import DatasetError
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
 
@@ -29,7 +28,7 @@ FILES = (
     *(f"{slug}.csv" for slug in ("synthesis", "resampling", "shaping", "noise", "cases")),
     *(f"numerics.{kind}" for kind in ("md", "svg", "png")),
 )
-"""What `write` writes."""
+"""The files that `write` writes."""
 
 TITLES = {
     "synthesis": "Synthesis: equations (3) to (5)",
@@ -38,14 +37,15 @@ TITLES = {
     "noise": "Noise of the masker",
 }
 SAYS = {
-    "synthesis": "Error: rms of the difference from the oracle, divided by the rms of the exact stimulus. Prepared: "
-    "what is done once for a material, and what it holds then.",
-    "resampling": "Error: the same, at samples between both ends. The inverse DCT is what palpate does; the two others "
-    "are what it does not do, for comparison.",
-    "shaping": "Error: rms of the relative difference from the closed inverse of a response that saturates softly and "
-    "peaks at 360 Hz, at the bins from 10 to 600 Hz. It is that of straight lines in a table, no bound is claimed.",
-    "noise": "Error: the largest deviation of an octave band from 31.5 Hz to 16 kHz from its colour, against the band "
-    "at 1 kHz, dB. Bounded from half a second on.",
+    "synthesis": "The error is the rms of the difference from the oracle, divided by the rms of the exact stimulus. "
+    "Preparation is done once for each material; the table gives its time and the memory that it holds.",
+    "resampling": "The error is the same, at samples between both ends. palpate uses the inverse DCT; the two other "
+    "ways are there for comparison.",
+    "shaping": "The error is the rms of the relative difference from the closed inverse of a response that saturates "
+    "softly and peaks at 360 Hz, at the bins from 10 to 600 Hz. It comes from the straight lines between the values of "
+    "a table, and no bound is claimed.",
+    "noise": "The error is the largest deviation, in dB, of an octave band from 31.5 Hz to 16 kHz from its colour, "
+    "relative to the band at 1 kHz. It is bounded for noise of half a second or longer.",
 }
 HEADS = {
     "samples": "N",
@@ -59,14 +59,14 @@ HEADS = {
 
 
 def sections(result: Numerics) -> tuple[Section, ...]:
-    """Measurements by subject, then the cases."""
+    """Return the measurements by subject, then the cases."""
     by_subject = groupby(result.measured, key=lambda one: one.subject)
     measured = [_measured(subject, list(rows), result) for subject, rows in by_subject]
     return (*measured, _cases(result.outcomes))
 
 
 def text(result: Numerics, width: int = WIDTH) -> str:
-    """Return everything for a terminal; the verdict stands at the end."""
+    """Return everything for a terminal, with the verdict at the end."""
     verdict = (textwrap.fill(line, width, subsequent_indent="    ") for line in result.verdict.splitlines())
     return "\n\n\n".join([LABEL, *(section_text(one, width) for one in sections(result)), "\n".join(verdict)])
 
@@ -87,7 +87,7 @@ def check_out(out: Path) -> None:
     """Refuse, before anything is measured, a folder that `write` could not write into.
 
     Raises:
-        DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
+        DatasetError: the folder is within a dataset, a file is in the way, or the file system refuses.
     """
     check(out, FILES, "numerics")
     try:
@@ -97,17 +97,9 @@ def check_out(out: Path) -> None:
 
 
 def write(result: Numerics, out: Path) -> tuple[Path, ...]:
-    """Write tables (CSV, Markdown) and the plot (PNG, SVG) into a folder.
+    """Write tables (CSV, Markdown) and the plot (PNG, SVG) into a folder, and return the files.
 
-    Args:
-        result: of `run`.
-        out: the folder; replaced there is only what this wrote before.
-
-    Returns:
-        The files.
-
-    Raises:
-        DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
+    Only files that this wrote before are replaced; errors as `check_out`.
     """
     parts = sections(result)
     files = {f"{part.slug}.csv": comma_separated(part, LABEL).encode() for part in parts}
@@ -119,7 +111,7 @@ def write(result: Numerics, out: Path) -> tuple[Path, ...]:
 
 
 def time_text(seconds: float | None) -> str:
-    """A time to three digits; `-` for None."""
+    """Return a time to three digits; `-` for None."""
     if seconds is None:
         return "-"
     for unit, size in (("s", 1.0), ("ms", 1e-3)):
@@ -129,7 +121,7 @@ def time_text(seconds: float | None) -> str:
 
 
 def usual(rows: list[Measured]) -> list[Measured]:
-    """Of synthesis, what stands for all: one length, one output rate, one speed."""
+    """Return the rows of synthesis at one length, one output rate and one speed, which stand for all."""
     wanted = {
         "samples": usual_length(one.given["samples"] for one in rows),
         "output_rate_hz": OUTPUT_RATE_HZ,
@@ -143,8 +135,8 @@ def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
     if subject == "synthesis":
         software = ", ".join(f"{name} {version}" for name, version in result.software.items() if "oracle" not in name)
         paragraphs.append(
-            f"Times are medians of repeats on one machine ({software}); compare them with one another. The oracle's "
-            f"numbers are {result.software['oracle_epsilon']} apart at 1."
+            f"Times are medians of repeats on one machine ({software}) and should only be compared with one another. "
+            f"The oracle's numbers near 1 are {result.software['oracle_epsilon']} apart."
         )
     tables = [_table("", rows, given=True)]
     brief: tuple[Table, ...] = ()
@@ -225,18 +217,12 @@ def _cases(outcomes: tuple[Outcome, ...]) -> Section:
     return Section(
         slug="cases",
         title="Extreme cases",
-        paragraphs=("Every way at every output rate; what a stimulus says of itself; and the oracle against itself.",),
-        tables=tuple(full),
-        records=tuple(
-            {
-                "group": one.group,
-                "given": one.given,
-                "invariant": one.invariant,
-                "holds": one.holds,
-                "seen": one.seen,
-            }
-            for one in outcomes
+        paragraphs=(
+            "The cases test every way at every output rate, what a stimulus states about itself, and the oracle against "
+            "itself.",
         ),
+        tables=tuple(full),
+        records=tuple(map(asdict, outcomes)),
         brief=tuple(brief),
     )
 
@@ -246,7 +232,7 @@ def _outcome(one: Outcome) -> str:
 
 
 def _brief(title: str, rows: list[Outcome]) -> Table:
-    """For a terminal, where an invariant that all rows share stands in the title."""
+    """Return the table for a terminal; an invariant that all rows share stands in its title."""
     shared = len({one.invariant for one in rows}) == 1
     if shared:
         title = f"{title}: {rows[0].invariant}"
@@ -260,7 +246,7 @@ RULE: Any = {"color": "#d5d9de", "linewidth": 0.6}
 
 
 def figure(result: Numerics) -> Figure:
-    """Synthesis above, resampling, shaping and noise below it."""
+    """Return the plot: synthesis above; resampling, shaping and noise below it."""
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(8.4, 7.4))
         drawn.suptitle(f"{LABEL}: error against median run time", fontsize=10, fontweight="bold", y=0.985)
@@ -274,10 +260,9 @@ def figure(result: Numerics) -> Figure:
 
 
 def _synthesis(axes: Axes, rows: Sequence[Measured]) -> None:
-    shown = [one for one in rows if one.given["output_rate_hz"] == OUTPUT_RATE_HZ]
-    shown = [one for one in shown if one.given["speed_mm_s"] == BETWEEN_MM_S]
-    for i, (way, curve) in enumerate(_curves(shown).items()):
-        _curve(axes, curve, i, label=way)
+    point = {"output_rate_hz": OUTPUT_RATE_HZ, "speed_mm_s": BETWEEN_MM_S}
+    shown = [one for one in rows if point.items() <= one.given.items()]
+    _curves(axes, shown)
     decades = [log10(one.error) for one in shown if one.error > 0]
     axes.set_yscale("log")
     if decades:
@@ -292,9 +277,7 @@ def _synthesis(axes: Axes, rows: Sequence[Measured]) -> None:
 
 
 def _resampling(axes: Axes, measured: Sequence[Measured]) -> None:
-    rows = _below(axes, measured, "resampling", "Resampling, 44.1 to 192 kHz")
-    for i, (way, curve) in enumerate(_curves(rows).items()):
-        _curve(axes, curve, i, label=way)
+    _curves(axes, _below(axes, measured, "resampling", "Resampling, 44.1 to 192 kHz"))
     _times(axes, "median run time")
     axes.set_ylabel("relative error", fontsize=9)
     axes.legend(loc="center", frameon=False, fontsize=8)
@@ -302,8 +285,7 @@ def _resampling(axes: Axes, measured: Sequence[Measured]) -> None:
 
 def _shaping(axes: Axes, measured: Sequence[Measured]) -> None:
     rows = _below(axes, measured, "shaping", "")
-    for i, (way, curve) in enumerate(_curves(rows).items()):
-        _curve(axes, curve, i, label=way, x=[one.given["frequencies"] for one in curve])
+    _curves(axes, rows, x=lambda one: one.given["frequencies"])
     taken = [one.timed.median_s for one in rows]
     axes.set_title(f"Shaping: {time_text(min(taken))} to {time_text(max(taken))}", fontsize=9)
     axes.set_xlabel("frequencies in the table", fontsize=9)
@@ -314,26 +296,16 @@ def _shaping(axes: Axes, measured: Sequence[Measured]) -> None:
 
 def _noise(axes: Axes, measured: Sequence[Measured]) -> None:
     rows = _below(axes, measured, "noise", "Noise: octave bands")
-    for i, (way, curve) in enumerate(_curves(rows).items()):
-        _curve(axes, curve, i, label=way)
-        for one in (curve[0], curve[-1]) if i == 0 else ():
-            at = one.timed.median_s, one.error
-            axes.annotate(
-                f"{one.given['length_s']:g} s", at, (0, 6), textcoords="offset points", ha="center", fontsize=8
-            )
+    _curves(axes, rows)
+    first = [one for one in rows if one.way == rows[0].way]
+    for one in (first[0], first[-1]):
+        length, at = f"{one.given['length_s']:g} s", (one.timed.median_s, one.error)
+        axes.annotate(length, at, (0, 6), textcoords="offset points", ha="center", fontsize=8)
     axes.margins(x=0.12)
     axes.set_ylim(top=4.0)
     axes.axhline(CLAIMED_DB, color=QUIET, linestyle=":", linewidth=1.2)
-    axes.text(
-        0.98,
-        CLAIMED_DB,
-        f"bound from {CLAIMED_FROM_S:g} s on",
-        transform=axes.get_yaxis_transform(),
-        ha="right",
-        va="bottom",
-        fontsize=8,
-        color=QUIET,
-    )
+    bound, beside = f"bound from {CLAIMED_FROM_S:g} s on", axes.get_yaxis_transform()
+    axes.text(0.98, CLAIMED_DB, bound, transform=beside, ha="right", va="bottom", fontsize=8, color=QUIET)
     _times(axes, "median run time")
     axes.set_ylabel("error (dB)", fontsize=9, labelpad=1)
     axes.legend(loc="upper right", frameon=False, fontsize=8)
@@ -348,21 +320,15 @@ def _below(axes: Axes, measured: Sequence[Measured], subject: str, title: str) -
     return [one for one in measured if one.subject == subject]
 
 
-def _curves(rows: Sequence[Measured]) -> dict[str, list[Measured]]:
-    ways = dict.fromkeys(one.way for one in rows)
-    return {way: [one for one in rows if one.way == way] for way in ways}
-
-
-def _curve(axes: Axes, points: list[Measured], i: int, *, label: str, x: list[float] | None = None) -> None:
-    axes.plot(
-        x or [one.timed.median_s for one in points],
-        [one.error for one in points],
-        marker=MARKERS[i % len(MARKERS)],
-        color=COLOURS[i % len(COLOURS)],
-        linewidth=1.1,
-        markersize=4.5,
-        label=label,
-    )
+def _curves(
+    axes: Axes, rows: Sequence[Measured], x: Callable[[Measured], float] = lambda one: one.timed.median_s
+) -> None:
+    """Draw the error of each way over `x`."""
+    for i, way in enumerate(dict.fromkeys(one.way for one in rows)):
+        points = [one for one in rows if one.way == way]
+        errors = [one.error for one in points]
+        style: Any = {"marker": marker(i), "color": colour(i), "linewidth": 1.1, "markersize": 4.5}
+        axes.plot([x(one) for one in points], errors, label=way, **style)
 
 
 def _times(axes: Axes, label: str) -> None:

@@ -175,7 +175,7 @@ def numerics(
     if out is not None:
         report.check_out(out)
     with options.progress("numerics", quiet=as_json) as (total, tick):
-        result = measured.run(quick=quick, total=total, tick=tick)
+        result = measured.run(measured.QUICK if quick else measured.FULL, total=total, tick=tick)
     if out is not None:
         report.write(result, out)
     if as_json:

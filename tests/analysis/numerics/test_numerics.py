@@ -11,8 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from analysis.numerics import cases, numerics, report
-from analysis.numerics.measured import FULL, QUICK, Extent
-from analysis.numerics.numerics import Numerics
+from analysis.numerics.numerics import FULL, QUICK, Extent, Numerics
 from experiment.cli.app import app
 from experiment.errors import DatasetError
 from experiment.synthesis import spectra
@@ -30,16 +29,9 @@ NAMES = {
 }
 
 
-LEAST = replace(TINY, lengths=(50,), output_rates_hz=(48_000,))
-"""For what does not depend on how much is measured."""
-
-TOTALS: list[int] = []
-TICKS: list[None] = []
-
-
 @pytest.fixture(scope="module")
 def result() -> Numerics:
-    return numerics.compute(TINY)
+    return numerics.run(TINY)
 
 
 def test_everything_holds(result: Numerics) -> None:
@@ -53,14 +45,14 @@ def test_the_command_ends_with_1_where_an_invariant_is_broken(
 ) -> None:
     broken = replace(result, outcomes=(replace(result.outcomes[0], holds=False), *result.outcomes[1:]))
     for made, code in ((result, 0), (broken, 1)):
-        monkeypatch.setattr(numerics, "run", lambda made=made, **_: made)
+        monkeypatch.setattr(numerics, "run", lambda *_, made=made, **__: made)
         assert CliRunner().invoke(app, ["numerics"], catch_exceptions=False).exit_code == code
 
 
 def test_a_file_in_the_way_is_found_before_anything_is_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def measured(**_: object) -> Numerics:
+    def measured(*_: object, **__: object) -> Numerics:
         raise AssertionError("measured")
 
     monkeypatch.setattr(numerics, "run", measured)
@@ -75,7 +67,7 @@ def test_a_file_in_the_way_is_found_before_anything_is_measured(
 def test_progress_counts_every_step() -> None:
     totals: list[int] = []
     ticks: list[None] = []
-    made = numerics.compute(
+    made = numerics.run(
         replace(TINY, lengths=(50,), output_rates_hz=(48_000,)),
         total=totals.append,
         tick=lambda: ticks.append(None),
@@ -86,19 +78,19 @@ def test_progress_counts_every_step() -> None:
 def test_quick_and_full_differ_in_extent_alone(monkeypatch: pytest.MonkeyPatch, result: Numerics) -> None:
     asked: list[Extent] = []
 
-    def compute(extent: Extent, **_: object) -> Numerics:
+    def run(extent: Extent, **_: object) -> Numerics:
         asked.append(extent)
         return result
 
-    monkeypatch.setattr(numerics, "compute", compute)
-    numerics.run(quick=True)
-    numerics.run(quick=False)
+    monkeypatch.setattr(numerics, "run", run)
+    for arguments in (["numerics", "--quick"], ["numerics"]):
+        CliRunner().invoke(app, arguments, catch_exceptions=False)
     assert asked == [QUICK, FULL]
 
 
 def test_a_broken_invariant_fails_and_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cases, "inverse", lambda c: spectra.inverse(c) * 1.001)
-    made = numerics.compute(replace(TINY, lengths=(50,), output_rates_hz=(48_000,)))
+    made = numerics.run(replace(TINY, lengths=(50,), output_rates_hz=(48_000,)))
     assert made.failed
     (found,) = [line for line in made.broken if line.startswith("length, N = 60: off by")]
     shown = report.text(made)
@@ -165,7 +157,7 @@ def test_a_file_of_someone_else_is_left_alone(result: Numerics, tmp_path: Path) 
 
 
 def test_two_runs_measure_and_judge_the_same(result: Numerics) -> None:
-    other = numerics.compute(TINY)
+    other = numerics.run(TINY)
     assert [(one.given, one.holds) for one in other.outcomes] == [(one.given, one.holds) for one in result.outcomes]
     for again, first in zip(other.measured, result.measured, strict=True):
         assert (again.way, again.given, again.claimed) == (first.way, first.given, first.claimed)

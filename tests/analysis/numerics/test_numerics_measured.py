@@ -8,9 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.numerics import measured
+from analysis.numerics import numerics
 from analysis.numerics.cases import INVERSE_DCT, PRINTED_SUM, WAYS, Render, Way
-from analysis.numerics.measured import FULL, QUICK, Extent, Measured, Timed, timed, usual_length
+from analysis.numerics.numerics import FULL, QUICK, Extent, Measured, Timed, timed, usual_length
 from analysis.numerics.oracle import stimulus
 from experiment.synthesis.crinkle import CrinkleSpectra
 
@@ -39,7 +39,7 @@ def wrong(part: float, claimed: float) -> Way:
 
 @pytest.mark.parametrize("part", [1e-2, 1e-6, 1e-10])
 def test_the_error_column_is_an_injected_error(part: float) -> None:
-    rows = [measure() for measure in measured.synthesis(TINY, [wrong(part, 2 * part)])]
+    rows = [measure() for measure in numerics.synthesis(TINY, [wrong(part, 2 * part)])]
     whole = [one for one in rows if one.given["output_rate_hz"] == 48_000 and one.given["speed_mm_s"] < 300]
     assert len(whole) == 2
     for one in whole:
@@ -50,7 +50,7 @@ def test_the_error_column_is_an_injected_error(part: float) -> None:
 
 
 def test_an_error_above_the_claim_does_not_hold() -> None:
-    rows = [measure() for measure in measured.synthesis(TINY, [wrong(1e-6, 1e-7)])]
+    rows = [measure() for measure in numerics.synthesis(TINY, [wrong(1e-6, 1e-7)])]
     assert not any(one.holds for one in rows)
 
 
@@ -62,32 +62,32 @@ def test_without_a_claim_an_error_need_only_be_a_number() -> None:
 
 
 def test_every_way_is_measured_and_keeps_its_claim() -> None:
-    rows = [measure() for measure in measured.synthesis(TINY, WAYS)]
+    rows = [measure() for measure in numerics.synthesis(TINY, WAYS)]
     assert {one.way for one in rows} == {way.name for way in WAYS}
     assert all(one.holds and one.error < 1e-14 for one in rows)
 
 
 def test_large_printed_sums_are_left_out() -> None:
     extent = replace(TINY, most_terms=50 * 50 * 48_000 // 5000)
-    points = [measure() for measure in measured.synthesis(extent, WAYS)]
+    points = [measure() for measure in numerics.synthesis(extent, WAYS)]
     assert [one.given["samples"] for one in points if one.way == PRINTED_SUM.name] == [50]
     assert {one.given["samples"] for one in points if one.way != PRINTED_SUM.name} == {50, 60}
 
 
 def test_spectra_made_to_order_are_the_same_at_every_call() -> None:
-    first = measured.made_to_order(30)
-    measured.made_to_order.cache_clear()
-    np.testing.assert_array_equal(first.amplitudes, measured.made_to_order(30).amplitudes)
+    first = numerics.made_to_order(30)
+    numerics.made_to_order.cache_clear()
+    np.testing.assert_array_equal(first.amplitudes, numerics.made_to_order(30).amplitudes)
 
 
 def test_beyond_the_measured_speeds_bins_are_floored() -> None:
     for extent in (QUICK, FULL):
-        spectra = measured.made_to_order(extent.usual)
-        assert stimulus(spectra, speed_mm_s=measured.BEYOND_MM_S, output_rate_hz=5000).floored > 0
+        spectra = numerics.made_to_order(extent.usual)
+        assert stimulus(spectra, speed_mm_s=numerics.BEYOND_MM_S, output_rate_hz=5000).floored > 0
 
 
 def test_resampling_by_the_inverse_dct_is_exact_and_the_others_are_not() -> None:
-    rows = [measure() for measure in measured.resampling(replace(TINY, lengths=(500,)))]
+    rows = [measure() for measure in numerics.resampling(replace(TINY, lengths=(500,)))]
     errors = {way: [one.error for one in rows if one.way == way] for way in {one.way for one in rows}}
     assert max(errors["inverse DCT"]) < 1e-14
     assert all(one.holds for one in rows)
@@ -96,12 +96,12 @@ def test_resampling_by_the_inverse_dct_is_exact_and_the_others_are_not() -> None
 
 
 def test_the_error_of_shaping_falls_with_the_square_of_the_spacing() -> None:
-    coarse, fine = (measure().error for measure in measured.shaping(TINY))
+    coarse, fine = (measure().error for measure in numerics.shaping(TINY))
     assert 3.0 < coarse / fine < 5.0
 
 
 def test_noise_is_measured_in_decibels_and_claims_from_half_a_second_on() -> None:
-    rows = [measure() for measure in measured.noises(TINY)]
+    rows = [measure() for measure in numerics.noises(TINY)]
     assert [one.claimed for one in rows] == [None, 0.5, None, 0.5]
     assert all(one.holds for one in rows)
     assert rows[0].error > rows[1].error
