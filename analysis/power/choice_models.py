@@ -28,7 +28,7 @@ from analysis.reading import dataset
 from experiment.errors import PowerError
 from experiment.protocol.models import Protocol
 from experiment.settings import load
-from experiment.settings.model import Broken, Confined, Label, Name, Rules, Text
+from experiment.settings.load import Broken, Confined, Label, Name, Rules, Text
 
 Floats = NDArray[np.float64]
 

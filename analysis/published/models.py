@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field
 
 from analysis.published.printed import POSITIVE
-from experiment.settings.model import Broken, Confined, Label, Name, Rules, Text
+from experiment.settings.load import Broken, Confined, Label, Name, Rules, Text
 
 Number = Annotated[
     str,

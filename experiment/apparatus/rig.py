@@ -28,7 +28,7 @@ from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
 from experiment.protocol.models import Step
 from experiment.settings import load as files
-from experiment.settings.model import Broken, Confined, Name, Rules, Text
+from experiment.settings.load import Broken, Confined, Name, Rules, Text
 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""

@@ -88,14 +88,10 @@ def enrol(
     seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the study; drawn if left out.")] = None,
 ) -> None:
     """Enrol the next participant of a study."""
-    from experiment.study import enrolment
+    from experiment.study import roster
 
-    path = enrolment.enrol(
-        protocol_file, participant, consent_on.date() if consent_on else None, root=dataset, seed=seed
-    )
-    typer.echo(
-        f"Participant {participant} is enrolled: {path}\nSeed of the study: {enrolment.seed_of(path.parents[1])}"
-    )
+    path = roster.enrol(protocol_file, participant, consent_on.date() if consent_on else None, root=dataset, seed=seed)
+    typer.echo(f"Participant {participant} is enrolled: {path}\nSeed of the study: {roster.seed_of(path.parents[1])}")
 
 
 @commands.command(epilog="Example: palpate consent study.toml --participant 01 --consent-on 2026-05-04")
@@ -106,9 +102,9 @@ def consent(
     dataset: StudyFolder = None,
 ) -> None:
     """Record the consent of an enrolled participant."""
-    from experiment.study import enrolment
+    from experiment.study import roster
 
-    path = enrolment.consent(protocol_file, participant, consent_on.date(), root=dataset)
+    path = roster.consent(protocol_file, participant, consent_on.date(), root=dataset)
     typer.echo(f"Participant {participant} has consented: {path}")
 
 
@@ -246,9 +242,9 @@ def withdraw(
 ) -> None:
     """Record that a participant withdrew."""
     from experiment.dataset import build as datasets
-    from experiment.study import enrolment
+    from experiment.study import roster
 
-    path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build)
+    path = roster.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build)
     typer.echo(f"Participant {participant} has withdrawn: {path}")
 
 

@@ -25,7 +25,7 @@ from experiment.errors import Problem, ProtocolError
 from experiment.protocol import rules
 from experiment.protocol.models import Protocol
 from experiment.settings import load
-from experiment.settings.model import Confined, Rules, Text
+from experiment.settings.load import Confined, Rules, Text
 
 
 def canonical(protocol: Protocol) -> bytes:

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from experiment.protocol import rules
-from experiment.settings.model import Confined, Key, Label, Name, Rules, Text
+from experiment.settings.load import Confined, Key, Label, Name, Rules, Text
 
 
 class Study(Confined):

@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import Any
 
 from experiment.records.events import NO_ANSWER
-from experiment.settings.model import Broken, Path, Table, written
+from experiment.settings.load import Broken, Place, Table, written
 
 MAX_COUNTERBALANCED = 6
 """Tasks that may be counterbalanced; more have over 720 orders, and no study balances those."""
@@ -138,7 +138,7 @@ def protocol(table: Table) -> Iterator[Broken]:
 
 def _keys(table: Table) -> Iterator[Broken]:
     answers = _table(table, "answers")
-    places: list[tuple[Path, object]] = [
+    places: list[tuple[Place, object]] = [
         *((("materials", i, "key"), material.get("key")) for i, material in _tables(table, "materials")),
         *((("answers", name), answers.get(name)) for name in ("no_answer_key", "redo_key", "pause_key")),
     ]
@@ -149,7 +149,7 @@ def _keys(table: Table) -> Iterator[Broken]:
 
 
 def _spoken(table: Table) -> Iterator[Broken]:
-    places: list[tuple[Path, object]] = [
+    places: list[tuple[Place, object]] = [
         (("materials", i, "spoken", j), said)
         for i, material in _tables(table, "materials")
         for j, said in enumerate(_list(material, "spoken"))
@@ -206,12 +206,12 @@ def _limits(table: Table) -> Iterator[Broken]:
 
 
 def _unique(tables: list[tuple[int, Table]], name: str, key: str) -> Iterator[Broken]:
-    places: list[tuple[Path, object]] = [((name, i, key), table.get(key)) for i, table in tables]
+    places: list[tuple[Place, object]] = [((name, i, key), table.get(key)) for i, table in tables]
     yield from _seen_once(places, "a name of its own")
 
 
-def _seen_once(places: Iterable[tuple[Path, object]], what: str) -> Iterator[Broken]:
-    first: dict[str, Path] = {}
+def _seen_once(places: Iterable[tuple[Place, object]], what: str) -> Iterator[Broken]:
+    first: dict[str, Place] = {}
     for path, value in places:
         if isinstance(value, str):
             earlier = first.setdefault(" ".join(value.casefold().split()), path)

@@ -39,7 +39,7 @@ from experiment.errors import ProtocolError, RecordingError
 from experiment.protocol.models import Synthesis
 from experiment.recordings.readers import wav_samples
 from experiment.settings import load as settings
-from experiment.settings.model import Confined
+from experiment.settings.load import Confined
 
 MANIFEST = "manifest.toml"
 

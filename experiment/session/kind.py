@@ -7,15 +7,21 @@ devices, is the kind's: `footstep/` is one. A kind never imports another.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
+from experiment.apparatus.ports import Tracker
+from experiment.apparatus.rig import Rig
+from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock
 from experiment.desk.port import Console
 from experiment.protocol.models import Protocol as StudyProtocol
 from experiment.records.entries import Header, PlannedTrial, Trace
 from experiment.records.journal import AnyEntry
+
+if TYPE_CHECKING:
+    from experiment.synthesis.waveforms import Basis
 
 
 class Log(Protocol):
@@ -115,4 +121,49 @@ class KindDevices(Protocol):
             clock: the session's.
             log: where the session's entries and frames go.
         """
+        ...
+
+
+class FarEnds(Protocol):
+    """What stands at the far ends of a session's ports.
+
+    A session calls these in the order in which it opens its parts; what `opened` is given is closed in reverse order.
+    """
+
+    @property
+    def real_time(self) -> bool:
+        """Whether the session runs by the wall clock, so that its priority matters."""
+        ...
+
+    @property
+    def reconnect_s(self) -> float:
+        """How long the session waits for a device that fell silent, s; then it is paused."""
+        ...
+
+    def sound_device(self, opened: ExitStack) -> str | None:
+        """Return the audio device to open; None for the one that the rig names."""
+        ...
+
+    def wire_sound(self) -> None:
+        """Lay what cables the audio device needs, now that the stream on it is open."""
+        ...
+
+    def panel(self, opened: ExitStack) -> str | None:
+        """Set the panel up; return where its actuator answers, or None for the address that the rig names."""
+        ...
+
+    def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
+        """Return what is presented for each material, by its id: itself, unless a rehearsal controls for it."""
+        ...
+
+    def tracker(self, opened: ExitStack) -> tuple[str | None, ClockMap | None]:
+        """Return the tracker's port, None for the one that the rig names, and its clock where that is known."""
+        ...
+
+    def check(self, tracker: Tracker, rig: Rig) -> None:
+        """Refuse a tracker that cannot be used, before anybody is on the panel. Raises `TrackerError`."""
+        ...
+
+    def console(self) -> Console:
+        """Return the experimenter's screen and keys."""
         ...

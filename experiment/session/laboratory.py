@@ -22,8 +22,8 @@ from experiment.protocol.models import Protocol
 from experiment.records.entries import Header
 from experiment.session import masker
 from experiment.session.attempt import Devices
-from experiment.session.far_ends import FarEnds
 from experiment.session.footstep.trials import open_footsteps
+from experiment.session.kind import FarEnds
 from experiment.study import schedule
 
 

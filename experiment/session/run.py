@@ -5,9 +5,12 @@ from __future__ import annotations
 import shutil
 from contextlib import ExitStack
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.ports import Tracker
+from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker import calibration
 from experiment.clock import Clock, MonotonicClock, day
 from experiment.dataset import build
@@ -19,9 +22,43 @@ from experiment.records import journal
 from experiment.records.entries import Footer
 from experiment.records.progress import progress
 from experiment.session import runner, scene
-from experiment.session.far_ends import RealEnds
 from experiment.session.laboratory import header, open_laboratory
-from experiment.study import enrolment, roster
+from experiment.study import roster
+
+if TYPE_CHECKING:
+    from experiment.synthesis.waveforms import Basis
+
+
+class RealEnds:
+    """Implements `FarEnds`: the devices that the rig names, and an experimenter at a console."""
+
+    real_time = True
+    reconnect_s = 300.0
+
+    def __init__(self, console: Console) -> None:
+        """Take the experimenter's console."""
+        self._console = console
+
+    def sound_device(self, opened: ExitStack) -> None:  # noqa: ARG002
+        return None
+
+    def wire_sound(self) -> None:
+        return None
+
+    def panel(self, opened: ExitStack) -> None:  # noqa: ARG002
+        return None
+
+    def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
+        return materials
+
+    def tracker(self, opened: ExitStack) -> tuple[None, None]:  # noqa: ARG002
+        return None, None
+
+    def check(self, tracker: Tracker, rig: Rig) -> None:
+        calibration.check_reading(tracker, rig.tracker)
+
+    def console(self) -> Console:
+        return self._console
 
 
 def run(
@@ -54,14 +91,14 @@ def run(
         raise SessionError(f"{protocol_file}: asks for voice recordings, which palpate cannot make yet; leave them out")
     today = day(clock.now_ns())
     approval.verify(protocol_file, protocol, today)
-    root = root or enrolment.default_root(protocol)
+    root = root or roster.default_root(protocol)
     roster.Roster.load(storage.roster_path(root)).may_run(participant, protocol)
     rig = rigs.load(rig_file)
     if rig.rig.simulated:
         raise RigError(f"{rig_file}: the rig is simulated; give a rig file of real devices, or use palpate rehearse")
     rigs.check(rig, protocol.footstep.step)
     calibration.check_age(rig, today)
-    seed = enrolment.settle(root, protocol_file, protocol, None)
+    seed = roster.settle(root, protocol_file, protocol, None)
     allocation = roster.find(roster.allocate(protocol, seed), participant)
     _check_turn(root, allocation, task_id)
     _wait_for_break(root, protocol, allocation, task_id, clock, console)

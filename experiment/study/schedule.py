@@ -1,4 +1,7 @@
-"""Protocol, participant and seed -> the trials of a task, in order.
+"""The trials of a task in order, from protocol, participant and seed; and the random choices that this rests on.
+
+A choice is a pure function of what it is for, the same on every machine for ever: its bits are SHA-256 in counter mode,
+for library generators are free to change their streams between versions.
 
 An order with a constraint is drawn uniformly from all orders that satisfy it: they are counted, a rank is drawn below
 that count, and the order of that rank is built. Nothing is tried and thrown away.
@@ -13,14 +16,58 @@ other is counted once (Goulden and Jackson's cluster method for words without r 
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Mapping, Sequence
 from math import comb
+from typing import TypeVar
 
 from experiment.errors import ScheduleError
 from experiment.protocol import approval
 from experiment.protocol.models import Protocol
 from experiment.records.entries import PlannedTrial
-from experiment.study.draws import Draws
+
+Item = TypeVar("Item")
+
+
+class Draws:
+    """A stream of random choices, named by its purpose."""
+
+    def __init__(self, *purpose: str | int) -> None:
+        """Begin the stream that `purpose` names; two streams are independent unless every part is equal."""
+        self._key = hashlib.sha256(json.dumps(purpose, ensure_ascii=True).encode()).digest()
+        self._counter = 0
+        self._left = b""
+
+    def below(self, bound: int) -> int:
+        """A whole number from 0 to `bound` - 1, each equally likely, however large `bound` is.
+
+        Raises:
+            ValueError: `bound` is below 1.
+        """
+        if bound < 1:
+            raise ValueError(f"got bound {bound}; allowed: at least 1")
+        bits = (bound - 1).bit_length()
+        # Every draw of so many bits is equally likely, so those that fit are too; more than half fit.
+        while (drawn := self._bits(bits)) >= bound:
+            pass
+        return drawn
+
+    def shuffled(self, items: Sequence[Item]) -> list[Item]:
+        """`items` in a random order, every order of their places equally likely (Fisher and Yates)."""
+        order = list(items)
+        for last in range(len(order) - 1, 0, -1):
+            other = self.below(last + 1)
+            order[last], order[other] = order[other], order[last]
+        return order
+
+    def _bits(self, count: int) -> int:
+        whole_bytes = (count + 7) // 8
+        while len(self._left) < whole_bytes:
+            self._left += hashlib.sha256(self._key + self._counter.to_bytes(16, "big")).digest()
+            self._counter += 1
+        taken, self._left = self._left[:whole_bytes], self._left[whole_bytes:]
+        return int.from_bytes(taken, "big") >> (8 * whole_bytes - count)
 
 
 def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -> tuple[PlannedTrial, ...]:

@@ -23,10 +23,9 @@ from experiment.protocol.models import Protocol
 from experiment.records.entries import Header, PlannedTrial, Trace, TrackerOpened
 from experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock, Zeroed
 from experiment.session import scene
-from experiment.session.far_ends import FarEnds
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from experiment.session.kind import Log, Meaning, Seen
+from experiment.session.kind import FarEnds, Log, Meaning, Seen
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream

@@ -279,7 +279,7 @@ class TestALaboratorysStudy:
             return ""
 
         monkeypatch.setattr("builtins.input", falls_silent)
-        monkeypatch.setattr("experiment.session.far_ends.RealEnds.reconnect_s", 0.2)
+        monkeypatch.setattr("experiment.session.run.RealEnds.reconnect_s", 0.2)
         code, out, err = self.run(palpate, protocol, rig)
         assert code == 0, err
         assert "Trial 1 of 40. Armed" in out

@@ -116,10 +116,10 @@ def test_sums_for_the_board() -> None:
     shown = words(page(Protocol.model_validate(okamoto2012())))
     assert "virtual 15 4 x 10 = 40 600" in shown
     assert "real 10 4 x 10 = 40 400" in shown
-    assert "breaks included: 60 to 80 min" in shown
-    assert "Task virtual vibrates for 20 s in all" in shown
+    assert "breaks included, is estimated to take 60 to 80 min" in shown
+    assert "In task virtual the panel vibrates for 20 s in all" in shown
     # 80 min less two familiarisations of 3 min and a break of 5 min, over 80 trials.
-    assert "up to 52 s a trial" in shown
+    assert "up to 52 s for each trial" in shown
     assert "take 11 min to 15 min" in shown
 
 
@@ -133,14 +133,14 @@ def test_nothing_is_left_when_all_is_filled_in() -> None:
     filled = changed(
         changed(document(), ("ethics", "contact"), "board@example.org"), ("ethics", "approval_number"), "7"
     )
-    assert "Nothing: every field is filled in." in page(Protocol.model_validate(filled))
+    assert "Nothing is left: every field is filled in." in page(Protocol.model_validate(filled))
 
 
 def test_a_protocol_without_duration_or_exclusion_says_so() -> None:
     bare = {key: value for key, value in document().items() if key not in ("duration", "exclusion")}
     shown = page(Protocol.model_validate(bare))
-    assert "Estimated duration of a visit: not stated." in shown
-    assert "None: every trial of every participant counts." in shown
+    assert "The protocol does not state how long a visit takes." in shown
+    assert "There are no exclusion rules: every trial of every participant counts." in shown
     assert "  - duration\n" in shown
 
 

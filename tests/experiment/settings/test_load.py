@@ -10,7 +10,7 @@ import pytest
 from experiment.errors import Problem, ProtocolError
 from experiment.protocol import files
 from experiment.protocol.models import Protocol
-from experiment.settings import load, model
+from experiment.settings import load
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, places, protocol, without
 
 JARGON = re.compile(r"pydantic|validat|input|instance|tuple|dict|NoneType|literal|regex|pattern|str\b|int\b", re.I)
@@ -200,7 +200,7 @@ def test_a_missing_key_is_named_at_its_table(path: tuple[str | int, ...]) -> Non
     if path in OPTIONAL:
         assert not found
         return
-    problem = found[model.written(path)]
+    problem = found[load.written(path)]
     assert problem.got == "nothing"
     assert problem.line == (17 if path[:-1] else None)
     assert not JARGON.search(problem.allowed)
@@ -210,7 +210,7 @@ def test_a_missing_key_is_named_at_its_table(path: tuple[str | int, ...]) -> Non
 def test_a_wrong_type_is_named_in_plain_words(path: tuple[str | int, ...], value: object) -> None:
     wrong = 7.5 if isinstance(value, str | dict | tuple | bool) else {"a": 1}
     found = {problem.path: problem for problem in load.find(Protocol, changed(document(), path, wrong), {path: 3})}
-    problem = found[model.written(path)]
+    problem = found[load.written(path)]
     assert problem.line == 3
     assert problem.got in ("7.5", "a table")
     assert not JARGON.search(problem.allowed)
@@ -222,7 +222,7 @@ def test_a_typing_error_in_a_key_is_recognised(path: tuple[str | int, ...]) -> N
     misspelt = (*parents, str(key)[:2] + "q" + str(key)[2:])
     broken = changed(without(document(), path), misspelt, "x")
     found = {problem.path: problem for problem in load.find(Protocol, broken, {})}
-    assert f"did you mean '{key}'?" in found[model.written(misspelt)].allowed
+    assert f"did you mean '{key}'?" in found[load.written(misspelt)].allowed
 
 
 def test_an_unknown_key_is_quoted_where_it_needs_quotes(tmp_path: Path) -> None:
