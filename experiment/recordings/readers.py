@@ -1,14 +1,14 @@
-"""Any recording from disk: WAV, text columns with a time column, or a LabVIEW measurement file (.lvm).
+"""Any recording from disk: WAV, text columns with a column of times, or a LabVIEW measurement file (.lvm).
 
-What a file is, its content tells, not its name. The sampling rate is that of the time column wherever there is one: a
-rate in a header may lie, and is only reported beside it.
+The content of a file decides which it is, not its name. The sampling rate is that of the column of times wherever there
+is one: the rate in a header may be wrong, and is only reported beside it.
 
 Text columns are separated by tabs, semicolons, commas or blanks, with decimal points or decimal commas; the first line
 that reads as two numbers or more decides how all later lines are read. Lines before it are headings; blank lines and
 comments (#, %, ;, //) may stand anywhere.
 
-A LabVIEW file holds a file header, then segments, each with a header of its own and rows of cells. By the
-manufacturer's specification and files in the wild, tags stand in the first cell of a line, in any order, and unknown
+A LabVIEW file holds a file header, then segments, each with a header of its own and rows of cells. According to the
+manufacturer's specification and to files in the wild, tags stand in the first cell of a line, in any order, and unknown
 tags are to be passed over; `***End_of_Header***` ends a header; `***Start_Special***` to `***End_Special***` is a block
 of another kind. Every segment names its channels in a line that begins with `X_Value` and may end with `Comment`. There
 is one column of times, or one before each channel, or one whose cells are empty. Version 1 files have no
@@ -35,10 +35,7 @@ from experiment.errors import RecordingError
 LARGEST_STEP_ERROR = 0.5
 """How far a time step may be from the median step, and a sample from its place on an even grid, in steps."""
 
-LVM_MAGIC = "LabVIEW Measurement"
-_LVM_SEPARATORS = {"tab": "\t", "comma": ","}
 _LVM_TAG = re.compile(r"(?!nan$|inf$|infinity$)[A-Za-z]\w*", re.IGNORECASE)
-
 _DIALECTS = [(separator, decimal) for separator in ("\t", ";", ",", None) for decimal in ".," if separator != decimal]
 _COMMENT = re.compile(r"\s*(#|%|;|//)")
 _UNIT = re.compile(r"(?P<name>.*?)\s*[\(\[](?P<unit>[^()\[\]]*)[\)\]]\s*")
@@ -54,16 +51,16 @@ class Recording:
     """One channel of a recording, evenly sampled.
 
     Attributes:
-        file: as it was named.
+        file: path of the file, as it was given.
         channel: the channel's name.
         channels: names of all channels that hold samples, in the file's order.
         samples: finite, in `unit`, float64, shape (n,).
         unit: as the file gives it; empty where it gives none.
         rate_hz: sampling rate, Hz.
         rate_source: what the rate was taken from.
-        header_rate_hz: what a header claims, where both a header and a time column speak; else None.
-        jitter: largest departure of a sample from the even grid, in steps; 0 without a time column.
-        segments: segments of the file that hold samples; the first is read.
+        header_rate_hz: what the header claims, where the file has both a header and a column of times; else None.
+        jitter: largest departure of a sample from the even grid, in steps; 0 without a column of times.
+        segments: number of segments of the file that hold samples; the first is read.
     """
 
     file: str
@@ -80,9 +77,9 @@ class Recording:
 
 @dataclass(frozen=True)
 class _Column:
-    """One column of a file: what its heading says, its finite values, and the line of each, from 1.
+    """One column of a file: its heading, its finite values, and the line of each, from 1.
 
-    A LabVIEW header also gives each channel a step of time, NaN where it gives none, and a dimension.
+    A LabVIEW header also gives each channel a time step, NaN where it gives none, and a dimension.
     """
 
     name: str
@@ -93,16 +90,19 @@ class _Column:
     dimension: str = "Time"
 
 
-def read(path: Path, *, channel: str | None = None) -> Recording:
-    """Read one channel of a recording.
+_Rows = list[tuple[int, list[str]]]
+"""Each row's line, from 1, and its cells."""
 
-    Args:
-        path: the file.
-        channel: name of the channel, or its number from 1 in the file's order; None for the first.
+_Table = tuple[list[_Column], Sequence[_Column | None], int]
+"""Channels, the column of times of each (None where it has none), and the number of segments."""
+
+
+def read(path: Path, *, channel: str | None = None) -> Recording:
+    """Return one channel of a recording: the one of this name or number (from 1), or the first.
 
     Raises:
-        RecordingError: a file that cannot be read or understood, no such channel, samples that are not finite, no
-            time column, or times that do not rise in even steps; with the line where there is one.
+        RecordingError: the file cannot be read or understood; it has no such channel; samples are not finite; there is
+            no column of times, or times do not rise in even steps. The error names the line where there is one.
     """
     try:
         content = path.read_bytes()
@@ -111,27 +111,23 @@ def read(path: Path, *, channel: str | None = None) -> Recording:
             f"{path}: cannot be read ({error.strerror}); allowed: a WAV, .lvm or text file; name another file"
         ) from error
     if content[:4] in (b"RIFF", b"RIFX", b"RF64"):
-        return _from_wav(content, file=str(path), channel=channel)
+        return _from_wav(path, *wav_samples(content, file=str(path)), channel)
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = content.decode("latin-1")
-    kind = _from_lvm if text.startswith(LVM_MAGIC) else _from_columns
-    return kind(text.splitlines(), file=str(path), channel=channel)
+    table = _from_lvm if text.startswith("LabVIEW Measurement") else _from_columns
+    try:
+        return _recording(str(path), channel, *table(text.splitlines()))
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from None
 
 
 def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
-    """Decode a WAV file.
-
-    Args:
-        content: the file's bytes.
-        file: how an error names it.
-
-    Returns:
-        Sampling rate in Hz, and the samples in their own type, shape (n,) or (n, channels).
+    """Return a WAV file's sampling rate in Hz, and its samples in their own type, shape (n,) or (n, channels).
 
     Raises:
-        RecordingError: no WAV file, a damaged or truncated one, or one without samples.
+        RecordingError: `content` is no WAV file, is damaged or cut off, or holds no samples; the error names `file`.
     """
     try:
         with warnings.catch_warnings():
@@ -152,22 +148,24 @@ def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
     return int(rate_hz), np.asarray(samples)
 
 
-def _from_wav(content: bytes, *, file: str, channel: str | None) -> Recording:
-    rate_hz, stored = wav_samples(content, file=file)
+def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], channel: str | None) -> Recording:
     table = stored[:, None] if stored.ndim == 1 else stored
     names = tuple(f"channel {i + 1}" for i in range(table.shape[1]))
-    place = _chosen(names, channel, file=file)
+    try:
+        place = _chosen(names, channel)
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error}") from None
     samples, unit = table[:, place].astype(np.float64), ""
     if stored.dtype.kind != "f":
         zero = 128.0 if stored.dtype == np.uint8 else 0.0
         samples, unit = (samples - zero) / 2.0 ** (8 * stored.dtype.itemsize - 1), "full scale"
     if not np.all(np.isfinite(samples)):
         at = int(np.flatnonzero(~np.isfinite(samples))[0])
-        raise RecordingError(f"{file}: sample {at}: got {samples[at]}; allowed: finite numbers; record it anew")
-    return Recording(file, names[place], names, samples, unit, float(rate_hz), "WAV header")
+        raise RecordingError(f"{path}: sample {at}: got {samples[at]}; allowed: finite numbers; record it again")
+    return Recording(str(path), names[place], names, samples, unit, float(rate_hz), "WAV header")
 
 
-def _chosen(names: tuple[str, ...], channel: str | None, *, file: str) -> int:
+def _chosen(names: tuple[str, ...], channel: str | None) -> int:
     if channel is None:
         return 0
     if channel in names:
@@ -175,12 +173,12 @@ def _chosen(names: tuple[str, ...], channel: str | None, *, file: str) -> int:
     if channel.isdecimal() and 1 <= int(channel) <= len(names):
         return int(channel) - 1
     raise RecordingError(
-        f"{file}: got channel {channel!r}; allowed: {', '.join(names)}, or a number from 1 to {len(names)}; choose one"
+        f"got channel {channel!r}; allowed: {', '.join(names)}, or a number from 1 to {len(names)}; choose one of them"
     )
 
 
 def _number(cell: str, decimal: str) -> float:
-    """Return the finite number that a cell spells, Fortran's exponents included; NaN where it spells none."""
+    """Return the finite number in a cell, which may have a Fortran exponent; NaN where there is none."""
     if "_" in cell or (decimal == "," and "." in cell):
         return np.nan
     try:
@@ -197,10 +195,10 @@ def _name_and_unit(heading: str) -> tuple[str, str]:
     return (match["name"].strip(), match["unit"].strip()) if match else (text, "")
 
 
-def _from_columns(lines: list[str], *, file: str, channel: str | None) -> Recording:
+def _from_columns(lines: list[str]) -> _Table:
     headings: list[str] = []
     dialect: tuple[str | None, str] | None = None
-    rows: list[tuple[int, list[str]]] = []
+    rows: _Rows = []
     for place, line in enumerate(lines, start=1):
         comment = bool(_COMMENT.match(line))
         if not line.strip() or (dialect and comment):
@@ -213,25 +211,25 @@ def _from_columns(lines: list[str], *, file: str, channel: str | None) -> Record
         filled = sum(bool(cell.strip()) for cell in cells)
         if rows and filled != len(rows[0][1]):
             raise RecordingError(
-                f"{file}: line {place}: got {filled} numbers; allowed: {len(rows[0][1])}, as in line {rows[0][0]}; "
+                f"line {place}: got {filled} numbers; allowed: {len(rows[0][1])}, as in line {rows[0][0]}; "
                 "correct or remove the line"
             )
         rows.append((place, cells))
     if dialect is None:
         raise RecordingError(
-            f"{file}: got no line of two or more numbers; allowed: WAV, LabVIEW .lvm, or text columns with a time "
-            "column; name another file"
+            "got no line of two or more numbers; allowed: WAV, LabVIEW .lvm, or text columns with a column of times; "
+            "name another file"
         )
     columns = [
-        _Column(name, unit, *_values(rows, place, name or f"{place + 1}", dialect[1], file))
+        _Column(name, unit, *_values(rows, place, name or f"{place + 1}", dialect[1]))
         for place, (name, unit) in enumerate(_named(headings, len(rows[0][1])))
     ]
     at = next((place for place, column in enumerate(columns) if _TIME.fullmatch(column.name)), None)
     if at is None:
-        _look_like_times(columns[0], file=file)
+        _look_like_times(columns[0])
     signals = [replace(column, name=column.name or f"column {i}") for i, column in enumerate(columns, start=1)]
     del signals[at or 0]
-    return _recording(signals, [columns[at or 0]] * len(signals), file=file, channel=channel, segments=1)
+    return signals, [columns[at or 0]] * len(signals), 1
 
 
 def _split(line: str, separator: str | None) -> list[str]:
@@ -261,57 +259,55 @@ def _named(headings: list[str], columns: int) -> list[tuple[str, str]]:
 
 @dataclass
 class _Segment:
-    """What was read of a segment so far: tags of its header, channels' headings, and cells of each numbered row."""
+    """What was read of a segment so far: tags of its header, channels' headings, and rows."""
 
     tags: dict[str, list[str]] = field(default_factory=dict)
     headings: list[str] = field(default_factory=list)
-    rows: list[tuple[int, list[str]]] = field(default_factory=list)
+    rows: _Rows = field(default_factory=list)
 
 
-def _from_lvm(lines: list[str], *, file: str, channel: str | None) -> Recording:
-    separator, decimal, header = _lvm_header(lines, file)
-    segments = _lvm_segments(lines, header, separator, decimal, file)
-    found = [channels for one in segments if (channels := _lvm_channels(one, decimal, file))[0]]
+def _from_lvm(lines: list[str]) -> _Table:
+    separator, decimal, header = _lvm_header(lines)
+    segments = _lvm_segments(lines, header, separator, decimal)
+    found = [channels for one in segments if (channels := _lvm_channels(one, decimal))[0]]
     if not found:
         raise RecordingError(
-            f"{file}: got a LabVIEW header without samples; allowed: rows below a line that begins with X_Value; "
-            "export the measurement again"
+            "got a LabVIEW header without samples; allowed: rows below a line that begins with X_Value; export the "
+            "measurement again"
         )
     signals, times = found[0]
     split = [_name_and_unit(signal.name) for signal in signals]
     at = next((place for place, (name, _) in enumerate(split) if _TIME.fullmatch(name)), None)
-    if at is None and times[0] is None and _rises_evenly(signals[0], file=file):
+    if at is None and times[0] is None and _rises_evenly(signals[0]):
         at = 0
     if at is not None and len(signals) > 1:
         # The unit of a channel stands in its tag, but that of a time often in its name alone.
         own = replace(signals.pop(at), name=split[at][0], unit=split[at][1])
         times = [own] * len(signals)
-    return _recording(signals, times, file=file, channel=channel, segments=len(found))
+    return signals, times, len(found)
 
 
-def _lvm_header(lines: list[str], file: str) -> tuple[str, str, int]:
+def _lvm_header(lines: list[str]) -> tuple[str, str, int]:
     """Return the cells' separator, the decimal separator, and how many lines the file's header takes."""
     tags: dict[str, str] = {}
     for place, line in enumerate(lines, start=1):
         tag, _, value = re.split(r"([\t,]|$)", line, maxsplit=1)
         if tag.strip() == "***End_of_Header***":
             named = tags.get("Separator", "Tab")
-            separator = _LVM_SEPARATORS.get(named.lower())
+            separator = {"tab": "\t", "comma": ","}.get(named.lower())
             decimal = tags.get("Decimal_Separator") or "."
             if separator is None or decimal not in (".", ",") or separator == decimal:
                 raise RecordingError(
-                    f"{file}: got Separator {named!r} with Decimal_Separator {decimal!r}; allowed: Tab or Comma, with "
-                    "'.' or, after Tab, ','; export the measurement again"
+                    f"got Separator {named!r} with Decimal_Separator {decimal!r}; allowed: Tab or Comma, with '.' or, "
+                    "after Tab, ','; export the measurement again"
                 )
             return separator, decimal, place
         # `Decimal_Separator<Tab>,` holds the other separator as its value; `Separator,Comma` may be followed by commas.
         tags[tag.strip()] = value.strip() if value.strip() == "," else value.strip("\t, ")
-    raise RecordingError(
-        f"{file}: got a LabVIEW header without its end; allowed: a line ***End_of_Header***; export it again"
-    )
+    raise RecordingError("got a LabVIEW header without its end; allowed: a line ***End_of_Header***; export it again")
 
 
-def _lvm_segments(lines: list[str], header: int, separator: str, decimal: str, file: str) -> list[_Segment]:
+def _lvm_segments(lines: list[str], header: int, separator: str, decimal: str) -> list[_Segment]:
     segments: list[_Segment] = []
     current, in_rows, special, header_at = _Segment(), False, False, 0
     for place, line in enumerate(lines[header:], start=header + 1):
@@ -330,20 +326,20 @@ def _lvm_segments(lines: list[str], header: int, separator: str, decimal: str, f
                 current, in_rows, header_at = _Segment(), False, place
             if isfinite(_number(cells[0], decimal)):
                 raise RecordingError(
-                    f"{file}: line {place}: got numbers in a header; allowed: numbers below a line that begins with "
+                    f"line {place}: got numbers in a header; allowed: numbers below a line that begins with "
                     f"X_Value{f'; line {header_at} began this header' if header_at else ''}; correct the file"
                 )
             current.tags[cells[0]] = cells
     if not in_rows and header_at:
         raise RecordingError(
-            f"{file}: line {header_at}: got a segment's header without rows; allowed: a line that begins with X_Value "
-            "and rows below it; remove the lines from there on"
+            f"line {header_at}: got a segment's header without rows; allowed: a line that begins with X_Value and rows "
+            "below it; remove the lines from there on"
         )
     return segments
 
 
-def _lvm_channels(segment: _Segment, decimal: str, file: str) -> tuple[list[_Column], list[_Column | None]]:
-    """Return the channels that hold samples, and the column of times on the left of each, None where it is empty."""
+def _lvm_channels(segment: _Segment, decimal: str) -> tuple[list[_Column], list[_Column | None]]:
+    """Return the channels that hold samples, and the column of times to the left of each, None where it is empty."""
     headings = list(segment.headings)
     while headings and headings[-1] in ("", "Comment"):
         headings.pop()
@@ -351,7 +347,7 @@ def _lvm_channels(segment: _Segment, decimal: str, file: str) -> tuple[list[_Col
     times: list[_Column | None] = []
     clock: _Column | None = None
     for place, name in enumerate(headings):
-        values, lines = _values(segment.rows, place, name, decimal, file)
+        values, lines = _values(segment.rows, place, name, decimal)
         if name == "X_Value":
             clock = _Column(name, "", values, lines) if lines else None
         elif lines:
@@ -365,9 +361,7 @@ def _lvm_channels(segment: _Segment, decimal: str, file: str) -> tuple[list[_Col
     return signals, times
 
 
-def _values(
-    rows: Sequence[tuple[int, list[str]]], place: int, name: str, decimal: str, file: str
-) -> tuple[NDArray[np.float64], list[int]]:
+def _values(rows: _Rows, place: int, name: str, decimal: str) -> tuple[NDArray[np.float64], list[int]]:
     """Return the filled cells of a column, shape (n,), and their lines; cells may be empty at its end only."""
     values: list[float] = []
     empty_at = 0
@@ -381,56 +375,56 @@ def _values(
             wrong = f"{cell[:40]!r} in column {name!r}"
             got = wrong if np.isnan(values[-1]) else f"column {name!r} empty in line {empty_at}"
             raise RecordingError(
-                f"{file}: line {line}: got {got}; allowed: a number in every row, and empty cells only at the end of a "
+                f"line {line}: got {got}; allowed: a number in every row, and empty cells only at the end of a "
                 "column; correct the line, or export the measurement again"
             )
     return np.array(values), [line for line, _ in rows[: len(values)]]
 
 
 def _recording(
-    signals: list[_Column], times: Sequence[_Column | None], *, file: str, channel: str | None, segments: int
+    file: str, channel: str | None, signals: list[_Column], times: Sequence[_Column | None], segments: int
 ) -> Recording:
     """Return the channel asked for, at the rate of its column of times, or of its header where it has none."""
     names = tuple(signal.name for signal in signals)
-    place = _chosen(names, channel, file=file)
+    place = _chosen(names, channel)
     chosen, clock = signals[place], times[place]
     if chosen.dimension.lower() != "time":
         raise RecordingError(
-            f"{file}: channel {chosen.name!r} stands over {chosen.dimension}; allowed: Time; choose another channel"
+            f"channel {chosen.name!r} stands over {chosen.dimension}; allowed: Time; choose another channel"
         )
     claimed_hz = 1 / chosen.step if chosen.step > 0 and isfinite(1 / chosen.step) else None
     if clock is not None:
         count = chosen.values.size
         if clock.values.size < count:
             raise RecordingError(
-                f"{file}: line {chosen.lines[clock.values.size]}: got a sample without a time; allowed: a time in "
-                "every row; export the measurement again"
+                f"line {chosen.lines[clock.values.size]}: got a sample without a time; allowed: a time in every row; "
+                "export the measurement again"
             )
-        rate_hz, jitter = _even(replace(clock, values=clock.values[:count]), file=file)
+        rate_hz, jitter = _even(replace(clock, values=clock.values[:count]))
         source = f"time column {clock.name!r}" if clock.name else "first column"
     elif claimed_hz is not None:
         rate_hz, jitter, claimed_hz = claimed_hz, 0.0, None
         source = "header (Delta_X), no time column to check it against"
     else:
         raise RecordingError(
-            f"{file}: got neither an X column nor a Delta_X above zero; allowed: a column of times; "
-            "export the measurement with X_Columns One"
+            "got neither an X column nor a Delta_X above zero; allowed: a column of times; export the measurement with "
+            "X_Columns One"
         )
     of_channel = (file, chosen.name, names, chosen.values, chosen.unit)
     return Recording(*of_channel, rate_hz, source, claimed_hz, jitter, segments)
 
 
-def _rises_evenly(column: _Column, *, file: str) -> bool:
+def _rises_evenly(column: _Column) -> bool:
     try:
-        _look_like_times(column, file=file)
-        _even(column, file=file)
+        _look_like_times(column)
+        _even(column)
     except RecordingError:
         return False
     return True
 
 
-def _look_like_times(first: _Column, *, file: str) -> None:
-    """Refuse a first column that nothing calls a time and that is none."""
+def _look_like_times(first: _Column) -> None:
+    """Refuse a first column that no heading calls a time and that does not look like times."""
     with np.errstate(over="ignore"):
         steps = np.diff(first.values)
     what = ""
@@ -442,29 +436,27 @@ def _look_like_times(first: _Column, *, file: str) -> None:
         what = "a counter of samples"
     if what:
         raise RecordingError(
-            f"{file}: line {first.lines[0]}: got {what} in the first column and no column named time; "
+            f"line {first.lines[0]}: got {what} in the first column and no column named time; "
             "allowed: a column of times; write a heading such as 'time (s), acceleration (g)'"
         )
 
 
-def _even(times: _Column, *, file: str) -> tuple[float, float]:
+def _even(times: _Column) -> tuple[float, float]:
     """Return the sampling rate in Hz of a column of times, and the largest departure from an even grid in steps."""
     suffix = _UNIT_SUFFIX.fullmatch(times.name)
     unit = (times.unit or (suffix[1] if suffix else "s")).lower()
     if unit not in _SECONDS:
-        raise RecordingError(
-            f"{file}: got times in {times.unit!r}; allowed: {', '.join(_SECONDS)}; correct the heading"
-        )
+        raise RecordingError(f"got times in {unit!r}; allowed: {', '.join(_SECONDS)}; correct the heading")
     t = times.values * _SECONDS[unit]
     if t.size < 2:
-        raise RecordingError(f"{file}: got {t.size} rows; allowed: two or more, for a sampling rate; record longer")
+        raise RecordingError(f"got {t.size} rows; allowed: two or more, for a sampling rate; record longer")
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.diff(t)
         median = float(np.median(steps))
         worst = int(np.argmax(np.abs(steps - median)))
         if not (0 < median < np.inf and abs(steps[worst] - median) <= LARGEST_STEP_ERROR * median):
             raise RecordingError(
-                f"{file}: line {times.lines[worst + 1]}: got a time step of {steps[worst]:g} s; allowed: within "
+                f"line {times.lines[worst + 1]}: got a time step of {steps[worst]:g} s; allowed: within "
                 f"{LARGEST_STEP_ERROR:.0%} of the median step, {median:g} s; record without gaps or resample it evenly"
             )
         mean = float((t[-1] - t[0]) / steps.size)
@@ -472,9 +464,9 @@ def _even(times: _Column, *, file: str) -> tuple[float, float]:
     at = int(np.argmax(off))
     if not off[at] <= LARGEST_STEP_ERROR:
         raise RecordingError(
-            f"{file}: line {times.lines[at]}: got a sample {off[at]:.1f} steps away from an even grid; allowed: "
+            f"line {times.lines[at]}: got a sample {off[at]:.1f} steps away from an even grid; allowed: "
             f"{LARGEST_STEP_ERROR} steps; record at a steady rate or resample it evenly"
         )
     if not np.isfinite(1 / mean):
-        raise RecordingError(f"{file}: got time steps of {mean:g} s; allowed: longer ones; correct the unit of time")
+        raise RecordingError(f"got time steps of {mean:g} s; allowed: longer ones; correct the unit of time")
     return 1 / mean, float(off[at])

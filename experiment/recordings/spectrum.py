@@ -1,9 +1,9 @@
 """The amplitude spectrum of a recording, its peaks, and a plot of both: what `palpate spectrum` shows.
 
-Method: the mean is removed and the magnitude of the discrete Fourier transform of the whole record, scaled by 2/n, is
-the amplitude of a sinusoid at that frequency. No window is laid over it: the recordings at hand are transients that
-begin with the record, where a window would hide what matters. (Equation (1) of Okamoto et al. is a cosine transform,
-which makes stimuli; its coefficients depend on phase, and split one ringing into several peaks.)
+The mean is removed; the magnitude of the discrete Fourier transform of the whole record, scaled by 2/n, is the
+amplitude of a sinusoid at that frequency. No window is applied: the recordings at hand are transients that begin with
+the record, where a window would hide what matters. (Equation (1) of Okamoto et al. is a cosine transform, which makes
+stimuli; its coefficients depend on phase, and split one ringing into several peaks.)
 
 A peak is a local maximum that stands out of its surroundings (prominence) by `PROMINENCE` of the highest amplitude or
 more. Its frequency and amplitude are those of the maximum of the continuous spectrum between the neighbouring bins.
@@ -11,6 +11,7 @@ more. Its frequency and amplitude are those of the maximum of the continuous spe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,12 +29,7 @@ FEWEST_SAMPLES = 8
 
 @dataclass(frozen=True)
 class Peak:
-    """A maximum of the spectrum.
-
-    Attributes:
-        frequency_hz: Hz.
-        amplitude: of the sinusoid, in the recording's unit.
-    """
+    """A maximum of the spectrum: its frequency, Hz, and the sinusoid's amplitude in the recording's unit."""
 
     frequency_hz: float
     amplitude: float
@@ -44,7 +40,7 @@ class AmplitudeSpectrum:
     """The spectrum of one channel.
 
     Attributes:
-        recording: of which this is the spectrum.
+        recording: the recording whose spectrum this is.
         frequencies_hz: from 0 to half the sampling rate, Hz, shape (K,).
         amplitudes: in the recording's unit, shape (K,).
         peaks: strongest first, at most `MOST_PEAKS`.
@@ -56,7 +52,7 @@ class AmplitudeSpectrum:
     peaks: tuple[Peak, ...]
 
     def as_dict(self) -> dict[str, object]:
-        """All but the spectrum itself, for JSON."""
+        """Return everything but the spectrum itself, for JSON."""
         recording = self.recording
         return {
             "file": recording.file,
@@ -75,7 +71,7 @@ class AmplitudeSpectrum:
         }
 
     def text(self) -> str:
-        """The same for a reader, a few lines."""
+        """Return the same for a reader, in a few lines."""
         recording = self.recording
         seconds = recording.samples.size / recording.rate_hz
         unit = f" {recording.unit}" if recording.unit else ""
@@ -90,35 +86,24 @@ class AmplitudeSpectrum:
             lines.insert(1, f"segment 1 of {recording.segments}; the others were not read")
         claimed = recording.header_rate_hz
         if claimed is not None and abs(claimed / recording.rate_hz - 1) > 1e-3:
-            lines.append(f"the header claims {claimed:.6g} Hz: not believed")
+            lines.append(f"the header claims {claimed:.6g} Hz, which is not used")
         if recording.jitter > 1e-3:
-            lines.append(f"samples stand up to {recording.jitter:.2g} steps off an even grid")
+            lines.append(f"samples lie up to {recording.jitter:.2g} steps off an even grid")
         lines.append("peaks:" if self.peaks else "no peak stands out")
         lines += [f"  {peak.frequency_hz:10.2f} Hz  {peak.amplitude:.4g}{unit}" for peak in self.peaks]
         return "\n".join(lines)
 
 
 def of_file(path: Path, *, channel: str | None = None) -> AmplitudeSpectrum:
-    """Spectrum of one channel of a file.
-
-    Args:
-        path: WAV, text columns or .lvm.
-        channel: name, or number from 1; None for the first.
-
-    Raises:
-        RecordingError: as `readers.read` and `amplitude_spectrum`.
-    """
+    """Return the spectrum of one channel of a file. Raises `RecordingError` as `read` and `amplitude_spectrum` do."""
     return amplitude_spectrum(read(path, channel=channel))
 
 
 def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:
-    """Amplitude spectrum and peaks by the method above.
-
-    Args:
-        recording: `FEWEST_SAMPLES` samples or more.
+    """Return the amplitude spectrum and its peaks, by the method above.
 
     Raises:
-        RecordingError: too few samples, or samples so large that their sum overflows.
+        RecordingError: fewer than `FEWEST_SAMPLES` samples, or samples so large that their sum overflows.
     """
     n = recording.samples.size
     if n < FEWEST_SAMPLES:
@@ -128,33 +113,23 @@ def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:
     with np.errstate(over="ignore", invalid="ignore"):
         centred = recording.samples - recording.samples.mean()
         amplitudes = np.abs(fft.rfft(centred)) * (2 / n)
+    loudest = np.abs(recording.samples).max()
     if not np.all(np.isfinite(amplitudes)):
         raise RecordingError(
-            f"{recording.file}: got samples up to {np.abs(recording.samples).max():g}; allowed: numbers whose sum does "
-            "not overflow; check the unit"
+            f"{recording.file}: got samples up to {loudest:g}; allowed: numbers whose sum does not overflow; check "
+            "the unit"
         )
     bin_hz = recording.rate_hz / n
-    return AmplitudeSpectrum(
-        recording=recording,
-        frequencies_hz=np.arange(amplitudes.size) * bin_hz,
-        amplitudes=amplitudes,
-        peaks=_peaks(centred, amplitudes, bin_hz=bin_hz, rounding=1e-12 * float(np.abs(recording.samples).max())),
-    )
+    places: Sequence[int] = ()
+    # Below this there is only rounding.
+    if amplitudes.max() > 1e-12 * loudest:
+        places, _ = signal.find_peaks(amplitudes, prominence=PROMINENCE * amplitudes.max())
+    peaks = sorted((_refined(centred, int(place), bin_hz) for place in places), key=lambda peak: -peak.amplitude)
+    return AmplitudeSpectrum(recording, np.arange(amplitudes.size) * bin_hz, amplitudes, tuple(peaks[:MOST_PEAKS]))
 
 
-def _peaks(
-    centred: NDArray[np.float64], amplitudes: NDArray[np.float64], *, bin_hz: float, rounding: float
-) -> tuple[Peak, ...]:
-    highest = amplitudes.max()
-    if highest <= rounding:
-        return ()
-    places, _ = signal.find_peaks(amplitudes, prominence=PROMINENCE * highest)
-    found = [_refined(centred, int(place), bin_hz=bin_hz) for place in places]
-    return tuple(sorted(found, key=lambda peak: -peak.amplitude)[:MOST_PEAKS])
-
-
-def _refined(centred: NDArray[np.float64], place: int, *, bin_hz: float) -> Peak:
-    """The maximum of the continuous spectrum between the bins beside `place`."""
+def _refined(centred: NDArray[np.float64], place: int, bin_hz: float) -> Peak:
+    """Return the maximum of the continuous spectrum between the bins beside `place`."""
     turns = -2j * np.pi * np.arange(centred.size) / centred.size
 
     def negative(at: float) -> float:
@@ -165,14 +140,7 @@ def _refined(centred: NDArray[np.float64], place: int, *, bin_hz: float) -> Peak
 
 
 def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
-    """Draw the spectrum with its peaks.
-
-    Args:
-        spectrum: what to draw.
-        path: where to; the suffix decides the format, .png or .svg.
-
-    Returns:
-        `path`.
+    """Draw the spectrum with its peaks as .png or .svg, as the suffix of `path` says, and return `path`.
 
     Raises:
         RecordingError: another suffix, or a path that cannot be written.

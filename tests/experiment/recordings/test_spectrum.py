@@ -96,9 +96,9 @@ def test_the_dictionary_is_json() -> None:
     assert as_dict["resolution_hz"] == 1.0
 
 
-def test_the_text_tells_what_may_not_be_believed() -> None:
+def test_the_text_says_which_rate_is_not_used() -> None:
     text = ringing().text()
-    assert "the header claims 1 Hz: not believed" in text
+    assert "the header claims 1 Hz, which is not used" in text
     assert "segment 1 of 3; the others were not read" in text
     assert "0.02 steps off an even grid" in text
     assert "100.00 Hz" in text
