@@ -29,7 +29,7 @@ def interrupt_import_of(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("module", "arguments"),
     [
-        ("experiment.cli.app", ["--help"]),
+        ("experiment.cli.app", ["check", "--help"]),
         ("experiment.rehearsal.footstep", ["record", "PROTOCOL", "--simulated", "--out", "OUT"]),
         ("analysis.validation", ["validate", "OUT"]),
         ("experiment.protocol", ["check", "PROTOCOL"]),
