@@ -2,8 +2,8 @@
 
 Two heights make a straight line; more follow a sensor that is bent. Heights between points are read off straight lines
 (rig.py). The residual of an inner point, against the line through its neighbours, is the error that leaving it out
-would make, and about four times the one that is left. What was found is told in lines of text, and written into a new
-rig file.
+would make, and about four times the error that remains between points. The results are told in lines of text, and
+written into a new rig file.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ START_READINGS = 100
 """Readings that are looked at before a session."""
 
 HELD_PART = 0.5
-"""Largest part of them that may lie at an end of the calibration, or beyond."""
+"""Largest part of these readings that may lie at an end of the calibration, or beyond."""
 
 RAW = (CalibrationPoint(counts=0, mm=0.0), CalibrationPoint(counts=65535, mm=65535.0))
 """A calibration under which heights are readings."""
@@ -46,12 +46,7 @@ RAW = (CalibrationPoint(counts=0, mm=0.0), CalibrationPoint(counts=65535, mm=655
 
 @dataclass(frozen=True)
 class Level:
-    """Readings at a known height.
-
-    Attributes:
-        mm: the height, mm.
-        counts: what the sensor gave, shape (n,).
-    """
+    """Readings at a known height, mm: what the sensor gave, shape (n,)."""
 
     mm: float
     counts: NDArray[np.float64]
@@ -59,12 +54,10 @@ class Level:
 
 @dataclass(frozen=True)
 class Point:
-    """A calibrated point.
+    """A calibrated point: its median reading and its height, mm.
 
     Attributes:
-        counts: median reading.
-        mm: height, mm.
-        residual_mm: of an inner point against the line through its neighbours, mm; 0 for the outermost.
+        residual_mm: distance of an inner point from the line through its neighbours, mm; 0 for the outermost.
         noise_mm: standard deviation of the readings, as a height, mm.
     """
 
@@ -83,28 +76,23 @@ class Calibration:
 
     @property
     def noise_mm(self) -> float:
-        """Of the noisiest point, mm."""
+        """Noise of the noisiest point, mm."""
         return max(point.noise_mm for point in self.points)
 
     def settings(self, before: TrackerRig) -> TrackerRig:
-        """A tracker's settings with these points in place of its own."""
+        """Return a tracker's settings with these points in place of its own."""
         points = tuple(CalibrationPoint(counts=point.counts, mm=point.mm) for point in self.points)
         made = {"calibration": points, "calibrated_on": self.calibrated_on, "noise_mm": round(self.noise_mm, 4)}
         return before.model_copy(update=made)
 
 
 def raw(settings: TrackerRig) -> TrackerRig:
-    """Settings under which a tracker gives readings in place of heights."""
+    """Return settings under which a tracker gives readings in place of heights."""
     return settings.model_copy(update={"calibration": RAW})
 
 
 def level(tracker: Tracker, mm: float, readings: int = READINGS) -> Level:
-    """Read at a known height.
-
-    Args:
-        tracker: opened with the settings of `raw`.
-        mm: the height, mm.
-        readings: how many.
+    """Return readings at a known height, mm, from a tracker opened with the settings of `raw`.
 
     Raises:
         TrackerError: the tracker failed.
@@ -113,14 +101,10 @@ def level(tracker: Tracker, mm: float, readings: int = READINGS) -> Level:
 
 
 def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
-    """Points for a rig file.
-
-    Args:
-        levels: readings at two heights or more.
-        calibrated_on: today.
+    """Return the points for a rig file from readings at two heights or more, dated today.
 
     Raises:
-        TrackerError: too few heights, or readings that do not tell them apart, in one direction.
+        TrackerError: there are too few heights, or the readings do not tell them apart, in one direction.
     """
     by_height = sorted(levels, key=lambda one: one.mm)
     if len(by_height) < 2 or any(lower.mm == upper.mm for lower, upper in pairwise(by_height)):
@@ -150,11 +134,7 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
 
 
 def check_age(rig: Rig, today: date) -> None:
-    """Refuse a real rig whose calibration is undated, too old, or of a day to come.
-
-    Raises:
-        RigError: see above.
-    """
+    """Refuse a real rig whose calibration is undated, too old, or dated after today, with a `RigError`."""
     tracker = rig.tracker
     if rig.rig.simulated:
         return
@@ -174,12 +154,8 @@ def check_age(rig: Rig, today: date) -> None:
 def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
     """Refuse a sensor that reads beyond its calibration before anybody is on the panel.
 
-    Args:
-        tracker: the opened tracker.
-        settings: its calibration.
-
     Raises:
-        TrackerError: half of the readings lie at or beyond an end of the calibration; or the tracker failed.
+        TrackerError: half of the readings lie at or beyond an end of the calibration, or the tracker failed.
     """
     read_mm = heights(tracker, START_READINGS)
     calibrated = [point.mm for point in settings.calibration]
@@ -193,10 +169,10 @@ def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
 
 
 def heights_asked(text: str) -> tuple[float, ...]:
-    """Heights as they are typed, such as `0,10,20,50`, mm.
+    """Return heights as they are typed, such as `0,10,20,50`, mm.
 
     Raises:
-        RigError: not two different numbers or more.
+        RigError: they are not two or more different numbers.
     """
     try:
         found = tuple(float(part) for part in text.split(","))
@@ -210,7 +186,7 @@ def heights_asked(text: str) -> tuple[float, ...]:
 def walk(
     rig: Rig, heights_mm: Sequence[float], *, ask: Callable[[str], str], clock: Clock, port: str | None = None
 ) -> Calibration:
-    """Read the sensor at each height, when the experimenter says that it is there.
+    """Return a calibration: the sensor is read at each height when the experimenter says that the target is there.
 
     Args:
         rig: the rig; its present calibration does not matter.
@@ -220,7 +196,7 @@ def walk(
         port: used instead of the one that the rig names.
 
     Raises:
-        PalpateError: the tracker failed, or the readings are no calibration.
+        PalpateError: the tracker failed, or the readings make no calibration.
     """
     settings = raw(rig.tracker)
     tracker = opening.open_tracker(rig.model_copy(update={"tracker": settings}), clock=clock, port=port)
@@ -235,18 +211,15 @@ def walk(
 
 
 def calibrated(rig: Rig, made: Calibration, days: int) -> Rig:
-    """The rig with a new calibration that holds for so many days."""
+    """Return the rig with a new calibration that holds for so many days."""
     tracker = made.settings(rig.tracker).model_copy(update={"calibration_days": days})
     return rig.model_copy(update={"tracker": tracker})
 
 
 def report(made: Calibration, rig: Rig, step: Step | None) -> Iterator[str]:
-    """What was found, line by line.
+    """Yield the results line by line, of a calibration and the rig with it.
 
-    Args:
-        made: the calibration.
-        rig: the rig with it.
-        step: gate and contact of the protocol that it is meant for; None if none was named.
+    With a protocol's `step`, the last line says whether heights reach past its gate and contact.
     """
     yield "counts      mm   residual mm   noise mm"
     for point in made.points:
@@ -262,19 +235,14 @@ def report(made: Calibration, rig: Rig, step: Step | None) -> Iterator[str]:
 
 
 def table(rig: Rig) -> str:
-    """What to write under [tracker] in a rig file."""
+    """Return what to write under [tracker] in a rig file."""
     document = tomlkit.document()
     _put(document, rig)
     return tomlkit.dumps(document)
 
 
 def rewritten(text: str, rig: Rig) -> str:
-    """A rig file with the calibration of `rig` in place of its own; all else stays, comments too.
-
-    Args:
-        text: the rig file.
-        rig: the rig with the new calibration.
-    """
+    """Return the text of a rig file with the calibration of `rig` in place of its own; all else stays, comments too."""
     document = tomlkit.parse(text)
     _put(cast("MutableMapping[str, Any]", document["tracker"]), rig)
     return tomlkit.dumps(document)

@@ -148,13 +148,7 @@ class Frames(NamedTuple):
 
 
 def encode(sequence: int, device_us: int, counts: int) -> bytes:
-    """Return one frame, 12 bytes.
-
-    Args:
-        sequence: number of the frame; taken modulo 2^16.
-        device_us: device time, microseconds; taken modulo 2^32.
-        counts: the sensor's reading, 0..65535.
-    """
+    """Return one frame, 12 bytes; the sequence number is taken modulo 2^16, device time (microseconds) modulo 2^32."""
     sample = _SAMPLE.pack(sequence % _SEQUENCES, device_us % _CLOCK, counts)
     stuffed: bytes = cobs.encode(sample + crc_hqx(sample, _CRC_START).to_bytes(2, "little"))
     return stuffed + b"\0"
@@ -195,13 +189,9 @@ class Decoder(NamedTuple):
         )
 
     def feed(self, data: bytes) -> tuple[Decoder, Frames]:
-        """Read the next piece of the stream, of any length. Never raises, whatever the bytes.
+        """Return the decoder for the next piece of the stream, and what this one, of any length, held.
 
-        Args:
-            data: the piece.
-
-        Returns:
-            The decoder for the next piece, and what this one held.
+        It never raises, whatever the bytes.
         """
         pieces = (self.tail + data).split(b"\0")
         tail = pieces.pop()[:FRAME_BYTES]

@@ -39,28 +39,27 @@ class Zero:
     samples: int
 
     def applied(self, samples: Samples) -> Samples:
-        """The same samples with heights that count from where the foot rested."""
+        """Return the same samples with heights that count from where the foot rested."""
         return replace(samples, height_mm=samples.height_mm - self.offset_mm)
 
 
-def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: float, still_mm: float = STILL_MM) -> Zero:
-    """The offset of a foot at rest on the panel.
+def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: float) -> Zero:
+    """Return the offset of a foot at rest on the panel.
 
     Args:
         heights_mm: heights while it rested, mm, shape (n,).
         contact_mm: the protocol's height of contact, mm.
         farthest_mm: largest magnitude of the offset, mm.
-        still_mm: largest standard deviation, mm.
 
     Raises:
-        TrackerError: too few samples, a foot that moved, or an offset that is no zero.
+        TrackerError: there are too few samples, the foot moved, or the offset is too large.
     """
     if heights_mm.size < 2:
         raise TrackerError(f"zeroing: got {heights_mm.size} samples; allowed: 2 or more; see to the tracker")
     spread_mm = float(np.std(heights_mm, ddof=1))
-    if spread_mm > still_mm:
+    if spread_mm > STILL_MM:
         raise TrackerError(
-            f"zeroing: got heights that spread by {spread_mm:.2f} mm; allowed: at most {still_mm:g} mm; "
+            f"zeroing: got heights that spread by {spread_mm:.2f} mm; allowed: at most {STILL_MM:g} mm; "
             "rest the foot on the panel without moving"
         )
     offset_mm = float(np.median(heights_mm)) - contact_mm
@@ -74,15 +73,7 @@ def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: flo
 
 
 def heights(tracker: Tracker, samples: int) -> NDArray[np.float64]:
-    """The next heights, mm, shape (samples,), from now on.
-
-    Args:
-        tracker: the tracker.
-        samples: how many.
-
-    Raises:
-        TrackerError: the tracker failed.
-    """
+    """Return the next heights from now on, mm, shape (samples,); `TrackerError` if the tracker failed."""
     tracker.drain()
     read = np.empty(0)
     while read.size < samples:
@@ -94,13 +85,9 @@ class ZeroedTracker:
     """Implements `Tracker` on top of another one: heights count from where the foot rested, once it has."""
 
     def __init__(self, tracker: Tracker, *, contact_mm: float, farthest_mm: float, samples: int) -> None:
-        """Not zeroed yet: heights are as calibrated.
+        """Take over an opened tracker, not zeroed yet: heights are as calibrated.
 
-        Args:
-            tracker: opened.
-            contact_mm: the protocol's height of contact, mm.
-            farthest_mm: largest magnitude of the offset, mm.
-            samples: how many a zeroing takes.
+        A zeroing takes so many `samples` of a foot that rests at most `farthest_mm` from the protocol's `contact_mm`.
         """
         self._tracker = tracker
         self._contact_mm = contact_mm
@@ -115,18 +102,16 @@ class ZeroedTracker:
 
     @property
     def due(self) -> bool:
-        """Whether it is yet to be zeroed, for the first time or since it came back."""
+        """Whether it must still be zeroed, for the first time or since it came back."""
         return self._zero is None
 
     def settle(self, rester: Rester) -> Zero:
-        """Zero it; a foot that moved, or did not rest on the panel, is read again until `rester` gives up.
+        """Return the zero of a resting foot; a foot that moved, or did not rest on the panel, is read again.
 
-        Args:
-            rester: has the foot rest; told why the reading before was no zero.
+        `rester` has the foot rest, is told why the reading before gave no zero, and gives up by raising.
 
         Raises:
             TrackerError: the tracker failed.
-            BaseException: whatever `rester` raises.
         """
         why = ""
         while True:
