@@ -33,7 +33,7 @@ class Alignment:
     """Where and how the intended waveform was heard.
 
     Attributes:
-        onset: sample of what was heard at which its first sample lies.
+        onset: sample of what was heard at which the waveform's first sample lies.
         gain: heard by intended; negative where the polarity is reversed.
         residual_db: power of what delay and gain do not explain, relative to the intended waveform, dB; at least
             `LEAST_DB`.
@@ -57,7 +57,7 @@ class Tolerance:
 
 
 def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]], *, gain: float) -> Alignment | None:
-    """Find the intended waveform in what was heard.
+    """Return where the intended waveform lies in what was heard; None where nothing heard resembles it.
 
     The onset is where a multiple of the waveform leaves the least of what was heard unexplained: the maximum of their
     cross-correlation, for white noise the most likely one.
@@ -66,16 +66,13 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
         heard: samples, shape (m,), m at least n.
         intended: samples, shape (n,), not all zero.
         gain: what the loopback makes of a sample of 1.0; residuals are relative to the intended waveform so scaled.
-
-    Returns:
-        None where nothing heard resembles it.
     """
     wanted, found = intended.astype(np.float64), heard.astype(np.float64)
     energy = float(wanted @ wanted)
     products = signal.correlate(found, wanted, mode="valid", method="fft")
     onset = int(np.argmax(np.abs(products)))
     part = found[onset : onset + wanted.size]
-    # Of the FFT only the place is taken; what is reported is summed anew.
+    # The FFT gives only the place; what is reported is summed anew.
     product, present = float(part @ wanted), float(part @ part)
     if present == 0 or abs(product) < FOUND * np.sqrt(energy * present):
         return None
@@ -91,14 +88,10 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
 
 
 def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, tolerance: Tolerance) -> str:
-    """Why an intended silence does not count as delivered; empty where it does.
+    """Return why an intended silence does not count as delivered; empty where it does.
 
-    A silence has no power that what was heard could be relative to, so its loudest sample is set beside full scale.
-
-    Args:
-        heard: samples, shape (m,), m at least 1.
-        gain: what the loopback makes of a sample of 1.0.
-        tolerance: what may differ.
+    A silence has no power to compare with, so the loudest of the samples heard, shape (m,), is compared with full
+    scale, which the loopback returns as `gain`.
     """
     loudest = float(np.max(np.abs(heard))) / gain
     if loudest <= 10 ** (tolerance.residual_db / 20):
@@ -112,7 +105,7 @@ def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, toleranc
 def objection(
     alignment: Alignment, *, onset_error_ms: float, contact_error_ms: float, gain: float, tolerance: Tolerance
 ) -> str:
-    """Why what was heard does not count as delivered; empty where it does.
+    """Return why what was heard does not count as delivered; empty where it does.
 
     Args:
         alignment: of what was heard.
@@ -154,14 +147,9 @@ class AudioActuator:
         limit_m_s2: float,
         drive: Drive | None = None,
     ) -> None:
-        """Take an output of a running stream.
+        """Take an output of the session's running stream, which stays open when the actuator is closed.
 
-        Args:
-            stream: the session's stream; it stays open when the actuator is closed.
-            audio: the device in the rig file.
-            full_scale: what a sample of 1.0 is: V where there is a `drive`, else m/s^2.
-            limit_m_s2: the protocol's limit.
-            drive: frequency shaping, for a device that takes volts; None for one that takes accelerations.
+        `audio` is the device in the rig file; `Conditioner` says what the other arguments are.
         """
         self._stream = stream
         self._audio = audio
@@ -184,10 +172,7 @@ class AudioActuator:
         return round(self._output_ns + frames / self._stream.rate_hz * 1e9)
 
     def prepare(self, stimulus: Stimulus) -> Played:
-        """Limit and shape a stimulus and lay it ready; nothing sounds yet.
-
-        Args:
-            stimulus: of the step, at `rate_hz`.
+        """Limit and shape a stimulus at `rate_hz` and lay it ready; nothing sounds yet.
 
         Raises:
             ActuatorError: there is nothing to play.
@@ -212,7 +197,7 @@ class AudioActuator:
         return True
 
     def landed(self, contact_ns: int) -> None:
-        """What was never aimed sounds with the next block; see `Actuator.landed`."""
+        """Play with the next block what was never aimed; see `Actuator.landed`."""
         if self._cue is not None and self._requested_ns is None and self._stream.move(self._cue, AT_ONCE):
             self._requested_ns = contact_ns
 
@@ -224,8 +209,7 @@ class AudioActuator:
     def delivered(self, contact_ns: int) -> Delivered | None:
         """Wait until the stimulus has ended, and compare what the loopback heard with it; see `Actuator.delivered`.
 
-        Returns:
-            None where the rig has no loopback, unless the stimulus is known to have been missed.
+        Return None where the rig has no loopback, unless the stimulus is known to have been missed.
 
         Raises:
             ActuatorError: nothing was aimed, and nothing has landed.
@@ -267,7 +251,7 @@ class AudioActuator:
         return self._said(requested_ns, reason, onset_ns, found)
 
     def close(self) -> None:
-        """Nothing of it will sound that has not begun."""
+        """Withdraw what has not begun."""
         self.withdraw()
 
     def _said(

@@ -37,11 +37,7 @@ class Device:
 
 
 def library() -> Any:
-    """The module `sounddevice`.
-
-    Raises:
-        AudioError: it, or the PortAudio that it needs, is not installed.
-    """
+    """Return the module `sounddevice`; `AudioError` if it, or the PortAudio that it needs, is not installed."""
     try:
         import sounddevice
     except (ImportError, OSError) as error:
@@ -57,9 +53,6 @@ def close(stream: Any) -> None:
 
     PortAudio waits for ten minutes to close one whose JACK server has gone, and would do so again as the process ends.
     So a stream that has stopped by itself is left alone after `CLOSE_S`, for good.
-
-    Args:
-        stream: of `library`.
     """
     global _left_alone
     if stream.active:
@@ -101,7 +94,7 @@ def looking_anew() -> Iterator[None]:
 
 
 def devices() -> tuple[Device, ...]:
-    """Every device of every host API."""
+    """Return every device of every host API."""
     sounddevice = library()
     apis = [api["name"] for api in sounddevice.query_hostapis()]
     return tuple(
@@ -117,16 +110,12 @@ def devices() -> tuple[Device, ...]:
 
 
 def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
-    """PortAudio's number of a device.
+    """Return PortAudio's number of a device that has so many inputs and outputs at least.
 
-    Args:
-        host_api: as PortAudio names it, such as `JACK Audio Connection Kit`.
-        name: of the device there.
-        inputs: input channels needed.
-        outputs: output channels needed.
+    The host API is as PortAudio names it, such as `JACK Audio Connection Kit`.
 
     Raises:
-        AudioError: there is none of this name, or it has fewer channels.
+        AudioError: there is no device of this name, or it has fewer channels.
     """
     present = devices()
     named = [(i, each) for i, each in enumerate(present) if (each.host_api, each.name) == (host_api, name)]
@@ -149,12 +138,7 @@ def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
 
 @contextmanager
 def explained(name: str, *, rate_hz: int) -> Iterator[None]:
-    """Turn an error of PortAudio into one that an experimenter understands.
-
-    Args:
-        name: of the device.
-        rate_hz: asked of it.
-    """
+    """Turn an error of PortAudio into one that an experimenter understands; the device was asked for `rate_hz`."""
     sounddevice = library()
     try:
         yield

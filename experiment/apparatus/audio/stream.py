@@ -44,13 +44,7 @@ KEPT = 8192
 
 @dataclass(frozen=True)
 class Fit:
-    """How well callbacks keep to the timeline.
-
-    Attributes:
-        median_ms: lateness of a callback, median.
-        p95_ms: 95th percentile.
-        worst_ms: the worst.
-    """
+    """How late callbacks come on the timeline, ms: median, 95th percentile and worst."""
 
     median_ms: float
     p95_ms: float
@@ -66,12 +60,6 @@ class Timeline:
     """
 
     def __init__(self, *, rate_hz: float, block: int) -> None:
-        """Begin.
-
-        Args:
-            rate_hz: frames a second.
-            block: frames of a block.
-        """
         self._ns_per_frame = 1e9 / rate_hz
         self._quarter_block_ns = 0.25 * block * self._ns_per_frame
         # Of each callback: its first frame, ns less the ns that this frame stands for, and gaps before it.
@@ -85,12 +73,7 @@ class Timeline:
         self._count_and_gaps = (0, 0)
 
     def note(self, frame: int, now_ns: int) -> None:
-        """A callback came. Touches preallocated memory alone.
-
-        Args:
-            frame: first frame of its block.
-            now_ns: session time.
-        """
+        """Note that the callback for a block with this first frame came now; this touches preallocated memory alone."""
         count, gaps = self._count_and_gaps
         offset_ns = now_ns - int(frame * self._ns_per_frame)
         self._late = self._late + 1 if offset_ns - self._origin_ns > self._quarter_block_ns else 0
@@ -115,7 +98,7 @@ class Timeline:
         return self._count_and_gaps[1]
 
     def ns_of(self, frame: float) -> int:
-        """Session time at which the stream takes a frame, or took it, ns; the output's latency not included."""
+        """Return the session time at which the stream takes a frame, or took it, ns; without the output's latency."""
         count, _ = self._count_and_gaps
         places = np.arange(max(count - KEPT, 0), count) % KEPT
         lines = self._line[places]
@@ -125,11 +108,11 @@ class Timeline:
         return int(same.min()) + round(frame * self._ns_per_frame)
 
     def frame_at(self, t_ns: int) -> int:
-        """The frame nearest to a session time."""
+        """Return the frame nearest to a session time."""
         return round((t_ns - self._origin_ns) / self._ns_per_frame)
 
     def fit(self) -> Fit:
-        """How well the last callbacks kept to it."""
+        """Return how well the last callbacks kept to it."""
         count, gaps = self._count_and_gaps
         places = np.arange(max(count - WINDOW, 0), count) % KEPT
         window = self._offsets_ns[places[self._line[places] == gaps]]
@@ -198,14 +181,10 @@ class AudioStream:
     """A session's sound, in and out."""
 
     def __init__(self, settings: StreamSettings, clock: Clock) -> None:
-        """Open the device and wait until it runs.
-
-        Args:
-            settings: what to open.
-            clock: the session's clock; it must go by itself.
+        """Open the device and wait until it runs; the session's clock must go by itself.
 
         Raises:
-            AudioError: no such device, it is busy, has too few channels, refuses the rate, or does not start.
+            AudioError: the device does not exist, is busy, has too few channels, refuses the rate, or does not start.
         """
         self._settings = settings
         self._clock = clock
@@ -286,11 +265,11 @@ class AudioStream:
         )
 
     def ns_of(self, frame: float) -> int:
-        """Session time at which the stream takes a frame, ns; the output's latency comes on top."""
+        """Return the session time at which the stream takes a frame, ns; the output's latency comes on top."""
         return self._timeline.ns_of(frame)
 
     def frame_at(self, t_ns: int) -> int:
-        """The frame that the stream takes at a session time."""
+        """Return the frame that the stream takes at a session time."""
         return self._timeline.frame_at(t_ns)
 
     def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
@@ -303,11 +282,11 @@ class AudioStream:
         return self._mixer.schedule(waveform, channel=channel, frame=frame)
 
     def move(self, cue: Cue, frame: int) -> bool:
-        """Have a waiting stimulus start at another frame; False if it has started, then nothing is changed."""
+        """Have a waiting stimulus start at another frame; see `Mixer.move`."""
         return self._mixer.move(cue, frame)
 
     def withdraw(self, cue: Cue) -> bool:
-        """Take a stimulus back; True if nothing of it has sounded or will."""
+        """Take a stimulus back; return True if nothing of it has sounded or will."""
         return self._mixer.withdraw(cue)
 
     def play_loop(self, samples: Block, channels: tuple[int, ...]) -> Loop:
@@ -317,7 +296,7 @@ class AudioStream:
         return loop
 
     def kept(self, frame: int, frames: int) -> Block:
-        """What the inputs heard, once they have: shape (frames, inputs).
+        """Return what the inputs heard, once they have: shape (frames, inputs).
 
         Raises:
             AudioError: it is not kept any more, or the stream has stopped.
@@ -326,11 +305,7 @@ class AudioStream:
         return self._mixer.kept(frame, frames)
 
     def wait(self, frame: int) -> None:
-        """Wait until every frame before `frame` has been made.
-
-        Raises:
-            AudioError: the stream has stopped.
-        """
+        """Wait until every frame before `frame` has been made; `AudioError` if the stream has stopped."""
         seen, seen_ns = self._mixer.frame, self._clock.now_ns()
         while self._mixer.frame < frame:
             self._clock.sleep_ns(int(0.5e9 * self._settings.block / self.rate_hz))

@@ -51,14 +51,14 @@ class PcmAccelerometer:
     def __init__(
         self, address: str, *, rate_hz: int, full_scale_m_s2: float, trigger_m_s2: float, clock: Clock | None = None
     ) -> None:
-        """Prepare; each take makes its own connection.
+        """Prepare to listen to the server at `host:port`; each take makes its own connection.
 
         Args:
-            address: `host:port` of the server.
+            address: of the server.
             rate_hz: sampling rate of the device, Hz.
             full_scale_m_s2: acceleration of a sample of 1.0.
             trigger_m_s2: magnitude at which a take begins, above the noise of a panel at rest.
-            clock: the host's, on which samples arrive; the machine's monotonic clock if None.
+            clock: the host's, which stamps samples; the machine's monotonic clock if None.
         """
         host, _, port = address.rpartition(":")
         self._address = address
@@ -74,10 +74,7 @@ class PcmAccelerometer:
         return self._rate_hz
 
     def arm(self, samples: int) -> None:
-        """Listen from now on for the next take.
-
-        Args:
-            samples: its length.
+        """Listen from now on for the next take, of so many samples.
 
         Raises:
             RecordingError: nothing answers at the address, or nothing comes from there.
@@ -97,11 +94,7 @@ class PcmAccelerometer:
             raise self._failed(problem)
 
     def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
-        """The take that was armed for; call it once the foot is down.
-
-        Args:
-            earliest_ns: the take begins no earlier, on the host's clock.
-            latest_ns: nor later.
+        """Return the take that was armed for, once the foot is down; it begins between two times of the host's clock.
 
         Raises:
             RecordingError: not armed, the stream broke or ended too soon, or it holds samples that are no numbers.
@@ -155,13 +148,13 @@ class _Listening:
         self._thread.start()
 
     def alive(self, timeout_s: float) -> str | None:
-        """Wait for the first samples; what is wrong if none come."""
+        """Return what is wrong if no samples come in time; None once the first have."""
         with self._changed:
             self._changed.wait_for(lambda: self._count or self._broken, timeout_s)
             return None if self._count else self._broken or f"nothing came within {timeout_s:g} s"
 
     def take(self, earliest_ns: int, latest_ns: int, *, level: float) -> _Taken | str:
-        """The take that begins in the stretch, or what went wrong."""
+        """Return the take that begins in the stretch, or what went wrong."""
         before = round(BEFORE_S * self._rate_hz)
         with self._changed:
             if not self._wait(lambda: self._sample_at(latest_ns) + 1):
@@ -187,14 +180,14 @@ class _Listening:
         return taken, self._time_ns(triggered, start_ns), knock_ns
 
     def stop(self) -> None:
-        # A server that has closed already is as good.
+        # A server that has closed already raises an error that does not matter.
         with suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._connection.close()
 
     def _wait(self, wanted: Callable[[], int]) -> bool:
-        """Whether as many samples as wanted have come, in time."""
+        """Return whether as many samples as wanted have come, in time."""
         due_s = max(wanted() - self._count, 0) / self._rate_hz
         self._changed.wait_for(lambda: self._count >= wanted() or self._broken, due_s + LATE_S)
         return self._count >= wanted()
@@ -203,7 +196,7 @@ class _Listening:
         return self._broken or f"only {self._count} samples came, fewer than {self._rate_hz} a second"
 
     def _start_ns(self) -> float:
-        """When the stream's first sample was taken, as the piece that was held up least has it."""
+        """Return when the stream's first sample was taken, as the piece that was held up least has it."""
         end, starts = self._first, []
         for piece, arrived_ns in self._pieces:
             end += piece.size

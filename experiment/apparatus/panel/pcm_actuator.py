@@ -33,17 +33,10 @@ class PcmActuator:
     def __init__(
         self, address: str, *, rate_hz: int, full_scale: float, limit_m_s2: float, drive: Drive | None = None
     ) -> None:
-        """Prepare; nothing is connected yet.
-
-        Args:
-            address: `host:port` of the server.
-            rate_hz: sampling rate of the device, Hz.
-            full_scale: what a sample of 1.0 is: V where there is a `drive`, else m/s^2.
-            limit_m_s2: the protocol's limit; the limiter holds to it, or to full scale in m/s^2 where that is lower.
-            drive: frequency shaping, for a device that takes volts; None for one that takes accelerations.
+        """Prepare for the server at `host:port`; nothing is connected yet. `Conditioner` says what the limits are.
 
         Raises:
-            ActuatorError: `address` is no `host:port`, or the limit is no limit.
+            ActuatorError: `address` is no `host:port`, or the limit is negative or not finite.
         """
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
@@ -63,27 +56,20 @@ class PcmActuator:
         return 0
 
     def prepare(self, stimulus: Stimulus) -> Played:
-        """Limit, shape and keep a stimulus.
-
-        Args:
-            stimulus: of the step, at `rate_hz`.
-
-        Raises:
-            ActuatorError: there is nothing to play.
-        """
+        """Limit, shape and keep a stimulus at `rate_hz`; `ActuatorError` if there is nothing to play."""
         played = self._condition(stimulus)
         self._prepared = played.samples
         return played
 
     def aim(self, onset_ns: int) -> bool:  # noqa: ARG002
-        """Nothing can be scheduled; `landed` is what sounds it."""
+        """Change nothing: this port cannot schedule, and `landed` plays the stimulus."""
         return True
 
     def landed(self, contact_ns: int) -> None:  # noqa: ARG002
         """Hand the prepared stimulus to the device; it sounds now, whenever contact was.
 
         Raises:
-            ActuatorError: no server, it went away, or it did not take all of it.
+            ActuatorError: no server answers, the connection broke, or the server did not take all of it.
         """
         samples, self._prepared = self._prepared, None
         if samples is not None:
@@ -100,11 +86,7 @@ class PcmActuator:
         """Nothing stays open between stimuli."""
 
     def reach(self) -> None:
-        """Connect and hang up, which plays nothing.
-
-        Raises:
-            ActuatorError: nothing answers at the address.
-        """
+        """Connect and hang up, which plays nothing; `ActuatorError` if nothing answers at the address."""
         self._connected().close()
 
     def _connected(self) -> socket.socket:
