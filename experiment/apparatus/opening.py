@@ -195,7 +195,7 @@ def open_tracker(
     farthest_mm = rig.tracker.zeroing_mm
     if contact_mm is None or farthest_mm is None:
         return tracker
-    from experiment.apparatus.tracker.zeroing import REST_S, ZeroedTracker
+    from experiment.apparatus.tracker.calibration import REST_S, ZeroedTracker
 
     samples = round(REST_S * rig.tracker.rate_hz)
     return ZeroedTracker(tracker, contact_mm=contact_mm, farthest_mm=farthest_mm, samples=samples)
@@ -244,7 +244,7 @@ def open_actuator(
             "says; correct [actuator.shaping] there"
         )
     if where is not None:
-        from experiment.apparatus.panel.pcm_actuator import PcmActuator
+        from experiment.apparatus.panel.pcm import PcmActuator
 
         server = PcmActuator(
             where, rate_hz=settings.rate_hz, full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive
@@ -278,7 +278,7 @@ def open_accelerometer(
     Raises:
         RigError: the rig has none, it samples at another rate, or it exists in simulation alone.
     """
-    from experiment.apparatus.panel.pcm_accelerometer import PcmAccelerometer
+    from experiment.apparatus.panel.pcm import PcmAccelerometer
 
     settings = accelerometer_of(rig)
     if settings.rate_hz != rate_hz:

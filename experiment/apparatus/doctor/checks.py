@@ -21,7 +21,7 @@ import numpy as np
 
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel import response_table as response
-from experiment.apparatus.panel.pcm_actuator import PcmActuator
+from experiment.apparatus.panel.pcm import PcmActuator
 from experiment.apparatus.rig import ActuatorRig, HeadphonesRig, LatencyRig, Rig, TrackerRig, response_table
 from experiment.apparatus.tracker import calibration
 from experiment.apparatus.tracker.frames import FRAME_BYTES
