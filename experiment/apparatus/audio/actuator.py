@@ -15,7 +15,7 @@ from scipy import signal
 from experiment.apparatus.audio.mixer import AT_ONCE, Cue
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.panel.conditioning import Conditioner, Played
-from experiment.apparatus.rig import AudioRig
+from experiment.apparatus.rig import AudioRig, DeliveredRig
 from experiment.errors import ActuatorError
 from experiment.records.stimulus import Delivered
 from experiment.synthesis.voltages import Drive
@@ -44,16 +44,6 @@ class Alignment:
     gain: float
     residual_db: float
     correlation: float
-
-
-@dataclass(frozen=True)
-class Tolerance:
-    """What may differ; see `rig.DeliveredRig`."""
-
-    onset_ms: float
-    contact_ms: float | None
-    gain_db: float
-    residual_db: float
 
 
 def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]], *, gain: float) -> Alignment | None:
@@ -87,7 +77,7 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
     )
 
 
-def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, tolerance: Tolerance) -> str:
+def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, tolerance: DeliveredRig) -> str:
     """Return why an intended silence does not count as delivered; empty where it does.
 
     A silence has no power to compare with, so the loudest of the samples heard, shape (m,), is compared with full
@@ -103,7 +93,7 @@ def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, toleranc
 
 
 def objection(
-    alignment: Alignment, *, onset_error_ms: float, contact_error_ms: float, gain: float, tolerance: Tolerance
+    alignment: Alignment, *, onset_error_ms: float, contact_error_ms: float, gain: float, tolerance: DeliveredRig
 ) -> str:
     """Return why what was heard does not count as delivered; empty where it does.
 
@@ -155,7 +145,7 @@ class AudioActuator:
         self._audio = audio
         self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive)
         self._output_ns = audio.latency.output_ms * 1e6
-        self._tolerance = Tolerance(**audio.delivered.model_dump())
+        self._tolerance = audio.delivered
         self._samples: NDArray[np.float32] = np.zeros(0, np.float32)
         self._cue: Cue | None = None
         self._requested_ns: int | None = None
@@ -218,7 +208,7 @@ class AudioActuator:
         cue, requested_ns = self._cue, self._requested_ns
         if cue is None or requested_ns is None:
             raise ActuatorError(
-                "actuator: got a question for a stimulus that nothing set off; aim it, or say it landed"
+                "actuator: got a question about a stimulus that nothing set off; aim it, or report the landing first"
             )
         self._stream.wait(max(cue.frame, 0))
         while not cue.done:

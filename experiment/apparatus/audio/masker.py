@@ -178,7 +178,7 @@ class AudioMasker:
             AudioError: it is no level, the masker is silent, or the day's dose is used up.
         """
         if self._level_db_a is None:
-            raise AudioError("masker: got a level while it is silent; allowed: once it plays; start it first")
+            raise AudioError("masker: got a level while it is silent; allowed: only while it plays; start it first")
         return self._go(level_db_a)
 
     def stop(self) -> None:

@@ -223,12 +223,12 @@ class Mixer:
             AudioError: not all of it has been heard yet, or not all of it is still kept.
         """
         if frame < 0 or frames < 0 or frame + frames > self.frame:
-            raise AudioError(f"audio: got a wish for input up to frame {frame + frames}; allowed: up to {self.frame}")
+            raise AudioError(f"audio: got a request for input to frame {frame + frames}; allowed: up to {self.frame}")
         taken = self._kept[np.arange(frame, frame + frames) % len(self._kept)]
         # The block under way may be overwriting what lies a whole ring behind it.
         oldest = self.frame + self.layout.block - len(self._kept)
         if frame < oldest:
-            raise AudioError(f"audio: got a wish for input from frame {frame} on; allowed: from {oldest}, ask sooner")
+            raise AudioError(f"audio: got a request for input from frame {frame}; allowed: from {oldest}; ask sooner")
         return taken
 
     def _fill(self, outputs: Block, inputs: Block, first: int) -> None:

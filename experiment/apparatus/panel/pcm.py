@@ -203,7 +203,7 @@ class PcmAccelerometer:
             RecordingError: not armed, the stream broke or ended too soon, or it holds samples that are no numbers.
         """
         if self._listening is None:
-            raise RecordingError("accelerometer: got no arming before the step; arm it first, then step")
+            raise RecordingError("accelerometer: got a step before it was armed; arm it first, then step")
         listening, self._listening = self._listening, None
         try:
             raw = listening.take(earliest_ns, latest_ns, level=self._trigger_m_s2 / self._full_scale_m_s2)
