@@ -18,7 +18,6 @@ from experiment.apparatus.rig import (
     AccelerometerRig,
     AudioRig,
     Rig,
-    check_calibrations,
     response_table,
 )
 from experiment.apparatus.tracker.clock_map import ClockMap
@@ -67,7 +66,8 @@ def open_audio(
     if device is None and audio.device == REHEARSAL:
         raise RigError(simulated_only(rig, "audio.device"))
     if not rig.rig.simulated:
-        check_calibrations(audio, today)
+        rigs.check_latency(audio, today)
+        rigs.check_headphones(audio, today)
     ceilings = [0.0] * audio.channels.outputs
     for channel in audio.channels.headphones:
         ceilings[channel - 1] = masker.ceiling if masker is not None else 0.0

@@ -249,20 +249,14 @@ class AudioRig(Confined):
     delivered: DeliveredRig
 
 
-def check_calibrations(audio: AudioRig, today: date) -> None:
-    """Refuse calibrations of the audio device older than the rig allows, or made after today, with a `RigError`."""
-    check_latency(audio, today)
-    check_headphones(audio, today)
-
-
 def check_latency(audio: AudioRig, today: date) -> None:
-    """Refuse the calibration that `palpate calibrate audio` makes, as `check_calibrations` does."""
+    """Refuse, with a `RigError`, a latency that was calibrated too long ago, or after today."""
     made, days = audio.latency.calibrated_on, audio.latency.calibration_days
     _check_age("latency", made, days, today, "run `palpate calibrate audio`")
 
 
 def check_headphones(audio: AudioRig, today: date) -> None:
-    """Refuse the headphones' calibration, as `check_calibrations` does."""
+    """Refuse, with a `RigError`, a level of the headphones that was calibrated too long ago, or after today."""
     made, days = audio.headphones.calibrated_on, audio.headphones.calibration_days
     _check_age("headphones", made, days, today, "measure the headphones' level anew")
 
