@@ -90,12 +90,6 @@ class Calibration:
         """Noise of the noisiest point, mm."""
         return max(point.noise_mm for point in self.points)
 
-    def settings(self, before: TrackerRig) -> TrackerRig:
-        """Return a tracker's settings with these points in place of its own."""
-        points = tuple(CalibrationPoint(counts=point.counts, mm=point.mm) for point in self.points)
-        made = {"calibration": points, "calibrated_on": self.calibrated_on, "noise_mm": round(self.noise_mm, 4)}
-        return before.model_copy(update=made)
-
 
 def raw(rig: Rig) -> Rig:
     """Return the rig with a tracker that gives readings in place of heights."""
@@ -206,8 +200,14 @@ def walk(tracker: Tracker, heights_mm: Sequence[float], *, ask: Callable[[str], 
 
 def calibrated(rig: Rig, made: Calibration, days: int) -> Rig:
     """Return the rig with a new calibration that holds for so many days."""
-    tracker = made.settings(rig.tracker).model_copy(update={"calibration_days": days})
-    return rig.model_copy(update={"tracker": tracker})
+    points = tuple(CalibrationPoint(counts=point.counts, mm=point.mm) for point in made.points)
+    tracker = {
+        "calibration": points,
+        "calibrated_on": made.calibrated_on,
+        "noise_mm": round(made.noise_mm, 4),
+        "calibration_days": days,
+    }
+    return rig.model_copy(update={"tracker": rig.tracker.model_copy(update=tracker)})
 
 
 def report(made: Calibration, rig: Rig, step: Step | None) -> Iterator[str]:
