@@ -69,7 +69,7 @@ def pinned() -> Iterator[int | None]:
 
 @contextmanager
 def elsewhere() -> Iterator[None]:
-    """What the thread that keeps to a core starts meanwhile runs on the cores that it leaves."""
+    """Have what the thread that keeps to a core starts meanwhile run on the cores that it leaves."""
     before = _allowed()
     _go_to(_left.get())
     try:
@@ -79,7 +79,7 @@ def elsewhere() -> Iterator[None]:
 
 
 def leaving() -> Callable[[], bool]:
-    """What a thread that was there before calls to leave the core of the session that asks here, as its thread."""
+    """Return what a thread that was there before calls, as its thread, to leave the core of the session asking here."""
     left = _left.get()
     return lambda: _go_to(left)
 
@@ -100,7 +100,7 @@ def _taken(cores: frozenset[int]) -> Iterator[int | None]:
 
 
 def _fastest_khz(core: int) -> int:
-    """What the core reaches; 0 where the system does not say, as on a virtual machine."""
+    """Return what the core reaches; 0 where the system does not say, as on a virtual machine."""
     try:
         return int(Path(FREQUENCY.format(core)).read_text("ascii"))
     except (OSError, ValueError):
@@ -113,7 +113,7 @@ if sys.platform == "linux":
         return frozenset(os.sched_getaffinity(0))
 
     def _go_to(cores: frozenset[int]) -> bool:
-        """Whether the system lets the thread run on these cores alone; on none it lets nobody."""
+        """Return whether the system lets the thread run on these cores alone; no thread may run on none."""
         try:
             os.sched_setaffinity(0, cores)
         except OSError:
@@ -171,14 +171,14 @@ def raised() -> Iterator[str]:
 
 
 def is_real_time() -> bool:
-    """Whether the calling thread runs in real time."""
+    """Return whether the calling thread runs in real time."""
     return _real_time_level() > 0
 
 
 def joining() -> Callable[[], None]:
-    """What a thread that a library starts calls to run just above the one that asks here, if that runs in real time.
+    """Return what a library's thread calls to run just above the one that asks here, if that one runs in real time.
 
-    Where the system allows no step above, it runs beside it. A thread that stands higher already stays where it is.
+    Where the system allows no step above, the thread runs beside it. One that stands higher already stays where it is.
     """
     real_time = is_real_time()
 
@@ -193,7 +193,7 @@ def joining() -> Callable[[], None]:
 
 @contextmanager
 def undisturbed() -> Iterator[None]:
-    """No collection until the end of what must not wait; what it would have freed is freed soon after."""
+    """Collect nothing until the end of what must not wait; what would have been freed is freed soon after."""
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -204,7 +204,7 @@ def undisturbed() -> Iterator[None]:
 
 
 def _real_time_level() -> int:
-    """The calling thread's real-time priority; 0 for none."""
+    """Return the calling thread's real-time priority; 0 for none."""
     if sys.platform != "linux":
         return 0
     policy = os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
@@ -247,14 +247,14 @@ if sys.platform == "linux":
         return f"ordinary: {_MORE}"
 
     def _lower(policy: int, parameters: os.sched_param, nice: int) -> None:
-        """What was taken may be given back without any right."""
+        """Restore policy and niceness: what was taken may be given back without any right."""
         if os.sched_getscheduler(0) != policy:
             os.sched_setscheduler(0, policy, parameters)
         if os.getpriority(os.PRIO_PROCESS, 0) != nice:
             os.setpriority(os.PRIO_PROCESS, 0, nice)
 
     def _throttled() -> bool:
-        """Whether the kernel keeps real-time threads from taking a core for themselves."""
+        """Return whether the kernel keeps real-time threads from taking a core for themselves."""
         try:
             share_us, of_us = (int(file.read_text("ascii")) for file in (THROTTLE, PERIOD))
             return 0 <= share_us < of_us

@@ -18,7 +18,6 @@ from experiment.apparatus.rig import (
     AccelerometerRig,
     AudioRig,
     Rig,
-    check_calibrations,
     response_table,
 )
 from experiment.apparatus.tracker.clock_map import ClockMap
@@ -35,11 +34,7 @@ if TYPE_CHECKING:
 
 
 def audio_of(rig: Rig) -> AudioRig:
-    """The settings of the rig's audio device.
-
-    Raises:
-        RigError: the rig has none.
-    """
+    """Return the settings of the rig's audio device; `RigError` if the rig has none."""
     if rig.audio is None:
         raise RigError(
             f"rig '{rig.rig.name}': got no table [audio]; allowed: one, for masker and loopback need it; "
@@ -62,7 +57,7 @@ def open_audio(
         device: used instead of the one that the rig names.
 
     Raises:
-        RigError: the rig has no audio device, a calibration is too old, or it exists in simulation alone.
+        RigError: the rig has no audio device, a calibration is too old, or the device exists in simulation alone.
         AudioError: the device cannot be opened.
     """
     from experiment.apparatus.panel.conditioning import Conditioner
@@ -71,7 +66,8 @@ def open_audio(
     if device is None and audio.device == REHEARSAL:
         raise RigError(simulated_only(rig, "audio.device"))
     if not rig.rig.simulated:
-        check_calibrations(audio, today)
+        rigs.check_latency(audio, today)
+        rigs.check_headphones(audio, today)
     ceilings = [0.0] * audio.channels.outputs
     for channel in audio.channels.headphones:
         ceilings[channel - 1] = masker.ceiling if masker is not None else 0.0
@@ -84,17 +80,9 @@ def open_audio(
 
 
 def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = None) -> AudioStream:
-    """Open the rig's audio device to measure it, whatever the age of its calibrations.
+    """Open the rig's audio device to measure it, whatever the age of its calibrations; errors are as in `open_audio`.
 
-    Args:
-        rig: the rig.
-        peak: largest magnitude of a probe on the actuator's channel, 1.0 being full scale; other channels are silent.
-        clock: the session's clock; it must go by itself.
-        device: used instead of the one that the rig names.
-
-    Raises:
-        RigError: the rig has no audio device.
-        AudioError: the device cannot be opened.
+    A probe on the actuator's channel is at most `peak` in magnitude, 1.0 being full scale; other channels are silent.
     """
     audio = audio_of(rig)
     ceilings = [0.0] * audio.channels.outputs
@@ -117,12 +105,7 @@ def _stream(audio: AudioRig, ceilings: list[float], clock: Clock, device: str | 
 
 
 def masker_noise(rig: Rig, *, samples: NDArray[np.float64], limit_db_a: float) -> MaskerNoise:
-    """A masker as the rig's headphones play it.
-
-    Args:
-        rig: the rig.
-        samples: one round of noise at the rate of the audio device, of rms 1, shape (n,).
-        limit_db_a: the protocol's limit, dB(A).
+    """Return one round of noise, of rms 1 at the rate of the audio device, shape (n,), as the rig's headphones play it.
 
     Raises:
         RigError: the rig has no audio device.
@@ -142,17 +125,9 @@ def masker_noise(rig: Rig, *, samples: NDArray[np.float64], limit_db_a: float) -
 def open_masker(
     rig: Rig, *, stream: AudioStream, noise: MaskerNoise, clock: Clock, dose_before: float = 0.0
 ) -> AudioMasker:
-    """The masker on the rig's headphones, silent as yet.
+    """Return the masker on the rig's headphones, silent as yet; its stream was opened for this noise.
 
-    Args:
-        rig: the rig.
-        stream: the session's, opened for this noise.
-        noise: what to play.
-        clock: the session's clock.
-        dose_before: what the participant's earlier sessions of the day used up.
-
-    Raises:
-        RigError: the rig has no audio device.
+    `dose_before` is what the participant's earlier sessions of the day used up.
     """
     from experiment.apparatus.audio.masker import AudioMasker
 
@@ -161,7 +136,7 @@ def open_masker(
 
 
 def simulated_only(rig: Rig, key: str) -> str:
-    """Why a device that exists in simulation alone cannot be opened; `key` names it in the rig file."""
+    """Return why a device that exists in simulation alone cannot be opened; `key` names it in the rig file."""
     return (
         f"rig '{rig.rig.name}' is simulated: its devices exist only inside `palpate rehearse`; "
         f"give a rig file whose {key} names a real one"
@@ -169,13 +144,11 @@ def simulated_only(rig: Rig, key: str) -> str:
 
 
 def copy_rig(rig_file: Path, copy: Path) -> None:
-    """Copy a rig file to `copy`, and beside it what it names: its response table, and its tracker's driver.
-
-    A driver of an installed package is not copied.
+    """Copy a rig file, and beside it what it names: its response table, and its tracker's driver if that is a file.
 
     Raises:
-        RigError: the table is not the one that the rig file names, or beside the copy there is another table or driver
-            of that name.
+        RigError: the table is not the one that the rig file names, or another table or driver of that name stands
+            beside the copy.
     """
     rig = rigs.load(rig_file)
     beside: dict[str, tuple[str, bytes]] = {}
@@ -214,7 +187,7 @@ def open_tracker(
 
     Raises:
         TrackerError: the port cannot be opened.
-        RigError: the rig names a driver that there is not.
+        RigError: the driver that the rig names cannot be found or used.
     """
     if port is None and rig.tracker.port == REHEARSAL:
         raise TrackerError(simulated_only(rig, "tracker.port"))
@@ -222,7 +195,7 @@ def open_tracker(
     farthest_mm = rig.tracker.zeroing_mm
     if contact_mm is None or farthest_mm is None:
         return tracker
-    from experiment.apparatus.tracker.zeroing import REST_S, ZeroedTracker
+    from experiment.apparatus.tracker.calibration import REST_S, ZeroedTracker
 
     samples = round(REST_S * rig.tracker.rate_hz)
     return ZeroedTracker(tracker, contact_mm=contact_mm, farthest_mm=farthest_mm, samples=samples)
@@ -258,7 +231,7 @@ def open_actuator(
 
     Raises:
         ActuatorError: the address or the limit cannot be used, nothing answers there, or the stream is missing.
-        RigError: `drive` is missing, or there is one and the rig's actuator takes accelerations.
+        RigError: `drive` is missing, or is given although the rig's actuator takes accelerations.
     """
     settings = rig.actuator
     where = address or settings.address
@@ -271,7 +244,7 @@ def open_actuator(
             "says; correct [actuator.shaping] there"
         )
     if where is not None:
-        from experiment.apparatus.panel.pcm_actuator import PcmActuator
+        from experiment.apparatus.panel.pcm import PcmActuator
 
         server = PcmActuator(
             where, rate_hz=settings.rate_hz, full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive
@@ -288,11 +261,7 @@ def open_actuator(
 
 
 def accelerometer_of(rig: Rig) -> AccelerometerRig:
-    """The settings of the rig's accelerometer.
-
-    Raises:
-        RigError: the rig has none.
-    """
+    """Return the settings of the rig's accelerometer; `RigError` if the rig has none."""
     if rig.accelerometer is None:
         raise RigError(
             f"rig '{rig.rig.name}': got no table [accelerometer]; allowed: one, for recording needs it; add driver, "
@@ -304,18 +273,12 @@ def accelerometer_of(rig: Rig) -> AccelerometerRig:
 def open_accelerometer(
     rig: Rig, *, rate_hz: int, address: str | None = None, clock: Clock | None = None
 ) -> Accelerometer:
-    """Open the rig's accelerometer.
-
-    Args:
-        rig: the rig.
-        rate_hz: sampling rate that the protocol asks of recordings, Hz.
-        address: used instead of the one that the rig names.
-        clock: the host's; the machine's monotonic clock if None.
+    """Open the rig's accelerometer, at its own address or another, for recordings at the protocol's `rate_hz`.
 
     Raises:
         RigError: the rig has none, it samples at another rate, or it exists in simulation alone.
     """
-    from experiment.apparatus.panel.pcm_accelerometer import PcmAccelerometer
+    from experiment.apparatus.panel.pcm import PcmAccelerometer
 
     settings = accelerometer_of(rig)
     if settings.rate_hz != rate_hz:

@@ -35,10 +35,10 @@ class Tracker(Protocol):
         ...
 
     def read(self) -> Samples:
-        """Wait for the next samples, at least one.
+        """Return the next samples, at least one, and wait for them.
 
         Raises:
-            TrackerStopped: within 200 ms of silence, or when the port has gone.
+            TrackerStopped: nothing came for at most 200 ms, or the port has gone.
             TrackerError: the device's clock is no longer the one it was.
         """
         ...
@@ -47,7 +47,7 @@ class Tracker(Protocol):
         """Wait until the device is back and speaks. It may have restarted: a new `clock_map` begins; `counts` go on.
 
         Raises:
-            TrackerStopped: it was not back in time; it may be called again.
+            TrackerStopped: it was not back in time; this may be called again.
         """
         ...
 
@@ -55,10 +55,10 @@ class Tracker(Protocol):
 
 
 class Rester(Protocol):
-    """Who has a foot rest on the panel, so that the tracker can be zeroed."""
+    """Someone who has a foot rest on the panel, so that the tracker can be zeroed."""
 
     def rest(self, *, why: str) -> None:
-        """Have the foot rest on the bare panel; returns when it does. `why`: what was wrong the time before."""
+        """Return when the foot rests on the bare panel; `why` says what was wrong the time before."""
         ...
 
 
@@ -79,10 +79,7 @@ class Actuator(Protocol):
         ...
 
     def prepare(self, stimulus: Stimulus) -> Played:
-        """Make a stimulus ready; nothing sounds yet. It replaces one that was prepared and has not begun.
-
-        Args:
-            stimulus: of the step, at `rate_hz`.
+        """Make a stimulus at `rate_hz` ready; nothing sounds yet. It replaces one that was prepared and has not begun.
 
         Raises:
             ActuatorError: there is nothing to play, or the device is gone.
@@ -92,13 +89,12 @@ class Actuator(Protocol):
     def aim(self, onset_ns: int) -> bool:
         """Have the first sample reach the panel at `onset_ns`, session time; called again for a better time.
 
-        Returns:
-            False once the point of no return has passed, or lies too close for this time; nothing changed then.
+        Return False once the point of no return has passed, or lies too close for this time; nothing changed then.
         """
         ...
 
     def landed(self, contact_ns: int) -> None:
-        """The foot touched the panel at `contact_ns`, session time. What was never aimed sounds at once.
+        """The foot touched the panel at `contact_ns`, session time: a stimulus that was never aimed sounds at once.
 
         Raises:
             ActuatorError: the stimulus could not be handed over.
@@ -106,14 +102,13 @@ class Actuator(Protocol):
         ...
 
     def withdraw(self) -> bool:
-        """Take the stimulus back. Returns whether nothing of it will sound."""
+        """Take the stimulus back, and return whether nothing of it will sound."""
         ...
 
     def delivered(self, contact_ns: int) -> Delivered | None:
-        """What was heard of the stimulus, once it has ended; None where nothing measures it.
+        """Return what was heard of the stimulus, once it has ended; None where nothing measures it.
 
-        Args:
-            contact_ns: when the foot touched the panel, session time, as it is known by then.
+        `contact_ns` is when the foot touched the panel, session time, as it is known by then.
 
         Raises:
             ActuatorError: the device cannot say.
@@ -154,11 +149,11 @@ class Masker(Protocol):
         ...
 
     def start(self, level_db_a: float) -> float:
-        """Begin at a level; as `set_level` does."""
+        """Begin at a level, as `set_level` does."""
         ...
 
     def set_level(self, level_db_a: float) -> float:
-        """Go to another level; returns the one in force: what was asked for, or the nearest that is allowed.
+        """Go to another level, and return the one in force: the level wanted, or the nearest that is allowed.
 
         Raises:
             AudioError: the dose of the day is used up.
@@ -166,11 +161,11 @@ class Masker(Protocol):
         ...
 
     def stop(self) -> None:
-        """Be silent."""
+        """Fall silent."""
         ...
 
     def exposure(self) -> MaskerExposure:
-        """What it has done to the ears until now."""
+        """Return what the masker has done to the ears until now."""
         ...
 
 
@@ -180,7 +175,7 @@ class Window:
 
     Attributes:
         samples_m_s2: from just before the vibration's beginning, m/s^2, shape (n,).
-        clipped: samples at or beyond full scale.
+        clipped: how many samples lie at or beyond full scale.
     """
 
     samples_m_s2: NDArray[np.float64]
@@ -211,14 +206,14 @@ class Accelerometer(Protocol):
         ...
 
     def arm(self, samples: int) -> None:
-        """Listen from now on for a take of that length; returns when samples come. Raises `RecordingError`."""
+        """Listen from now on for a take of that length; return when samples come. Raises `RecordingError`."""
         ...
 
     def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
-        """The take that begins where the panel first shakes between two times of the host's clock, once foot is down.
+        """Return the take that begins where the panel first shakes between two times of the host's clock.
 
         Raises:
-            RecordingError: not armed, or the device failed.
+            RecordingError: it was not armed, or the device failed.
         """
         ...
 

@@ -111,7 +111,7 @@ class ActuatorRig(Confined):
 
     @property
     def full_scale(self) -> float:
-        """What a sample of 1.0 is: V where there is `shaping`, else m/s^2."""
+        """The value of a sample of 1.0: V where there is `shaping`, else m/s^2."""
         if self.shaping is not None:
             return self.shaping.full_scale_v
         # The rules refuse a rig with neither.
@@ -148,14 +148,10 @@ class AccelerometerRig(Confined):
 
 
 def response_table(folder: Path, shaping: ShapingRig) -> bytes:
-    """The response table that a rig file names, as it stands on disk.
-
-    Args:
-        folder: which holds the rig file.
-        shaping: of the rig.
+    """Return the bytes of the response table that a rig file in a folder names.
 
     Raises:
-        RigError: it cannot be read, or is not the one whose hash the rig file states.
+        RigError: it cannot be read, or its hash is not the one that the rig file states.
     """
     path = folder / shaping.response
     try:
@@ -296,24 +292,14 @@ class AudioRig(Confined):
     delivered: DeliveredRig
 
 
-def check_calibrations(audio: AudioRig, today: date) -> None:
-    """Refuse calibrations that are too old.
-
-    Raises:
-        RigError: a calibration is older than the rig allows, or was made after today.
-    """
-    check_latency(audio, today)
-    check_headphones(audio, today)
-
-
 def check_latency(audio: AudioRig, today: date) -> None:
-    """The same for what `palpate calibrate audio` measures."""
+    """Refuse, with a `RigError`, a latency that was calibrated too long ago, or after today."""
     made, days = audio.latency.calibrated_on, audio.latency.calibration_days
     _check_age("latency", made, days, today, "run `palpate calibrate audio`")
 
 
 def check_headphones(audio: AudioRig, today: date) -> None:
-    """The same for the level of the headphones."""
+    """Refuse, with a `RigError`, a level of the headphones that was calibrated too long ago, or after today."""
     made, days = audio.headphones.calibrated_on, audio.headphones.calibration_days
     _check_age("headphones", made, days, today, "measure the headphones' level anew")
 
@@ -454,11 +440,7 @@ class TrackerRig(Confined):
     zeroing_mm: Annotated[float, Field(gt=0, le=10)] | None = None
 
     def height_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
-        """Height above the panel of each reading, mm; beyond the outermost points that of the nearest one.
-
-        Args:
-            counts: readings, shape (n,).
-        """
+        """Return the height above the panel of each reading, mm; that of the outermost points beyond them."""
         heights_mm: NDArray[np.float64] = np.interp(counts, *self._points)
         return heights_mm
 
@@ -469,11 +451,7 @@ class TrackerRig(Confined):
         return np.array([float(point.counts) for point in points]), np.array([point.mm for point in points])
 
     def counts(self, height_mm: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
-        """The reading that stands for each height, as the sensor would give it; the inverse of `height_mm`.
-
-        Args:
-            height_mm: heights above the panel, mm, shape (n,).
-        """
+        """Return the reading for each height above the panel, mm, shape (n,); the inverse of `height_mm`."""
         points = sorted(self.calibration, key=lambda point: point.mm)
         readings = np.interp(height_mm, [p.mm for p in points], [p.counts for p in points])
         whole: NDArray[np.int64] = np.rint(readings).astype(np.int64)
@@ -515,10 +493,10 @@ class Rig(Confined):
 
 
 def load(path: Path) -> Rig:
-    """Read the rig file at `path`.
+    """Return the rig that a file describes.
 
     Raises:
-        RigError: with every problem of the file, one a line; of its syntax, the first.
+        RigError: every problem of the file, one a line; of its syntax, the first.
     """
     try:
         rig = files.read(path, Rig)
@@ -529,35 +507,22 @@ def load(path: Path) -> Rig:
 
 
 def sha256(rig: Rig) -> str:
-    """SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
+    """Return the SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
-    Without ports and addresses: a device that comes back under another name is the same device.
+    Ports and addresses are left out: a device that comes back under another name is the same device.
     """
     where = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}, "audio": {"device"}}
     return hashlib.sha256(rfc8785.dumps(rig.model_dump(mode="json", exclude_none=True, exclude=where))).hexdigest()
 
 
 def reach_mm(rig: Rig, step: Step) -> tuple[float, float]:
-    """The lowest and the highest height that a protocol needs calibrated, mm.
-
-    Args:
-        rig: the rig; zeroing moves heights either way.
-        step: gate and contact of the protocol.
-    """
+    """Return the lowest and highest height that a protocol needs calibrated, mm; zeroing moves heights either way."""
     moved_mm = rig.tracker.zeroing_mm or 0.0
     return step.contact_mm - BELOW_CONTACT_MM - moved_mm, step.gate_top_mm + ABOVE_GATE_MM + moved_mm
 
 
 def check(rig: Rig, step: Step) -> None:
-    """Refuse a calibration that does not reach past the gate and the panel of a protocol.
-
-    Args:
-        rig: the rig.
-        step: gate and contact of the protocol.
-
-    Raises:
-        RigError: the calibrated heights do not reach far enough.
-    """
+    """Refuse a calibration that does not reach past the gate and the panel of a protocol, with a `RigError`."""
     heights = [point.mm for point in rig.tracker.calibration]
     lowest, highest = reach_mm(rig, step)
     if min(heights) > lowest or max(heights) < highest:

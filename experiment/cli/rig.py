@@ -1,7 +1,7 @@
 """The commands of a rig: which devices this machine has, whether they are in order, and what calibrates them."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -37,10 +37,10 @@ def devices(
 
     As a rig file names them: serial ports, who holds them, and audio devices.
     """
-    from experiment.apparatus.audio import devices as audio_devices
+    from experiment.apparatus.audio import stream
     from experiment.apparatus.tracker import serial_port
 
-    serial, audio = serial_port.devices(), audio_devices.devices()
+    serial, audio = serial_port.devices(), stream.devices()
     if as_json:
         document = {"serial": [asdict(port) for port in serial], "audio": [asdict(card) for card in audio]}
         options.put(document)
@@ -155,6 +155,7 @@ def calibrate_tracker(
     never changed: --out writes a new one, or the printed lines replace the old ones under [tracker].
     """
     from experiment import storage
+    from experiment.apparatus import opening
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.tracker import calibration as calibrating
     from experiment.clock import MonotonicClock
@@ -165,9 +166,10 @@ def calibrate_tracker(
     step = files.load(protocol).footstep.step if protocol is not None else None
     if out is not None and out.exists():
         raise RigError(f"{out}: exists; allowed: a new file; name another")
-    before = rigs.load(rig)
+    before, clock = rigs.load(rig), MonotonicClock()
     try:
-        made = calibrating.walk(before, heights_mm, ask=input, clock=MonotonicClock())
+        with closing(opening.open_tracker(calibrating.raw(before), clock=clock)) as tracker:
+            made = calibrating.walk(tracker, heights_mm, ask=input, clock=clock)
     except (KeyboardInterrupt, EOFError):
         raise Interrupted("the calibration was interrupted; nothing was written") from None
     after = calibrating.calibrated(before, made, days)

@@ -15,7 +15,7 @@ unit = "m/s^2"
 file = "000_panel_50_1.wav"     # a take without material is one of the bare panel
 speed_mm_s = 50.0               # the target
 achieved_mm_s = 51.3            # as the tracker saw the foot; left out where nothing saw it
-# where the foot rested before (zeroing.py): heights count from there; left out without tracker.zeroing_mm
+# where the foot rested before (calibration.py): heights count from there; left out without tracker.zeroing_mm
 zero = { offset_mm = 1.21, spread_mm = 0.08, samples = 2500 }
 number = 1
 sha256 = "..."

@@ -26,7 +26,7 @@ from scipy.io import wavfile
 
 from experiment import storage
 from experiment.apparatus.ports import Window
-from experiment.apparatus.tracker.zeroing import Zero
+from experiment.apparatus.tracker.calibration import Zero
 from experiment.errors import RecordingError
 from experiment.protocol import approval
 from experiment.protocol.models import Protocol

@@ -20,8 +20,8 @@ from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Accelerometer, Rester, Tracker, Window
 from experiment.apparatus.tracker import calibration
+from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
-from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import Clock, MonotonicClock, day
 from experiment.errors import RecordingError
 from experiment.protocol import files

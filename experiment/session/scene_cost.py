@@ -109,7 +109,7 @@ STIMULUS_MODULES = (
     "experiment.apparatus.panel.conditioning",
     "experiment.synthesis.waveforms",
     "experiment.synthesis.shaping",
-    "experiment.apparatus.panel.pcm_actuator",
+    "experiment.apparatus.panel.pcm",
 )
 """What a task with virtual stimuli imports and a task with real objects does not."""
 

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from experiment.apparatus import rig
-from experiment.apparatus.audio import actuator, calibration, devices
-from experiment.apparatus.audio.stream import AudioStream, StreamSettings
+from experiment.apparatus.audio import actuator, calibration
+from experiment.apparatus.audio.stream import AudioStream, StreamSettings, looking_anew
 from experiment.clock import MonotonicClock
 from experiment.errors import AudioError, RigError
 from experiment.protocol.files import shipped
@@ -124,7 +124,7 @@ def test_pulseaudio_carries_a_stream_too(
     pulseaudio: tuple[str, dict[str, str]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     _, environment = pulseaudio
-    with devices.looking_anew():
+    with looking_anew():
         for name, value in environment.items():
             monkeypatch.setenv(name, value)
     settings = StreamSettings("ALSA", "pulse", 48_000, 512, 1, (1.0,))

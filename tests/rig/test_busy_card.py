@@ -37,12 +37,12 @@ pcm.card {{
 
 OPENS = """
 import sys
-from experiment.apparatus.audio import devices
+from experiment.apparatus.audio.stream import find
 from experiment.apparatus.audio.stream import AudioStream, StreamSettings
 from experiment.clock import MonotonicClock
 from experiment.errors import AudioError
 
-print(devices.find(host_api="ALSA", name="card", inputs=2, outputs=4) >= 0, flush=True)
+print(find(host_api="ALSA", name="card", inputs=2, outputs=4) >= 0, flush=True)
 sys.stdin.readline()
 try:
     AudioStream(StreamSettings("ALSA", "card", 48_000, 256, 2, (0.0,) * 4), MonotonicClock())

@@ -17,9 +17,9 @@ from hypothesis.extra import numpy as arrays
 
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel import pcm_actuator
+from experiment.apparatus.panel import pcm as pcm_ports
 from experiment.apparatus.panel.conditioning import Played, open_drive
-from experiment.apparatus.panel.pcm_actuator import PcmActuator
+from experiment.apparatus.panel.pcm import PcmActuator
 from experiment.apparatus.ports import Actuator
 from experiment.apparatus.rig import ActuatorRig, ShapingRig
 from experiment.errors import ActuatorError
@@ -250,7 +250,7 @@ def test_a_server_that_breaks_off_is_an_error_with_a_remedy(serve: Serve) -> Non
 
 
 def test_a_server_that_never_ends_is_an_error_with_a_remedy(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pcm_actuator, "TAKE_S", 0.05)
+    monkeypatch.setattr(pcm_ports, "TAKE_S", 0.05)
     over = threading.Event()
 
     def hangs(_connection: socket.socket) -> None:

@@ -15,7 +15,7 @@ from scipy import signal
 from experiment.apparatus.audio.mixer import AT_ONCE, Cue
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.panel.conditioning import Conditioner, Played
-from experiment.apparatus.rig import AudioRig
+from experiment.apparatus.rig import AudioRig, DeliveredRig
 from experiment.errors import ActuatorError
 from experiment.records.stimulus import Delivered
 from experiment.synthesis.voltages import Drive
@@ -33,7 +33,7 @@ class Alignment:
     """Where and how the intended waveform was heard.
 
     Attributes:
-        onset: sample of what was heard at which its first sample lies.
+        onset: sample of what was heard at which the waveform's first sample lies.
         gain: heard by intended; negative where the polarity is reversed.
         residual_db: power of what delay and gain do not explain, relative to the intended waveform, dB; at least
             `LEAST_DB`.
@@ -46,18 +46,8 @@ class Alignment:
     correlation: float
 
 
-@dataclass(frozen=True)
-class Tolerance:
-    """What may differ; see `rig.DeliveredRig`."""
-
-    onset_ms: float
-    contact_ms: float | None
-    gain_db: float
-    residual_db: float
-
-
 def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]], *, gain: float) -> Alignment | None:
-    """Find the intended waveform in what was heard.
+    """Return where the intended waveform lies in what was heard; None where nothing heard resembles it.
 
     The onset is where a multiple of the waveform leaves the least of what was heard unexplained: the maximum of their
     cross-correlation, for white noise the most likely one.
@@ -66,16 +56,13 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
         heard: samples, shape (m,), m at least n.
         intended: samples, shape (n,), not all zero.
         gain: what the loopback makes of a sample of 1.0; residuals are relative to the intended waveform so scaled.
-
-    Returns:
-        None where nothing heard resembles it.
     """
     wanted, found = intended.astype(np.float64), heard.astype(np.float64)
     energy = float(wanted @ wanted)
     products = signal.correlate(found, wanted, mode="valid", method="fft")
     onset = int(np.argmax(np.abs(products)))
     part = found[onset : onset + wanted.size]
-    # Of the FFT only the place is taken; what is reported is summed anew.
+    # The FFT gives only the place; what is reported is summed anew.
     product, present = float(part @ wanted), float(part @ part)
     if present == 0 or abs(product) < FOUND * np.sqrt(energy * present):
         return None
@@ -90,15 +77,11 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
     )
 
 
-def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, tolerance: Tolerance) -> str:
-    """Why an intended silence does not count as delivered; empty where it does.
+def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, tolerance: DeliveredRig) -> str:
+    """Return why an intended silence does not count as delivered; empty where it does.
 
-    A silence has no power that what was heard could be relative to, so its loudest sample is set beside full scale.
-
-    Args:
-        heard: samples, shape (m,), m at least 1.
-        gain: what the loopback makes of a sample of 1.0.
-        tolerance: what may differ.
+    A silence has no power to compare with, so the loudest of the samples heard, shape (m,), is compared with full
+    scale, which the loopback returns as `gain`.
     """
     loudest = float(np.max(np.abs(heard))) / gain
     if loudest <= 10 ** (tolerance.residual_db / 20):
@@ -110,9 +93,9 @@ def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, toleranc
 
 
 def objection(
-    alignment: Alignment, *, onset_error_ms: float, contact_error_ms: float, gain: float, tolerance: Tolerance
+    alignment: Alignment, *, onset_error_ms: float, contact_error_ms: float, gain: float, tolerance: DeliveredRig
 ) -> str:
-    """Why what was heard does not count as delivered; empty where it does.
+    """Return why what was heard does not count as delivered; empty where it does.
 
     Args:
         alignment: of what was heard.
@@ -154,20 +137,15 @@ class AudioActuator:
         limit_m_s2: float,
         drive: Drive | None = None,
     ) -> None:
-        """Take an output of a running stream.
+        """Take an output of the session's running stream, which stays open when the actuator is closed.
 
-        Args:
-            stream: the session's stream; it stays open when the actuator is closed.
-            audio: the device in the rig file.
-            full_scale: what a sample of 1.0 is: V where there is a `drive`, else m/s^2.
-            limit_m_s2: the protocol's limit.
-            drive: frequency shaping, for a device that takes volts; None for one that takes accelerations.
+        `audio` is the device in the rig file; `Conditioner` says what the other arguments are.
         """
         self._stream = stream
         self._audio = audio
         self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive)
         self._output_ns = audio.latency.output_ms * 1e6
-        self._tolerance = Tolerance(**audio.delivered.model_dump())
+        self._tolerance = audio.delivered
         self._samples: NDArray[np.float32] = np.zeros(0, np.float32)
         self._cue: Cue | None = None
         self._requested_ns: int | None = None
@@ -184,10 +162,7 @@ class AudioActuator:
         return round(self._output_ns + frames / self._stream.rate_hz * 1e9)
 
     def prepare(self, stimulus: Stimulus) -> Played:
-        """Limit and shape a stimulus and lay it ready; nothing sounds yet.
-
-        Args:
-            stimulus: of the step, at `rate_hz`.
+        """Limit and shape a stimulus at `rate_hz` and lay it ready; nothing sounds yet.
 
         Raises:
             ActuatorError: there is nothing to play.
@@ -212,7 +187,7 @@ class AudioActuator:
         return True
 
     def landed(self, contact_ns: int) -> None:
-        """What was never aimed sounds with the next block; see `Actuator.landed`."""
+        """Play with the next block what was never aimed; see `Actuator.landed`."""
         if self._cue is not None and self._requested_ns is None and self._stream.move(self._cue, AT_ONCE):
             self._requested_ns = contact_ns
 
@@ -224,8 +199,7 @@ class AudioActuator:
     def delivered(self, contact_ns: int) -> Delivered | None:
         """Wait until the stimulus has ended, and compare what the loopback heard with it; see `Actuator.delivered`.
 
-        Returns:
-            None where the rig has no loopback, unless the stimulus is known to have been missed.
+        Return None where the rig has no loopback, unless the stimulus is known to have been missed.
 
         Raises:
             ActuatorError: nothing was aimed, and nothing has landed.
@@ -234,7 +208,7 @@ class AudioActuator:
         cue, requested_ns = self._cue, self._requested_ns
         if cue is None or requested_ns is None:
             raise ActuatorError(
-                "actuator: got a question for a stimulus that nothing set off; aim it, or say it landed"
+                "actuator: got a question about a stimulus that nothing set off; aim it, or report the landing first"
             )
         self._stream.wait(max(cue.frame, 0))
         while not cue.done:
@@ -267,7 +241,7 @@ class AudioActuator:
         return self._said(requested_ns, reason, onset_ns, found)
 
     def close(self) -> None:
-        """Nothing of it will sound that has not begun."""
+        """Withdraw what has not begun."""
         self.withdraw()
 
     def _said(

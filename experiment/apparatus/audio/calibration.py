@@ -38,9 +38,8 @@ class Loopback:
         residual_db: worst of the probes.
         probes: how many.
         xruns: that the device reported meanwhile.
-        output_ms: share of the output.
-        input_ms: share of the input.
-        as_reported: whether driver reported both latencies, so that they are divided as it says; else in halves.
+        output_ms, input_ms: shares of output and input.
+        as_reported: whether the driver reported both latencies, which then divide the round trip; else it is halved.
     """
 
     round_trip_frames: float
@@ -55,11 +54,11 @@ class Loopback:
     as_reported: bool
 
     def table(self, today: date, days: int) -> str:
-        """Table [audio.latency] of a rig file."""
+        """Return the table [audio.latency] of a rig file."""
         return "[audio.latency]\n" + "".join(f"{key} = {value}\n" for key, value in self.values(today, days).items())
 
     def values(self, today: date, days: int) -> dict[str, str]:
-        """Keys of [audio.latency] and what to write there."""
+        """Return the keys of [audio.latency] and what to write there."""
         return {
             "output_ms": f"{self.output_ms:.3f}",
             "input_ms": f"{self.input_ms:.3f}",
@@ -70,15 +69,7 @@ class Loopback:
 
 
 def probe(*, rate_hz: int, peak: float) -> NDArray[np.float32]:
-    """The sweep that is played.
-
-    Args:
-        rate_hz: of the device.
-        peak: of its samples, 1.0 being full scale.
-
-    Returns:
-        Shape (n,), beginning and ending at zero.
-    """
+    """Return the sweep that is played, shape (n,), of magnitude `peak` at most; it begins and ends at zero."""
     from scipy import signal
 
     t = np.arange(round(SWEEP_S * rate_hz)) / rate_hz
@@ -87,7 +78,7 @@ def probe(*, rate_hz: int, peak: float) -> NDArray[np.float32]:
 
 
 def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes: int) -> Loopback:
-    """Play probes and listen for them.
+    """Play probes and return what was heard of them.
 
     Args:
         stream: running.
@@ -138,15 +129,15 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
 
 
 def steadily(measured: Callable[[], Loopback], audio: AudioRig, *, exact: bool) -> Loopback:
-    """Measure until nothing disturbed it, `MOST_TIMES` at most.
+    """Measure until nothing disturbed it, `MOST_TIMES` at most, and return the good measurement.
 
     Args:
         measured: measures once.
         audio: of the rig; its `delivered` says how far probes may differ from what was played, and from each other.
-        exact: of a server that waits for its clients and loses nothing, so that under-runs it tells of are none.
+        exact: the server waits for its clients and loses nothing, so that the under-runs it reports do not count.
 
     Raises:
-        AudioError: it was disturbed each time; or as `measure`.
+        AudioError: it was disturbed each time, or `measured` failed.
     """
     trouble = ""
     for _ in range(MOST_TIMES):
@@ -161,7 +152,7 @@ def steadily(measured: Callable[[], Loopback], audio: AudioRig, *, exact: bool) 
 
 
 def disturbed(found: Loopback, audio: AudioRig, *, exact: bool) -> str:
-    """What speaks against a measurement, and what is allowed; nothing for a good one. Arguments as in `steadily`."""
+    """Return what speaks against a measurement, and what is allowed; nothing for a good one. See `steadily`."""
     tolerance = audio.delivered
     spread_ms = 1e3 * found.spread_frames / audio.rate_hz
     for good, got, allowed in (
@@ -188,14 +179,10 @@ def disturbed(found: Loopback, audio: AudioRig, *, exact: bool) -> str:
 
 
 def rewritten(rig_text: str, values: dict[str, str]) -> str:
-    """A rig file with other values in its table [audio.latency]; all else, comments too, stays as it is.
-
-    Args:
-        rig_text: of a rig file that is in order.
-        values: key -> what to write.
+    """Return the text of a valid rig file with other values (key -> what to write) in [audio.latency]; all else stays.
 
     Raises:
-        RigError: there is no such table, or it lacks one of the keys.
+        RigError: the file lacks the table or one of the keys.
     """
     document = tomlkit.parse(rig_text)
     table = document.get("audio", {}).get("latency", {})

@@ -37,14 +37,7 @@ _POLES_HZ = (20.598997, 107.65265, 737.86223, 12194.217)
 
 
 def a_weighting_db(*, frequency_hz: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """A-weighting of IEC 61672-1, equation (E.6), relative to 1 kHz.
-
-    Args:
-        frequency_hz: above 0, shape (n,).
-
-    Returns:
-        dB, shape (n,).
-    """
+    """Return the A-weighting of IEC 61672-1, equation (E.6), relative to 1 kHz, dB, shape (n,), above 0 Hz."""
     return _unnormalised_db(np.asarray(frequency_hz, np.float64)) - float(_unnormalised_db(np.array([1000.0]))[0])
 
 
@@ -56,55 +49,32 @@ def _unnormalised_db(f: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def a_weighted_db(*, frequency_hz: NDArray[np.floating[Any]], power: NDArray[np.floating[Any]]) -> float:
-    """A-weighted level of a sound relative to its unweighted level.
+    """Return the A-weighted level of a sound relative to its unweighted level, dB.
 
-    Args:
-        frequency_hz: above 0, shape (n,).
-        power: at these frequencies, any unit, shape (n,).
-
-    Returns:
-        dB.
+    The sound's power, any unit, is given at frequencies above 0; both have shape (n,).
     """
     weights = 10 ** (a_weighting_db(frequency_hz=frequency_hz) / 10)
     return float(10 * np.log10(np.sum(weights * power) / np.sum(power)))
 
 
 def pink_weighted_db(*, rate_hz: int) -> float:
-    """Return `a_weighted_db` of pink noise from `AUDIBLE_HZ` to half a sampling rate, dB.
-
-    Args:
-        rate_hz: sampling rate, Hz.
-    """
+    """Return `a_weighted_db` of pink noise from `AUDIBLE_HZ` to half a sampling rate, dB."""
     f = np.arange(AUDIBLE_HZ, rate_hz / 2, 0.5)
     return a_weighted_db(frequency_hz=f, power=1 / f)
 
 
 def dose(*, level_db_a: float, duration_s: float) -> float:
-    """Part of a day's dose that a steady level uses up; doses add.
-
-    Args:
-        level_db_a: dB(A).
-        duration_s: s, not negative.
-    """
+    """Return the part of a day's dose that a steady level uses up; doses add."""
     return float(duration_s / REFERENCE_S * 10 ** ((level_db_a - ACTION_DB_A) / 10))
 
 
 def daily_level_db_a(*, dose: float) -> float:
-    """Daily exposure level L_EX,8h of a dose, dB(A); -inf for none.
-
-    Args:
-        dose: sum over the day, 1 being 80 dB(A) for eight hours.
-    """
+    """Return the daily exposure level L_EX,8h of a dose, 1 being 80 dB(A) for eight hours, dB(A); -inf for none."""
     return ACTION_DB_A + 10 * float(np.log10(dose)) if dose > 0 else -np.inf
 
 
 def left_s(*, dose: float, level_db_a: float) -> float:
-    """How long a level may go on until the day's dose is 1, s.
-
-    Args:
-        dose: used up already.
-        level_db_a: dB(A).
-    """
+    """Return how long a level may go on until the day's dose, of which some is used up already, is 1, s."""
     return float(max(1 - dose, 0) * REFERENCE_S / 10 ** ((level_db_a - ACTION_DB_A) / 10))
 
 
@@ -130,7 +100,7 @@ class MaskerNoise:
     loudest_db_a: float
 
     def gain(self, level_db_a: float) -> float:
-        """What the samples are multiplied by for a level."""
+        """Return what the samples are multiplied by for a level."""
         return float(10 ** ((level_db_a - self.full_scale_db_a) / 20))
 
     @property
@@ -142,13 +112,10 @@ class MaskerNoise:
 def masker_noise(
     samples: NDArray[np.float64], *, rate_hz: int, pink_full_scale_db_a: float, limit_db_a: float
 ) -> MaskerNoise:
-    """Make a masker of noise.
+    """Make a masker of one round of noise, of rms 1 at the stream's rate, shape (n,).
 
-    Args:
-        samples: one round of it, of rms 1, shape (n,).
-        rate_hz: of the stream.
-        pink_full_scale_db_a: level at the ear of pink noise with an rms of full scale, dB(A), from the rig file.
-        limit_db_a: the protocol's limit, dB(A).
+    The rig file states the level at the ear of pink noise with an rms of full scale, dB(A); the protocol's limit is
+    `limit_db_a`.
 
     Raises:
         AudioError: the headphones cannot play even the softest level.
@@ -179,14 +146,9 @@ class AudioMasker:
         clock: Clock,
         dose_before: float = 0.0,
     ) -> None:
-        """Begin in silence.
+        """Begin in silence on the headphones' channels, from 1, of the session's stream.
 
-        Args:
-            stream: the session's stream.
-            made: what to play.
-            channels: of the headphones, from 1.
-            clock: the session's clock.
-            dose_before: what the participant's earlier sessions of the day used up.
+        `dose_before` is what the participant's earlier sessions of the day used up.
         """
         self._noise = made
         self._clock = clock
@@ -206,23 +168,17 @@ class AudioMasker:
         return self._noise.loudest_db_a
 
     def start(self, level_db_a: float) -> float:
-        """Fade in from silence; as `set_level` does."""
+        """Fade in from silence, as `set_level` does."""
         return self._go(level_db_a)
 
     def set_level(self, level_db_a: float) -> float:
-        """Go to another level, in a ramp.
-
-        Args:
-            level_db_a: wanted, dB(A).
-
-        Returns:
-            The level in force: the one wanted, or the nearest that is allowed.
+        """Go to another level in a ramp, and return the one in force: the level wanted, or the nearest that is allowed.
 
         Raises:
             AudioError: it is no level, the masker is silent, or the day's dose is used up.
         """
         if self._level_db_a is None:
-            raise AudioError("masker: got a level while it is silent; allowed: once it plays; start it first")
+            raise AudioError("masker: got a level while it is silent; allowed: only while it plays; start it first")
         return self._go(level_db_a)
 
     def stop(self) -> None:
@@ -232,7 +188,7 @@ class AudioMasker:
         self._level_db_a = None
 
     def exposure(self) -> MaskerExposure:
-        """What it has done to the ears until now."""
+        """Return what it has done to the ears until now."""
         self._account()
         level = self._level_db_a
         daily = daily_level_db_a(dose=self._dose)

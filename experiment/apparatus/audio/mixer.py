@@ -65,7 +65,7 @@ class Cue:
         self.unsettled: deque[None] = deque([None], maxlen=1)
 
     def settle(self) -> bool:
-        """Have the say whether it sounds; False if the other side had it before."""
+        """Decide whether it sounds, and return True; return False if the other side decided before."""
         try:
             self.unsettled.pop()
         except IndexError:
@@ -132,11 +132,7 @@ class Mixer:
     """Everything between the session's thread and the samples of a block."""
 
     def __init__(self, layout: Layout) -> None:
-        """Allocate.
-
-        Raises:
-            AudioError: a ceiling is no limit.
-        """
+        """Allocate; `AudioError` for a ceiling outside 0 to 1."""
         if len(layout.ceilings) != layout.outputs or not all(0 <= c <= 1 for c in layout.ceilings):
             raise AudioError(
                 f"limiter: got ceilings {layout.ceilings}; allowed: from 0 to 1 for each of {layout.outputs} channels"
@@ -161,15 +157,12 @@ class Mixer:
         self._looped = np.zeros(layout.block, np.float32)
 
     def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
-        """Hand over a stimulus.
+        """Hand over a stimulus of samples, 1.0 being full scale, shape (n,), to a channel, from 0.
 
-        Args:
-            waveform: samples, 1.0 being full scale, shape (n,).
-            channel: output channel, from 0.
-            frame: at which its first sample is to leave, or `AT_ONCE`.
+        Its first sample is to leave at `frame`, or with the next block (`AT_ONCE`).
 
         Raises:
-            AudioError: nothing to play, too long, no such channel, or too many stimuli wait already.
+            AudioError: the stimulus is empty or too long, the channel does not exist, or too many stimuli wait already.
         """
         if np.ndim(waveform) != 1 or not 1 <= np.size(waveform) <= self.layout.stimulus_frames:
             raise AudioError(
@@ -187,7 +180,7 @@ class Mixer:
         raise AudioError(f"audio: got one stimulus more than the {SLOTS} that may wait at a time; withdraw one")
 
     def move(self, cue: Cue, frame: int) -> bool:
-        """Have a waiting stimulus start at another frame; False if it has started, then nothing is changed."""
+        """Have a waiting stimulus start at another frame; return False, and change nothing, if it has started."""
         slot = self._slots[cue.slot]
         if cue.withdrawn or slot.cue is not cue or not slot.waiting:
             return False
@@ -200,7 +193,7 @@ class Mixer:
         return True
 
     def withdraw(self, cue: Cue) -> bool:
-        """Take a stimulus back; True if nothing of it has sounded or will."""
+        """Take a stimulus back; return True if nothing of it has sounded or will."""
         if not cue.settle():
             return cue.withdrawn
         cue.withdrawn = True
@@ -214,12 +207,7 @@ class Mixer:
         return True
 
     def fill(self, outputs: Block, inputs: Block) -> None:
-        """Make the next block, and keep what was heard meanwhile. The callback's whole work.
-
-        Args:
-            outputs: to be filled, shape (frames, outputs), at most `block` frames.
-            inputs: what the device heard, shape (frames, inputs).
-        """
+        """Fill the next block, and keep what was heard meanwhile, both of shape (frames, channels)."""
         first, frames = self.frame, len(outputs)
         # The limiter sees to what a sum of infinities leaves; nothing is to be said of it here.
         with np.errstate(invalid="ignore", over="ignore"):
@@ -229,25 +217,18 @@ class Mixer:
         self.frame = first + frames
 
     def kept(self, frame: int, frames: int) -> Block:
-        """What the inputs heard.
-
-        Args:
-            frame: the first frame.
-            frames: how many.
-
-        Returns:
-            Samples, shape (frames, inputs).
+        """Return what the inputs heard from a frame on, shape (frames, inputs).
 
         Raises:
             AudioError: not all of it has been heard yet, or not all of it is still kept.
         """
         if frame < 0 or frames < 0 or frame + frames > self.frame:
-            raise AudioError(f"audio: got a wish for input up to frame {frame + frames}; allowed: up to {self.frame}")
+            raise AudioError(f"audio: got a request for input to frame {frame + frames}; allowed: up to {self.frame}")
         taken = self._kept[np.arange(frame, frame + frames) % len(self._kept)]
         # The block under way may be overwriting what lies a whole ring behind it.
         oldest = self.frame + self.layout.block - len(self._kept)
         if frame < oldest:
-            raise AudioError(f"audio: got a wish for input from frame {frame} on; allowed: from {oldest}, ask sooner")
+            raise AudioError(f"audio: got a request for input from frame {frame}; allowed: from {oldest}; ask sooner")
         return taken
 
     def _fill(self, outputs: Block, inputs: Block, first: int) -> None:

@@ -10,13 +10,17 @@ line of the stream's rate that touches them from below. Where several callbacks 
 quarter of a block, frames were lost, or the device stood still: that is a gap, and the line begins anew with the first
 of them. A frame of the past stands on the line that held when it was taken, so that a gap after a stimulus does not
 move it.
+
+Devices are known by host API and name; what PortAudio says against one becomes an `AudioError`.
 """
 
 from __future__ import annotations
 
+import atexit
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,7 +28,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus import host
-from experiment.apparatus.audio import devices
 from experiment.apparatus.audio.mixer import Block, Cue, Layout, Loop, Mixer
 from experiment.clock import Clock
 from experiment.errors import AudioError
@@ -44,13 +47,7 @@ KEPT = 8192
 
 @dataclass(frozen=True)
 class Fit:
-    """How well callbacks keep to the timeline.
-
-    Attributes:
-        median_ms: lateness of a callback, median.
-        p95_ms: 95th percentile.
-        worst_ms: the worst.
-    """
+    """How late callbacks come on the timeline, ms: median, 95th percentile and worst."""
 
     median_ms: float
     p95_ms: float
@@ -66,12 +63,6 @@ class Timeline:
     """
 
     def __init__(self, *, rate_hz: float, block: int) -> None:
-        """Begin.
-
-        Args:
-            rate_hz: frames a second.
-            block: frames of a block.
-        """
         self._ns_per_frame = 1e9 / rate_hz
         self._quarter_block_ns = 0.25 * block * self._ns_per_frame
         # Of each callback: its first frame, ns less the ns that this frame stands for, and gaps before it.
@@ -85,12 +76,7 @@ class Timeline:
         self._count_and_gaps = (0, 0)
 
     def note(self, frame: int, now_ns: int) -> None:
-        """A callback came. Touches preallocated memory alone.
-
-        Args:
-            frame: first frame of its block.
-            now_ns: session time.
-        """
+        """Note that the callback for a block with this first frame came now; this touches preallocated memory alone."""
         count, gaps = self._count_and_gaps
         offset_ns = now_ns - int(frame * self._ns_per_frame)
         self._late = self._late + 1 if offset_ns - self._origin_ns > self._quarter_block_ns else 0
@@ -115,7 +101,7 @@ class Timeline:
         return self._count_and_gaps[1]
 
     def ns_of(self, frame: float) -> int:
-        """Session time at which the stream takes a frame, or took it, ns; the output's latency not included."""
+        """Return the session time at which the stream takes a frame, or took it, ns; without the output's latency."""
         count, _ = self._count_and_gaps
         places = np.arange(max(count - KEPT, 0), count) % KEPT
         lines = self._line[places]
@@ -125,16 +111,153 @@ class Timeline:
         return int(same.min()) + round(frame * self._ns_per_frame)
 
     def frame_at(self, t_ns: int) -> int:
-        """The frame nearest to a session time."""
+        """Return the frame nearest to a session time."""
         return round((t_ns - self._origin_ns) / self._ns_per_frame)
 
     def fit(self) -> Fit:
-        """How well the last callbacks kept to it."""
+        """Return how well the last callbacks kept to it."""
         count, gaps = self._count_and_gaps
         places = np.arange(max(count - WINDOW, 0), count) % KEPT
         window = self._offsets_ns[places[self._line[places] == gaps]]
         late_ms = (window - window.min()) / 1e6
         return Fit(float(np.median(late_ms)), float(np.percentile(late_ms, 95)), float(late_ms.max()))
+
+
+CLOSE_S = 5.0
+"""How long a device may take to close, s."""
+
+_left_alone = False
+"""Whether PortAudio still waits for a stream that was to be closed."""
+
+_REMEDIES = (
+    ("unavailable", "another program holds it, or it was pulled out; close that program, then start again"),
+    ("sample rate", "it does not run at {rate_hz} Hz; set the device to it, or correct audio.rate_hz in the rig file"),
+    ("channels", "it has fewer channels; correct audio.channels in the rig file"),
+)
+"""What PortAudio's message holds, and what that means to an experimenter."""
+
+
+@dataclass(frozen=True)
+class Device:
+    """A device as PortAudio names it."""
+
+    host_api: str
+    name: str
+    inputs: int
+    outputs: int
+    rate_hz: float
+
+
+def library() -> Any:
+    """Return the module `sounddevice`; `AudioError` if it, or the PortAudio that it needs, is not installed."""
+    try:
+        import sounddevice
+    except (ImportError, OSError) as error:
+        raise AudioError(
+            f"audio: sounddevice cannot be used ({error}); install palpate[lab], and PortAudio "
+            "(the system's package libportaudio2)"
+        ) from error
+    return sounddevice
+
+
+def close_stream(stream: Any) -> None:
+    """Close a stream of this process.
+
+    PortAudio waits for ten minutes to close one whose JACK server has gone, and would do so again as the process ends.
+    So a stream that has stopped by itself is left alone after `CLOSE_S`, for good.
+    """
+    global _left_alone
+    if stream.active:
+        stream.close()
+        return
+    failed: list[Exception] = []
+
+    def closing() -> None:
+        try:
+            stream.close()
+        except Exception as error:
+            failed.append(error)
+
+    thread = threading.Thread(target=closing, name="closing", daemon=True)
+    thread.start()
+    thread.join(CLOSE_S)
+    if thread.is_alive():
+        _left_alone = True
+        atexit.unregister(library()._exit_handler)
+    elif failed:
+        raise failed[0]
+
+
+@contextmanager
+def looking_anew() -> Iterator[None]:
+    """Have PortAudio look for devices again afterwards; by itself it looks once. No stream may be open in this process.
+
+    An audio server is started or stopped inside: PortAudio must have left a server that goes.
+    """
+    if _left_alone:
+        yield
+        return
+    sounddevice = library()
+    sounddevice._terminate()
+    try:
+        yield
+    finally:
+        sounddevice._initialize()
+
+
+def devices() -> tuple[Device, ...]:
+    """Return every device of every host API."""
+    sounddevice = library()
+    apis = [api["name"] for api in sounddevice.query_hostapis()]
+    return tuple(
+        Device(
+            host_api=apis[each["hostapi"]],
+            name=each["name"],
+            inputs=each["max_input_channels"],
+            outputs=each["max_output_channels"],
+            rate_hz=each["default_samplerate"],
+        )
+        for each in sounddevice.query_devices()
+    )
+
+
+def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
+    """Return PortAudio's number of a device that has so many inputs and outputs at least.
+
+    The host API is as PortAudio names it, such as `JACK Audio Connection Kit`.
+
+    Raises:
+        AudioError: there is no device of this name, or it has fewer channels.
+    """
+    present = devices()
+    named = [(i, each) for i, each in enumerate(present) if (each.host_api, each.name) == (host_api, name)]
+    if not named:
+        there = "; ".join(sorted({f"{each.host_api}: {each.name}" for each in present})) or "none"
+        raise AudioError(
+            f"audio device '{name}' of {host_api}: got no device of this name; allowed: {there}; plug it in, start its "
+            "server, or close the program that holds it, or correct [audio] in the rig file"
+        )
+    for i, each in named:
+        if each.inputs >= inputs and each.outputs >= outputs:
+            return i
+    widest = max(named, key=lambda pair: (pair[1].outputs, pair[1].inputs))[1]
+    raise AudioError(
+        f"audio device '{name}' of {host_api}: got {widest.outputs} outputs and {widest.inputs} inputs; allowed: at "
+        f"least {outputs} and {inputs}, as audio.channels in the rig file has it; close the program that holds it, for "
+        "a device that is held shows fewer, or correct audio.channels, or choose another device"
+    )
+
+
+@contextmanager
+def explained(name: str, *, rate_hz: int) -> Iterator[None]:
+    """Turn an error of PortAudio into one that an experimenter understands; the device was asked for `rate_hz`."""
+    sounddevice = library()
+    try:
+        yield
+    except (sounddevice.PortAudioError, ValueError) as error:
+        said = str(error)
+        remedy = next((text for sign, text in _REMEDIES if sign in said.lower()), "see to the device and its server")
+        raise AudioError(f"audio device '{name}': {said}: {remedy.format(rate_hz=rate_hz)}") from error
 
 
 STIMULUS_S = 4.0
@@ -198,14 +321,10 @@ class AudioStream:
     """A session's sound, in and out."""
 
     def __init__(self, settings: StreamSettings, clock: Clock) -> None:
-        """Open the device and wait until it runs.
-
-        Args:
-            settings: what to open.
-            clock: the session's clock; it must go by itself.
+        """Open the device and wait until it runs; the session's clock must go by itself.
 
         Raises:
-            AudioError: no such device, it is busy, has too few channels, refuses the rate, or does not start.
+            AudioError: the device does not exist, is busy, has too few channels, refuses the rate, or does not start.
         """
         self._settings = settings
         self._clock = clock
@@ -227,11 +346,9 @@ class AudioStream:
         """What the callback's thread does first."""
         self._switch_s = sys.getswitchinterval()
         with host.elsewhere(), self._explained():
-            sounddevice = devices.library()
+            sounddevice = library()
             self._abort = sounddevice.CallbackAbort
-            number = devices.find(
-                host_api=settings.host_api, name=settings.device, inputs=settings.inputs, outputs=outputs
-            )
+            number = find(host_api=settings.host_api, name=settings.device, inputs=settings.inputs, outputs=outputs)
             self._stream = sounddevice.Stream(
                 device=(number, number),
                 channels=(settings.inputs, outputs),
@@ -286,11 +403,11 @@ class AudioStream:
         )
 
     def ns_of(self, frame: float) -> int:
-        """Session time at which the stream takes a frame, ns; the output's latency comes on top."""
+        """Return the session time at which the stream takes a frame, ns; the output's latency comes on top."""
         return self._timeline.ns_of(frame)
 
     def frame_at(self, t_ns: int) -> int:
-        """The frame that the stream takes at a session time."""
+        """Return the frame that the stream takes at a session time."""
         return self._timeline.frame_at(t_ns)
 
     def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
@@ -303,11 +420,11 @@ class AudioStream:
         return self._mixer.schedule(waveform, channel=channel, frame=frame)
 
     def move(self, cue: Cue, frame: int) -> bool:
-        """Have a waiting stimulus start at another frame; False if it has started, then nothing is changed."""
+        """Have a waiting stimulus start at another frame; see `Mixer.move`."""
         return self._mixer.move(cue, frame)
 
     def withdraw(self, cue: Cue) -> bool:
-        """Take a stimulus back; True if nothing of it has sounded or will."""
+        """Take a stimulus back; return True if nothing of it has sounded or will."""
         return self._mixer.withdraw(cue)
 
     def play_loop(self, samples: Block, channels: tuple[int, ...]) -> Loop:
@@ -317,7 +434,7 @@ class AudioStream:
         return loop
 
     def kept(self, frame: int, frames: int) -> Block:
-        """What the inputs heard, once they have: shape (frames, inputs).
+        """Return what the inputs heard, once they have: shape (frames, inputs).
 
         Raises:
             AudioError: it is not kept any more, or the stream has stopped.
@@ -326,11 +443,7 @@ class AudioStream:
         return self._mixer.kept(frame, frames)
 
     def wait(self, frame: int) -> None:
-        """Wait until every frame before `frame` has been made.
-
-        Raises:
-            AudioError: the stream has stopped.
-        """
+        """Wait until every frame before `frame` has been made; `AudioError` if the stream has stopped."""
         seen, seen_ns = self._mixer.frame, self._clock.now_ns()
         while self._mixer.frame < frame:
             self._clock.sleep_ns(int(0.5e9 * self._settings.block / self.rate_hz))
@@ -354,7 +467,7 @@ class AudioStream:
                 self.wait(self._mixer.frame + round(FADE_S * self.rate_hz) + 2 * self._settings.block)
         finally:
             with self._explained():
-                devices.close(self._stream)
+                close_stream(self._stream)
 
     def _called(self, inputs: Block, outputs: Block, _frames: int, _time: object, status: Any) -> None:
         try:
@@ -371,7 +484,7 @@ class AudioStream:
             raise self._abort from error
 
     def _explained(self) -> AbstractContextManager[None]:
-        return devices.explained(self._settings.device, rate_hz=self._settings.rate_hz)
+        return explained(self._settings.device, rate_hz=self._settings.rate_hz)
 
     def _check(self) -> None:
         if self._broken is not None:

@@ -1,8 +1,8 @@
 """What a check finds, and the checks that need no driver: of rig file and calibrations, disk, clocks and the machine.
 
 A check is green, red with the remedy, or not checked with the reason. The actuator behind a raw PCM port is only asked
-whether its server answers: nothing is sent, so nothing moves. The disk is asked for room, and how long an entry takes
-until it is there for good; the machine for its clocks, and whether it wakes in time.
+whether its server answers: nothing is sent, so nothing moves. On the disk, checks look for room and time how long an
+entry takes until it is there for good. On the machine, they look at the clocks and whether it wakes in time.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ import numpy as np
 
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel import response_table as response
-from experiment.apparatus.panel.pcm_actuator import PcmActuator
-from experiment.apparatus.rig import ActuatorRig, Rig, response_table
+from experiment.apparatus.panel.pcm import PcmActuator
+from experiment.apparatus.rig import ActuatorRig, HeadphonesRig, LatencyRig, Rig, TrackerRig, response_table
 from experiment.apparatus.tracker import calibration
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.clock import Clock, day, wall_ns
@@ -52,17 +52,17 @@ class Check:
 
 
 def judged(name: str, good: bool, measured: str, *, allowed: str, remedy: str) -> Check:
-    """Green if `good`, else red with the remedy."""
+    """Return a check that is green if `good`, else red with the remedy."""
     return Check(name, "green" if good else "red", measured, allowed, "" if good else remedy)
 
 
 def unchecked(name: str, reason: str, remedy: str = "") -> Check:
-    """What could not be looked at, and why."""
+    """Return a check of what could not be looked at, with the reason."""
     return Check(name, "not checked", reason, remedy=remedy)
 
 
 def refused(name: str, error: PalpateError) -> Check:
-    """Red, with what an error of palpate says: what it got, what is allowed, and the remedy, which stands last."""
+    """Return a red check with what an error says: what it got, what is allowed, and the remedy, which stands last."""
     lines = str(error).splitlines()
     if len(lines) > 1:
         return Check(name, "red", " ".join(line.strip() for line in lines), remedy="correct that file")
@@ -72,12 +72,7 @@ def refused(name: str, error: PalpateError) -> Check:
 
 
 def table(rig: Rig, folder: Path) -> Check | None:
-    """Whether the response table is the one whose hash the rig file states, and can be used; None without one.
-
-    Args:
-        rig: the rig.
-        folder: which holds the rig file.
-    """
+    """Return whether the response table can be used and has the hash that the rig file states; None without one."""
     shaping = rig.actuator.shaping
     if shaping is None:
         return None
@@ -92,7 +87,7 @@ def table(rig: Rig, folder: Path) -> Check | None:
 
 
 def reach(rig: Rig, step: Step) -> Check:
-    """Whether the calibrated heights reach past a protocol's gate and panel."""
+    """Return whether the calibrated heights reach past a protocol's gate and panel."""
     name = "gate"
     try:
         rigs.check(rig, step)
@@ -100,60 +95,36 @@ def reach(rig: Rig, step: Step) -> Check:
         return refused(name, error)
     heights_mm = [point.mm for point in rig.tracker.calibration]
     lowest, highest = rigs.reach_mm(rig, step)
-    return judged(
-        name,
-        True,
-        f"calibrated from {min(heights_mm):g} to {max(heights_mm):g} mm",
-        allowed=f"from at most {lowest:g} to at least {highest:g} mm",
-        remedy="",
-    )
+    measured = f"calibrated from {min(heights_mm):g} to {max(heights_mm):g} mm"
+    return Check(name, "green", measured, f"from at most {lowest:g} to at least {highest:g} mm")
 
 
 def ages(rig: Rig, today: date) -> tuple[Check, ...]:
-    """How old the calibrations are: of the tracker, of the audio device's latency, of the headphones.
-
-    Args:
-        rig: the rig; those of a simulated one do not age.
-        today: the day of the session.
-    """
+    """Return how old the calibrations are: of the tracker, of the audio device's latency, of the headphones."""
     tracker, audio = rig.tracker, rig.audio
-    found = [
-        _age(
-            "tracker calibration",
-            rig,
-            lambda: calibration.check_age(rig, today),
-            tracker.calibrated_on,
-            tracker.calibration_days,
-            today,
-        )
-    ]
+
+    def age(
+        name: str, check: Callable[[], None], made: LatencyRig | HeadphonesRig | TrackerRig, besides: str = ""
+    ) -> Check:
+        if rig.rig.simulated:
+            return unchecked(name, "calibrations of a simulated rig do not age")
+        try:
+            check()
+        except PalpateError as error:
+            return refused(name, error)
+        days = (today - made.calibrated_on).days if made.calibrated_on is not None else 0
+        return Check(name, "green", f"{days} days old{besides}", f"0 to {made.calibration_days} days")
+
+    found = [age("tracker calibration", lambda: calibration.check_age(rig, today), tracker)]
     if audio is not None:
-        made, days = audio.latency.calibrated_on, audio.latency.calibration_days
-        found.append(_age("audio calibration", rig, lambda: rigs.check_latency(audio, today), made, days, today))
-        made, days = audio.headphones.calibrated_on, audio.headphones.calibration_days
-        found.append(_age("headphones", rig, lambda: rigs.check_headphones(audio, today), made, days, today))
+        found.append(age("audio calibration", lambda: rigs.check_latency(audio, today), audio.latency))
+        level = "; its level was not checked, because the machine cannot hear it"
+        found.append(age("headphones", lambda: rigs.check_headphones(audio, today), audio.headphones, level))
     return tuple(found)
 
 
-def _age(name: str, rig: Rig, check: Callable[[], None], made: date | None, days: int | None, today: date) -> Check:
-    if rig.rig.simulated:
-        return unchecked(name, "calibrations of a simulated rig do not age")
-    try:
-        check()
-    except PalpateError as error:
-        return refused(name, error)
-    age = (today - made).days if made is not None else 0
-    heard = "; its level: not checked, for the machine cannot hear it" if name == "headphones" else ""
-    return judged(name, True, f"{age} days old{heard}", allowed=f"0 to {days} days", remedy="")
-
-
 def answers(address: str, settings: ActuatorRig) -> Check:
-    """Whether a connection is accepted.
-
-    Args:
-        address: `host:port`.
-        settings: of the rig.
-    """
+    """Return whether the server of a raw PCM actuator accepts a connection."""
     name = "actuator"
     try:
         PcmActuator(
@@ -168,7 +139,7 @@ BUILT_YEAR = 2026
 """No session is run before palpate was written."""
 
 RESOLUTION_US = 10.0
-"""Coarsest step of the monotonic clock, microseconds."""
+"""Coarsest step allowed to the monotonic clock, microseconds."""
 
 SET_MS = 10.0
 """By how much wall clock and session clock may part during the checks, ms: one that is slewed parts by 0.5 ms a second,
@@ -182,23 +153,16 @@ LATE_MS = 10.0
 
 @dataclass(frozen=True)
 class Mark:
-    """Both clocks at a moment, ns."""
-
     clock_ns: int
     wall_ns: int
 
 
 def mark(clock: Clock) -> Mark:
-    """Both clocks now."""
     return Mark(clock.now_ns(), wall_ns())
 
 
 def resolution(clock: Clock) -> Check:
-    """How fine the session's clock is.
-
-    Args:
-        clock: the session's; it must go by itself.
-    """
+    """Return how fine the session's clock is; it must go by itself."""
     steps_ns: list[int] = []
     before_ns = clock.now_ns()
     while len(steps_ns) < 100:
@@ -217,12 +181,7 @@ def resolution(clock: Clock) -> Check:
 
 
 def wall(begun: Mark, ended: Mark) -> Check:
-    """Whether the wall clock is set, and nobody set it meanwhile.
-
-    Args:
-        begun: before the other checks.
-        ended: after them.
-    """
+    """Return whether the wall clock is set, and nobody set it between two marks."""
     today = day(ended.wall_ns)
     parted_ms = ((ended.wall_ns - begun.wall_ns) - (ended.clock_ns - begun.clock_ns)) / 1e6
     seconds = (ended.clock_ns - begun.clock_ns) / 1e9
@@ -236,11 +195,7 @@ def wall(begun: Mark, ended: Mark) -> Check:
 
 
 def waking(clock: Clock) -> Check:
-    """How late sleeps end, and how loaded the machine is.
-
-    Args:
-        clock: the session's.
-    """
+    """Return how late sleeps end, and how loaded the machine is."""
     late_ms = []
     for _ in range(SLEEPS):
         begun_ns = clock.now_ns()
@@ -282,23 +237,12 @@ BUDGET_MS = 50.0
 
 
 def session_bytes(*, trials: int, rate_hz: int) -> int:
-    """What a session writes at most.
-
-    Args:
-        trials: of the session.
-        rate_hz: of the tracker.
-    """
+    """Return what a session writes at most."""
     return math.ceil(trials * (COPIES * ARMED_S * rate_hz * FRAME_BYTES + JOURNAL_BYTES))
 
 
 def space(folder: Path, *, trials: int, rate_hz: int) -> Check:
-    """Whether a session has room.
-
-    Args:
-        folder: of the dataset; it need not be there yet.
-        trials: of the longest task.
-        rate_hz: of the tracker.
-    """
+    """Return whether the dataset's disk has room for a session; its folder need not exist yet."""
     name, there = "disk space", _there(folder)
     needed = session_bytes(trials=trials, rate_hz=rate_hz)
     try:
@@ -317,12 +261,7 @@ def space(folder: Path, *, trials: int, rate_hz: int) -> Check:
 
 
 def writing(folder: Path, clock: Clock) -> Check:
-    """Whether this user may write there, and how long an entry takes to be on disk.
-
-    Args:
-        folder: of the dataset; where it is not there yet, the nearest folder above that is.
-        clock: times the writing.
-    """
+    """Return whether this user may write in the folder, or the nearest above it, and how long an entry takes."""
     name, there = "disk writing", _there(folder)
     took_ms = []
     try:

@@ -24,13 +24,13 @@ from experiment.clock import Clock
 from experiment.errors import AudioError, TrackerError
 
 LISTEN_S = 4.5
-"""How long the tracker is listened to, s: from three whole seconds on the clock map tells drift to some ppm."""
+"""How long the tracker is listened to, s: three whole seconds tell the clock map drift to some ppm."""
 
 CRYSTAL_PPM = 500.0
 """More than any crystal drifts, parts per million; a ceramic resonator may be ten times as far off."""
 
 RATE_PART = 0.01
-"""By how much the rate may differ from the rig file's, as a part of it."""
+"""Part of the rig file's rate by which the device's own may differ."""
 
 DELAY_P99_MS = 10.0
 """Within this 99 of 100 reads arrive, ms: of the 33 ms that a foot of 300 mm/s takes for 10 mm from gate to panel it
@@ -60,12 +60,7 @@ class Heard:
 
 
 def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Heard:
-    """Read what comes.
-
-    Args:
-        tracker: opened.
-        clock: the session's; it must go by itself.
-        seconds: how long, s.
+    """Return what an opened tracker sends in so many seconds of a clock that goes by itself.
 
     Raises:
         TrackerError: the tracker failed.
@@ -89,13 +84,7 @@ def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Hear
 
 
 def checks(tracker: Tracker, settings: TrackerRig, *, clock: Clock) -> tuple[Check, ...]:
-    """Everything that an opened tracker shows.
-
-    Args:
-        tracker: opened.
-        settings: of the rig.
-        clock: the session's; it must go by itself.
-    """
+    """Return everything that an opened tracker shows; the session's clock must go by itself."""
     try:
         heard = listen(tracker, clock=clock)
     except TrackerError as error:
@@ -111,7 +100,7 @@ def checks(tracker: Tracker, settings: TrackerRig, *, clock: Clock) -> tuple[Che
 
 
 def frames(heard: Heard) -> Check:
-    """Whether the link loses or spoils frames."""
+    """Return whether the link loses or spoils frames."""
     link = heard.link
     return judged(
         "tracker frames",
@@ -124,7 +113,7 @@ def frames(heard: Heard) -> Check:
 
 
 def rate(heard: Heard, settings: TrackerRig) -> Check:
-    """Whether the device samples as often as the rig file says, by its own clock."""
+    """Return whether the device samples as often as the rig file says, by its own clock."""
     steps_us = np.diff(heard.device_us)
     measured_hz = 0.0
     if steps_us.size:
@@ -142,7 +131,7 @@ def rate(heard: Heard, settings: TrackerRig) -> Check:
 
 
 def drift(heard: Heard) -> Check:
-    """Whether the device's clock runs as this machine's does."""
+    """Return whether the device's clock runs as this machine's does."""
     ppm = heard.clock_map.drift_ppm
     off = f"; no crystal's but a resonator's: the foot's speed is off by {abs(ppm) * 1e-4:.1f} %"
     return judged(
@@ -157,7 +146,7 @@ def drift(heard: Heard) -> Check:
 
 
 def arrival(heard: Heard, settings: TrackerRig) -> Check:
-    """How late reads come."""
+    """Return how late reads come."""
     median, p99, longest = (float(np.quantile(heard.delay_ms, q)) for q in (0.5, 0.99, 1.0))
     return judged(
         "tracker arrival",
@@ -169,7 +158,7 @@ def arrival(heard: Heard, settings: TrackerRig) -> Check:
 
 
 def reading(tracker: Tracker, settings: TrackerRig) -> Check:
-    """Whether the sensor reads inside its calibration; as `palpate run` asks before a session."""
+    """Return whether the sensor reads inside its calibration; as `palpate run` asks before a session."""
     name = "tracker reading"
     try:
         calibration.check_reading(tracker, settings)
@@ -180,16 +169,13 @@ def reading(tracker: Tracker, settings: TrackerRig) -> Check:
 
 
 def noise(heard: Heard, settings: TrackerRig) -> Check:
-    """Whether a sensor that sees nothing move is as quiet as when it was calibrated."""
+    """Return whether a sensor that sees nothing move is as quiet as when it was calibrated."""
     name = "tracker noise"
     measured_mm = float(np.std(heard.height_mm))
     measured = f"{measured_mm:.3f} mm at {float(np.median(heard.height_mm)):.1f} mm"
     if settings.noise_mm is None:
-        return unchecked(
-            name,
-            f"{measured}, and tracker.noise_mm is not in the rig file",
-            "run palpate calibrate tracker, which writes it",
-        )
+        reason = f"{measured}, and tracker.noise_mm is not in the rig file"
+        return unchecked(name, reason, "run palpate calibrate tracker, which writes it")
     return judged(
         name,
         measured_mm <= NOISE_TIMES * settings.noise_mm,
@@ -212,24 +198,13 @@ LOOPBACK = "loopback"
 
 
 def opened(stream: AudioStream, audio: AudioRig) -> Check:
-    """What a stream that could be opened is."""
-    channels = audio.channels
-    return Check(
-        "audio device",
-        "green",
-        f"{audio.device}: {channels.inputs} inputs, {channels.outputs} outputs, {stream.rate_hz} Hz",
-    )
+    """Return a stream that could be opened as a green check."""
+    found = f"{audio.channels.inputs} inputs, {audio.channels.outputs} outputs, {stream.rate_hz} Hz"
+    return Check("audio device", "green", f"{audio.device}: {found}")
 
 
 def steady(stream: AudioStream, audio: AudioRig, *, since: StreamHealth, exact: bool) -> tuple[Check, ...]:
-    """Watch a stream for `RUN_S` or longer.
-
-    Args:
-        stream: running.
-        audio: of the rig.
-        since: how it was when it began to be watched; opening and wiring a stream may cost an under-run.
-        exact: as in `health`.
-    """
+    """Watch a stream for `RUN_S` or longer since `since`, which follows opening and wiring; see `health`."""
     try:
         stream.wait(since.frames + round(RUN_S * audio.rate_hz))
     except AudioError as error:
@@ -238,13 +213,9 @@ def steady(stream: AudioStream, audio: AudioRig, *, since: StreamHealth, exact: 
 
 
 def health(since: StreamHealth, until: StreamHealth, audio: AudioRig, *, exact: bool) -> tuple[Check, ...]:
-    """Whether a stream ran without a gap, and callbacks kept to their times.
+    """Return whether a stream ran without a gap between two states, and callbacks kept to their times.
 
-    Args:
-        since: how it was at first.
-        until: how it was at last.
-        audio: of the rig.
-        exact: of a server that waits for its clients and loses nothing, so that under-runs it tells of are none.
+    An `exact` server waits for its clients and loses nothing, so the under-runs that it reports do not count.
     """
     seconds = (until.frames - since.frames) / audio.rate_hz
     gaps, xruns = until.gaps - since.gaps, until.xruns - since.xruns
@@ -269,13 +240,10 @@ def health(since: StreamHealth, until: StreamHealth, audio: AudioRig, *, exact: 
 
 
 def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Check, ...]:
-    """Whether what leaves the actuator's channel comes back when, as loud and as clean as it should.
+    """Return whether what leaves the actuator's channel comes back on time, as loud and as clean as it should.
 
-    The actuator moves meanwhile. What is allowed is what the rig allows of a stimulus that counts as delivered.
-
-    Args:
-        stream: running; its actuator's channel lets `PEAK` pass.
-        audio: of the rig.
+    The actuator moves meanwhile. What is allowed is what the rig allows of a stimulus that counts as delivered. The
+    stream is running, and its actuator's channel lets `PEAK` pass.
     """
     entry, tolerance = audio.channels.loopback, audio.delivered
     if entry is None:

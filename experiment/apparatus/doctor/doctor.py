@@ -57,7 +57,7 @@ Simulate = Callable[[Rig, ExitStack], FarEnds]
 def examine(
     *, rig_path: Path, protocol_path: Path | None, root: Path | None, clock: Clock, simulate: Simulate
 ) -> Iterator[Check]:
-    """Look at everything, in the order of what depends on what.
+    """Yield a check of everything, in the order of what depends on what.
 
     Args:
         rig_path: the rig file.
@@ -105,7 +105,7 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
 
 
 def _trials(protocol: Protocol | None) -> int:
-    """Trials of the longest task."""
+    """Return the trials of the longest task."""
     if protocol is None:
         return TRIALS
     return max(len(protocol.materials) * task.repetitions for task in protocol.tasks)
@@ -165,7 +165,7 @@ def _audio(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock) -> Iterato
 
 
 def _stream(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock, stream: AudioStream) -> Iterator[Check]:
-    """The tracker while a stream runs, then the stream."""
+    """Check the tracker while a stream runs, then the stream."""
     name = "audio stream"
     try:
         ends.wire()

@@ -48,7 +48,7 @@ class Played:
     scale: float = 1.0
 
     def on_record(self) -> records.Stimulus:
-        """Return what goes on record of it. Shaping is worked out anew for that: ask after contact."""
+        """Return what goes on record of it. Shaping is worked out anew for that, so ask after contact."""
         asked = self.stimulus
         peak = max(float(self.samples.max()), -float(self.samples.min())) * self.full_scale
         shaped, reached = None, peak
@@ -73,7 +73,7 @@ class Played:
 
 
 class Conditioner:
-    """What every stimulus goes through before its device."""
+    """Shapes, limits and scales every stimulus before its device."""
 
     def __init__(self, *, full_scale: float, limit_m_s2: float, drive: Drive | None = None) -> None:
         """Set the limits.
@@ -84,7 +84,7 @@ class Conditioner:
             drive: frequency shaping, for a device that takes volts; None for one that takes accelerations.
 
         Raises:
-            ActuatorError: the limit is no limit.
+            ActuatorError: the limit is negative or not finite.
         """
         limit((), limit_m_s2)
         self._full_scale = full_scale
@@ -100,10 +100,7 @@ class Conditioner:
         return float(self._highest)
 
     def __call__(self, stimulus: Stimulus) -> Played:
-        """Shape, limit and scale a stimulus.
-
-        Args:
-            stimulus: at the device's rate.
+        """Return a stimulus, given at the device's rate, as its samples are played.
 
         Raises:
             ActuatorError: there is nothing to play.
@@ -122,7 +119,7 @@ class Conditioner:
 
 
 def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
-    """Bound every sample: the limiter, last before the device, which holds for any input.
+    """Return samples that are bounded, and how many were changed: the limiter, last before the device, for any input.
 
     Args:
         waveform: any samples, m/s^2 or V, NaN and infinity included, any shape.
@@ -130,10 +127,10 @@ def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
 
     Returns:
         Samples of the same shape, none larger in magnitude than `peak`: NaN becomes 0, all else the nearest value
-        allowed. Where none had to be changed they are the samples given, not a copy. And how many were changed.
+        allowed. Where none had to be changed they are the samples given, not a copy.
 
     Raises:
-        ActuatorError: `peak` is no limit.
+        ActuatorError: `peak` is negative or not finite.
     """
     if not (math.isfinite(peak) and peak >= 0):
         raise ActuatorError(f"limiter: got a limit of {peak} m/s^2; allowed: a finite number, not negative")
@@ -152,11 +149,10 @@ def open_drive(
     """Return what turns accelerations into voltages for the actuator of a rig; None for one that takes accelerations.
 
     Args:
-        folder: which holds the rig file; the response table stands there.
+        folder: the rig file's, where the response table stands too.
         actuator: of the rig.
         limit_m_s2: the protocol's limit for the magnitude of the acceleration that is delivered, m/s^2.
-        materials: those that will be asked for, by their ids. Their voltages are prepared here, so that they are there
-            sooner.
+        materials: by their ids, those whose voltages are prepared now, so that they are there sooner.
 
     Raises:
         RigError: the table is not the one that the rig file names.

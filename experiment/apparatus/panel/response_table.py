@@ -1,4 +1,4 @@
-"""The response table of a rig as a CSV file: what a drive level at a frequency makes of the panel.
+"""The response table of a rig as a CSV file: the panel's acceleration for each drive level at each frequency.
 
 ```
 # any number of comments
@@ -9,9 +9,9 @@ frequency_hz,drive_vrms,acceleration_pp_m_s2
 12,0.25,0.345
 ```
 
-One row a measurement, as Okamoto et al. took theirs (section 4, Figure 9): a sinusoid of `drive_vrms` volts root mean
-square at `frequency_hz` moves the loaded panel by `acceleration_pp_m_s2`, peak to peak. Frequencies rise; at each
-stand the same drive levels, rising. Reading turns both columns into amplitudes of sinusoids, here and nowhere else:
+One row is one measurement, as Okamoto et al. took theirs (section 4, Figure 9): a sinusoid of `drive_vrms` volts root
+mean square at `frequency_hz` moves the loaded panel by `acceleration_pp_m_s2`, peak to peak. Frequencies rise, and each
+has the same drive levels, rising. Reading turns both columns into amplitudes of sinusoids, here and nowhere else:
 sqrt 2 times the rms, half the peak to peak.
 """
 
@@ -42,11 +42,11 @@ class _Row:
 
 
 def read(path: Path) -> Response:
-    """Read a response table.
+    """Return the response in a table.
 
     Raises:
-        RecordingError: naming file, line, what it got and what is allowed: no table, a cell that is no number,
-            frequencies or levels out of order or twice there, levels missing, or a response that does not rise.
+        RecordingError: the table is missing, a cell is no number, frequencies or levels are out of order, repeated or
+            missing, or a response does not rise; it names file, line, what it got and what is allowed.
     """
     try:
         content = path.read_bytes()
@@ -58,12 +58,7 @@ def read(path: Path) -> Response:
 
 
 def write(path: Path, response: Response, *, comments: Sequence[str]) -> None:
-    """Write a response as a table, six significant digits a number.
-
-    Args:
-        path: of the file.
-        response: amplitudes.
-        comments: lines for its head: what was measured, when, under which load.
+    """Write a response as a table, six significant digits a number, under comments on what was measured and when.
 
     Raises:
         RecordingError: the file cannot be written.
@@ -81,7 +76,7 @@ def write(path: Path, response: Response, *, comments: Sequence[str]) -> None:
 
 
 def parse(path: Path, content: bytes) -> Response:
-    """As `read`, of a table that was read from `path`."""
+    """Return the response in the content of a table that was read from `path`; errors are those of `read`."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -118,7 +113,7 @@ def parse(path: Path, content: bytes) -> Response:
 
 
 def _rows(path: Path, text: str) -> list[_Row]:
-    """Every row, each later than the one before in frequency or, at one frequency, in level."""
+    """Return every row, each later than the one before in frequency or, at one frequency, in level."""
     rows: list[_Row] = []
     lines: dict[tuple[float, float], int] = {}
     headed = False

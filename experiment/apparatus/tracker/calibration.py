@@ -1,16 +1,21 @@
-"""Calibrating the tracker: the walk through known heights, the points it gives, and whether a rig's still hold.
+"""What a tracker's reading is in mm: calibrating it at known heights, and zeroing it on a foot that rests.
 
 Two heights make a straight line; more follow a sensor that is bent. Heights between points are read off straight lines
 (rig.py). The residual of an inner point, against the line through its neighbours, is the error that leaving it out
-would make, and about four times the one that is left. What was found is told in lines of text, and written into a new
-rig file.
+would make, and about four times the error that remains between points. The results are told in lines of text, and
+written into a new rig file.
+
+Zeroing says where the tracker sees a foot that rests on the panel, so that heights count from there. A sole, a sock, or
+a sensor that sits otherwise on another foot moves every height by the same amount. A zero holds for one participant and
+one connection: a tracker that was plugged in again may have been moved, or may count from elsewhere, and is zeroed
+again.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, MutableMapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date, timedelta
 from itertools import pairwise
 from typing import Any, cast
@@ -19,11 +24,11 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
-from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Tracker
+from experiment.apparatus.ports import Rester, Tracker
 from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
-from experiment.apparatus.tracker.zeroing import heights
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.clock import Clock, day
 from experiment.errors import RigError, TrackerError
 from experiment.protocol.models import Step
@@ -38,20 +43,21 @@ START_READINGS = 100
 """Readings that are looked at before a session."""
 
 HELD_PART = 0.5
-"""Largest part of them that may lie at an end of the calibration, or beyond."""
+"""Largest part of these readings that may lie at an end of the calibration, or beyond."""
 
 RAW = (CalibrationPoint(counts=0, mm=0.0), CalibrationPoint(counts=65535, mm=65535.0))
 """A calibration under which heights are readings."""
 
+REST_S = 0.5
+"""How long the resting foot is read, s."""
+
+STILL_MM = 0.5
+"""Largest standard deviation of a foot at rest, mm: five times that of a noisy sensor (0.1 mm)."""
+
 
 @dataclass(frozen=True)
 class Level:
-    """Readings at a known height.
-
-    Attributes:
-        mm: the height, mm.
-        counts: what the sensor gave, shape (n,).
-    """
+    """Readings at a known height, mm: what the sensor gave, shape (n,)."""
 
     mm: float
     counts: NDArray[np.float64]
@@ -59,12 +65,10 @@ class Level:
 
 @dataclass(frozen=True)
 class Point:
-    """A calibrated point.
+    """A calibrated point: its median reading and its height, mm.
 
     Attributes:
-        counts: median reading.
-        mm: height, mm.
-        residual_mm: of an inner point against the line through its neighbours, mm; 0 for the outermost.
+        residual_mm: distance of an inner point from the line through its neighbours, mm; 0 for the outermost.
         noise_mm: standard deviation of the readings, as a height, mm.
     """
 
@@ -83,44 +87,20 @@ class Calibration:
 
     @property
     def noise_mm(self) -> float:
-        """Of the noisiest point, mm."""
+        """Noise of the noisiest point, mm."""
         return max(point.noise_mm for point in self.points)
 
-    def settings(self, before: TrackerRig) -> TrackerRig:
-        """A tracker's settings with these points in place of its own."""
-        points = tuple(CalibrationPoint(counts=point.counts, mm=point.mm) for point in self.points)
-        made = {"calibration": points, "calibrated_on": self.calibrated_on, "noise_mm": round(self.noise_mm, 4)}
-        return before.model_copy(update=made)
 
-
-def raw(settings: TrackerRig) -> TrackerRig:
-    """Settings under which a tracker gives readings in place of heights."""
-    return settings.model_copy(update={"calibration": RAW})
-
-
-def level(tracker: Tracker, mm: float, readings: int = READINGS) -> Level:
-    """Read at a known height.
-
-    Args:
-        tracker: opened with the settings of `raw`.
-        mm: the height, mm.
-        readings: how many.
-
-    Raises:
-        TrackerError: the tracker failed.
-    """
-    return Level(mm, heights(tracker, readings))
+def raw(rig: Rig) -> Rig:
+    """Return the rig with a tracker that gives readings in place of heights."""
+    return rig.model_copy(update={"tracker": rig.tracker.model_copy(update={"calibration": RAW})})
 
 
 def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
-    """Points for a rig file.
-
-    Args:
-        levels: readings at two heights or more.
-        calibrated_on: today.
+    """Return the points for a rig file from readings at two heights or more, dated today.
 
     Raises:
-        TrackerError: too few heights, or readings that do not tell them apart, in one direction.
+        TrackerError: there are too few heights, or the readings do not tell them apart, in one direction.
     """
     by_height = sorted(levels, key=lambda one: one.mm)
     if len(by_height) < 2 or any(lower.mm == upper.mm for lower, upper in pairwise(by_height)):
@@ -150,11 +130,7 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
 
 
 def check_age(rig: Rig, today: date) -> None:
-    """Refuse a real rig whose calibration is undated, too old, or of a day to come.
-
-    Raises:
-        RigError: see above.
-    """
+    """Refuse a real rig whose calibration is undated, too old, or dated after today, with a `RigError`."""
     tracker = rig.tracker
     if rig.rig.simulated:
         return
@@ -174,12 +150,8 @@ def check_age(rig: Rig, today: date) -> None:
 def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
     """Refuse a sensor that reads beyond its calibration before anybody is on the panel.
 
-    Args:
-        tracker: the opened tracker.
-        settings: its calibration.
-
     Raises:
-        TrackerError: half of the readings lie at or beyond an end of the calibration; or the tracker failed.
+        TrackerError: half of the readings lie at or beyond an end of the calibration, or the tracker failed.
     """
     read_mm = heights(tracker, START_READINGS)
     calibrated = [point.mm for point in settings.calibration]
@@ -193,10 +165,10 @@ def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
 
 
 def heights_asked(text: str) -> tuple[float, ...]:
-    """Heights as they are typed, such as `0,10,20,50`, mm.
+    """Return heights as they are typed, such as `0,10,20,50`, mm.
 
     Raises:
-        RigError: not two different numbers or more.
+        RigError: they are not two or more different numbers.
     """
     try:
         found = tuple(float(part) for part in text.split(","))
@@ -207,46 +179,41 @@ def heights_asked(text: str) -> tuple[float, ...]:
     return found
 
 
-def walk(
-    rig: Rig, heights_mm: Sequence[float], *, ask: Callable[[str], str], clock: Clock, port: str | None = None
-) -> Calibration:
-    """Read the sensor at each height, when the experimenter says that it is there.
+def walk(tracker: Tracker, heights_mm: Sequence[float], *, ask: Callable[[str], str], clock: Clock) -> Calibration:
+    """Return a calibration: the sensor is read at each height when the experimenter says that the target is there.
 
     Args:
-        rig: the rig; its present calibration does not matter.
+        tracker: opened with the rig of `raw`.
         heights_mm: in the order of the walk.
         ask: shows a prompt and returns when Enter was pressed; `input` on a terminal.
         clock: says which day it is.
-        port: used instead of the one that the rig names.
 
     Raises:
-        PalpateError: the tracker failed, or the readings are no calibration.
+        PalpateError: the tracker failed, or the readings make no calibration.
     """
-    settings = raw(rig.tracker)
-    tracker = opening.open_tracker(rig.model_copy(update={"tracker": settings}), clock=clock, port=port)
-    try:
-        levels = []
-        for place, mm in enumerate(heights_mm, start=1):
-            ask(f"Height {place} of {len(heights_mm)}: hold the target {mm:g} mm above the panel. Press Enter: ")
-            levels.append(level(tracker, mm))
-    finally:
-        tracker.close()
+    levels = []
+    for place, mm in enumerate(heights_mm, start=1):
+        ask(f"Height {place} of {len(heights_mm)}: hold the target {mm:g} mm above the panel. Press Enter: ")
+        levels.append(Level(mm, heights(tracker, READINGS)))
     return calibrate(levels, day(clock.now_ns()))
 
 
 def calibrated(rig: Rig, made: Calibration, days: int) -> Rig:
-    """The rig with a new calibration that holds for so many days."""
-    tracker = made.settings(rig.tracker).model_copy(update={"calibration_days": days})
-    return rig.model_copy(update={"tracker": tracker})
+    """Return the rig with a new calibration that holds for so many days."""
+    points = tuple(CalibrationPoint(counts=point.counts, mm=point.mm) for point in made.points)
+    tracker = {
+        "calibration": points,
+        "calibrated_on": made.calibrated_on,
+        "noise_mm": round(made.noise_mm, 4),
+        "calibration_days": days,
+    }
+    return rig.model_copy(update={"tracker": rig.tracker.model_copy(update=tracker)})
 
 
 def report(made: Calibration, rig: Rig, step: Step | None) -> Iterator[str]:
-    """What was found, line by line.
+    """Yield the results line by line, of a calibration and the rig with it.
 
-    Args:
-        made: the calibration.
-        rig: the rig with it.
-        step: gate and contact of the protocol that it is meant for; None if none was named.
+    With a protocol's `step`, the last line says whether heights reach past its gate and contact.
     """
     yield "counts      mm   residual mm   noise mm"
     for point in made.points:
@@ -262,19 +229,14 @@ def report(made: Calibration, rig: Rig, step: Step | None) -> Iterator[str]:
 
 
 def table(rig: Rig) -> str:
-    """What to write under [tracker] in a rig file."""
+    """Return what to write under [tracker] in a rig file."""
     document = tomlkit.document()
     _put(document, rig)
     return tomlkit.dumps(document)
 
 
 def rewritten(text: str, rig: Rig) -> str:
-    """A rig file with the calibration of `rig` in place of its own; all else stays, comments too.
-
-    Args:
-        text: the rig file.
-        rig: the rig with the new calibration.
-    """
+    """Return the text of a rig file with the calibration of `rig` in place of its own; all else stays, comments too."""
     document = tomlkit.parse(text)
     _put(cast("MutableMapping[str, Any]", document["tracker"]), rig)
     return tomlkit.dumps(document)
@@ -292,3 +254,126 @@ def _put(tracker: MutableMapping[str, Any], rig: Rig) -> None:
         row.update({"counts": point.counts, "mm": point.mm})
         points.append(row)
     tracker["calibration"] = points.multiline(multiline=True)
+
+
+@dataclass(frozen=True)
+class Zero:
+    """What a foot at rest on the panel looked like.
+
+    Attributes:
+        offset_mm: its height above contact as the calibration has it, median, mm.
+        spread_mm: standard deviation, mm.
+        samples: how many it was made from.
+    """
+
+    offset_mm: float
+    spread_mm: float
+    samples: int
+
+    def applied(self, samples: Samples) -> Samples:
+        """Return the same samples with heights that count from where the foot rested."""
+        return replace(samples, height_mm=samples.height_mm - self.offset_mm)
+
+
+def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: float) -> Zero:
+    """Return the offset of a foot at rest on the panel.
+
+    Args:
+        heights_mm: heights while it rested, mm, shape (n,).
+        contact_mm: the protocol's height of contact, mm.
+        farthest_mm: largest magnitude of the offset, mm.
+
+    Raises:
+        TrackerError: there are too few samples, the foot moved, or the offset is too large.
+    """
+    if heights_mm.size < 2:
+        raise TrackerError(f"zeroing: got {heights_mm.size} samples; allowed: 2 or more; see to the tracker")
+    spread_mm = float(np.std(heights_mm, ddof=1))
+    if spread_mm > STILL_MM:
+        raise TrackerError(
+            f"zeroing: got heights that spread by {spread_mm:.2f} mm; allowed: at most {STILL_MM:g} mm; "
+            "rest the foot on the panel without moving"
+        )
+    offset_mm = float(np.median(heights_mm)) - contact_mm
+    if abs(offset_mm) > farthest_mm:
+        raise TrackerError(
+            f"zeroing: got an offset of {offset_mm:.2f} mm; allowed: at most {farthest_mm:g} mm either way "
+            "(tracker.zeroing_mm); rest the foot on the bare panel; if it does, see to the sensor's place, then run "
+            "palpate calibrate tracker"
+        )
+    return Zero(offset_mm, spread_mm, heights_mm.size)
+
+
+def heights(tracker: Tracker, samples: int) -> NDArray[np.float64]:
+    """Return the next heights from now on, mm, shape (samples,); `TrackerError` if the tracker failed."""
+    tracker.drain()
+    read = np.empty(0)
+    while read.size < samples:
+        read = np.concatenate([read, tracker.read().height_mm])
+    return read[:samples]
+
+
+class ZeroedTracker:
+    """Implements `Tracker` on top of another one: heights count from where the foot rested, once it has."""
+
+    def __init__(self, tracker: Tracker, *, contact_mm: float, farthest_mm: float, samples: int) -> None:
+        """Take over an opened tracker, not zeroed yet: heights are as calibrated.
+
+        A zeroing takes so many `samples` of a foot that rests at most `farthest_mm` from the protocol's `contact_mm`.
+        """
+        self._tracker = tracker
+        self._contact_mm = contact_mm
+        self._farthest_mm = farthest_mm
+        self._samples = samples
+        self._zero: Zero | None = None
+
+    @property
+    def zero(self) -> Zero | None:
+        """Where the foot rested when heights began to count from there; None while they are as calibrated."""
+        return self._zero
+
+    @property
+    def due(self) -> bool:
+        """Whether it must still be zeroed, for the first time or since it came back."""
+        return self._zero is None
+
+    def settle(self, rester: Rester) -> Zero:
+        """Return the zero of a resting foot; a foot that moved, or did not rest on the panel, is read again.
+
+        `rester` has the foot rest, is told why the reading before gave no zero, and gives up by raising.
+
+        Raises:
+            TrackerError: the tracker failed.
+        """
+        why = ""
+        while True:
+            rester.rest(why=why)
+            read_mm = heights(self._tracker, self._samples)
+            try:
+                self._zero = zero(read_mm, contact_mm=self._contact_mm, farthest_mm=self._farthest_mm)
+            except TrackerError as refused:
+                why = str(refused)
+            else:
+                return self._zero
+
+    @property
+    def counts(self) -> LinkCounts:
+        return self._tracker.counts
+
+    @property
+    def clock_map(self) -> ClockMap | None:
+        return self._tracker.clock_map
+
+    def drain(self) -> None:
+        self._tracker.drain()
+
+    def read(self) -> Samples:
+        samples = self._tracker.read()
+        return samples if self._zero is None else self._zero.applied(samples)
+
+    def reconnect(self, timeout_s: float) -> None:
+        self._zero = None
+        self._tracker.reconnect(timeout_s)
+
+    def close(self) -> None:
+        self._tracker.close()

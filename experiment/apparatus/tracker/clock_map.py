@@ -82,20 +82,12 @@ class ClockMap:
     delay_p99_us: float = 0.0
 
     def session_ns(self, device_us: float) -> int:
-        """Session time of a device time, ns.
-
-        Args:
-            device_us: device time, microseconds; may lie before the first sample or after the last.
-        """
+        """Return the session time, ns, of a device time, microseconds, which may lie outside the samples."""
         elapsed_us = device_us - self.anchor_us
         return self.anchor_ns + round(elapsed_us * 1000) + round(elapsed_us * self.drift_ppm * 1e-3)
 
     def device_us(self, session_ns: int) -> float:
-        """Device time of a session time, microseconds; the inverse of `session_ns`.
-
-        Args:
-            session_ns: session time, ns.
-        """
+        """Return the device time of a session time, microseconds; the inverse of `session_ns`."""
         return self.anchor_us + (session_ns - self.anchor_ns) / (1000 + self.drift_ppm * 1e-3)
 
 
@@ -132,7 +124,7 @@ class ClockState(NamedTuple):
     recent: tuple[int, ...]
 
     def map(self) -> ClockMap:
-        """The line as it stands."""
+        """Return the line as it stands."""
         lead_us = self.level + self.slope * self.newest_x
         delays = np.cumsum(_counted(self.delays, self.recent))
         median, p99 = np.searchsorted(delays, np.array([0.5, 0.99]) * delays[-1])
@@ -148,24 +140,13 @@ class ClockState(NamedTuple):
 
 
 def init(device_us: int, arrived_ns: int) -> ClockState:
-    """After the first read.
-
-    Args:
-        device_us: device time of its newest sample, microseconds.
-        arrived_ns: session time at which it came, ns.
-    """
+    """Return the state after the first read: device time of its newest sample, and session time of its arrival."""
     delays = (0,) * len(_DELAY_EDGES_US)
     return ClockState(device_us, arrived_ns, 0.0, (), (), (0.0, 0.0), False, 0.0, 0.0, delays, (0,))
 
 
 def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
-    """Take the next read.
-
-    Args:
-        state: from `init` or the step before.
-        device_us: device time of its newest sample, microseconds; later than any before.
-        arrived_ns: session time at which it came, ns.
-    """
+    """Return the state after the next read; the device time is later than any before."""
     origin_us, origin_ns, _, kept, fine, low, known, slope, level, delays, recent = state
     x = float(device_us - origin_us)
     y = (arrived_ns - origin_ns) / 1000 - x
@@ -190,7 +171,7 @@ def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
 
 
 def _counted(delays: tuple[int, ...], recent: tuple[int, ...]) -> tuple[int, ...]:
-    """Delays with the recent ones counted in."""
+    """Return the delays with the recent ones counted in."""
     counts = list(delays)
     for place in recent:
         counts[place] += 1
@@ -198,7 +179,7 @@ def _counted(delays: tuple[int, ...], recent: tuple[int, ...]) -> tuple[int, ...
 
 
 def _slope(reads: tuple[tuple[float, float], ...]) -> tuple[bool, float]:
-    """Whether drift is known and within the limit, and the slope to go by."""
+    """Return whether drift is known and within the limit, and the slope to go by."""
     if not reads:
         return False, 0.0
     x, y = np.array(reads).T

@@ -31,7 +31,8 @@ from __future__ import annotations
 
 import struct
 from binascii import crc_hqx
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from operator import add, sub
 from typing import NamedTuple
 
 import numpy as np
@@ -62,26 +63,14 @@ class Samples:
     def cut(self, count: int) -> tuple[Samples, Samples]:
         """Return the first `count` of them, and the others."""
         end = int(self.ends[count - 1]) if count else 0
+        us, mm, ends = self.device_us, self.height_mm, self.ends
         return (
-            replace(
-                self,
-                device_us=self.device_us[:count],
-                height_mm=self.height_mm[:count],
-                raw=self.raw[:end],
-                ends=self.ends[:count],
-            ),
-            replace(
-                self,
-                device_us=self.device_us[count:],
-                height_mm=self.height_mm[count:],
-                raw=self.raw[end:],
-                ends=self.ends[count:] - end,
-            ),
+            Samples(us[:count], mm[:count], self.raw[:end], ends[:count], self.arrived_ns),
+            Samples(us[count:], mm[count:], self.raw[end:], ends[count:] - end, self.arrived_ns),
         )
 
 
-@dataclass(frozen=True)
-class LinkCounts:
+class LinkCounts(NamedTuple):
     """What a serial link did since it was opened, in frames.
 
     Attributes:
@@ -98,21 +87,11 @@ class LinkCounts:
 
     def plus(self, more: LinkCounts) -> LinkCounts:
         """Return the counts of both."""
-        return LinkCounts(
-            self.received + more.received,
-            self.lost + more.lost,
-            self.damaged + more.damaged,
-            self.repeated + more.repeated,
-        )
+        return LinkCounts(*map(add, self, more))
 
     def since(self, earlier: LinkCounts) -> LinkCounts:
         """Return the counts from `earlier` until now."""
-        return LinkCounts(
-            self.received - earlier.received,
-            self.lost - earlier.lost,
-            self.damaged - earlier.damaged,
-            self.repeated - earlier.repeated,
-        )
+        return LinkCounts(*map(sub, self, earlier))
 
 
 FRAME_BYTES = 12
@@ -148,13 +127,7 @@ class Frames(NamedTuple):
 
 
 def encode(sequence: int, device_us: int, counts: int) -> bytes:
-    """Return one frame, 12 bytes.
-
-    Args:
-        sequence: number of the frame; taken modulo 2^16.
-        device_us: device time, microseconds; taken modulo 2^32.
-        counts: the sensor's reading, 0..65535.
-    """
+    """Return one frame, 12 bytes; the sequence number is taken modulo 2^16, device time (microseconds) modulo 2^32."""
     sample = _SAMPLE.pack(sequence % _SEQUENCES, device_us % _CLOCK, counts)
     stuffed: bytes = cobs.encode(sample + crc_hqx(sample, _CRC_START).to_bytes(2, "little"))
     return stuffed + b"\0"
@@ -195,13 +168,9 @@ class Decoder(NamedTuple):
         )
 
     def feed(self, data: bytes) -> tuple[Decoder, Frames]:
-        """Read the next piece of the stream, of any length. Never raises, whatever the bytes.
+        """Return the decoder for the next piece of the stream, and what this one, of any length, held.
 
-        Args:
-            data: the piece.
-
-        Returns:
-            The decoder for the next piece, and what this one held.
+        It never raises, whatever the bytes.
         """
         pieces = (self.tail + data).split(b"\0")
         tail = pieces.pop()[:FRAME_BYTES]

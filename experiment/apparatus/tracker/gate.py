@@ -53,13 +53,13 @@ LATEST_US = 20_000.0
 
 @dataclass(frozen=True)
 class Gate:
-    """The foot passed through the gate; a later one replaces an earlier one.
+    """The foot passed through the gate; a later one replaces an earlier one. Times are device times, microseconds.
 
     Attributes:
-        top_us: crossing of the gate's top, device time, microseconds.
+        top_us: crossing of the gate's top.
         bottom_us: crossing of its bottom.
         speed_mm_s: height of the gate divided by the time between, mm/s.
-        given_us: device time of the sample that gave it.
+        given_us: of the sample that gave it.
     """
 
     top_us: float
@@ -70,12 +70,7 @@ class Gate:
 
 @dataclass(frozen=True)
 class Contact:
-    """The foot met the panel, after the last `Gate` given.
-
-    Attributes:
-        us: device time, microseconds.
-        given_us: device time of the sample that gave it.
-    """
+    """The foot met the panel at `us`, after the last `Gate` given, as the sample of `given_us` showed; microseconds."""
 
     us: float
     given_us: int = field(compare=False)
@@ -100,14 +95,9 @@ class GateState(NamedTuple):
 
 
 class GateDetector:
-    """Follows a foot; immutable, all memory is in the state."""
+    """Follows a foot through a protocol's gate to contact; immutable, all memory is in the state."""
 
     def __init__(self, step: Step) -> None:
-        """Take the levels of a protocol.
-
-        Args:
-            step: gate and contact, mm.
-        """
         self._step = step
         self._levels_mm = (
             step.gate_top_mm,
@@ -117,26 +107,18 @@ class GateDetector:
         )
 
     def init(self) -> GateState:
-        """Before the first sample."""
+        """Return the state before the first sample."""
         return GateState()
 
     def speed_mm_s(self, state: GateState) -> float | None:
-        """Speed of a passage whose end has been seen; a `Gate` with this speed follows if the foot falls on."""
+        """Return the speed of a passage whose end has been seen; a `Gate` with it follows if the foot falls on."""
         if state.top_us is None or state.bottom_us is None:
             return None
         height_mm = self._step.gate_top_mm - self._step.gate_bottom_mm
         return height_mm * 1e6 / (state.bottom_us - state.top_us)
 
     def step(self, state: GateState, samples: Samples) -> tuple[GateState, tuple[Gate | Contact, ...]]:
-        """Take the next samples; however they are cut into pieces, the events are the same.
-
-        Args:
-            state: from `init` or the step before.
-            samples: what the tracker read.
-
-        Returns:
-            The state for the next step, and what happened, in order.
-        """
+        """Return the state after the next samples, and what happened, in order, however samples are cut."""
         us, mm = state.us + tuple(samples.device_us.tolist()), state.mm + tuple(samples.height_mm.tolist())
         events: list[Gate | Contact] = []
         # A read while a foot falls holds few samples: Python's loop over them is faster than numpy's calls.

@@ -25,17 +25,13 @@ from experiment.errors import PalpateError, RigError, TrackerError
 
 
 def open_guarded(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | None) -> Tracker:
-    """Open the rig's tracker through the driver that it names.
+    """Return the tracker at a port, opened through the driver `module:Class` that the rig names.
 
-    Args:
-        rig: the rig; its `tracker.driver` is `module:Class`.
-        where: the port.
-        clock: the session's; stamps arrivals.
-        clock_map: of a simulated device whose clock is known; estimated from arrivals if None.
+    Arguments are as in `SerialTracker`.
 
     Raises:
         TrackerError: the driver could not open the port.
-        RigError: there is no such driver, or it is none.
+        RigError: there is no such driver, or the class is not one.
     """
     named = rig.tracker.driver
     driver = _driver(rig)
@@ -45,15 +41,9 @@ def open_guarded(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | No
 
 
 class GuardedTracker:
-    """Implements `Tracker` on top of a driver that may raise anything."""
+    """Implements `Tracker` on top of a driver that may raise anything; `named` is its name in the rig file."""
 
     def __init__(self, tracker: Tracker, named: str) -> None:
-        """Take over an opened driver.
-
-        Args:
-            tracker: the driver.
-            named: as the rig file names it.
-        """
         self._tracker = tracker
         self._named = named
 

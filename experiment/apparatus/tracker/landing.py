@@ -23,7 +23,7 @@ from experiment.apparatus.tracker.gate import Gate
 from experiment.protocol.models import Step
 
 WANDER_MM = 30.0
-"""Over this travel the acceleration becomes another by v^2 divided by it, mm."""
+"""Over this travel, mm, the acceleration changes by v^2 divided by it."""
 
 FALLS_PART = 0.2
 """A foot slower than this part of its speed through the gate hesitates."""
@@ -70,13 +70,7 @@ class Falling(NamedTuple):
 
 @dataclass(frozen=True)
 class Landing:
-    """A predicted contact.
-
-    Attributes:
-        us: when, device time, microseconds.
-        standard_error_us: of `us`, microseconds.
-        from_us: device time of the newest sample that it rests on.
-    """
+    """A predicted contact, its standard error and the newest sample it rests on; device time, microseconds."""
 
     us: float
     standard_error_us: float
@@ -87,30 +81,22 @@ class LandingPredictor:
     """Follows a foot sample by sample; the same however reads were cut."""
 
     def __init__(self, step: Step, *, noise_mm: float) -> None:
-        """Set up for a protocol's gate and a rig's sensor.
-
-        Args:
-            step: gate and contact.
-            noise_mm: standard deviation of the sensor's noise, mm.
-        """
+        """Take a protocol's gate and contact, and the standard deviation of a sensor's noise, mm."""
         self._top_mm = step.gate_top_mm
         self._contact_mm = step.contact_mm
         self._variance_mm2 = max(noise_mm, QUIETEST_MM) ** 2
 
     def init(self) -> Falling | None:
-        """Before the first sample."""
+        """Return the state before the first sample."""
         return None
 
     def step(self, state: Falling | None, us: int, height_mm: float) -> Falling | None:
-        """Take one sample.
+        """Return the state after a sample; None while the foot is above the gate.
 
         Args:
             state: from `init` or the step before.
             us: device time, microseconds, later than that of the state.
             height_mm: height of the sole above the panel, mm.
-
-        Returns:
-            The state for the next step; None while the foot is above the gate.
         """
         if height_mm > self._top_mm:
             return None
@@ -135,16 +121,12 @@ class LandingPredictor:
         )
 
     def landing(self, state: Falling) -> Landing | None:
-        """The contact to expect; None for a foot that does not fall.
-
-        Args:
-            state: from `step`.
-        """
+        """Return the contact to expect; None for a foot that does not fall."""
         mm, mm_s, mm_s2 = max(state.mm, 0.0), state.mm_s, state.mm_s2
         if mm_s >= 0:
             return None
         root = mm_s**2 - 2 * mm_s2 * mm
-        # A parabola that turns above the panel says a foot that will stop; until it does, it comes no later than this.
+        # A parabola that turns above the panel belongs to a foot that will stop; it lands no later than this.
         left_s = 2 * mm / (math.sqrt(root) - mm_s) if root > 0 else -mm / mm_s
         _, then_mm_s, _, hh, *_ = _moved(state, left_s)
         return Landing(
@@ -152,12 +134,7 @@ class LandingPredictor:
         )
 
     def hesitates(self, state: Falling | None, gate: Gate) -> str:
-        """Why the foot is not taken to land any more; empty while it falls.
-
-        Args:
-            state: from `step`.
-            gate: its passage through the gate.
-        """
+        """Return why a foot that passed the gate is no longer expected to land; empty while it falls."""
         if state is None:
             return TURNED_BACK
         error_mm_s = SURE * math.sqrt(max(state.vv, 0.0))
@@ -169,7 +146,7 @@ class LandingPredictor:
 
 
 def _moved(state: Falling, seconds: float) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """The state without its time, `seconds` later: x <- F x, P <- F P F' + Q of an acceleration that wanders."""
+    """Return the state without its time, `seconds` later: x <- F x, P <- F P F' + Q of an acceleration that wanders."""
     _, mm, mm_s, mm_s2, hh, hv, ha, vv, va, aa = state
     s, s2 = seconds, seconds * seconds
     scale_mm_s = min(max(-mm_s, SLOWEST_MM_S), FASTEST_MM_S)

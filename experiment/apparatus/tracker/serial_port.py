@@ -1,6 +1,6 @@
-"""Serial ports: which this machine has, what is behind them and who holds them; and one that a thread waits at.
+"""Serial ports: which ones this machine has, what is behind them and who holds them; and a port that a thread waits at.
 
-The port that is opened is a device path, a pseudo-terminal, or anything that pyserial opens by URL, such as
+A port is opened by its device path, as a pseudo-terminal, or by any URL that pyserial opens, such as
 `socket://host:port`. One thread waits at it while others empty, wake or close it.
 """
 
@@ -28,9 +28,9 @@ class SerialDevice:
     """A serial port.
 
     Attributes:
-        port: what a rig file names.
+        port: the name that a rig file gives it.
         description: what the system calls it.
-        identity: the same wherever it is plugged in; empty for a port that has none.
+        identity: the same wherever the device is plugged in; empty for a port that has none.
         held_by: programs that have it open, as far as this user may see.
     """
 
@@ -41,7 +41,7 @@ class SerialDevice:
 
 
 def devices() -> tuple[SerialDevice, ...]:
-    """Every serial port, in the order of their names."""
+    """Return every serial port, in the order of their names."""
     from serial.tools.list_ports import comports
 
     return tuple(
@@ -51,7 +51,7 @@ def devices() -> tuple[SerialDevice, ...]:
 
 
 def identity_of(port: str) -> str:
-    """What is behind a port, wherever it is plugged in; empty for a port that has no such name."""
+    """Return what is behind a port, wherever it is plugged in; empty for a port that has no such name."""
     from serial.tools.list_ports import comports
 
     resolved = str(Path(port).resolve())
@@ -59,22 +59,22 @@ def identity_of(port: str) -> str:
 
 
 def port_of(identity: str) -> str | None:
-    """Where a device is now; None while it is not plugged in."""
+    """Return the port where a device is now; None while it is not plugged in."""
     from serial.tools.list_ports import comports
 
     return next((found.device for found in comports() if identity and _identity(found) == identity), None)
 
 
 def present() -> str:
-    """What is connected, as part of a message."""
+    """Return what is connected, as part of a message."""
     found = ", ".join(device.port for device in devices())
     return f"connected are {found}; set tracker.port in the rig file" if found else "no serial port is connected"
 
 
 def holders(port: str) -> tuple[str, ...]:
-    """Programs that have a port open: `name (process number)`.
+    """Return the programs that have a port open, as `name (process number)`; this program is not among them.
 
-    Linux alone tells, and of another user's programs only to the superuser; this program is not among them.
+    Only Linux tells, and it tells of another user's programs only to the superuser.
     """
     try:
         device = Path(port).stat().st_rdev
@@ -89,7 +89,7 @@ def _has_open(process: Path, device: int) -> bool:
     try:
         return any(_device(file) == device for file in (process / "fd").iterdir())
     except OSError:
-        # Another user's, or over by now.
+        # The process is another user's, or has ended.
         return False
 
 
@@ -108,7 +108,7 @@ def _name(process: Path) -> str:
 
 
 def _identity(found: object) -> str:
-    """Vendor, product and serial number of a USB device."""
+    """Return vendor, product and serial number of a USB device."""
     vid, pid, number = (getattr(found, name, None) for name in ("vid", "pid", "serial_number"))
     return f"{vid:04x}:{pid:04x}:{number}" if vid is not None and pid is not None and number else ""
 
@@ -123,7 +123,7 @@ SETTLE_NS = 1_000_000
 """How long the operating system gets between two looks to pass on what it holds, ns."""
 
 MOST_LOOKS = 1000
-"""Emptying ends after this many looks, even if the line is faster than it may be."""
+"""Emptying ends after this many looks, even if bytes still come."""
 
 LOOK_S = 0.001
 """How often a port is looked at where the system cannot wait for it (Windows), s."""
@@ -142,11 +142,7 @@ class SerialPort:
     """An open port."""
 
     def __init__(self, name: str, baud: int) -> None:
-        """Open it, for this process alone where the system can.
-
-        Args:
-            name: device path, pseudo-terminal or pyserial URL.
-            baud: speed of the line.
+        """Open a device path, pseudo-terminal or pyserial URL, for this process alone where the system can.
 
         Raises:
             TrackerError: it cannot be opened.
@@ -158,13 +154,8 @@ class SerialPort:
         self._waker, self._wakes = socket.socketpair()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until something has come or the port has gone; `take` says which.
-
-        Args:
-            timeout_s: how long at most.
-
-        Returns:
-            False when the time is over, or `wake` was called.
+        """Return True once something has come or the port has gone (`take` says which); False if the time is over or
+        `wake` was called.
         """
         if not self._selectable:
             for _ in range(max(round(timeout_s / LOOK_S), 1)):
@@ -176,9 +167,9 @@ class SerialPort:
         return self._ready(timeout_s)
 
     def take(self) -> bytes:
-        """What has come and can be had without waiting; raises one of `VANISHED` if the port has gone."""
+        """Return what has come, without waiting; raise one of `VANISHED` if the port has gone."""
         if self._selectable and os.name == "posix":
-            # Nothing may be left of what `wait` saw. A port that has gone seems ready all the time, and gives nothing.
+            # Another look may have taken what `wait` saw. A port that has gone seems ready all the time, and is empty.
             data = self._read()
             if not data and self._ready(0.0) and not (data := self._read()):
                 raise OSError(errno.EIO, "it seems ready but returns no data, as a device that was unplugged")
@@ -188,11 +179,11 @@ class SerialPort:
         return bytes(self._port.read(size))
 
     def discard(self) -> None:
-        """Throw away what came before now; raises one of `VANISHED` if the port has gone."""
+        """Throw away what came before now; raise one of `VANISHED` if the port has gone."""
         if self._is_device:
             self._port.reset_input_buffer()
             return
-        # It cannot be told to: one look is not enough, for some may still be on its way.
+        # Nothing can tell it to. One look is not enough, for some bytes may still be on their way.
         calm_looks = 0
         for _ in range(MOST_LOOKS):
             calm_looks = calm_looks + 1 if len(self.take()) <= CALM_BYTES else 0
@@ -227,7 +218,7 @@ class SerialPort:
 
 
 def reason(error: BaseException) -> str:
-    """An operating system's words on one line."""
+    """Return an operating system's words on one line."""
     return " ".join(str(error).split())
 
 
@@ -237,7 +228,7 @@ def _opened(port: str, baud: int) -> serial.Serial:
     try:
         return serial.serial_for_url(port, baudrate=baud, timeout=0, exclusive=True)
     except OSError as error:
-        busy = f"{_holder(port)} holds it; close that program"
+        busy = f"{', '.join(holders(port)) or 'another program'} holds it; close that program"
         remedy = {
             errno.ENOENT: f"no such port; {present()}",
             errno.EACCES: "not permitted; let this user open serial ports (on Linux: group dialout)",
@@ -247,7 +238,3 @@ def _opened(port: str, baud: int) -> serial.Serial:
         raise TrackerError(f"tracker at {port}: {remedy}") from error
     except ValueError as error:
         raise TrackerError(f"tracker at {port}: {error}; correct [tracker] in the rig file") from error
-
-
-def _holder(port: str) -> str:
-    return ", ".join(holders(port)) or "another program"

@@ -21,7 +21,7 @@ from typing import Any
 from filelock import FileLock, Timeout
 
 from experiment.apparatus import host, opening
-from experiment.apparatus.audio import devices
+from experiment.apparatus.audio.stream import looking_anew
 from experiment.apparatus.rig import Rig
 from experiment.errors import AudioError
 from experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
@@ -82,7 +82,7 @@ class SoundCard:
         command = [*([ends, "--pdeathsig", "KILL"] if ends else []), program, *(["-S"] if exact else []), "-T"]
         pace = ["--realtime", "--realtime-priority", str(SERVER_PRIORITY)] if host.is_real_time() else ["--no-realtime"]
         try:
-            with host.elsewhere(), devices.looking_anew():
+            with host.elsewhere(), looking_anew():
                 self._wiring = self._started([*command, *pace, "-n"], ["-d", "dummy", *arguments])
         except BaseException:
             self._tidy()
@@ -127,7 +127,7 @@ class SoundCard:
 
     def close(self) -> None:
         """Stop the server. Streams and taps must be closed before."""
-        with devices.looking_anew():
+        with looking_anew():
             if self.server.poll() is None:
                 self._wiring.close()
             self._stop()

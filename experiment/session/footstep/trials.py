@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 from experiment.apparatus import opening
 from experiment.apparatus.ports import Actuator, Tracker
 from experiment.apparatus.rig import Rig
+from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts
 from experiment.apparatus.tracker.gate import GateDetector
 from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
-from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import Clock, lasted_ms
 from experiment.desk.port import Console
 from experiment.errors import RecordingError, TrackerError

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -119,7 +119,7 @@ class Taken:
     def link(self, device_us: float) -> LinkCounts:
         """Frames counted until the newest read, received ones up to a device time within the newest read."""
         newest = 0 if self._newest is None else int(np.searchsorted(self._newest.device_us, device_us, side="right"))
-        return replace(self._counts.since(self._before), received=self._received + newest)
+        return self._counts.since(self._before)._replace(received=self._received + newest)
 
     def raw(self) -> bytes:
         """Every byte taken."""

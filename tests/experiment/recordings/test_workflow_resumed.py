@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus.tracker.zeroing import ZeroedTracker
+from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.desk.terminal import TerminalTakes
 from experiment.errors import RecordingError, TrackerStopped
 from experiment.recordings import manifest, store

@@ -10,9 +10,9 @@ import pytest
 
 from experiment import storage
 from experiment.apparatus.ports import Masker
+from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.apparatus.tracker.frames import Samples
 from experiment.apparatus.tracker.guarded import GuardedTracker
-from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError
 from experiment.protocol.files import shipped

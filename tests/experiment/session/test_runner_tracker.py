@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 
 from experiment import storage
+from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import Samples
 from experiment.apparatus.tracker.guarded import GuardedTracker
-from experiment.apparatus.tracker.zeroing import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol

@@ -22,7 +22,7 @@ from experiment.synthesis import waveforms
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
 from experiment.synthesis.spectra import inverse
 
-STIMULUS = ("experiment.synthesis", "experiment.recordings.", "experiment.apparatus.panel.pcm_actuator", "scipy")
+STIMULUS = ("experiment.synthesis", "experiment.recordings.", "experiment.apparatus.panel.pcm", "scipy")
 
 
 @pytest.fixture(scope="module")

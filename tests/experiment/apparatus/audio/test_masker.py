@@ -190,5 +190,5 @@ def test_what_is_no_level_is_refused(pink: MaskerNoise, level: float) -> None:
 
 def test_a_silent_masker_has_no_level_to_change(pink: MaskerNoise) -> None:
     masker, _, _ = started(pink)
-    with pytest.raises(AudioError, match="allowed: once it plays; start it first"):
+    with pytest.raises(AudioError, match="allowed: only while it plays; start it first"):
         masker.set_level(60.0)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiment.apparatus.audio import devices
+from experiment.apparatus.audio import stream as streams
 from experiment.apparatus.audio.stream import SWITCH_S, AudioStream, StreamSettings
 from experiment.clock import MonotonicClock
 from experiment.errors import AudioError
@@ -64,8 +64,8 @@ class Library:
 def library(monkeypatch: pytest.MonkeyPatch) -> Iterator[Library]:
     made = Library()
     offered = SimpleNamespace(Stream=made.stream, PortAudioError=PortAudioError, CallbackAbort=RuntimeError)
-    monkeypatch.setattr(devices, "library", lambda: offered)
-    monkeypatch.setattr(devices, "find", lambda **_: 0)
+    monkeypatch.setattr(streams, "library", lambda: offered)
+    monkeypatch.setattr(streams, "find", lambda **_: 0)
     monkeypatch.setattr(MonotonicClock, "sleep_ns", lambda _, ns: made.slept(ns))
     before = sys.getswitchinterval()
     sys.setswitchinterval(0.005)
@@ -117,17 +117,17 @@ def test_a_device_that_has_stopped_and_does_not_close_is_left_alone(
     library: Library, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ends, called = threading.Event(), []
-    offered = devices.library()
+    offered = streams.library()
     offered._exit_handler, offered._terminate = (lambda: called.append("exit")), (lambda: called.append("terminate"))
-    monkeypatch.setattr(devices, "CLOSE_S", 0.05)
-    monkeypatch.setattr(devices, "_left_alone", False)
+    monkeypatch.setattr(streams, "CLOSE_S", 0.05)
+    monkeypatch.setattr(streams, "_left_alone", False)
     monkeypatch.setattr(library, "close", ends.wait)
     unregistered: list[object] = []
     monkeypatch.setattr(atexit, "unregister", unregistered.append)
     stream = AudioStream(SETTINGS, MonotonicClock())
     library.active = False
     stream.close()
-    with devices.looking_anew():
+    with streams.looking_anew():
         ends.set()
     assert (unregistered, called) == ([offered._exit_handler], [])
 

@@ -278,11 +278,21 @@ def paused_ms(monkeypatch: pytest.MonkeyPatch) -> list[float]:
 
 
 def test_a_backlog_is_read_without_a_pause(scripted: Open, paused_ms: list[float]) -> None:
-    """A pause of 4 ms brings four frames at 1 kHz: ten are no backlog, eleven are one."""
+    """The longest pause, 3 ms of the 50 ms of silence allowed, brings three frames: eight are no backlog, nine are."""
     _, port = scripted([])
-    port.arrive(frames(0, 10))
-    port.arrive(frames(10, 11), b"")
-    assert paused_ms == [4.0]
+    port.arrive(frames(0, 8))
+    port.arrive(frames(8, 9), b"")
+    assert len(paused_ms) == 1
+
+
+def test_pauses_are_short_while_the_foot_falls(scripted: Open, paused_ms: list[float]) -> None:
+    """A foot rests, rises, falls by less than a millimetre, falls by more, and rests."""
+    heights_mm = (50.0, 50.2, 60.0, 59.2, 58.8, 30.0, 30.0, 30.0)
+    _, port = scripted([])
+    for turn, counts in enumerate(SETTINGS.counts(np.array(heights_mm)).tolist()):
+        port.arrive(encode(turn, 40_000 * turn, counts), b"")
+    # Until the first reading, and for 50 ms since it was last seen to, the foot counts as falling.
+    assert paused_ms == [1.6, 1.6, 3.0, 3.0, 1.6, 1.6, 1.6, 3.0]
 
 
 def test_reconnecting_goes_on_with_the_counts_and_begins_another_clock(scripted: Open) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from experiment.apparatus.tracker.zeroing import ZeroedTracker
+from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.clock import ManualClock
 from experiment.errors import TrackerError
 from experiment.protocol import files

@@ -10,7 +10,7 @@ import pytest
 
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
-from experiment.apparatus.panel.pcm_actuator import PcmActuator
+from experiment.apparatus.panel.pcm import PcmActuator
 from experiment.clock import ManualClock
 from experiment.protocol import files
 from experiment.protocol.files import shipped

@@ -1,14 +1,18 @@
-"""An accelerometer behind a raw PCM port: one TCP connection a take.
+"""An actuator and an accelerometer, each behind a raw PCM port: mono samples as little-endian float32 on TCP.
 
-The server sends mono samples as little-endian float32, 1.0 being the device's full scale, from the connection on and
-without end. PulseAudio is such a server: `module-simple-protocol-tcp record=true playback=false format=float32le
-channels=1 rate=... port=...`. The stream is neither encrypted nor authenticated: keep the server on the loopback
-interface.
+A sample of 1.0 is the device's full scale. PulseAudio is such a server: `module-simple-protocol-tcp format=float32le
+channels=1 rate=... port=...` with `playback=true record=false` for an actuator, and the reverse for an accelerometer.
+The stream is neither encrypted nor authenticated: keep the server on the loopback interface.
 
-Samples carry no time. They come at the device's rate, and each piece of the stream arrives some time after its last
-sample; the piece that was held up least tells when the stream began. So a sample's time on the host's clock is known
-but for the latency that every piece has. What came within `RING_S` is held, and a take begins `BEFORE_S` ahead of the
-first sample that reaches the rig's trigger level in the stretch that is asked for, whatever shook the panel before.
+**Actuator.** One connection a stimulus, which ends with it. The server reads to the end and then closes its side, which
+is the sign that it took all of it. The stimulus sounds when the foot has landed: such a port knows no time, so nothing
+can be scheduled or measured.
+
+**Accelerometer.** One connection a take; the server sends from the connection on and without end. Samples carry no
+time. They come at the device's rate, and each piece of the stream arrives some time after its last sample; the piece
+that was held up least tells when the stream began. So a sample's time on the host's clock is known but for the latency
+that every piece has. What came within `RING_S` is held, and a take begins `BEFORE_S` ahead of the first sample that
+reaches the rig's trigger level in the stretch that is asked for, whatever shook the panel before.
 """
 
 from __future__ import annotations
@@ -22,15 +26,22 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment.apparatus.panel.conditioning import Conditioner, Played
 from experiment.apparatus.ports import Heard, Window
 from experiment.clock import Clock, MonotonicClock
-from experiment.errors import RecordingError
+from experiment.errors import ActuatorError, RecordingError
+from experiment.records.stimulus import Delivered
+from experiment.synthesis.voltages import Drive
+from experiment.synthesis.waveforms import Stimulus
 
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""
 
+TAKE_S = 2.0
+"""How long a server may take beyond the length of the stimulus until it has read all of it, s."""
+
 ALIVE_S = 2.0
-"""How long after that the first samples may take, s."""
+"""How long after that the first samples of an accelerometer may take, s."""
 
 LATE_S = 2.0
 """How long after it is due a take's last sample may still come, s."""
@@ -45,20 +56,112 @@ _SAMPLE = np.dtype("<f4")
 _PIECE_BYTES = 65536
 
 
+class PcmActuator:
+    """Implements `Actuator`."""
+
+    def __init__(
+        self, address: str, *, rate_hz: int, full_scale: float, limit_m_s2: float, drive: Drive | None = None
+    ) -> None:
+        """Prepare for the server at `host:port`; nothing is connected yet. `Conditioner` says what the limits are.
+
+        Raises:
+            ActuatorError: `address` is no `host:port`, or the limit is negative or not finite.
+        """
+        host, _, port = address.rpartition(":")
+        if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
+            raise ActuatorError(f"actuator address '{address}': allowed is host:port, such as 127.0.0.1:4711")
+        self._address = address
+        self._peer = (host.strip("[]"), int(port))
+        self._rate_hz = rate_hz
+        self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive)
+        self._prepared: NDArray[np.float32] | None = None
+
+    @property
+    def rate_hz(self) -> int:
+        return self._rate_hz
+
+    @property
+    def lead_ns(self) -> int:
+        return 0
+
+    def prepare(self, stimulus: Stimulus) -> Played:
+        """Limit, shape and keep a stimulus at `rate_hz`; `ActuatorError` if there is nothing to play."""
+        played = self._condition(stimulus)
+        self._prepared = played.samples
+        return played
+
+    def aim(self, onset_ns: int) -> bool:  # noqa: ARG002
+        """Change nothing: this port cannot schedule, and `landed` plays the stimulus."""
+        return True
+
+    def landed(self, contact_ns: int) -> None:  # noqa: ARG002
+        """Hand the prepared stimulus to the device; it sounds now, whenever contact was.
+
+        Raises:
+            ActuatorError: no server answers, the connection broke, or the server did not take all of it.
+        """
+        samples, self._prepared = self._prepared, None
+        if samples is not None:
+            self._send(samples.tobytes(), TAKE_S + samples.size / self._rate_hz)
+
+    def withdraw(self) -> bool:
+        self._prepared = None
+        return True
+
+    def delivered(self, contact_ns: int) -> Delivered | None:  # noqa: ARG002
+        return None
+
+    def close(self) -> None:
+        """Nothing stays open between stimuli."""
+
+    def reach(self) -> None:
+        """Connect and hang up, which plays nothing; `ActuatorError` if nothing answers at the address."""
+        self._connected().close()
+
+    def _connected(self) -> socket.socket:
+        try:
+            return socket.create_connection(self._peer, timeout=CONNECT_S)
+        except OSError as error:
+            raise ActuatorError(
+                f"actuator at {self._address}: nothing answers there ({error.strerror or error}); "
+                "start its server, or correct actuator.address in the rig file"
+            ) from error
+
+    def _send(self, data: bytes, timeout_s: float) -> None:
+        connection = self._connected()
+        try:
+            with connection:
+                connection.settimeout(timeout_s)
+                connection.sendall(data)
+                connection.shutdown(socket.SHUT_WR)
+                while connection.recv(4096):
+                    pass
+        except TimeoutError as error:
+            raise ActuatorError(
+                f"actuator at {self._address}: the server did not take the stimulus within {timeout_s:.1f} s; "
+                "see that it reads to the end of the connection and then closes it"
+            ) from error
+        except OSError as error:
+            raise ActuatorError(
+                f"actuator at {self._address}: the connection broke ({error.strerror or error}); "
+                "see that its server runs, then do the trial again"
+            ) from error
+
+
 class PcmAccelerometer:
     """Implements `Accelerometer`."""
 
     def __init__(
         self, address: str, *, rate_hz: int, full_scale_m_s2: float, trigger_m_s2: float, clock: Clock | None = None
     ) -> None:
-        """Prepare; each take makes its own connection.
+        """Prepare to listen to the server at `host:port`; each take makes its own connection.
 
         Args:
-            address: `host:port` of the server.
+            address: of the server.
             rate_hz: sampling rate of the device, Hz.
             full_scale_m_s2: acceleration of a sample of 1.0.
             trigger_m_s2: magnitude at which a take begins, above the noise of a panel at rest.
-            clock: the host's, on which samples arrive; the machine's monotonic clock if None.
+            clock: the host's, which stamps samples; the machine's monotonic clock if None.
         """
         host, _, port = address.rpartition(":")
         self._address = address
@@ -74,10 +177,7 @@ class PcmAccelerometer:
         return self._rate_hz
 
     def arm(self, samples: int) -> None:
-        """Listen from now on for the next take.
-
-        Args:
-            samples: its length.
+        """Listen from now on for the next take, of so many samples.
 
         Raises:
             RecordingError: nothing answers at the address, or nothing comes from there.
@@ -97,17 +197,13 @@ class PcmAccelerometer:
             raise self._failed(problem)
 
     def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
-        """The take that was armed for; call it once the foot is down.
-
-        Args:
-            earliest_ns: the take begins no earlier, on the host's clock.
-            latest_ns: nor later.
+        """Return the take that was armed for, once the foot is down; it begins between two times of the host's clock.
 
         Raises:
             RecordingError: not armed, the stream broke or ended too soon, or it holds samples that are no numbers.
         """
         if self._listening is None:
-            raise RecordingError("accelerometer: got no arming before the step; arm it first, then step")
+            raise RecordingError("accelerometer: got a step before it was armed; arm it first, then step")
         listening, self._listening = self._listening, None
         try:
             raw = listening.take(earliest_ns, latest_ns, level=self._trigger_m_s2 / self._full_scale_m_s2)
@@ -155,13 +251,13 @@ class _Listening:
         self._thread.start()
 
     def alive(self, timeout_s: float) -> str | None:
-        """Wait for the first samples; what is wrong if none come."""
+        """Return what is wrong if no samples come in time; None once the first have."""
         with self._changed:
             self._changed.wait_for(lambda: self._count or self._broken, timeout_s)
             return None if self._count else self._broken or f"nothing came within {timeout_s:g} s"
 
     def take(self, earliest_ns: int, latest_ns: int, *, level: float) -> _Taken | str:
-        """The take that begins in the stretch, or what went wrong."""
+        """Return the take that begins in the stretch, or what went wrong."""
         before = round(BEFORE_S * self._rate_hz)
         with self._changed:
             if not self._wait(lambda: self._sample_at(latest_ns) + 1):
@@ -187,14 +283,14 @@ class _Listening:
         return taken, self._time_ns(triggered, start_ns), knock_ns
 
     def stop(self) -> None:
-        # A server that has closed already is as good.
+        # A server that has closed already raises an error that does not matter.
         with suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
         self._thread.join()
         self._connection.close()
 
     def _wait(self, wanted: Callable[[], int]) -> bool:
-        """Whether as many samples as wanted have come, in time."""
+        """Return whether as many samples as wanted have come, in time."""
         due_s = max(wanted() - self._count, 0) / self._rate_hz
         self._changed.wait_for(lambda: self._count >= wanted() or self._broken, due_s + LATE_S)
         return self._count >= wanted()
@@ -203,7 +299,7 @@ class _Listening:
         return self._broken or f"only {self._count} samples came, fewer than {self._rate_hz} a second"
 
     def _start_ns(self) -> float:
-        """When the stream's first sample was taken, as the piece that was held up least has it."""
+        """Return when the stream's first sample was taken, as the piece that was held up least has it."""
         end, starts = self._first, []
         for piece, arrived_ns in self._pieces:
             end += piece.size
