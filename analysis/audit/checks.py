@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from fractions import Fraction
 
 from analysis.audit import mistakes
@@ -41,7 +40,7 @@ def stars_reached(sample: Sample, effects: Sequence[Interval], levels: Sequence[
 
 
 def _earned(p: float, levels: Sequence[PrintedLevel]) -> str:
-    return stars(p, [(level.p, level.stars) for level in levels])
+    return stars(p, [(level.p.value, level.stars) for level in levels])
 
 
 _NULL = Fraction(0)
@@ -66,7 +65,7 @@ class Checks:
         self._published = published
         self._evidence = evidence
         self._diagnose = diagnose
-        self._sizes = sorted({task.participants for task in published.tasks if task.participants > 1}, reverse=True)
+        self._sizes = sorted({task.participants for task in published.task if task.participants > 1}, reverse=True)
 
     def lines(self) -> Iterator[Line]:
         """Cells, t-tests, ANOVAs, claims."""
@@ -74,9 +73,9 @@ class Checks:
             yield from self._cell(cell)
         for test in self._published.tests:
             yield from self._test(test)
-        for printed in (*self._published.one_way, *self._published.two_way):
+        for printed in self._published.anovas:
             yield from self._f(printed)
-        for claim in self._published.claims:
+        for claim in self._published.claim:
             yield self._claim(claim)
 
     def about(self, cell: PrintedCell) -> Iterator[Line]:
@@ -90,7 +89,7 @@ class Checks:
 
     def ratios_of(self, cells: Sequence[PrintedCell]) -> Iterator[Line]:
         """The lines of every F that one of these cells is in."""
-        for printed in (*self._published.one_way, *self._published.two_way):
+        for printed in self._published.anovas:
             if any(_is_in(printed, cell) for cell in cells):
                 yield from self._f(printed)
 
@@ -109,7 +108,7 @@ class Checks:
 
     def _others(self, n: int, df: int | None = None) -> list[int]:
         """What may have been taken for n, the likeliest first; `df` is printed beside it."""
-        everybody = sum(task.participants for task in self._published.tasks)
+        everybody = sum(task.participants for task in self._published.task)
         sizes = [*self._sizes, *([df + 1] if df else []), everybody, n - 1, n + 1]
         return [size for size in dict.fromkeys(sizes) if size > 1 and size != n]
 
@@ -281,7 +280,7 @@ class Checks:
     def _claim(self, claim: PrintedClaim) -> Line:
         cited = self._citation(claim.where, claim.task, "materials above chance")
         cells = [cell for cell in self._published.tables() if cell.task == claim.task and not cell.is_score]
-        above = [replace(level, above=True) for level in self._published.levels]
+        above = [level.model_copy(update={"above": True}) for level in self._published.levels]
         least = most = known = 0
         for cell in cells:
             test = next((one for one in self._published.tests if _is_of(one, cell)), None)

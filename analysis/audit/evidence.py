@@ -327,7 +327,7 @@ class FromPrint:
         return tuple(one for total in sums for one in moments(total, n, scale, variance))
 
     def _n(self, task: str) -> int | None:
-        found = self._published.task(task)
+        found = self._published.task_named(task)
         return found.participants if found else None
 
 

@@ -20,9 +20,9 @@ from itertools import pairwise
 
 from analysis.audit.checks import Checks
 from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
+from analysis.audit.granularity import Row, Undecided, examine, row_sum
 from analysis.audit.mistakes import AGREES, Citation, Line, Mistake, Verdict, judge, of_any_f
 from analysis.audit.recomputed import effect, p_of_f, quotient
-from analysis.audit.rows import Row, Undecided, examine, row_sum
 from analysis.documents.tables import plural
 from analysis.published.numbers import (
     PrintedCell,
@@ -44,7 +44,7 @@ def read_print(published: Published) -> FromPrint:
     for cell in published.tables():
         if cell.sd is not None and cell.key in tested:
             evidence = _better(published, evidence, cell)
-    for table in published.confusions:
+    for table in published.table:
         evidence = _throughout(published, evidence, table, tested)
     return evidence
 
@@ -70,8 +70,9 @@ def _throughout(
     published: Published, evidence: FromPrint, table: PrintedTable, tested: set[tuple[str, str, str]]
 ) -> FromPrint:
     """Cells without a test read as all those with one are, where that leaves fewer F in conflict."""
-    kinds = {evidence.misreading(cell) for cell in table.cells if cell.key in tested and cell.sd is not None}
-    rest = [cell for cell in table.cells if cell.key not in tested and cell.sd is not None and cell.sd.exact]
+    cells = published.cells_of(table)
+    kinds = {evidence.misreading(cell) for cell in cells if cell.key in tested and cell.sd is not None}
+    rest = [cell for cell in cells if cell.key not in tested and cell.sd is not None and cell.sd.exact]
     misreading: Misreading | None = kinds.pop() if len(kinds) == 1 else None
     if misreading is None or not rest:
         return evidence
@@ -241,10 +242,13 @@ def print_lines(published: Published) -> tuple[Line, ...]:
     evidence = read_print(published)
     checks = Checks(published, evidence, diagnose=True)
     lines = list(checks.lines())
-    for table in published.confusions:
+    for table in published.table:
         if table.complete:
-            lines += [_row(published, checks, evidence, table, shown, cells) for shown, cells in table.rows()]
-    for sources in published.sources:
+            cells = published.cells_of(table)
+            for presented in dict.fromkeys(cell.presented for cell in cells):
+                row = [cell for cell in cells if cell.presented == presented]
+                lines.append(_row(published, checks, evidence, row))
+    for sources in published.anova:
         lines += source_lines(sources)
     for icc in published.icc:
         cited = Citation(icc.where, "both", "reliability of the two-way ANOVA", UNDECIDED)
@@ -259,14 +263,12 @@ def _row(
     published: Published,
     checks: Checks,
     evidence: FromPrint,
-    table: PrintedTable,
-    presented: str,
     cells: Sequence[PrintedCell],
 ) -> Line:
-    cited = Citation(table.where, table.task, f"row of {presented}", UNDECIDED)
+    cited = Citation(cells[0].where, cells[0].task, f"row of {cells[0].presented}", UNDECIDED)
     total = sum((cell.mean.exact for cell in cells), Fraction(0))
     printed = f"{' + '.join(cell.mean.text for cell in cells)} = {float(total):.4g}"
-    task = published.task(table.task)
+    task = published.task_named(cells[0].task)
     sums = row_sum([cell.mean for cell in cells])
     if task is None or task.trials is None:
         verdict: Verdict = "agrees" if sums.holds(Fraction(1)) else "impossible"
@@ -321,12 +323,12 @@ def _judged(cited: Citation, printed: str, cells: Sequence[PrintedCell], row: Ro
 
 
 def _choices(choices: PrintedChoices) -> Iterator[Line]:
-    percentages = [printed for _, printed in choices.cells]
+    percentages = [cell.correct for cell in choices.cells]
     pairs = len(percentages)
     shares = [choices.trials * people // pairs for people in (choices.participants, 1)]
-    for (first, second), printed in choices.cells:
-        cited = Citation(choices.where, choices.task, f"{first} and {second}", UNDECIDED)
-        yield _choice(cited, printed, shares)
+    for cell in choices.cells:
+        cited = Citation(choices.where, choices.task, " and ".join(cell.pair), UNDECIDED)
+        yield _choice(cited, cell.correct, shares)
     cited = Citation(choices.where, choices.task, f"all {pairs} pairs", UNDECIDED)
     yield _common(cited, choices, percentages, max(shares))
     yield _unequal(cited, choices, percentages)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.audit.rows import Column, Undecided, examine, row_sum, solve
+from analysis.audit.granularity import Column, Undecided, examine, row_sum, solve
 from analysis.published.numbers import PrintedCell, Scale
 from analysis.published.printed import Interval, Printed
 
