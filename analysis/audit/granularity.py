@@ -9,17 +9,17 @@ two ends the sums of squares that occur are found one by one, which no bound on 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from itertools import product
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.published.numbers import PrintedCell, Scale
-from analysis.published.printed import Interval, Printed, point
+from analysis.published.printed import Interval, point
 
 EXACT_STEPS = 500_000
 """Steps up to which sums of squares are found one by one; beyond, parity and bounds alone are asked."""
@@ -41,11 +41,8 @@ class Moments:
 
 def totals(mean: Interval, n: int, items: int) -> range:
     """Whole sums over n participants whose mean lies in `mean`, which has finite ends."""
-    steps = n * items
-    low, high = math.ceil(mean.low * steps), math.floor(mean.high * steps)
-    low += mean.open_low and low == mean.low * steps
-    high -= mean.open_high and high == mean.high * steps
-    return range(low, high + 1)
+    low, high = mean.times(Fraction(n * items)).whole()
+    return range(int(low), int(high) + 1)
 
 
 def on_scale(sums: range, n: int, scale: Scale) -> range:
@@ -73,22 +70,13 @@ def moments(total: int, n: int, scale: Scale, variance: Interval) -> Iterator[Mo
     shift = (scale.low if scale.low is not None else total // (n * scale.items)) * scale.items
     moved = total - n * shift
     centre = Fraction(moved * moved, n)
-    least, most = (
-        centre + variance.low * (n - 1) * unit,
-        math.inf if variance.high == math.inf else centre + variance.high * (n - 1) * unit,
-    )
-    wanted = Interval(least, most, variance.open_low, variance.open_high)
+    wanted = variance.times(Fraction((n - 1) * unit)).plus(point(centre))
     mean = point(Fraction(total, n * scale.items))
-    for squares in _squares(moved, n, _counts(scale), wanted):
+    most = None if scale.low is None or scale.high is None else (scale.high - scale.low) * scale.items
+    for squares in _squares(moved, n, most, wanted):
         spread = (squares - centre) / ((n - 1) * unit)
         whole = squares + 2 * shift * moved + n * shift * shift
         yield Moments(n, mean, point(spread), total, whole)
-
-
-def _counts(scale: Scale) -> int | None:
-    if scale.low is None or scale.high is None:
-        return None
-    return (scale.high - scale.low) * scale.items
 
 
 def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator[int]:
@@ -96,8 +84,8 @@ def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator
     bounds = _bounds(total, n, most)
     if bounds is None:
         return
-    low = max(bounds[0], math.ceil(max(wanted.low, 0)))
-    high = bounds[1] if wanted.high == math.inf else min(bounds[1], math.floor(wanted.high))
+    least, greatest = wanted.whole()
+    low, high = int(max(bounds[0], least)), int(min(bounds[1], greatest))
     # A sum of squares is odd where the sum is: every x² - x is even.
     low += (low - total) % 2
     found = None
@@ -105,9 +93,7 @@ def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator
         # Counts from the other end have the same spread: with many of n * most, few are left.
         flipped = 2 * total > n * most
         found = _attained(n * most - total if flipped else total, n, most), flipped
-    for squares in range(low, int(high) + 1, 2):
-        if not wanted.holds(Fraction(squares)):
-            continue
+    for squares in range(low, high + 1, 2):
         if found is not None and most is not None:
             bits, flipped = found
             at = squares - 2 * most * total + n * most * most if flipped else squares
@@ -146,6 +132,9 @@ def _next(reached: list[int], total: int, most: int) -> int:
     return bits
 
 
+ANY = Interval(Fraction(0), math.inf)
+"""Every variance or sum of squares."""
+
 MANY = 20_000
 """Ways of spreading one participant's trials beyond which a row is left undecided."""
 
@@ -167,11 +156,8 @@ class Undecided(ValueError):
     """No verdict on a row; the text says why."""
 
 
-@dataclass(frozen=True)
-class Column:
-    """One answer: each sum of counts that its mean can stand for, with the sums of squares that its SD can."""
-
-    squares: Mapping[int, Interval]
+Column = Mapping[int, Interval]
+"""Of one answer: each sum of counts that its mean can stand for, with the sums of squares that its SD can."""
 
 
 @dataclass(frozen=True)
@@ -197,14 +183,6 @@ class Row:
     missing: int | None = None
     missing_truncated: int | None = None
     misprinted: tuple[int, ...] = ()
-
-
-def row_sum(means: Sequence[Printed]) -> Interval:
-    """Every sum that ratios can have which print like this."""
-    total = means[0].either
-    for mean in means[1:]:
-        total = total.plus(mean.either)
-    return total
 
 
 def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[int, Interval]) -> Row:
@@ -262,7 +240,7 @@ def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int) -> ND
     """
     ways = _ways(trials, len(columns), some_missing=missing > 0)
     for sums in _sums(columns, n * trials - missing):
-        squares = [column.squares[total] for column, total in zip(columns, sums, strict=True)]
+        squares = [column[total] for column, total in zip(columns, sums, strict=True)]
         found = _programme(ways, n, sums, squares)
         if found is not None:
             return found
@@ -271,9 +249,9 @@ def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int) -> ND
 
 def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
     """The sums of counts, one a column, that add up to `wanted`."""
-    if math.prod(max(1, len(column.squares)) for column in columns) > MANY:
+    if math.prod(max(1, len(column)) for column in columns) > MANY:
         raise Undecided(f"the printed means can stand for more than {MANY} sums")
-    found = [sums for sums in product(*(column.squares for column in columns)) if sum(sums) == wanted]
+    found = [sums for sums in product(*columns) if sum(sums) == wanted]
     if len(found) > MOST_SUMS:
         raise Undecided(f"the printed means can add up in more than {MOST_SUMS} ways")
     return found
@@ -282,9 +260,9 @@ def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
 def _misprinted(columns: Sequence[Column], n: int, trials: int) -> Iterator[int]:
     """Cells that a row without gaps would do without: any count that fills it, with any spread."""
     for i in range(len(columns)):
-        others = product(*(column.squares for k, column in enumerate(columns) if k != i))
+        others = product(*(column for k, column in enumerate(columns) if k != i))
         left = {n * trials - sum(rest) for rest in others}
-        free = Column({total: Interval(Fraction(0), math.inf) for total in sorted(left) if 0 <= total <= n * trials})
+        free = {total: ANY for total in sorted(left) if 0 <= total <= n * trials}
         if _stands([free if k == i else column for k, column in enumerate(columns)], n, trials, 0):
             yield i
 
@@ -300,22 +278,12 @@ def _stands(columns: Sequence[Column], n: int, trials: int, missing: int) -> boo
 def _column(cell: PrintedCell, n: int, trials: int, mean_cut: bool, sd_cut: bool, *, pinned: Interval | None) -> Column:
     sums = totals(cell.mean.either if mean_cut else cell.mean.rounded, n, trials)
     if cell.sd is None:
-        return Column({total: Interval(Fraction(0), math.inf) for total in sums})
+        return dict.fromkeys(sums, ANY)
     spread = (cell.sd.either if sd_cut else cell.sd.rounded).squared()
     if pinned is not None and pinned.meets(spread):
         spread = pinned.common(spread)
-    unit = (n - 1) * trials**2
-    return Column(
-        {
-            total: Interval(
-                spread.low * unit + Fraction(total**2, n),
-                spread.high * unit + Fraction(total**2, n),
-                spread.open_low,
-                spread.open_high,
-            )
-            for total in sums
-        }
-    )
+    counted = spread.times(Fraction((n - 1) * trials**2))
+    return {total: counted.plus(point(Fraction(total**2, n))) for total in sums}
 
 
 def _ways(trials: int, answers: int, *, some_missing: bool) -> NDArray[np.int64]:
@@ -323,16 +291,9 @@ def _ways(trials: int, answers: int, *, some_missing: bool) -> NDArray[np.int64]
     places = answers + some_missing
     if math.comb(trials + places - 1, places - 1) > MANY:
         raise Undecided(f"{trials} trials spread over {places} answers in more than {MANY} ways")
-    return np.array([way[:answers] for way in _compositions(trials, places)], dtype=np.int64)
-
-
-def _compositions(total: int, places: int) -> Iterable[tuple[int, ...]]:
-    if places == 1:
-        yield (total,)
-        return
-    for first in range(total + 1):
-        for rest in _compositions(total - first, places - 1):
-            yield (first, *rest)
+    # A way is where places - 1 bars stand among the trials.
+    bars = np.array(list(combinations(range(trials + places - 1), places - 1)), dtype=np.int64)
+    return np.diff(bars, prepend=-1, append=trials + places - 1)[:, :answers] - 1
 
 
 def _programme(
@@ -340,7 +301,7 @@ def _programme(
 ) -> NDArray[np.int64] | None:
     from scipy.optimize import Bounds, LinearConstraint, milp
 
-    low, high = [_whole(one, up=True) for one in squares], [_whole(one, up=False) for one in squares]
+    low, high = zip(*((float(least), float(most)) for least, most in map(Interval.whole, squares)), strict=True)
     if any(least > most for least, most in zip(low, high, strict=True)):
         return None
     rows = np.vstack([np.ones(len(ways)), ways.T, (ways**2).T])
@@ -362,13 +323,3 @@ def _programme(
     if not (right and all(one.holds(Fraction(value)) for one, value in zip(squares, spread, strict=True))):
         raise Undecided("HiGHS found counts that do not give the row")
     return counts
-
-
-def _whole(interval: Interval, *, up: bool) -> float:
-    """The first whole number from the low end, or from the high end."""
-    end = interval.low if up else interval.high
-    if end in (math.inf, -math.inf):
-        return float(end)
-    whole = math.ceil(end) if up else math.floor(end)
-    opened = whole == end and (interval.open_low if up else interval.open_high)
-    return float(whole + opened if up else whole - opened)

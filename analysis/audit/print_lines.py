@@ -12,15 +12,16 @@ can stand behind them.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 from itertools import pairwise
+from operator import attrgetter
 
 from analysis.audit.checks import Checks
 from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
-from analysis.audit.granularity import Row, Undecided, examine, row_sum
+from analysis.audit.granularity import Row, Undecided, examine
 from analysis.audit.mistakes import AGREES, Citation, Line, Mistake, Verdict, judge, of_any_f
 from analysis.audit.recomputed import effect, p_of_f, quotient
 from analysis.documents.tables import plural
@@ -32,7 +33,7 @@ from analysis.published.numbers import (
     PrintedTable,
     Published,
 )
-from analysis.published.printed import Interval, Printed, hull
+from analysis.published.printed import Interval, Printed, hull, sum_of
 
 CONFLICTS: tuple[Verdict, ...] = ("differs", "impossible")
 
@@ -187,31 +188,14 @@ def _mean_square(line: PrintedSource) -> Interval | None:
 
 
 Reading = Callable[[Printed], Interval]
-
-
-def rounded(printed: Printed) -> Interval:
-    """The shares that round to it."""
-    return printed.rounded
-
-
-def truncated(printed: Printed) -> Interval:
-    """The shares that are cut off to it."""
-    return printed.truncated
-
-
-def either(printed: Printed) -> Interval:
-    """Both."""
-    return printed.either
+READINGS: Mapping[str, Reading] = {name: attrgetter(name) for name in ("rounded", "truncated", "either")}
+"""The shares that a percentage can stand for, by how it was printed."""
 
 
 def counts(printed: Printed, trials: int, reading: Reading) -> range:
     """The counts out of `trials` whose share prints like this."""
-    share = reading(printed)
-    low, high = max(Fraction(share.low), Fraction(0)) * trials, min(Fraction(share.high), Fraction(1)) * trials
-    least, most = math.ceil(low), math.floor(high)
-    least += not share.holds(Fraction(least, trials))
-    most -= not share.holds(Fraction(most, trials))
-    return range(least, most + 1)
+    least, most = reading(printed).times(Fraction(trials)).whole()
+    return range(max(int(least), 0), min(int(most), trials) + 1)
 
 
 def smallest(printed: Printed, reading: Reading) -> int:
@@ -266,10 +250,10 @@ def _row(
     cells: Sequence[PrintedCell],
 ) -> Line:
     cited = Citation(cells[0].where, cells[0].task, f"row of {cells[0].presented}", UNDECIDED)
-    total = sum((cell.mean.exact for cell in cells), Fraction(0))
-    printed = f"{' + '.join(cell.mean.text for cell in cells)} = {float(total):.4g}"
+    added = float(sum(cell.mean.exact for cell in cells))
+    printed = f"{' + '.join(cell.mean.text for cell in cells)} = {added:.4g}"
     task = published.task_named(cells[0].task)
-    sums = row_sum([cell.mean for cell in cells])
+    sums = sum_of(cell.mean.either for cell in cells)
     if task is None or task.trials is None:
         verdict: Verdict = "agrees" if sums.holds(Fraction(1)) else "impossible"
         return cited.text("row", printed, f"{float(sums.low):.4g} to {float(sums.high):.4g}", verdict)
@@ -347,7 +331,7 @@ def _choice(cited: Citation, printed: Printed, shares: Sequence[int]) -> Line:
     shown = " or ".join(f"{k} of {n} = {100 * k / n:.1f}%" for k, n in found["truncated"] or near)
     cut = ", though one is cut off to it" if found["truncated"] else ""
     trials = f"{' or '.join(map(str, asked))} trials, equal for all pairs,"
-    reason = f"no share of {trials} rounds to it{cut}; one of {smallest(printed, rounded)} does"
+    reason = f"no share of {trials} rounds to it{cut}; one of {smallest(printed, READINGS['rounded'])} does"
     return cited.text("correct", printed.text, shown, UNDECIDED, reason)
 
 
@@ -400,6 +384,5 @@ def _listed(numbers: Sequence[int]) -> str:
     return ", ".join(texts[:LISTED]) + (", ..." if len(texts) > LISTED else "")
 
 
-READINGS = {"rounded": rounded, "truncated": truncated, "either": either}
 FITS: tuple[Verdict, ...] = ("agrees", "agrees if truncated", "fits no one rounding")
 """The verdict on percentages that fit only from this reading on."""

@@ -7,13 +7,13 @@ those means and variances.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 
 from analysis.audit.granularity import Moments
-from analysis.published.printed import Interval, hull, image, outward, point
+from analysis.published.printed import Interval, hull, image, outward, point, sum_of
 from analysis.statistics.t_tests import p_two_tailed
 
 
@@ -56,8 +56,8 @@ def p_of_f(f: Interval, df: tuple[int, int]) -> Interval:
 
 def margin(cells: Sequence[Moments]) -> Margin:
     """One level's mean over all values of its cells: what an effect that enters first is of."""
-    total = sum(cell.n for cell in cells)
-    return Margin(total, _sum(cell.mean.times(Fraction(cell.n, total)) for cell in cells))
+    n = sum(cell.n for cell in cells)
+    return Margin(n, sum_of(cell.mean.times(Fraction(cell.n, n)) for cell in cells))
 
 
 def unweighted(cells: Sequence[Moments]) -> Margin:
@@ -67,7 +67,7 @@ def unweighted(cells: Sequence[Moments]) -> Margin:
     squares of means).
     """
     variance = sum((Fraction(1, cell.n) for cell in cells), Fraction(0)) / len(cells) ** 2
-    return Margin(1 / variance, _sum(cell.mean.times(Fraction(1, len(cells))) for cell in cells))
+    return Margin(1 / variance, sum_of(cell.mean.times(Fraction(1, len(cells))) for cell in cells))
 
 
 def between(margins: Sequence[Margin]) -> Interval:
@@ -105,13 +105,6 @@ def quotient(above: Interval, below: Interval) -> Interval:
 def together(moments: Sequence[Moments]) -> Moments:
     """One box around all that a cell can be."""
     return Moments(moments[0].n, hull(one.mean for one in moments), hull(one.variance for one in moments))
-
-
-def _sum(spans: Iterable[Interval]) -> Interval:
-    total = point(Fraction(0))
-    for span in spans:
-        total = total.plus(span)
-    return total
 
 
 def _least(margins: Sequence[Margin]) -> Fraction:

@@ -66,6 +66,15 @@ class Interval:
         low: End = self.low**2
         return Interval(low, high, self.open_low, self.open_high)
 
+    def whole(self) -> tuple[End, End]:
+        """Return the least and the greatest whole number in the interval; an infinite end stays as it is.
+
+        The least is above the greatest where there is no whole number.
+        """
+        low: End = self.low if math.isinf(self.low) else Fraction(math.ceil(self.low))
+        high: End = self.high if math.isinf(self.high) else Fraction(math.floor(self.high))
+        return low + (self.open_low and low == self.low), high - (self.open_high and high == self.high)
+
     def absolute(self) -> Interval:
         """The distances of its numbers from 0."""
         if self.low >= 0:
@@ -96,6 +105,14 @@ def hull(spans: Iterable[Interval]) -> Interval:
     """The smallest closed interval that holds them all; there must be one."""
     held = list(spans)
     return Interval(min(one.low for one in held), max(one.high for one in held))
+
+
+def sum_of(spans: Iterable[Interval]) -> Interval:
+    """Return every sum of one number of each interval."""
+    found = point(Fraction(0))
+    for span in spans:
+        found = found.plus(span)
+    return found
 
 
 def _moved(end: float, by: Fraction) -> End:
