@@ -118,7 +118,7 @@ def _of_ms(line: PrintedSource, table: PrintedSources) -> Iterator[Mistake]:
     ss = line.ss.either
     yield Mistake("it is the sum of squares, not divided by df", (ss,))
     for df in _others(line, table):
-        yield Mistake(f"it is that of {df} df, where df is {line.df}", (ss.times(Fraction(1, df)),))
+        yield Mistake(f"it was taken with {df} df, where df is {line.df}", (ss.times(Fraction(1, df)),))
     yield Mistake("it is the root of SS / df", (ss.times(Fraction(1, line.df)),), squares=True)
 
 
@@ -132,7 +132,7 @@ def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Ite
         yield Mistake("it follows SS / df, not the printed MS", (quotient(above, below),))
     yield from of_any_f([f], (line.df, residual.df))
     for df in _others(line, table):
-        yield Mistake(f"it is that of {df} df, where df is {line.df}", (f.times(Fraction(line.df, df)),))
+        yield Mistake(f"it was taken with {df} df, where df is {line.df}", (f.times(Fraction(line.df, df)),))
     for df in _others(residual, table):
         yield Mistake(
             f"its residual was divided by {df} df, where df is {residual.df}", (f.times(Fraction(df, residual.df)),)

@@ -27,12 +27,12 @@ def test_a_right_table_is_not_accused() -> None:
 @pytest.mark.parametrize(
     ("quantity", "printed", "reason"),
     [
-        ("ms", "14.0", "it is that of 3 df, where df is 2"),
+        ("ms", "14.0", "it was taken with 3 df, where df is 2"),
         ("ms", "42.0", "it is the sum of squares, not divided by df"),
         ("ms", "4.58", "it is the root of SS / df"),
         ("f", "0.143", "it is one over F"),
         ("f", "2.65", "it is the root of F, a t"),
-        ("f", "4.667", "it is that of 3 df, where df is 2"),
+        ("f", "4.667", "it was taken with 3 df, where df is 2"),
         ("f", "7.35", "its residual was divided by 21 df, where df is 20"),
         ("f", "0.70", "it is the ratio of the sums of squares"),
         ("f", "0.412", "what is printed as F is eta squared"),
