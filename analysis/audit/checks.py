@@ -90,7 +90,7 @@ class Checks:
                 yield from self._f(printed)
 
     def effects(self, test: PrintedT) -> tuple[Interval, ...]:
-        """Return the effect sizes that agree with the printed t, read as t or else as d; all of them where none does."""
+        """Return the effect sizes that agree with the printed t, read as t or else as d, or all where none does."""
         sample = self._evidence.tested(test)
         effects = _effects(sample, test.null)
         as_t = image(lambda t: t / math.sqrt(max(sample.n, 1)), test.t.either)

@@ -1,19 +1,25 @@
-"""What whole counts allow: means in steps (GRIM), and standard deviations that some counts have (GRIMMER).
+"""What whole counts allow: means in steps (GRIM), standard deviations that some counts have (GRIMMER), and whole rows.
 
 A participant's value is a whole number of items over the number of items; a mean of n of them is a multiple of
 1 / (n items) (Brown and Heathers 2017, Soc. Psychol. Personal. Sci. 8, 363-369). A sum of squares is a whole number as
 well, odd where the sum is odd (Anaya 2016, PeerJ Preprints 4:e2400v1; Allard 2018, Analytic-GRIMMER). On a scale with
 two ends the sums of squares that occur are found one by one, which no bound on them can better.
+
+A row stands where whole answers of every participant give all its ratios at once. Participants with the same answers
+are interchangeable, so a table of counts is how many participants spread their trials over the answers in each way: a
+small integer programme, which HiGHS (scipy) solves. A table that is found is checked in whole numbers; that there is
+none rests on HiGHS.
 """
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
 from itertools import combinations, product
+from operator import or_
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +28,25 @@ from analysis.published.numbers import PrintedCell, Scale
 from analysis.published.printed import Interval, point
 
 EXACT_STEPS = 500_000
-"""Steps up to which sums of squares are found one by one; beyond, parity and bounds alone are asked."""
+"""Steps up to which sums of squares are found one by one; beyond, only parity and bounds are checked."""
+
+ANY = Interval(Fraction(0), math.inf)
+"""Every variance or sum of squares."""
+
+MANY = 20_000
+"""Ways of spreading one participant's trials beyond which a row is left undecided."""
+
+MOST_SUMS = 200
+"""Ways in which the printed means can add up beyond which a row is left undecided."""
+
+MOST_S = 10.0
+"""Time limit of one integer programme, s."""
+
+MOST_MISSING = 20
+"""The most trials without an answer that are tried in one row."""
+
+ROUNDED, SD_EITHER, EITHER = (False, False), (False, True), (True, True)
+"""Whether the mean, and whether the SD of a cell may be truncated as well as rounded."""
 
 
 @dataclass(frozen=True)
@@ -40,19 +64,19 @@ class Moments:
 
 
 def totals(mean: Interval, n: int, items: int) -> range:
-    """Whole sums over n participants whose mean lies in `mean`, which has finite ends."""
+    """Return the whole sums over n participants whose mean lies in `mean`, which has finite ends."""
     low, high = mean.times(Fraction(n * items)).whole()
     return range(int(low), int(high) + 1)
 
 
 def on_scale(sums: range, n: int, scale: Scale) -> range:
-    """Those of the sums that n values on the scale can have."""
+    """Return those of the sums that n values on the scale can have."""
     low = sums.start if scale.low is None else max(sums.start, n * scale.items * scale.low)
     return range(low, sums.stop if scale.high is None else min(sums.stop, n * scale.items * scale.high + 1))
 
 
 def neighbours(mean: Fraction, n: int, scale: Scale) -> range:
-    """The sums on either side of a mean, or the one that gives it; beyond the scale its end."""
+    """Return the sums on either side of a mean, or the one that gives it; beyond the scale, that of the scale's end."""
     steps = mean * n * scale.items
     low = steps if scale.low is None else max(steps, Fraction(n * scale.items * scale.low))
     within = low if scale.high is None else min(low, Fraction(n * scale.items * scale.high))
@@ -60,7 +84,7 @@ def neighbours(mean: Fraction, n: int, scale: Scale) -> range:
 
 
 def moments(total: int, n: int, scale: Scale, variance: Interval) -> Iterator[Moments]:
-    """Every mean and variance of n values on `scale` with sum of counts `total` and variance within `variance`.
+    """Yield every mean and variance of n values on `scale` with sum of counts `total` and variance within `variance`.
 
     `variance` may have no upper end where the scale has both ends.
     """
@@ -80,7 +104,7 @@ def moments(total: int, n: int, scale: Scale, variance: Interval) -> Iterator[Mo
 
 
 def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator[int]:
-    """Sums of squares within `wanted` of n counts with sum `total`, each from 0 to `most` (None: any whole numbers)."""
+    """Yield the sums of squares in `wanted` of n counts from 0 to `most` with sum `total`; None is no upper limit."""
     bounds = _bounds(total, n, most)
     if bounds is None:
         return
@@ -103,7 +127,7 @@ def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator
 
 
 def _bounds(total: int, n: int, most: int | None) -> tuple[int, float] | None:
-    """Smallest and largest sum of squares; None where the sum is out of reach."""
+    """Return the smallest and largest sum of squares; None where the sum is out of reach."""
     each, rest = divmod(total, n)
     least = (n - rest) * each**2 + rest * (each + 1) ** 2
     if most is None:
@@ -116,63 +140,35 @@ def _bounds(total: int, n: int, most: int | None) -> tuple[int, float] | None:
     return least, full * most**2 + left**2
 
 
-@lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=256)
 def _attained(total: int, n: int, most: int) -> int:
-    """Bit q is set where n counts from 0 to `most` with sum `total` have sum of squares q."""
+    """Return the sums of squares of n counts from 0 to `most` with sum `total`: bit q is set where q occurs."""
     reached = [1] + [0] * total
     for _ in range(n):
-        reached = [_next(reached, sum_, most) for sum_ in range(total + 1)]
+        reached = [
+            functools.reduce(or_, (reached[sum_ - count] << count * count for count in range(min(most, sum_) + 1)))
+            for sum_ in range(total + 1)
+        ]
     return reached[total]
 
 
-def _next(reached: list[int], total: int, most: int) -> int:
-    bits = 0
-    for count in range(min(most, total) + 1):
-        bits |= reached[total - count] << count * count
-    return bits
-
-
-ANY = Interval(Fraction(0), math.inf)
-"""Every variance or sum of squares."""
-
-MANY = 20_000
-"""Ways of spreading one participant's trials beyond which a row is left undecided."""
-
-MOST_SUMS = 200
-"""Ways in which the printed means can add up beyond which a row is left undecided."""
-
-MOST_S = 10.0
-"""Time for one integer programme, s."""
-
-MOST_MISSING = 20
-"""Trials without an answer, in one row, that are tried."""
-
-
-ROUNDED, SD_EITHER, EITHER = (False, False), (False, True), (True, True)
-"""Whether mean and SD of a cell may be truncated as well as rounded."""
-
-
 class Undecided(ValueError):
-    """No verdict on a row; the text says why."""
+    """A row has no verdict; the text says why."""
 
 
 Column = Mapping[int, Interval]
-"""Of one answer: each sum of counts that its mean can stand for, with the sums of squares that its SD can."""
+"""For one answer: each sum of counts that its mean can stand for, with the sums of squares that its SD allows."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """What was found about a row.
+    """What was found about a row of so many `trials`, for which the means give from `fewest` to `most` answers.
 
-    Args:
-        trials: of all participants with the material.
-        fewest, most: answers that the printed means can stand for.
-        stands: whether whole counts give every cell, rounded or truncated.
-        truncated: indices of cells without whose truncation it would not; empty where all may be rounded.
-        missing: fewest trials without an answer that would explain a row that does not stand, its means rounded; None
-            where none up to `MOST_MISSING` would.
-        missing_truncated: the same, its means rounded or truncated.
-        misprinted: indices of cells such that the row would stand with any other value of one of them.
+    `stands` says whether whole counts give every cell, rounded or truncated, and `truncated` holds the indices of the
+    cells that must be truncated for it. For a row that does not stand, `missing` is the fewest trials without an answer
+    that would explain it with its means rounded, `missing_truncated` with its means rounded or truncated (None where no
+    number up to `MOST_MISSING` would), and `misprinted` holds the indices of cells such that the row would stand with
+    another value of that cell alone.
     """
 
     trials: int
@@ -186,13 +182,9 @@ class Row:
 
 
 def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[int, Interval]) -> Row:
-    """Look for counts behind a complete row.
+    """Return what whole counts say about a complete row of `n` participants with `trials` each, one cell per answer.
 
-    Args:
-        cells: one a possible answer.
-        n: participants.
-        trials: of each of them with this material.
-        pinned: index of a cell -> its variances, where a test says more than the SD does.
+    `pinned` holds the variances of a cell, by its index, where a test says more than the SD does.
 
     Raises:
         Undecided: when there are too many ways, or HiGHS gives no answer.
@@ -227,16 +219,12 @@ def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[i
 
 
 def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int) -> NDArray[np.int64] | None:
-    """Counts of n participants, shape (n, answers), that give every column; None when there are none.
+    """Return counts, shape (n, answers), that give every column, or None where no counts do.
 
-    Args:
-        columns: one an answer.
-        n: participants.
-        trials: of each of them.
-        missing: trials without an answer, in all.
+    Each of `n` participants has `trials`; `missing` of all these are without an answer.
 
     Raises:
-        Undecided: see `examine`.
+        Undecided: when there are too many ways, or HiGHS gives no answer.
     """
     ways = _ways(trials, len(columns), some_missing=missing > 0)
     for sums in _sums(columns, n * trials - missing):
@@ -248,7 +236,7 @@ def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int) -> ND
 
 
 def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
-    """The sums of counts, one a column, that add up to `wanted`."""
+    """Return the sums of counts, one for each column, that add up to `wanted`."""
     if math.prod(max(1, len(column)) for column in columns) > MANY:
         raise Undecided(f"the printed means can stand for more than {MANY} sums")
     found = [sums for sums in product(*columns) if sum(sums) == wanted]
@@ -258,7 +246,7 @@ def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
 
 
 def _misprinted(columns: Sequence[Column], n: int, trials: int) -> Iterator[int]:
-    """Cells that a row without gaps would do without: any count that fills it, with any spread."""
+    """Yield the cells without which the row would stand: with any count that fills the row, and any spread."""
     for i in range(len(columns)):
         others = product(*(column for k, column in enumerate(columns) if k != i))
         left = {n * trials - sum(rest) for rest in others}
@@ -268,7 +256,7 @@ def _misprinted(columns: Sequence[Column], n: int, trials: int) -> Iterator[int]
 
 
 def _stands(columns: Sequence[Column], n: int, trials: int, missing: int) -> bool:
-    """Whether there are counts, as far as can be decided: an explanation that cannot be tried is none."""
+    """Return whether counts are found; an explanation that cannot be tried is not given."""
     try:
         return solve(columns, n, trials, missing=missing) is not None
     except Undecided:
@@ -287,11 +275,11 @@ def _column(cell: PrintedCell, n: int, trials: int, mean_cut: bool, sd_cut: bool
 
 
 def _ways(trials: int, answers: int, *, some_missing: bool) -> NDArray[np.int64]:
-    """Every way to spread trials over answers, shape (ways, answers); trials without an answer are left out."""
+    """Return every way to spread trials over answers, shape (ways, answers); the trials left over have no answer."""
     places = answers + some_missing
     if math.comb(trials + places - 1, places - 1) > MANY:
         raise Undecided(f"{trials} trials spread over {places} answers in more than {MANY} ways")
-    # A way is where places - 1 bars stand among the trials.
+    # The trials between two of places - 1 bars have one answer.
     bars = np.array(list(combinations(range(trials + places - 1), places - 1)), dtype=np.int64)
     return np.diff(bars, prepend=-1, append=trials + places - 1)[:, :answers] - 1
 

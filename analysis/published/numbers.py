@@ -31,40 +31,29 @@ class _Read:
         return core_schema.no_info_after_validator_function(self.made, stands, serialization=unchanged)
 
 
-def _text(pattern: str, description: str) -> Any:
-    return Annotated[str, Field(pattern=pattern, description=description)]
+def _text(pattern: str, description: str, made: Callable[[str], Any] = Printed) -> _Read:
+    return _Read(Annotated[str, Field(pattern=pattern, description=description)], made)
 
 
 Number = Annotated[
-    Printed,
-    _Read(_text(rf"^-?{POSITIVE}$", 'a number as printed, in quotes, such as "0.20", "-1.5" or "15%"'), Printed),
+    Printed, _text(rf"^-?{POSITIVE}$", 'a number as printed, in quotes, such as "0.20", "-1.5" or "15%"')
 ]
-Size = Annotated[
-    Printed,
-    _Read(_text(rf"^{POSITIVE}$", 'a number as printed, not negative, in quotes, such as "0.20"'), Printed),
-]
+Size = Annotated[Printed, _text(rf"^{POSITIVE}$", 'a number as printed, not negative, in quotes, such as "0.20"')]
 Probability = Annotated[
     Printed,
-    _Read(
-        _text(rf"^< ?{POSITIVE}$|^{POSITIVE}$", 'P as printed, in quotes, such as "0.016", "5.02e-7" or "<0.001"'),
-        Printed,
-    ),
+    _text(rf"^< ?{POSITIVE}$|^{POSITIVE}$", 'P as printed, in quotes, such as "0.016", "5.02e-7" or "<0.001"'),
 ]
 Percentage = Annotated[
     Printed,
-    _Read(
-        _text(
-            r"^(100(\.0{1,2})?|[0-9]{1,2}(\.[0-9]{1,2})?)%$",
-            'a percentage as printed, from 0 to 100, with at most two decimals, in quotes, such as "43%"',
-        ),
-        Printed,
+    _text(
+        r"^(100(\.0{1,2})?|[0-9]{1,2}(\.[0-9]{1,2})?)%$",
+        'a percentage as printed, from 0 to 100, with at most two decimals, in quotes, such as "43%"',
     ),
 ]
 Share = Annotated[
     Fraction,
-    _Read(
-        _text(r"^-?([0-9]+(\.[0-9]+)?|[0-9]+/[1-9][0-9]*)$", 'an exact number, in quotes, such as "0.25" or "1/3"'),
-        Fraction,
+    _text(
+        r"^-?([0-9]+(\.[0-9]+)?|[0-9]+/[1-9][0-9]*)$", 'an exact number, in quotes, such as "0.25" or "1/3"', Fraction
     ),
 ]
 Stars = Annotated[str, Field(pattern=r"^\**$", description='stars as printed, such as "**"; "" for no stars')]
