@@ -256,9 +256,10 @@ def _counted(lines: Sequence[Line], origin: str) -> str:
     agreeing = sum(line.agrees for line in lines)
     words = ("agrees", "agree") if origin in HELD else ("is the same", "are the same")
     others = Counter(line.verdict for line in lines if not line.agrees)
-    rest = "".join(f", {count} {OTHERWISE[verdict][count > 1]}" for verdict, count in others.items())
+    rest = [f"{count} {OTHERWISE[verdict][count > 1]}" for verdict, count in others.items()]
+    *first, last = (f"{agreeing} {words[agreeing != 1]}", *rest)
     counted = "printed numbers and rows" if origin == PRINT else "printed numbers"
-    return f"Of {len(lines)} {counted}, {agreeing} {words[agreeing != 1]}{rest}."
+    return f"Of {len(lines)} {counted}, {', '.join(first)}{' and ' if first else ''}{last}."
 
 
 def _with_name(line: Line) -> str:

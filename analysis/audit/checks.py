@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 
 from analysis.audit import mistakes
 from analysis.audit.evidence import NO_STEPS, Evidence, Misreading, Sample, Variances
+from analysis.audit.granularity import Moments
 from analysis.audit.mistakes import AGREES, Citation, Layout, Line, Mistake, Verdict, judge
 from analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
 from analysis.published.numbers import PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
@@ -99,6 +101,9 @@ class Checks:
                 return pinned
         return effects
 
+    def _tried(self, found: Iterable[Mistake]) -> Iterable[Mistake]:
+        return found if self._diagnose else ()
+
     def _citation(self, where: str, task: str, subject: str, statement: str = "") -> Citation:
         return Citation(where, task, subject, self._evidence.missing, statement)
 
@@ -112,37 +117,32 @@ class Checks:
         known, sample, test = self._evidence.mean(cell), self._evidence.sample(cell), self._test_of(cell)
         cited = self._citation(cell.where, cell.task, cell.subject, known.statement)
 
-        def mean_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_mean(known.values, sample.n, self._others(sample.n)) if self._diagnose else ()
-
         misreading = self._evidence.misreading(cell)
 
-        def sd_mistakes() -> Iterable[Mistake]:
-            if not self._diagnose:
-                return ()
-            return mistakes.of_sd((*sample.every, *(() if test else self._evidence.beyond(cell))))
+        def possible() -> Iterator[Moments]:
+            yield from sample.every
+            if not test:
+                yield from self._evidence.beyond(cell)
 
         no_counts = f"no whole counts of {sample.n} participants give it"
         otherwise = self._evidence.refuted, no_counts if self._evidence.refuted == "impossible" else ""
-        repeated: tuple[Verdict, str] = ("differs", "")
-        contradiction = otherwise if cell.in_table else repeated
-        yield cited.number("mean", cell.mean, known.values, mean_mistakes, otherwise=contradiction)
+        contradiction: tuple[Verdict, str] = otherwise if cell.in_table else ("differs", "")
+        why = self._tried(mistakes.of_mean(known.values, sample.n, self._others(sample.n)))
+        yield cited.number("mean", cell.mean, known.values, why, otherwise=contradiction)
         if not known.values and not known.statement:
             return
         if cell.sd is not None:
             variances = [one.variance for one in sample.every]
             no_steps = "no whole counts give the mean" if cell.scale else NO_STEPS
-            unknown = known.statement or sample.statement or no_steps
-            cited = Citation(cited.where, cited.task, cited.subject, cited.missing, unknown)
+            cited = replace(cited, statement=known.statement or sample.statement or no_steps)
             if misreading:
                 # Where whole counts give the printed SD, a mistake in t and P explains as much.
                 instead = f"; or {INSTEAD[misreading]}" if self._evidence.sd_stands(cell) else ""
                 why_so = f"its t and P follow from the SD{instead}" if test else "as in the rest of the table"
                 contradiction = "differs", f"it is {misreading}: {why_so}"
-            why = tuple if misreading else sd_mistakes
+            why = () if misreading else self._tried(mistakes.of_sd(possible()))
             yield cited.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
-        chance = None if cell.is_score else self._published.chance
-        null = test.null if test else chance
+        null = test.null if test else None if cell.is_score else self._published.chance
         if self._published.levels and cell.stars is not None and cell.presented == cell.answered:
             yield self._stars(cited, cell, null, test)
 
@@ -177,16 +177,11 @@ class Checks:
         cited = self._citation(test.where, test.task, test.material, statement)
         n, others = sample.n, self._others(sample.n, test.df)
         remark = f" at {n - 1} df" if effects and n - 1 != test.df else ""
+        p_stands = test.p is None or judge(test.p, [p_of_t(test.t.either, max(n - 1, 1))])[0] in AGREES
+        sd_in_doubt = self._evidence.sd_in_doubt and p_stands
+        why = mistakes.of_t(effects, sample.moments, test.t, n, others, sd_in_doubt=sd_in_doubt)
         ts = [t_of(one, n) for one in effects]
-
-        def why() -> Iterable[Mistake]:
-            if not self._diagnose:
-                return ()
-            stands = test.p is None or judge(test.p, [p_of_t(test.t.either, max(n - 1, 1))])[0] in AGREES
-            sd_in_doubt = self._evidence.sd_in_doubt and stands
-            return mistakes.of_t(effects, sample.moments, test.t, n, others, sd_in_doubt=sd_in_doubt)
-
-        t = cited.number(f"t({test.df})", test.t, ts, why, remark=remark)
+        t = cited.number(f"t({test.df})", test.t, ts, self._tried(why), remark=remark)
         yield t
         if test.p is not None:
             yield self._p(cited, test, test.p, n, effects, t_agrees=t.agrees)
@@ -198,20 +193,15 @@ class Checks:
     ) -> Line:
         if not effects and cited.missing == "cannot be decided":
             # Nothing else is printed, but P can still be compared with the t and df beside it.
-            return cited.number("P", p, [p_of_t(test.t.either, test.df)], lambda: mistakes.of_lone_p(test.t, test.df))
+            return cited.number("P", p, [p_of_t(test.t.either, test.df)], mistakes.of_lone_p(test.t, test.df))
         pinned = self.effects(test)
         every, narrow = ([p_of_t(t_of(one, n), n - 1) for one in sizes] for sizes in (effects, pinned))
         # Where t itself is wrong, a P that the means and SDs allow is not accused.
         lenient = not t_agrees and judge(p, narrow)[0] not in AGREES and judge(p, every)[0] in AGREES
-
-        def why() -> Iterable[Mistake]:
-            if not self._diagnose:
-                return ()
-            family = sum(one.task == test.task for one in self._published.tests)
-            sizes = self._others(n, test.df)
-            return mistakes.of_p(pinned, test.t, test.df, n, sizes, tests=family, t_agrees=t_agrees)
-
-        return cited.number("P", p, every if lenient else narrow, why)
+        family = sum(one.task == test.task for one in self._published.tests)
+        sizes = self._others(n, test.df)
+        why = mistakes.of_p(pinned, test.t, test.df, n, sizes, tests=family, t_agrees=t_agrees)
+        return cited.number("P", p, every if lenient else narrow, self._tried(why))
 
     def _f(self, printed: PrintedF) -> Iterator[Line]:
         found = self._evidence.variances(printed)
@@ -226,21 +216,16 @@ class Checks:
             remark += f" by {' or '.join(kind for kind, f in found.f.items() if f in fitting)}"
 
         layout = self._layout(printed, found) if self._diagnose else None
-
-        def f_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_f(values, layout, printed.df) if layout else ()
-
-        def p_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ()
-
-        line = cited.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, f_mistakes, remark=remark)
+        why = mistakes.of_f(values, layout, printed.df) if layout else ()
+        line = cited.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, why, remark=remark)
         yield line
         if own is None or not values:
             from_print = [p_of_f(printed.f.either, printed.df)] if cited.missing == "cannot be decided" else []
             yield cited.number("P", printed.p, from_print)
         else:
             narrow = [one.common(printed.f.either) if line.agrees else one for one in fitting]
-            yield cited.number("P", printed.p, [p_of_f(one, own) for one in narrow], p_mistakes)
+            why = mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ()
+            yield cited.number("P", printed.p, [p_of_f(one, own) for one in narrow], why)
         effect, residual = own or (None, None)
         of_effect = mistakes.of_df_of_effect(layout) if layout else ()
         of_residual = mistakes.of_df_of_residual(layout) if layout else ()

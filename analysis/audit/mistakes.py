@@ -7,7 +7,7 @@ named, the others that fit are listed after it. A mistake that fits is an explan
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
@@ -127,10 +127,10 @@ def of_mean(means: Sequence[Interval], n: int, sizes: Iterable[int]) -> Iterator
     yield Mistake("it is 1 less the ratio", tuple(mean.times(Fraction(-1)).plus(_ONE) for mean in means))
 
 
-def of_sd(moments: Sequence[Moments]) -> Iterator[Mistake]:
+def of_sd(possible: Iterable[Moments]) -> Iterator[Mistake]:
     """Yield mistakes in a standard deviation."""
-    variances = tuple(one.variance for one in moments)
-    n = moments[0].n
+    moments = tuple(possible)
+    variances, n = tuple(one.variance for one in moments), moments[0].n
     population = tuple(variance.times(Fraction(n - 1, n)) for variance in variances)
     yield Mistake("it is the population SD, divided by n, not n - 1", population, squares=True)
     yield Mistake("it is the standard error", tuple(one.times(Fraction(1, n)) for one in variances), squares=True)
@@ -302,7 +302,7 @@ class Citation:
         quantity: str,
         printed: Printed,
         values: Sequence[Interval],
-        why: Callable[[], Iterable[Mistake]] = tuple,
+        why: Iterable[Mistake] = (),
         *,
         squares: bool = False,
         remark: str = "",
@@ -310,7 +310,7 @@ class Citation:
     ) -> Line:
         """Return the line of a number that can have `values`; `squares` is as in `judge`.
 
-        `why` gives the mistakes to try, and `remark` stands after the recomputed number. `otherwise` is the verdict
+        `why` holds the mistakes to try, and `remark` stands after the recomputed number. `otherwise` is the verdict
         where no value fits, with the reason where no mistake gives the number.
         """
         if not values:
@@ -319,7 +319,7 @@ class Citation:
         text, low, high = shown(printed, fitting, squares=squares)
         reason = ""
         if verdict == "differs":
-            verdict, reason = otherwise[0], explain(printed, why()) or otherwise[1]
+            verdict, reason = otherwise[0], explain(printed, why) or otherwise[1]
         found = text + remark
         return Line(self.where, self.task, self.subject, quantity, printed.text, found, low, high, verdict, reason)
 

@@ -15,7 +15,6 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
 from itertools import pairwise
 from operator import attrgetter
 
@@ -100,15 +99,15 @@ def source_lines(table: PrintedSources) -> Iterator[Line]:
         cited = Citation(table.where, "both", line.name, "cannot be decided", "the line does not print enough")
         ms = _over(line.ss, line.df)
         if line.ms is not None:
-            yield cited.number("MS", line.ms, [ms] if ms else [], partial(_of_ms, line, table))
+            yield cited.number("MS", line.ms, [ms] if ms else [], _of_ms(line, table))
         own, rest = _mean_square(line), _mean_square(residual)
         f = quotient(own, rest) if own and rest and line is not residual else None
         if line.f is not None:
-            yield cited.number("F", line.f, [f] if f else [], partial(_of_f, line, f, table))
+            yield cited.number("F", line.f, [f] if f else [], _of_f(line, f, table))
         if line.p is not None:
             ratio = line.f.either if line.f else f
             ps = [p_of_f(ratio, (line.df, residual.df))] if ratio else []
-            yield cited.number("P", line.p, ps, partial(_of_p, line, f, ratio, table))
+            yield cited.number("P", line.p, ps, _of_p(line, f, ratio, table))
 
 
 def _of_ms(line: PrintedSource, table: PrintedSources) -> Iterator[Mistake]:

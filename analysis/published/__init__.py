@@ -1,8 +1,8 @@
 """The numbers that published studies print, with where each stands.
 
-A TOML file of a paper comes in (`README.md` here says how to write one), checked with every error at once; `Published`
-comes out, each number with its text, so that its last digit is known. The room knows what a printed number can stand
-for, and nothing of how it is recomputed.
+A TOML file of a paper comes in (`README.md` here says how to write one) and is checked for every error at once.
+`Published` comes out, where each number keeps its text, so that its last digit is known. The room knows what a printed
+number can stand for, and nothing of how it is recomputed.
 """
 
 from __future__ import annotations
