@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from analysis import published
-from analysis.audit.comparison import Comparison, compare
+from analysis.audit.audit import Comparison, compare
 from analysis.documents import page
 from analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
 from analysis.documents.tables import WIDTH, Section, text

@@ -1,26 +1,88 @@
 """`palpate audit`: do a study's printed numbers agree with one another, or with a dataset of the study?
 
 From print alone every statistic is recomputed as the interval that rounding or truncation of the other numbers allows.
-Against a dataset it is one value. Where a number disagrees the simplest mistake that gives it is named.
+Against a dataset it is one value. Where a number disagrees, the simplest mistake that gives it is named. A line stands
+for a printed number, a row of the section for a printed cell or test.
 """
 
 from __future__ import annotations
 
+import statistics
 import textwrap
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from analysis import published
-from analysis.audit.comparison import HELD, PRINT, Comparison, compare, comparison_section, with_name
-from analysis.audit.mistakes import Line
+from analysis.audit.checks import Checks
+from analysis.audit.evidence import FromResults
+from analysis.audit.mistakes import Citation, Line
 from analysis.audit.print_lines import print_lines
-from analysis.documents.tables import WIDTH, text
-from analysis.identification.results import compute
-from analysis.published.numbers import Published
+from analysis.documents.tables import WIDTH, Section, Table, text
+from analysis.identification.results import Results, TaskResult, compute
+from analysis.published.numbers import PrintedIcc, Published
 from analysis.reading.dataset import read
 from analysis.reading.study import nothing_left
 from experiment.errors import DatasetError, PublishedError
+
+PRINT = "PRINT"
+"""Stands for an origin where printed numbers are compared with one another, not with a dataset."""
+
+OWN = {"REHEARSAL": "rehearsed", "RECONSTRUCTION": "recomputed", "PARTICIPANT": "measured", PRINT: "recomputed"}
+"""Heading of the numbers with which the printed ones are compared, by origin."""
+
+ABOUT = {
+    "REHEARSAL": "A rehearsal's answers are simulated. This comparison says how close the simulation comes to the "
+    "paper, and nothing about the paper's results.",
+    "RECONSTRUCTION": "The dataset was searched for so that it agrees with the printed tables: agreement shows that "
+    "the printed numbers can stand together, not that they are right. A number agrees when rounding the recomputed "
+    "one, or cutting off its digits, prints it.",
+    "PARTICIPANT": "New answers are expected to differ from the paper's. A number is called the same when "
+    "rounding the new one, or cutting off its digits, prints it.",
+    PRINT: "The printed numbers are compared with one another. The recomputed column shows the values that the printed "
+    "means, SDs and counts allow, each of them rounded or truncated. A number that differs contradicts them; the "
+    "reason is the simplest mistake that gives the printed number, and no proof of that mistake.",
+}
+
+HELD = ("RECONSTRUCTION", PRINT)
+"""Origins for which the printed numbers are asked whether they stand; new answers are only like or unlike them."""
+
+OTHERWISE = {
+    "differs": ("differs", "differ"),
+    "fits no one rounding": ("fits no one rounding", "fit no one rounding"),
+    "impossible": ("is impossible", "are impossible"),
+    "cannot be decided": ("cannot be decided", "cannot be decided"),
+    "not in this dataset": ("is not in this dataset", "are not in this dataset"),
+}
+"""How a sentence counts the verdicts other than agreement: of one number, and of more."""
+
+MARKS = {"mean": "", "SD": " ± ", "stars": ""}
+"""What stands before each part of a cell."""
+
+SAME = {"agrees": "same", "agrees if truncated": "same if truncated"}
+"""Verdicts in words that fit answers of one's own."""
+
+
+@dataclass(frozen=True)
+class Correlation:
+    """Pearson's r between the printed and the recomputed mean ratios of one task's table, over `cells` cells."""
+
+    task: str
+    cells: int
+    r: float | None
+    statement: str = ""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Every printed number of one study beside the one from a dataset, or from the other numbers in print."""
+
+    source: str
+    lines: tuple[Line, ...]
+    correlations: tuple[Correlation, ...]
 
 
 @dataclass(frozen=True)
@@ -33,22 +95,20 @@ class Audit:
     comparison: Comparison
 
     def text(self, width: int = WIDTH) -> str:
-        """Every line, by where it stands in print, and again those that do not agree; no line longer than `width`."""
+        """Return every line by its place in print, then again those that disagree; no line is longer than `width`."""
         band = [self.label] if self.label else []
-        return "\n\n".join(
-            [*band, text(comparison_section(self.origin, self.comparison), width), *self._findings(width)]
-        )
+        section = text(comparison_section(self.origin, self.comparison), width)
+        return "\n\n".join([*band, section, *self._findings(width)])
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything for JSON: no NaN, no infinity; None where something is not a number."""
-        lines = [{**asdict(line), "agrees": line.agrees} for line in self.comparison.lines]
+        """Return everything for JSON, without NaN or infinity; None stands where something is not a number."""
         return {
             "study": self.study,
             "source": self.comparison.source,
             "against": "print" if self.origin == PRINT else "dataset",
             "origin": None if self.origin == PRINT else self.origin,
             "label": self.label,
-            "lines": lines,
+            "lines": [{**asdict(line), "agrees": line.agrees} for line in self.comparison.lines],
         }
 
     def _findings(self, width: int) -> list[str]:
@@ -62,13 +122,13 @@ class Audit:
 
 
 def _finding(line: Line, width: int) -> str:
-    said = f"{line.where}, {line.task}, {line.subject}: {with_name(line)}; recomputed {line.recomputed}"
+    said = f"{line.where}, {line.task}, {line.subject}: {_with_name(line)}; recomputed {line.recomputed}"
     reason = f": {line.reason}" if line.reason else ""
     return textwrap.fill(f"{said}; {line.verdict}{reason}", width, subsequent_indent="  ", break_on_hyphens=False)
 
 
 def audit(target: str, against: Path | None = None) -> Audit:
-    """Audit a study's printed numbers.
+    """Return the audit of a study's printed numbers.
 
     Args:
         target: id of a study that palpate brings along, a file of printed numbers, or the folder of a dataset.
@@ -94,17 +154,147 @@ def audit(target: str, against: Path | None = None) -> Audit:
 
 def _dataset(root: Path, against: Path | None) -> Audit:
     study = read(root)
-    printed = _paper(study.id, against)
+    printed = published.read(against) if against else published.load(study.id)
+    if printed is None:
+        raise DatasetError(
+            f"study {study.id} has no printed numbers here; write them down and give the file to --against"
+        )
     if not study.attempts["included"].any():
         raise nothing_left(str(root), study.exclusions)
     comparison = compare(printed, compute(study, printed.pairs()), diagnose=study.origin == "RECONSTRUCTION")
     return Audit(study.id, study.origin, study.label, comparison)
 
 
-def _paper(study: str, against: Path | None) -> Published:
-    if against is not None:
-        return published.read(against)
-    printed = published.load(study)
-    if printed is None:
-        raise DatasetError(f"study {study} has no printed numbers here; write them down and give the file to --against")
-    return printed
+def compare(published: Published, results: Results, *, diagnose: bool) -> Comparison:
+    """Return every printed number beside the one from a dataset of the same study.
+
+    `diagnose` says whether a difference may be explained by how the number was printed. It is true for a reconstruction
+    alone, since new answers differ for reasons of their own.
+    """
+    lines = [*Checks(published, FromResults(results), diagnose=diagnose).lines()]
+    lines += [_icc(one, results) for one in published.icc]
+    tasks = dict.fromkeys(cell.task for cell in published.tables())
+    correlations = [_correlation(published, result) for task in tasks if (result := results.task(task))]
+    return Comparison(published.source, tuple(lines), tuple(correlations))
+
+
+def _icc(icc: PrintedIcc, results: Results) -> Line:
+    cited = Citation(
+        icc.where, "both", "reliability of the two-way ANOVA", "not in this dataset", results.two_way_statement
+    )
+    if results.components is None:
+        return cited.number("ICC", icc.value, ())
+    k, _, value = results.components.by_k[0]
+    forms = [form.value for table in results.reliabilities if table.icc for form in table.icc.forms]
+    others = [form for form in forms if form is not None]
+    spread = f"; the Shrout-Fleiss forms give {min(others):.2f} to {max(others):.2f}" if others else ""
+    reason = f"no formula is printed; the variance-component ICC of the mean of {k} gives this{spread}"
+    shown = "-" if value is None else f"{value:.3f}"
+    return cited.text("ICC", icc.value.text, shown, "cannot be decided", reason, value)
+
+
+def _correlation(published: Published, result: TaskResult) -> Correlation:
+    printed, recomputed = [], []
+    materials = result.confusion.materials
+    for cell in published.tables():
+        if cell.task != result.task.id or not {cell.presented, cell.answered} <= set(materials):
+            continue
+        mean = result.confusion.mean(materials.index(cell.presented), materials.index(cell.answered))
+        if mean is not None:
+            printed.append(cell.mean.value)
+            recomputed.append(mean)
+    if len(printed) < 3 or min(recomputed) == max(recomputed):
+        return Correlation(result.task.id, len(printed), None, "the recomputed ratios do not vary, so r is not defined")
+    return Correlation(result.task.id, len(printed), statistics.correlation(printed, recomputed))
+
+
+def comparison_section(origin: str, comparison: Comparison) -> Section:
+    """Return the section of every printed number beside the recomputed one.
+
+    `origin` is PARTICIPANT, REHEARSAL, RECONSTRUCTION or PRINT, and decides the wording.
+    """
+    own, held = OWN[origin], origin in HELD
+    tables = []
+    places: dict[tuple[str, str], list[Line]] = {}
+    for line in comparison.lines:
+        places.setdefault((line.where, line.task), []).append(line)
+    for (where, task), lines in places.items():
+        groups = [list(group) for _, group in groupby(lines, key=lambda line: (line.subject, line.quantity in MARKS))]
+        rows = tuple(_row(group, origin) for group in groups)
+        doubtful = [i for i, group in enumerate(groups) if not all(line.agrees for line in group)]
+        marked = frozenset((i, 3) for i in doubtful if held)
+        header = ("quantity", "printed", own, "agrees?" if held else "same?")
+        tables.append(Table(f"{where}, {task}", header, rows, left=frozenset(range(4)), marked=marked))
+    records: list[Mapping[str, object]] = [
+        {
+            "where": line.where,
+            "task": line.task,
+            "subject": line.subject,
+            "quantity": line.quantity,
+            "printed": line.printed,
+            own: line.recomputed,
+            "low": line.low,
+            "high": line.high,
+            "verdict": _verdict(line, origin),
+            "reason": line.reason,
+        }
+        for line in comparison.lines
+    ]
+    correlations = " ".join(
+        f"{c.task}: the {c.cells} cells of the printed table correlate with this dataset's at r = {c.r:.4f}."
+        if c.r is not None
+        else f"{c.task}: the {c.cells} cells of the printed table have no correlation with this dataset's, because "
+        f"{c.statement}."
+        for c in comparison.correlations
+    )
+    paragraphs = [f"{comparison.source}. {ABOUT[origin]}", _counted(comparison.lines, origin), correlations]
+    title = "Printed numbers against one another" if origin == PRINT else "Against the paper"
+    return Section("comparison", title, tuple(filter(None, paragraphs)), tuple(tables), tuple(records))
+
+
+def _counted(lines: Sequence[Line], origin: str) -> str:
+    agreeing = sum(line.agrees for line in lines)
+    words = ("agrees", "agree") if origin in HELD else ("is the same", "are the same")
+    others = Counter(line.verdict for line in lines if not line.agrees)
+    rest = [f"{count} {OTHERWISE[verdict][count > 1]}" for verdict, count in others.items()]
+    *first, last = (f"{agreeing} {words[agreeing != 1]}", *rest)
+    counted = "printed numbers and rows" if origin == PRINT else "printed numbers"
+    return f"Of {len(lines)} {counted}, {', '.join(first)}{' and ' if first else ''}{last}."
+
+
+def _with_name(line: Line) -> str:
+    """Return the printed number behind its name; a row needs no name."""
+    return line.printed if line.quantity == "row" else f"{line.quantity} = {line.printed}"
+
+
+def _verdict(line: Line, origin: str) -> str:
+    return line.verdict if origin in HELD else SAME.get(line.verdict, line.verdict)
+
+
+def _row(lines: Sequence[Line], origin: str) -> tuple[str, str, str, str]:
+    # Degrees of freedom stand beside their t or F already; they get words only where they are wrong.
+    lines = [line for line in lines if not (line.quantity.startswith("df") and line.agrees)] or lines
+    if lines[0].quantity == "mean":
+        printed = _cell([(line.quantity, line.printed) for line in lines])
+        found = _cell([(line.quantity, line.recomputed) for line in lines])
+    else:
+        printed = ", ".join(_with_name(line) for line in lines)
+        found = ", ".join(line.recomputed for line in lines)
+    alike = all((line.verdict, line.reason) == (lines[0].verdict, lines[0].reason) for line in lines)
+    remarks = [_remark(line, origin, alone=alike) for line in lines if line.verdict != "agrees"] or ["agrees"]
+    if alike:
+        remarks = [_remark(lines[0], origin, alone=True)]
+    return lines[0].subject, printed, found, "; ".join(remarks)
+
+
+def _remark(line: Line, origin: str, *, alone: bool) -> str:
+    subject = "" if alone else f"{line.quantity} "
+    verdict = _verdict(line, origin)
+    if line.quantity == "stars":
+        verdict = verdict.replace("differs", "differ")
+    explained = line.reason and (origin in HELD or line.verdict not in SAME)
+    return f"{subject}{verdict}{f': {line.reason}' if explained else ''}"
+
+
+def _cell(parts: Sequence[tuple[str, str]]) -> str:
+    return "".join(f"{MARKS[quantity]}{text}" for quantity, text in parts if text != "none")

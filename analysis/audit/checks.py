@@ -1,8 +1,8 @@
-"""Every check of a study's printed numbers: each beside what it is recomputed to, from print or from a dataset.
+"""Every check of a study's printed numbers: each number beside the recomputed one, from print or from a dataset.
 
 A number agrees when rounding one of its recomputed values prints it, and agrees if truncated when cutting digits off
-does. It never differs because of what print leaves open: for data that were printed without a mistake no line does.
-Stars are checked as well: those that a mean can earn are the ones between the ends of its P.
+does. What print leaves open never makes a number differ: no line differs for data that were printed without a mistake.
+The stars that a mean can earn are those between the ends of its P.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from fractions import Fraction
 
 from analysis.audit import mistakes
 from analysis.audit.evidence import NO_STEPS, Evidence, Misreading, Sample, Variances
+from analysis.audit.granularity import Moments
 from analysis.audit.mistakes import AGREES, Citation, Layout, Line, Mistake, Verdict, judge
 from analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
 from analysis.published.numbers import PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
@@ -22,14 +23,15 @@ from analysis.statistics.t_tests import stars
 
 
 def stars_of(p: Printed, levels: Sequence[PrintedLevel]) -> str:
-    """The stars that a printed P earns; an upper bound earns those of anything below it."""
+    """Return the stars that a printed P earns; an upper bound earns those of everything below it."""
     return _earned(math.nextafter(p.value, 0.0) if p.is_bound else p.value, levels) or "none"
 
 
 def stars_reached(sample: Sample, effects: Sequence[Interval], levels: Sequence[PrintedLevel]) -> tuple[str, ...]:
-    """The stars that a mean can have, most first; "none" for none, as where there may be no variance."""
+    """Return the stars that a mean can have, most first; "none" stands for no stars."""
     found = {""} if effects and any(one.variance.low == 0 for one in sample.moments) else set()
-    sides = (Interval(_NULL, math.inf), levels), (Interval(-math.inf, _NULL), [one for one in levels if not one.above])
+    below = [one for one in levels if not one.above]
+    sides = (Interval(Fraction(0), math.inf), levels), (Interval(-math.inf, Fraction(0)), below)
     for side, given in sides:
         steps = ["", *(level.stars for level in reversed(given))]
         for one in effects:
@@ -41,61 +43,56 @@ def stars_reached(sample: Sample, effects: Sequence[Interval], levels: Sequence[
 
 
 def _earned(p: float, levels: Sequence[PrintedLevel]) -> str:
-    return stars(p, [(level.p, level.stars) for level in levels])
+    return stars(p, [(level.p.value, level.stars) for level in levels])
 
 
-_NULL = Fraction(0)
-"""The effect of no difference."""
-
-
-NO_NULL = "what it was tested against is not printed"
-CONSTANT = "every value is the same: no variance, t and P are not defined"
-
+NO_NULL = "the value that it was tested against is not printed"
+CONSTANT = "every value is the same, so that t and P are not defined"
 
 INSTEAD: Mapping[Misreading, str] = {
     "the population SD": "t was formed with sqrt(n - 1), and P follows it",
     "the standard error": "what is printed as t is Cohen's d, and P follows it",
 }
-"""What makes the same t and P as an SD that is something else."""
+"""What gives the same t and P as a misread SD does."""
 
 
 class Checks:
-    """All lines of a study's printed numbers against one evidence, in the order of the paper's tables."""
+    """All lines of a study's printed numbers beside one evidence, in the order of the paper's tables."""
 
     def __init__(self, published: Published, evidence: Evidence, *, diagnose: bool) -> None:
         self._published = published
         self._evidence = evidence
         self._diagnose = diagnose
-        self._sizes = sorted({task.participants for task in published.tasks if task.participants > 1}, reverse=True)
+        self._sizes = sorted({task.participants for task in published.task if task.participants > 1}, reverse=True)
 
     def lines(self) -> Iterator[Line]:
-        """Cells, t-tests, ANOVAs, claims."""
+        """Yield the lines of cells, t-tests, ANOVAs and claims."""
         for cell in self._published.cells:
             yield from self._cell(cell)
         for test in self._published.tests:
             yield from self._test(test)
-        for printed in (*self._published.one_way, *self._published.two_way):
+        for printed in self._published.anovas:
             yield from self._f(printed)
-        for claim in self._published.claims:
+        for claim in self._published.claim:
             yield self._claim(claim)
 
     def about(self, cell: PrintedCell) -> Iterator[Line]:
-        """The lines of a cell, wherever it stands, and of its test."""
+        """Yield the lines of a cell, wherever it stands, and of its test."""
         for other in self._published.cells:
             if other.key == cell.key:
                 yield from self._cell(other)
         for test in self._published.tests:
-            if _is_of(test, cell):
+            if test.key == cell.key:
                 yield from self._test(test)
 
     def ratios_of(self, cells: Sequence[PrintedCell]) -> Iterator[Line]:
-        """The lines of every F that one of these cells is in."""
-        for printed in (*self._published.one_way, *self._published.two_way):
+        """Yield the lines of every F that one of these cells is in."""
+        for printed in self._published.anovas:
             if any(_is_in(printed, cell) for cell in cells):
                 yield from self._f(printed)
 
     def effects(self, test: PrintedT) -> tuple[Interval, ...]:
-        """Effect sizes of a t-test, as far as the printed t pins them: as t, or as Cohen's d where it is that."""
+        """Return the effect sizes that agree with the printed t, read as t or else as d, or all where none does."""
         sample = self._evidence.tested(test)
         effects = _effects(sample, test.null)
         as_t = image(lambda t: t / math.sqrt(max(sample.n, 1)), test.t.either)
@@ -104,59 +101,53 @@ class Checks:
                 return pinned
         return effects
 
+    def _tried(self, found: Iterable[Mistake]) -> Iterable[Mistake]:
+        return found if self._diagnose else ()
+
     def _citation(self, where: str, task: str, subject: str, statement: str = "") -> Citation:
         return Citation(where, task, subject, self._evidence.missing, statement)
 
     def _others(self, n: int, df: int | None = None) -> list[int]:
-        """What may have been taken for n, the likeliest first; `df` is printed beside it."""
-        everybody = sum(task.participants for task in self._published.tasks)
+        """Return what may have been taken for n, the likeliest first; `df` is printed beside it."""
+        everybody = sum(task.participants for task in self._published.task)
         sizes = [*self._sizes, *([df + 1] if df else []), everybody, n - 1, n + 1]
         return [size for size in dict.fromkeys(sizes) if size > 1 and size != n]
 
     def _cell(self, cell: PrintedCell) -> Iterator[Line]:
-        known, sample = self._evidence.mean(cell), self._evidence.sample(cell)
+        known, sample, test = self._evidence.mean(cell), self._evidence.sample(cell), self._test_of(cell)
         cited = self._citation(cell.where, cell.task, cell.subject, known.statement)
-
-        def mean_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_mean(known.values, sample.n, self._others(sample.n)) if self._diagnose else ()
 
         misreading = self._evidence.misreading(cell)
 
-        def sd_mistakes() -> Iterable[Mistake]:
-            if not self._diagnose:
-                return ()
-            return mistakes.of_sd((*sample.every, *(() if self._tested(cell) else self._evidence.beyond(cell))))
+        def possible() -> Iterator[Moments]:
+            yield from sample.every
+            if not test:
+                yield from self._evidence.beyond(cell)
 
         no_counts = f"no whole counts of {sample.n} participants give it"
         otherwise = self._evidence.refuted, no_counts if self._evidence.refuted == "impossible" else ""
-        repeated: tuple[Verdict, str] = ("differs", "")
-        contradiction = otherwise if cell.in_table else repeated
-        yield cited.number("mean", cell.mean, known.values, mean_mistakes, otherwise=contradiction)
+        contradiction: tuple[Verdict, str] = otherwise if cell.in_table else ("differs", "")
+        why = self._tried(mistakes.of_mean(known.values, sample.n, self._others(sample.n)))
+        yield cited.number("mean", cell.mean, known.values, why, otherwise=contradiction)
         if not known.values and not known.statement:
             return
         if cell.sd is not None:
             variances = [one.variance for one in sample.every]
             no_steps = "no whole counts give the mean" if cell.scale else NO_STEPS
-            unknown = known.statement or sample.statement or no_steps
-            cited = Citation(cited.where, cited.task, cited.subject, cited.missing, unknown)
+            cited = replace(cited, statement=known.statement or sample.statement or no_steps)
             if misreading:
-                follow = f"its t and P follow from the SD{self._or(cell, misreading)}"
-                why_so = follow if self._tested(cell) else "as in the rest of the table"
+                # Where whole counts give the printed SD, a mistake in t and P explains as much.
+                instead = f"; or {INSTEAD[misreading]}" if self._evidence.sd_stands(cell) else ""
+                why_so = f"its t and P follow from the SD{instead}" if test else "as in the rest of the table"
                 contradiction = "differs", f"it is {misreading}: {why_so}"
-            why = tuple if misreading else sd_mistakes
+            why = () if misreading else self._tried(mistakes.of_sd(possible()))
             yield cited.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
-        test = next((one for one in self._published.tests if _is_of(one, cell)), None)
-        chance = None if cell.is_score else self._published.chance
-        null = test.null if test else chance
+        null = test.null if test else None if cell.is_score else self._published.chance
         if self._published.levels and cell.stars is not None and cell.presented == cell.answered:
             yield self._stars(cited, cell, null, test)
 
-    def _or(self, cell: PrintedCell, misreading: Misreading) -> str:
-        """What else explains t and P, where whole counts give the printed SD."""
-        return f"; or {INSTEAD[misreading]}" if self._evidence.sd_stands(cell) else ""
-
-    def _tested(self, cell: PrintedCell) -> bool:
-        return any(_is_of(test, cell) for test in self._published.tests)
+    def _test_of(self, cell: PrintedCell) -> PrintedT | None:
+        return next((test for test in self._published.tests if test.key == cell.key), None)
 
     def _stars(self, cited: Citation, cell: PrintedCell, null: Fraction | None, test: PrintedT | None) -> Line:
         if null is None:
@@ -186,56 +177,31 @@ class Checks:
         cited = self._citation(test.where, test.task, test.material, statement)
         n, others = sample.n, self._others(sample.n, test.df)
         remark = f" at {n - 1} df" if effects and n - 1 != test.df else ""
+        p_stands = test.p is None or judge(test.p, [p_of_t(test.t.either, max(n - 1, 1))])[0] in AGREES
+        sd_in_doubt = self._evidence.sd_in_doubt and p_stands
+        why = mistakes.of_t(effects, sample.moments, test.t, n, others, sd_in_doubt=sd_in_doubt)
         ts = [t_of(one, n) for one in effects]
-
-        def why() -> Iterable[Mistake]:
-            if not self._diagnose:
-                return ()
-            stands = test.p is None or judge(test.p, [p_of_t(test.t.either, max(n - 1, 1))])[0] in AGREES
-            sd_in_doubt = self._evidence.sd_in_doubt and stands
-            return mistakes.of_t(effects, sample.moments, test.t, n, others, sd_in_doubt=sd_in_doubt)
-
-        t = cited.number(
-            f"t({test.df})",
-            test.t,
-            ts,
-            why,
-            remark=remark,
-        )
+        t = cited.number(f"t({test.df})", test.t, ts, self._tried(why), remark=remark)
         yield t
         if test.p is not None:
-            yield self._p(cited, test, test.p, sample, effects, t_agrees=t.agrees)
-        yield _df(
-            cited, test.df, n - 1 if n > 1 else None, mistakes.of_df(n, self._others(n)) if self._diagnose else ()
-        )
+            yield self._p(cited, test, test.p, n, effects, t_agrees=t.agrees)
+        of_df = mistakes.of_df(n, self._others(n)) if self._diagnose else ()
+        yield _df(cited, test.df, n - 1 if n > 1 else None, of_df)
 
     def _p(
-        self,
-        cited: Citation,
-        test: PrintedT,
-        p: Printed,
-        sample: Sample,
-        effects: Sequence[Interval],
-        *,
-        t_agrees: bool,
+        self, cited: Citation, test: PrintedT, p: Printed, n: int, effects: Sequence[Interval], *, t_agrees: bool
     ) -> Line:
-        n = sample.n
         if not effects and cited.missing == "cannot be decided":
-            # Nothing else is printed: P can still be held against the t and df beside it.
-            return cited.number("P", p, [p_of_t(test.t.either, test.df)], lambda: mistakes.of_lone_p(test.t, test.df))
+            # Nothing else is printed, but P can still be compared with the t and df beside it.
+            return cited.number("P", p, [p_of_t(test.t.either, test.df)], mistakes.of_lone_p(test.t, test.df))
         pinned = self.effects(test)
         every, narrow = ([p_of_t(t_of(one, n), n - 1) for one in sizes] for sizes in (effects, pinned))
-        # A t that was read as something else accuses no P that the means and SDs allow.
+        # Where t itself is wrong, a P that the means and SDs allow is not accused.
         lenient = not t_agrees and judge(p, narrow)[0] not in AGREES and judge(p, every)[0] in AGREES
-
-        def why() -> Iterable[Mistake]:
-            if not self._diagnose:
-                return ()
-            family = sum(one.task == test.task for one in self._published.tests)
-            sizes = self._others(n, test.df)
-            return mistakes.of_p(pinned, test.t, test.df, n, sizes, tests=family, t_agrees=t_agrees)
-
-        return cited.number("P", p, every if lenient else narrow, why)
+        family = sum(one.task == test.task for one in self._published.tests)
+        sizes = self._others(n, test.df)
+        why = mistakes.of_p(pinned, test.t, test.df, n, sizes, tests=family, t_agrees=t_agrees)
+        return cited.number("P", p, every if lenient else narrow, self._tried(why))
 
     def _f(self, printed: PrintedF) -> Iterator[Line]:
         found = self._evidence.variances(printed)
@@ -250,21 +216,16 @@ class Checks:
             remark += f" by {' or '.join(kind for kind, f in found.f.items() if f in fitting)}"
 
         layout = self._layout(printed, found) if self._diagnose else None
-
-        def f_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_f(values, layout, printed.df) if layout else ()
-
-        def p_mistakes() -> Iterable[Mistake]:
-            return mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ()
-
-        line = cited.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, f_mistakes, remark=remark)
+        why = mistakes.of_f(values, layout, printed.df) if layout else ()
+        line = cited.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, why, remark=remark)
         yield line
         if own is None or not values:
             from_print = [p_of_f(printed.f.either, printed.df)] if cited.missing == "cannot be decided" else []
             yield cited.number("P", printed.p, from_print)
         else:
             narrow = [one.common(printed.f.either) if line.agrees else one for one in fitting]
-            yield cited.number("P", printed.p, [p_of_f(one, own) for one in narrow], p_mistakes)
+            why = mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ()
+            yield cited.number("P", printed.p, [p_of_f(one, own) for one in narrow], why)
         effect, residual = own or (None, None)
         of_effect = mistakes.of_df_of_effect(layout) if layout else ()
         of_residual = mistakes.of_df_of_residual(layout) if layout else ()
@@ -281,10 +242,10 @@ class Checks:
     def _claim(self, claim: PrintedClaim) -> Line:
         cited = self._citation(claim.where, claim.task, "materials above chance")
         cells = [cell for cell in self._published.tables() if cell.task == claim.task and not cell.is_score]
-        above = [replace(level, above=True) for level in self._published.levels]
+        above = [level.model_copy(update={"above": True}) for level in self._published.levels]
         least = most = known = 0
         for cell in cells:
-            test = next((one for one in self._published.tests if _is_of(one, cell)), None)
+            test = self._test_of(cell)
             if cell.presented != cell.answered or test is None:
                 continue
             found = stars_reached(self._evidence.tested(test), self.effects(test), above)
@@ -293,7 +254,7 @@ class Checks:
             most += any(mark != "none" for mark in found)
         text, printed = f"{claim.significant} of {claim.of}", f"{least}" if least == most else f"{least} to {most}"
         if known != claim.of:
-            return cited.text("significant", text, "-", cited.missing, "not all of them are tested")
+            return cited.text("significant", text, "-", cited.missing, "not every material is tested")
         verdict: Verdict = "agrees" if least <= claim.significant <= most else "differs"
         return cited.text("significant", text, f"{printed} of {known}", verdict)
 
@@ -303,12 +264,7 @@ def _df(cited: Citation, printed: int, found: int | None, other: Iterable[tuple[
         return cited.text(name, str(printed), "-", cited.missing, cited.statement)
     reason = "; or ".join(text for value, text in other if value == printed) if printed != found else ""
     verdict: Verdict = "agrees" if printed == found else "differs"
-    line = cited.text(name, str(printed), str(found), verdict, reason)
-    return Line(**{**vars(line), "low": float(found), "high": float(found)})
-
-
-def _is_of(test: PrintedT, cell: PrintedCell) -> bool:
-    return (test.task, test.material, test.material) == cell.key
+    return cited.text(name, str(printed), str(found), verdict, reason, float(found))
 
 
 def _is_in(printed: PrintedF, cell: PrintedCell) -> bool:

@@ -1,7 +1,7 @@
-"""What a printed number is held against: a dataset, or the other numbers in print.
+"""The evidence beside which a printed number is checked: a dataset, or the other numbers in print.
 
-Both tell the values that a mean, a standard deviation, a t or an F can have. From a dataset each is one value; from
-print it is all that rounding or truncation, and counting in whole answers, leave open.
+Both tell the values that a mean, a standard deviation, a t or an F can have. A dataset gives one value for each; print
+gives every value that rounding or truncation, and counting in whole answers, leave open.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from analysis.statistics.exact import mean, sum_of_squares
 Misreading = Literal["the population SD", "the standard error"]
 """What may be printed in the place of an SD."""
 
-NO_STEPS = "the steps of the values are not known: any mean and SD can be"
+NO_STEPS = "the steps of the values are not known, so that any mean and SD are possible"
 
 
 @dataclass(frozen=True)
 class Known:
-    """The values that something can have; none of them where `statement` says why."""
+    """The values that a mean can have; `statement` says why where there are none."""
 
     values: tuple[Interval, ...] = ()
     statement: str = ""
@@ -37,9 +37,9 @@ class Known:
 
 @dataclass(frozen=True)
 class Sample:
-    """The means and variances that n participants can have; none where `statement` says why.
+    """The means and variances that n participants can have; `statement` says why where there are none.
 
-    `every` are those beside them that the cell's mean allows, for a standard deviation that does not fit.
+    `every` holds all that the cell's mean allows, for a standard deviation that does not fit.
     """
 
     n: int
@@ -52,8 +52,7 @@ class Sample:
 class Variances:
     """F of one effect, its degrees of freedom, and the number of values behind it.
 
-    `f` are those of each way to share out what unequal numbers leave to more than one effect, by its name: one alone
-    where all give the same.
+    `f` holds F by the name of the types of ANOVA that give it; where all types give the same F there is one entry.
     """
 
     f: Mapping[str, Interval] = field(default_factory=dict)
@@ -63,7 +62,7 @@ class Variances:
 
 
 def by_type(*found: Interval) -> dict[str, Interval]:
-    """F of types I, II and III, those that are the same together."""
+    """Return F by type, from F of types I, II and III; types with the same F share one name."""
     kinds: dict[Interval, list[str]] = {}
     for kind, f in zip(TYPES, found, strict=True):
         same = next((one for one in kinds if math.isclose(one.low, f.low) and math.isclose(one.high, f.high)), f)
@@ -72,7 +71,7 @@ def by_type(*found: Interval) -> dict[str, Interval]:
 
 
 class FromResults:
-    """A dataset: every number is one value."""
+    """A dataset, in which every number is one value."""
 
     missing: Verdict = "not in this dataset"
     """Verdict on a number that this says nothing about."""
@@ -85,38 +84,37 @@ class FromResults:
         self._results = results
 
     def misreading(self, cell: PrintedCell) -> None:
-        """None: the dataset tells what it is."""
+        """Return None, because a dataset tells what the SD is."""
 
     def sd_stands(self, cell: PrintedCell) -> bool:
-        """Whether the dataset gives it."""
+        """Return whether the dataset gives the printed SD."""
         sd = cell.sd
         return sd is None or any(sd.either.squared().meets(one.variance) for one in self.sample(cell).moments)
 
     def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:  # noqa: ARG002
-        """Nothing beside the dataset."""
+        """Return nothing: a dataset allows nothing else."""
         return ()
 
     def mean(self, cell: PrintedCell) -> Known:
-        """The cell's mean ratio."""
+        """Return the cell's mean ratio."""
         values = self._ratios(cell.task, cell.presented, cell.answered)
         return Known((point(mean(values)),)) if values else Known()
 
     def sample(self, cell: PrintedCell) -> Sample:
-        """The cell's mean and variance."""
+        """Return the cell's mean and variance."""
         return _measured(self._ratios(cell.task, cell.presented, cell.answered))
 
     def tested(self, test: PrintedT) -> Sample:
-        """The material's correct answers, with the reason where t is not defined."""
+        """Return the sample of the material's correct answers, with the reason where t is not defined."""
         found = _measured(self._ratios(test.task, test.material, test.material))
         result = self._results.task(test.task)
-        known = result is not None and test.material in result.confusion.materials
-        if result is None or not known:
+        if result is None or test.material not in result.confusion.materials:
             return found
         statement = result.test(test.material).result.statement
         return Sample(found.n, statement=statement) if statement else found
 
     def variances(self, printed: PrintedF) -> Variances:
-        """The ANOVA that was computed."""
+        """Return the ANOVA that was computed."""
         if printed.task is None:
             tables = self._results.two_way
             anova, statement = (tables[-1] if tables else None), self._results.two_way_statement
@@ -137,7 +135,7 @@ class FromResults:
         return Variances(by_type(*(point(Fraction(one)) for one in (first, second, third))), df, everything)
 
     def _between(self, effect: str) -> Interval:
-        """Sum of squares of the effect alone, the first to enter."""
+        """Return the sum of squares of the effect when it enters first."""
         values: dict[str, list[Fraction]] = {}
         for task in self._results.tasks:
             for material in task.confusion.materials:
@@ -161,60 +159,53 @@ def _measured(values: Sequence[Fraction]) -> Sample:
     return Sample(n, only, only)
 
 
-TOO_MANY = "so many counts give it that counting says nothing"
+TOO_MANY = "so many counts give it that counting decides nothing"
 NO_CELL = "neither mean nor SD is printed"
 NO_SD = "no SD is printed"
 MANY = 20_000
 """Means and variances of one cell beyond which counting them says no more than the printed numbers do."""
 
 AROUND = 10
-"""Units of the last digit around a printed SD in which its alternatives are looked for first."""
-
+"""Alternatives to a printed SD are first looked for within this many units of its last digit."""
 
 MISREADINGS: Mapping[Misreading, Callable[[int], Fraction]] = {
     "the population SD": lambda n: Fraction(n, n - 1),
     "the standard error": lambda n: Fraction(n),
 }
-"""By what its square is multiplied to give the variance of n values."""
-
-Key = tuple[str, str, str]
-"""Task, material presented, answer."""
+"""The factor by which the square of each is multiplied to give the variance of n values."""
 
 
 class FromPrint:
-    """The other numbers in print.
-
-    `misread` are the cells whose printed SD is read as something else.
-    """
+    """The other numbers in print; `misread` holds, by key, the cells whose printed SD is read as something else."""
 
     missing: Verdict = "cannot be decided"
     refuted: Verdict = "impossible"
     sd_in_doubt = True
 
-    def __init__(self, published: Published, misread: Mapping[Key, Misreading] | None = None) -> None:
+    def __init__(self, published: Published, misread: Mapping[tuple[str, str, str], Misreading] | None = None) -> None:
         self._published = published
         self._misread = dict(misread or {})
         self._tables = {cell.key: cell for cell in published.tables()}
-        self._found: dict[Key, Sample] = {}
+        self._found: dict[tuple[str, str, str], Sample] = {}
 
     def misreading(self, cell: PrintedCell) -> Misreading | None:
-        """What the cell's printed SD is read as, if not as an SD."""
+        """Return what the cell's printed SD is read as, or None where it is read as an SD."""
         return self._misread.get(cell.key)
 
     def sd_stands(self, cell: PrintedCell) -> bool:
-        """Whether whole counts give the printed SD, or are not known."""
+        """Return whether whole counts give the printed SD, or nothing is known of the counts."""
         n = self._n(cell.task)
         if n is None or n < 2 or cell.sd is None or cell.scale is None:
             return True
         return self._counted(cell, n, cell.scale, cell.sd.either.squared()) != ()
 
     def reading(self, cells: Iterable[PrintedCell], misreading: Misreading) -> FromPrint | None:
-        """The same with the SDs of cells read as something else; None where no values have such means and SDs."""
+        """Return this evidence with the SDs of `cells` read as `misreading`; None where no values have such moments."""
         found = FromPrint(self._published, self._misread | {cell.key: misreading for cell in cells})
         return found if all(found.sample(cell).every for cell in cells) else None
 
     def mean(self, cell: PrintedCell) -> Known:
-        """Of a cell that the text repeats, what its table leaves open; else the sums of counts that are near."""
+        """Return the means near the printed one that whole counts give; in the text, those that the table allows."""
         source, n = self._tables.get(cell.key), self._n(cell.task)
         if not cell.in_table and source is not None:
             return Known(tuple({one.mean: None for one in self.sample(source).moments}) or (source.mean.either,))
@@ -227,25 +218,25 @@ class FromPrint:
         return Known(tuple(point(Fraction(total, n * cell.scale.items)) for total in sums))
 
     def sample(self, cell: PrintedCell) -> Sample:
-        """What fits the printed mean and SD; where nothing does, or values have no steps, both as they stand."""
+        """Return what fits the printed mean and SD; where nothing fits or values have no steps, both as they stand."""
         source = self._tables.get(cell.key, cell)
         if source.key not in self._found:
             self._found[source.key] = self._fitting(source)
         return self._found[source.key]
 
     def tested(self, test: PrintedT) -> Sample:
-        """The cell, or the score, that the test is of."""
-        cell = self._tables.get((test.task, test.material, test.material))
+        """Return the sample of the cell that is tested."""
+        cell = self._tables.get(test.key)
         n = self._n(test.task) or test.df + 1
         return self.sample(cell) if cell else Sample(n, statement=NO_CELL)
 
     def variances(self, printed: PrintedF) -> Variances:
-        """F from the means and SDs of the cells that it is of."""
+        """Return F from the means and SDs of its cells."""
         groups = self._groups(printed)
         samples = [[self.sample(cell) if cell else None for cell in group] for group in groups]
         held = [[together(one.moments) for one in group if one and one.moments] for group in samples]
         if not groups or any(len(group) != len(cells) for group, cells in zip(held, groups, strict=True)):
-            return Variances(statement="the means and SDs that it is of are not all printed")
+            return Variances(statement="not all of its means and SDs are printed")
         cells = [one for group in held for one in group]
         values = sum(one.n for one in cells)
         df = len(groups) - 1, values - len(cells)
@@ -258,14 +249,13 @@ class FromPrint:
         return Variances(by_type(first, first, third), df, values)
 
     def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:
-        """What the cell can be if its printed SD is none: the standard error, or divided by another number."""
+        """Return what the cell can be if its printed SD is a standard error, a population SD or the variance."""
         n = self._n(cell.task)
         if n is None or n < 2 or cell.sd is None or cell.scale is None:
             return ()
         printed = cell.sd.either
         windows = [*(printed.squared().times(factor(n)) for factor in MISREADINGS.values()), printed]
-        counted = (self._counted(cell, n, cell.scale, window) for window in windows)
-        return tuple(one for found in counted if found for one in found)
+        return tuple(one for window in windows for one in self._counted(cell, n, cell.scale, window) or ())
 
     def _groups(self, printed: PrintedF) -> list[list[PrintedCell | None]]:
         if printed.task is not None:
@@ -296,10 +286,10 @@ class FromPrint:
         return Sample(n, tuple(one for one in every if wanted.meets(one.variance)) or stands, every)
 
     def _near(self, cell: PrintedCell, sd: Printed, scale: Scale, n: int) -> tuple[Moments, ...] | None:
-        """What whole counts give at a printed SD, or else around it; None where it is too many.
+        """Return what whole counts give at a printed SD, or else around it; None where they give too many.
 
-        Further off until there is some, nearer again where that is too many. A mean that has whole counts has some with
-        an SD below 1, so none that far says that it has none.
+        The search widens until something is found, and narrows again where that is too many. A mean that has whole
+        counts has some with an SD below 1, so that finding none that far off means that there are none.
         """
         found = self._counted(cell, n, scale, sd.either.squared())
         unit = sd.exact_unit or Fraction(1)
@@ -316,10 +306,10 @@ class FromPrint:
         return found
 
     def _counted(self, cell: PrintedCell, n: int, scale: Scale, variance: Interval) -> tuple[Moments, ...] | None:
-        """The means and variances that whole counts give; None where they are too many."""
+        """Return the means and variances that whole counts give; None where there are too many."""
         high = variance.high
         if scale.low is not None and scale.high is not None:
-            # Half the values at either end spread the most.
+            # The spread is greatest with half the values at either end.
             high = min(high, Fraction((scale.high - scale.low) ** 2 * n, 4 * (n - 1)))
         sums = on_scale(totals(cell.mean.either, n, scale.items), n, scale)
         if len(sums) * (high - variance.low) * n * scale.items**2 > MANY:
@@ -327,9 +317,9 @@ class FromPrint:
         return tuple(one for total in sums for one in moments(total, n, scale, variance))
 
     def _n(self, task: str) -> int | None:
-        found = self._published.task(task)
+        found = self._published.task_named(task)
         return found.participants if found else None
 
 
 Evidence = FromResults | FromPrint
-"""What printed numbers are held against."""
+"""What a printed number is checked by."""

@@ -1,24 +1,52 @@
-"""What whole counts allow: means in steps (GRIM), and standard deviations that some counts have (GRIMMER).
+"""What whole counts allow: means in steps (GRIM), standard deviations that some counts have (GRIMMER), and whole rows.
 
 A participant's value is a whole number of items over the number of items; a mean of n of them is a multiple of
 1 / (n items) (Brown and Heathers 2017, Soc. Psychol. Personal. Sci. 8, 363-369). A sum of squares is a whole number as
 well, odd where the sum is odd (Anaya 2016, PeerJ Preprints 4:e2400v1; Allard 2018, Analytic-GRIMMER). On a scale with
 two ends the sums of squares that occur are found one by one, which no bound on them can better.
+
+A row stands where whole answers of every participant give all its ratios at once. Participants with the same answers
+are interchangeable, so a table of counts is how many participants spread their trials over the answers in each way: a
+small integer programme, which HiGHS (scipy) solves. A table that is found is checked in whole numbers; that there is
+none rests on HiGHS.
 """
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
+from itertools import combinations, product
+from operator import or_
 
-from analysis.published.numbers import Scale
+import numpy as np
+from numpy.typing import NDArray
+
+from analysis.published.numbers import PrintedCell, Scale
 from analysis.published.printed import Interval, point
 
 EXACT_STEPS = 500_000
-"""Steps up to which sums of squares are found one by one; beyond, parity and bounds alone are asked."""
+"""Steps up to which sums of squares are found one by one; beyond, only parity and bounds are checked."""
+
+ANY = Interval(Fraction(0), math.inf)
+"""Every variance or sum of squares."""
+
+MANY = 20_000
+"""Ways of spreading one participant's trials beyond which a row is left undecided."""
+
+MOST_SUMS = 200
+"""Ways in which the printed means can add up beyond which a row is left undecided."""
+
+MOST_S = 10.0
+"""Time limit of one integer programme, s."""
+
+MOST_MISSING = 20
+"""The most trials without an answer that are tried in one row."""
+
+ROUNDED, SD_EITHER, EITHER = (False, False), (False, True), (True, True)
+"""Whether the mean, and whether the SD of a cell may be truncated as well as rounded."""
 
 
 @dataclass(frozen=True)
@@ -36,22 +64,19 @@ class Moments:
 
 
 def totals(mean: Interval, n: int, items: int) -> range:
-    """Whole sums over n participants whose mean lies in `mean`, which has finite ends."""
-    steps = n * items
-    low, high = math.ceil(mean.low * steps), math.floor(mean.high * steps)
-    low += mean.open_low and low == mean.low * steps
-    high -= mean.open_high and high == mean.high * steps
-    return range(low, high + 1)
+    """Return the whole sums over n participants whose mean lies in `mean`, which has finite ends."""
+    low, high = mean.times(Fraction(n * items)).whole()
+    return range(int(low), int(high) + 1)
 
 
 def on_scale(sums: range, n: int, scale: Scale) -> range:
-    """Those of the sums that n values on the scale can have."""
+    """Return those of the sums that n values on the scale can have."""
     low = sums.start if scale.low is None else max(sums.start, n * scale.items * scale.low)
     return range(low, sums.stop if scale.high is None else min(sums.stop, n * scale.items * scale.high + 1))
 
 
 def neighbours(mean: Fraction, n: int, scale: Scale) -> range:
-    """The sums on either side of a mean, or the one that gives it; beyond the scale its end."""
+    """Return the sums on either side of a mean, or the one that gives it; beyond the scale, that of the scale's end."""
     steps = mean * n * scale.items
     low = steps if scale.low is None else max(steps, Fraction(n * scale.items * scale.low))
     within = low if scale.high is None else min(low, Fraction(n * scale.items * scale.high))
@@ -59,7 +84,7 @@ def neighbours(mean: Fraction, n: int, scale: Scale) -> range:
 
 
 def moments(total: int, n: int, scale: Scale, variance: Interval) -> Iterator[Moments]:
-    """Every mean and variance of n values on `scale` with sum of counts `total` and variance within `variance`.
+    """Yield every mean and variance of n values on `scale` with sum of counts `total` and variance within `variance`.
 
     `variance` may have no upper end where the scale has both ends.
     """
@@ -69,31 +94,22 @@ def moments(total: int, n: int, scale: Scale, variance: Interval) -> Iterator[Mo
     shift = (scale.low if scale.low is not None else total // (n * scale.items)) * scale.items
     moved = total - n * shift
     centre = Fraction(moved * moved, n)
-    least, most = (
-        centre + variance.low * (n - 1) * unit,
-        math.inf if variance.high == math.inf else centre + variance.high * (n - 1) * unit,
-    )
-    wanted = Interval(least, most, variance.open_low, variance.open_high)
+    wanted = variance.times(Fraction((n - 1) * unit)).plus(point(centre))
     mean = point(Fraction(total, n * scale.items))
-    for squares in _squares(moved, n, _counts(scale), wanted):
+    most = None if scale.low is None or scale.high is None else (scale.high - scale.low) * scale.items
+    for squares in _squares(moved, n, most, wanted):
         spread = (squares - centre) / ((n - 1) * unit)
         whole = squares + 2 * shift * moved + n * shift * shift
         yield Moments(n, mean, point(spread), total, whole)
 
 
-def _counts(scale: Scale) -> int | None:
-    if scale.low is None or scale.high is None:
-        return None
-    return (scale.high - scale.low) * scale.items
-
-
 def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator[int]:
-    """Sums of squares within `wanted` of n counts with sum `total`, each from 0 to `most` (None: any whole numbers)."""
+    """Yield the sums of squares in `wanted` of n counts from 0 to `most` with sum `total`; None is no upper limit."""
     bounds = _bounds(total, n, most)
     if bounds is None:
         return
-    low = max(bounds[0], math.ceil(max(wanted.low, 0)))
-    high = bounds[1] if wanted.high == math.inf else min(bounds[1], math.floor(wanted.high))
+    least, greatest = wanted.whole()
+    low, high = int(max(bounds[0], least)), int(min(bounds[1], greatest))
     # A sum of squares is odd where the sum is: every x² - x is even.
     low += (low - total) % 2
     found = None
@@ -101,9 +117,7 @@ def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator
         # Counts from the other end have the same spread: with many of n * most, few are left.
         flipped = 2 * total > n * most
         found = _attained(n * most - total if flipped else total, n, most), flipped
-    for squares in range(low, int(high) + 1, 2):
-        if not wanted.holds(Fraction(squares)):
-            continue
+    for squares in range(low, high + 1, 2):
         if found is not None and most is not None:
             bits, flipped = found
             at = squares - 2 * most * total + n * most * most if flipped else squares
@@ -113,7 +127,7 @@ def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator
 
 
 def _bounds(total: int, n: int, most: int | None) -> tuple[int, float] | None:
-    """Smallest and largest sum of squares; None where the sum is out of reach."""
+    """Return the smallest and largest sum of squares; None where the sum is out of reach."""
     each, rest = divmod(total, n)
     least = (n - rest) * each**2 + rest * (each + 1) ** 2
     if most is None:
@@ -126,17 +140,174 @@ def _bounds(total: int, n: int, most: int | None) -> tuple[int, float] | None:
     return least, full * most**2 + left**2
 
 
-@lru_cache(maxsize=256)
+@functools.lru_cache(maxsize=256)
 def _attained(total: int, n: int, most: int) -> int:
-    """Bit q is set where n counts from 0 to `most` with sum `total` have sum of squares q."""
+    """Return the sums of squares of n counts from 0 to `most` with sum `total`: bit q is set where q occurs."""
     reached = [1] + [0] * total
     for _ in range(n):
-        reached = [_next(reached, sum_, most) for sum_ in range(total + 1)]
+        reached = [
+            functools.reduce(or_, (reached[sum_ - count] << count * count for count in range(min(most, sum_) + 1)))
+            for sum_ in range(total + 1)
+        ]
     return reached[total]
 
 
-def _next(reached: list[int], total: int, most: int) -> int:
-    bits = 0
-    for count in range(min(most, total) + 1):
-        bits |= reached[total - count] << count * count
-    return bits
+class Undecided(ValueError):
+    """A row has no verdict; the text says why."""
+
+
+Column = Mapping[int, Interval]
+"""For one answer: each sum of counts that its mean can stand for, with the sums of squares that its SD allows."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What was found about a row of so many `trials`, for which the means give from `fewest` to `most` answers.
+
+    `stands` says whether whole counts give every cell, rounded or truncated, and `truncated` holds the indices of the
+    cells that must be truncated for it. For a row that does not stand, `missing` is the fewest trials without an answer
+    that would explain it with its means rounded, `missing_truncated` with its means rounded or truncated (None where no
+    number up to `MOST_MISSING` would), and `misprinted` holds the indices of cells such that the row would stand with
+    another value of that cell alone.
+    """
+
+    trials: int
+    fewest: int
+    most: int
+    stands: bool
+    truncated: tuple[int, ...] = ()
+    missing: int | None = None
+    missing_truncated: int | None = None
+    misprinted: tuple[int, ...] = ()
+
+
+def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[int, Interval]) -> Row:
+    """Return what whole counts say about a complete row of `n` participants with `trials` each, one cell per answer.
+
+    `pinned` holds the variances of a cell, by its index, where a test says more than the SD does.
+
+    Raises:
+        Undecided: when there are too many ways, or HiGHS gives no answer.
+    """
+    answers = range(len(cells))
+    columns = {
+        reading: [_column(cell, n, trials, *reading, pinned=pinned.get(i)) for i, cell in enumerate(cells)]
+        for reading in (ROUNDED, SD_EITHER, EITHER)
+    }
+    sums = [totals(cell.mean.either, n, trials) for cell in cells]
+    fewest, most = sum(min(s, default=0) for s in sums), sum(max(s, default=0) for s in sums)
+
+    def stands(cut: Collection[int]) -> bool:
+        chosen = [columns[EITHER if i in cut else ROUNDED][i] for i in answers]
+        return solve(chosen, n, trials, missing=0) is not None
+
+    if stands(()):
+        return Row(n * trials, fewest, most, True)
+    if stands(answers):
+        cut = list(answers)
+        for i in answers:
+            if stands([k for k in cut if k != i]):
+                cut.remove(i)
+        return Row(n * trials, fewest, most, True, tuple(cut))
+    tried = range(1, min(MOST_MISSING, n * trials) + 1)
+    missing = [
+        next((gaps for gaps in tried if _stands(columns[reading], n, trials, gaps)), None)
+        for reading in (SD_EITHER, EITHER)
+    ]
+    misprinted = tuple(_misprinted(columns[EITHER], n, trials))
+    return Row(n * trials, fewest, most, False, (), missing[0], missing[1], misprinted)
+
+
+def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int) -> NDArray[np.int64] | None:
+    """Return counts, shape (n, answers), that give every column, or None where no counts do.
+
+    Each of `n` participants has `trials`; `missing` of all these are without an answer.
+
+    Raises:
+        Undecided: when there are too many ways, or HiGHS gives no answer.
+    """
+    ways = _ways(trials, len(columns), some_missing=missing > 0)
+    for sums in _sums(columns, n * trials - missing):
+        squares = [column[total] for column, total in zip(columns, sums, strict=True)]
+        found = _programme(ways, n, sums, squares)
+        if found is not None:
+            return found
+    return None
+
+
+def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
+    """Return the sums of counts, one for each column, that add up to `wanted`."""
+    if math.prod(max(1, len(column)) for column in columns) > MANY:
+        raise Undecided(f"the printed means can stand for more than {MANY} sums")
+    found = [sums for sums in product(*columns) if sum(sums) == wanted]
+    if len(found) > MOST_SUMS:
+        raise Undecided(f"the printed means can add up in more than {MOST_SUMS} ways")
+    return found
+
+
+def _misprinted(columns: Sequence[Column], n: int, trials: int) -> Iterator[int]:
+    """Yield the cells without which the row would stand: with any count that fills the row, and any spread."""
+    for i in range(len(columns)):
+        others = product(*(column for k, column in enumerate(columns) if k != i))
+        left = {n * trials - sum(rest) for rest in others}
+        free = {total: ANY for total in sorted(left) if 0 <= total <= n * trials}
+        if _stands([free if k == i else column for k, column in enumerate(columns)], n, trials, 0):
+            yield i
+
+
+def _stands(columns: Sequence[Column], n: int, trials: int, missing: int) -> bool:
+    """Return whether counts are found; an explanation that cannot be tried is not given."""
+    try:
+        return solve(columns, n, trials, missing=missing) is not None
+    except Undecided:
+        return False
+
+
+def _column(cell: PrintedCell, n: int, trials: int, mean_cut: bool, sd_cut: bool, *, pinned: Interval | None) -> Column:
+    sums = totals(cell.mean.either if mean_cut else cell.mean.rounded, n, trials)
+    if cell.sd is None:
+        return dict.fromkeys(sums, ANY)
+    spread = (cell.sd.either if sd_cut else cell.sd.rounded).squared()
+    if pinned is not None and pinned.meets(spread):
+        spread = pinned.common(spread)
+    counted = spread.times(Fraction((n - 1) * trials**2))
+    return {total: counted.plus(point(Fraction(total**2, n))) for total in sums}
+
+
+def _ways(trials: int, answers: int, *, some_missing: bool) -> NDArray[np.int64]:
+    """Return every way to spread trials over answers, shape (ways, answers); the trials left over have no answer."""
+    places = answers + some_missing
+    if math.comb(trials + places - 1, places - 1) > MANY:
+        raise Undecided(f"{trials} trials spread over {places} answers in more than {MANY} ways")
+    # The trials between two of places - 1 bars have one answer.
+    bars = np.array(list(combinations(range(trials + places - 1), places - 1)), dtype=np.int64)
+    return np.diff(bars, prepend=-1, append=trials + places - 1)[:, :answers] - 1
+
+
+def _programme(
+    ways: NDArray[np.int64], n: int, sums: Sequence[int], squares: Sequence[Interval]
+) -> NDArray[np.int64] | None:
+    from scipy.optimize import Bounds, LinearConstraint, milp
+
+    low, high = zip(*((float(least), float(most)) for least, most in map(Interval.whole, squares)), strict=True)
+    if any(least > most for least, most in zip(low, high, strict=True)):
+        return None
+    rows = np.vstack([np.ones(len(ways)), ways.T, (ways**2).T])
+    constraint = LinearConstraint(rows, [n, *sums, *low], [n, *sums, *high])
+    result = milp(
+        np.zeros(len(ways)),
+        constraints=constraint,
+        integrality=np.ones(len(ways)),
+        bounds=Bounds(0, n),
+        options={"time_limit": MOST_S},
+    )
+    if result.status == 2:
+        return None
+    if result.x is None:
+        raise Undecided(f"HiGHS gives no answer ({result.message})")
+    counts = np.repeat(ways, np.rint(result.x).astype(np.int64), axis=0)
+    right = len(counts) == n and tuple(counts.sum(axis=0)) == tuple(sums)
+    spread = [int(value) for value in (counts**2).sum(axis=0)]
+    if not (right and all(one.holds(Fraction(value)) for one, value in zip(squares, spread, strict=True))):
+        raise Undecided("HiGHS found counts that do not give the row")
+    return counts

@@ -7,7 +7,7 @@ named, the others that fit are listed after it. A mistake that fits is an explan
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Literal
@@ -33,8 +33,8 @@ AGREES: tuple[Verdict, ...] = ("agrees", "agrees if truncated")
 class Line:
     """One printed number.
 
-    `recomputed` is text at the printed precision; `low` and `high` bound the recomputed number, and `value` is it
-    where it is one alone. What is no number has none of the three.
+    `recomputed` is text at the printed precision; `low` and `high` bound the recomputed number, and are None where
+    there is no number, or no bound.
     """
 
     where: str
@@ -50,32 +50,18 @@ class Line:
 
     @property
     def agrees(self) -> bool:
-        """Whether the printed number stands."""
+        """Whether the printed number stands, as rounded or as truncated."""
         return self.verdict in AGREES
-
-    @property
-    def value(self) -> float | None:
-        """The recomputed number, where it is one alone."""
-        if self.low is None or self.high is None or not math.isclose(self.low, self.high, rel_tol=1e-8):
-            return None
-        return (self.low + self.high) / 2
 
 
 def judge(
     printed: Printed, values: Sequence[Interval], *, squares: bool = False
 ) -> tuple[Verdict, tuple[Interval, ...]]:
-    """The verdict on a printed number, and those of the values that it can stand for: all of them where it cannot.
+    """Return the verdict on a printed number, and those of `values` that it can stand for, or all where none fits.
 
-    Args:
-        printed: the number in print.
-        values: everything that the number can be.
-        squares: whether `values` are squares of it (variances of a standard deviation).
+    `squares` says that the values are squares of the number, as variances are of a standard deviation.
     """
-    readings: tuple[tuple[Verdict, Interval], ...] = (
-        ("agrees", printed.rounded),
-        ("agrees if truncated", printed.truncated),
-    )
-    for verdict, reading in readings:
+    for verdict, reading in zip(AGREES, (printed.rounded, printed.truncated), strict=True):
         wanted = reading.squared() if squares else reading
         if fitting := tuple(value for value in values if wanted.meets(value)):
             return verdict, fitting
@@ -85,7 +71,7 @@ def judge(
 def shown(
     printed: Printed, values: Sequence[Interval], *, squares: bool = False
 ) -> tuple[str, float | None, float | None]:
-    """The values as text at the printed precision, and their ends; None for an end that is infinite."""
+    """Return the values as text at the printed precision, and their two ends; None for an end that is infinite."""
     both = hull(values)
     low, high = float(both.low), float(both.high)
     if squares:
@@ -101,7 +87,7 @@ def shown(
 
 @dataclass(frozen=True)
 class Mistake:
-    """What may have gone wrong, and the values that it would have given; `squares` as in `judge`."""
+    """What may have gone wrong, and the values that this would have given; `squares` is as in `judge`."""
 
     text: str
     values: tuple[Interval, ...]
@@ -110,8 +96,9 @@ class Mistake:
 
 @dataclass(frozen=True)
 class Layout:
-    """What an ANOVA is of: `n` values in each of its cells, or 0 where not all have the same; `sizes` may be mistaken
-    for n.
+    """The df and the number of values of an ANOVA, and the `n` values in each of its cells, 0 where they differ.
+
+    `sizes` are numbers of participants that may have been mistaken for n.
     """
 
     df: tuple[int, int]
@@ -121,33 +108,29 @@ class Layout:
 
     @property
     def cells(self) -> int:
-        """How many there are."""
         return self.values - self.df[1]
 
 
 def explain(printed: Printed, mistakes: Iterable[Mistake]) -> str:
-    """The first mistake that gives the printed number, and the others that do; empty where none does."""
-    fitting = [
-        mistake.text
-        for mistake in mistakes
-        if mistake.values and judge(printed, mistake.values, squares=mistake.squares)[0] in AGREES
-    ]
-    return "" if not fitting else fitting[0] + "".join(f"; or {other}" for other in fitting[1:])
+    """Return the mistakes that give the printed number, in words and in their order; empty where none does."""
+    return "; or ".join(
+        mistake.text for mistake in mistakes if judge(printed, mistake.values, squares=mistake.squares)[0] in AGREES
+    )
 
 
 def of_mean(means: Sequence[Interval], n: int, sizes: Iterable[int]) -> Iterator[Mistake]:
-    """Mistakes in a mean of `n`; `sizes` are the study's other numbers of participants."""
+    """Yield mistakes in a mean of `n`; `sizes` are the study's other numbers of participants."""
     for size in sizes:
         values = tuple(mean.times(Fraction(n, size)) for mean in means)
         yield Mistake(f"the sum was divided by {plural(size, 'participant')}, where n is {n}", values)
     yield Mistake("it was printed as a percentage", tuple(mean.times(Fraction(100)) for mean in means))
-    yield Mistake("it is what is left to 1", tuple(mean.times(Fraction(-1)).plus(_ONE) for mean in means))
+    yield Mistake("it is 1 less the ratio", tuple(mean.times(Fraction(-1)).plus(_ONE) for mean in means))
 
 
-def of_sd(moments: Sequence[Moments]) -> Iterator[Mistake]:
-    """Mistakes in a standard deviation."""
-    variances = tuple(one.variance for one in moments)
-    n = moments[0].n
+def of_sd(possible: Iterable[Moments]) -> Iterator[Mistake]:
+    """Yield mistakes in a standard deviation."""
+    moments = tuple(possible)
+    variances, n = tuple(one.variance for one in moments), moments[0].n
     population = tuple(variance.times(Fraction(n - 1, n)) for variance in variances)
     yield Mistake("it is the population SD, divided by n, not n - 1", population, squares=True)
     yield Mistake("it is the standard error", tuple(one.times(Fraction(1, n)) for one in variances), squares=True)
@@ -163,10 +146,10 @@ def of_t(
     *,
     sd_in_doubt: bool = False,
 ) -> Iterator[Mistake]:
-    """Mistakes in a one-sample t with effect sizes `effects`, printed as `printed`.
+    """Yield mistakes in a one-sample t with effect sizes `effects`, printed as `printed`.
 
-    `sd_in_doubt`: whether the SD beside it may be wrong in its place; a standard error makes of a right t what looks
-    like d, a population SD what looks like a t formed with sqrt(n - 1).
+    `sd_in_doubt` says that the SD beside it may be what is wrong: beside a standard error a right t looks like d, and
+    beside a population SD like a t formed with sqrt(n - 1).
     """
     error, population = (f", or the SD is {one}" * sd_in_doubt for one in ("the standard error", "the population SD"))
     correct = tuple(t_of(one, n) for one in effects)
@@ -188,7 +171,7 @@ def of_t(
 def of_p(
     effects: Sequence[Interval], t: Printed, df: int, n: int, sizes: Sequence[int], *, tests: int, t_agrees: bool
 ) -> Iterator[Mistake]:
-    """Mistakes in the P of a one-sample t; `tests` are in its family, `t` and `df` are printed beside it."""
+    """Yield mistakes in the P of a one-sample t; its family has `tests`, and `t` and `df` are printed beside it."""
     correct = [t_of(one, n) for one in effects]
     yield Mistake("it is one-tailed", tuple(p_of_t(one, n - 1).times(_HALF) for one in correct))
     if not t_agrees:
@@ -209,7 +192,7 @@ def of_p(
 
 
 def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
-    """Mistakes in a P that has nothing but a t and its df beside it."""
+    """Yield mistakes in a P that has nothing but a t and its df beside it."""
     yield Mistake("it is one-tailed", (p_of_t(t.either, df).times(_HALF),))
     for other in (df + 1, df - 1):
         if other > 0:
@@ -218,7 +201,7 @@ def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
 
 
 def of_any_f(f: Sequence[Interval], df: tuple[int, int]) -> Iterator[Mistake]:
-    """What else could have been printed in the place of an F with these df."""
+    """Yield what else could have been printed in the place of an F with these df."""
     yield Mistake("it is one over F", tuple(image(lambda one: 1 / one if one > 0 else math.inf, f_) for f_ in f))
     yield Mistake("it is the root of F, a t", tuple(image(lambda one: math.sqrt(max(one, 0.0)), f_) for f_ in f))
     eta = tuple(image(lambda one: df[0] / (df[0] + df[1] / one) if one > 0 else 0.0, f_) for f_ in f)
@@ -226,7 +209,7 @@ def of_any_f(f: Sequence[Interval], df: tuple[int, int]) -> Iterator[Mistake]:
 
 
 def of_f(f: Sequence[Interval], layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
-    """Mistakes in an F; `printed` are the df beside it."""
+    """Yield mistakes in an F; `printed` are the df beside it."""
     df = layout.df
     yield from of_any_f(f, df)
     population = Fraction(layout.values, df[1])
@@ -235,12 +218,12 @@ def of_f(f: Sequence[Interval], layout: Layout, printed: tuple[int, int]) -> Ite
         factor = Fraction(df[0] * printed[1], printed[0] * df[1])
         yield Mistake("it was formed with its printed df", tuple(one.times(factor) for one in f))
     for size in layout.sizes:
-        text = f"it is that of {size} participants, where n is {layout.n}"
+        text = f"it was taken from {size} participants, where n is {layout.n}"
         yield Mistake(text, tuple(one.times(Fraction(size, layout.n)) for one in f))
 
 
 def of_p_of_f(f: Sequence[Interval], beside: Printed, layout: Layout, printed: tuple[int, int]) -> Iterator[Mistake]:
-    """Mistakes in the P of an F; `beside` is the F beside it, `printed` its df."""
+    """Yield mistakes in the P of an F; `beside` is the F beside it, `printed` its df."""
     df = layout.df
     yield Mistake("it follows the printed F", (p_of_f(beside.either, df),))
     if printed != df:
@@ -253,36 +236,36 @@ def of_p_of_f(f: Sequence[Interval], beside: Printed, layout: Layout, printed: t
             yield Mistake(text, tuple(p_of_f(one, (df[0], other)) for one in f))
     for size in layout.sizes:
         larger = [one.times(Fraction(size, layout.n)) for one in f]
-        text = f"it is that of {size} participants, where n is {layout.n}"
+        text = f"it was taken from {size} participants, where n is {layout.n}"
         yield Mistake(text, tuple(p_of_f(one, (df[0], layout.cells * (size - 1))) for one in larger))
 
 
 def of_df_of_effect(layout: Layout) -> Iterator[tuple[int, str]]:
-    """What else could have been printed as the df of an effect."""
+    """Yield what else could have been printed as the df of an effect."""
     yield layout.df[0] + 1, "it is the number of levels"
 
 
 def of_df_of_residual(layout: Layout) -> Iterator[tuple[int, str]]:
-    """What else could have been printed as the df of the residual."""
+    """Yield what else could have been printed as the df of the residual."""
     levels = layout.df[0] + 1
-    yield layout.values - 1, "it is that of all values, the effects' not taken off"
+    yield layout.values - 1, "it is that of all values, from which the effects' were not taken off"
     yield layout.values, "it is the number of values"
     if layout.cells > levels:
-        yield layout.values - levels - layout.cells // levels + 1, "it is that with the interaction in the residual"
+        yield layout.values - levels - layout.cells // levels + 1, "it counts the interaction in the residual"
     yield layout.values - layout.df[0], "it is the number of values less the effect's df"
     for size in layout.sizes:
         if size != layout.n + 1:
-            yield layout.cells * (size - 1), f"it is that of {size} participants, where n is {layout.n}"
+            yield layout.cells * (size - 1), f"it was taken from {size} participants, where n is {layout.n}"
     if layout.n:
-        yield layout.df[0] * (layout.n - 1), "it is that of repeated measures"
+        yield layout.df[0] * (layout.n - 1), "it was taken as for repeated measures"
 
 
 def of_df(n: int, sizes: Iterable[int]) -> Iterator[tuple[int, str]]:
-    """What else could have been printed as the df of a t."""
+    """Yield what else could have been printed as the df of a t."""
     yield n, "it is the number of participants"
     for size in sizes:
         if size - 1 != n:
-            yield size - 1, f"it is that of {plural(size, 'participant')}, where n is {n}"
+            yield size - 1, f"it was taken from {plural(size, 'participant')}, where n is {n}"
 
 
 def _p_of_z(z: float) -> float:
@@ -305,7 +288,7 @@ _HALF = Fraction(1, 2)
 class Citation:
     """Where a printed number stands and what it is about; makes its lines.
 
-    `missing` is the verdict on a number that nothing is known about, `statement` the reason.
+    `missing` is the verdict on a number for which there are no values, `statement` the reason.
     """
 
     where: str
@@ -319,22 +302,16 @@ class Citation:
         quantity: str,
         printed: Printed,
         values: Sequence[Interval],
-        why: Callable[[], Iterable[Mistake]] = tuple,
+        why: Iterable[Mistake] = (),
         *,
         squares: bool = False,
         remark: str = "",
         otherwise: tuple[Verdict, str] = ("differs", ""),
     ) -> Line:
-        """A number against the values that it can have.
+        """Return the line of a number that can have `values`; `squares` is as in `judge`.
 
-        Args:
-            quantity: what it is.
-            printed: the number in print.
-            values: see `judge`.
-            why: gives the mistakes to try, if any may be tried.
-            squares: see `judge`.
-            remark: stands after the recomputed number.
-            otherwise: the verdict where none fits, and the reason where no mistake gives it.
+        `why` holds the mistakes to try, and `remark` stands after the recomputed number. `otherwise` is the verdict
+        where no value fits, with the reason where no mistake gives the number.
         """
         if not values:
             return self.text(quantity, printed.text, "-", self.missing, self.statement)
@@ -342,10 +319,12 @@ class Citation:
         text, low, high = shown(printed, fitting, squares=squares)
         reason = ""
         if verdict == "differs":
-            verdict, reason = otherwise[0], explain(printed, why()) or otherwise[1]
+            verdict, reason = otherwise[0], explain(printed, why) or otherwise[1]
         found = text + remark
         return Line(self.where, self.task, self.subject, quantity, printed.text, found, low, high, verdict, reason)
 
-    def text(self, quantity: str, printed: str, found: str, verdict: Verdict, reason: str = "") -> Line:
-        """What is compared as text."""
-        return Line(self.where, self.task, self.subject, quantity, printed, found, None, None, verdict, reason)
+    def text(
+        self, quantity: str, printed: str, found: str, verdict: Verdict, reason: str = "", value: float | None = None
+    ) -> Line:
+        """Return the line of what is compared as text, or as one exact value."""
+        return Line(self.where, self.task, self.subject, quantity, printed, found, value, value, verdict, reason)

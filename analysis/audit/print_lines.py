@@ -1,28 +1,28 @@
-"""What printed numbers are asked without a dataset: cells and tests, rows as whole counts, ANOVA tables, percentages.
+"""What is checked without a dataset: cells and tests, rows as whole counts, ANOVA tables, percentages.
 
-A standard error in the place of an SD makes a right t look like Cohen's d, P look wrong, and F with them. One mistake
-that explains them all is simpler than one mistake each, so an SD is read as something else where that leaves fewer
-printed numbers in conflict.
+A standard error in the place of an SD makes a right t look like Cohen's d, and P and F look wrong. One mistake that
+explains them all is simpler than one mistake each, so an SD is read as something else where that leaves fewer printed
+numbers in conflict.
 
-An ANOVA table is asked line by line: MS, F and P, each from what stands beside it. Nothing but the table is known, so a
-wrong df may stand in print as well as in the sum. Percentages without their numbers of trials are asked which numbers
-can stand behind them.
+An ANOVA table is checked line by line: MS, F and P, each from what stands beside it. Nothing but the table is known, so
+a wrong df may be a misprint or may have been used in the computation. For percentages without their numbers of trials
+the check finds the numbers that can stand behind them.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
-from functools import partial
 from itertools import pairwise
+from operator import attrgetter
 
 from analysis.audit.checks import Checks
 from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
+from analysis.audit.granularity import Row, Undecided, examine
 from analysis.audit.mistakes import AGREES, Citation, Line, Mistake, Verdict, judge, of_any_f
 from analysis.audit.recomputed import effect, p_of_f, quotient
-from analysis.audit.rows import Row, Undecided, examine, row_sum
 from analysis.documents.tables import plural
 from analysis.published.numbers import (
     PrintedCell,
@@ -32,25 +32,25 @@ from analysis.published.numbers import (
     PrintedTable,
     Published,
 )
-from analysis.published.printed import Interval, Printed, hull
+from analysis.published.printed import Interval, Printed, hull, sum_of
 
 CONFLICTS: tuple[Verdict, ...] = ("differs", "impossible")
 
 
 def read_print(published: Published) -> FromPrint:
-    """The printed numbers, with those SDs read as something else that two or more of them speak for."""
+    """Return the printed numbers, with an SD read as something else where that settles two conflicts or more."""
     evidence = FromPrint(published)
-    tested = {(test.task, test.material, test.material) for test in published.tests}
+    tested = {test.key for test in published.tests}
     for cell in published.tables():
         if cell.sd is not None and cell.key in tested:
             evidence = _better(published, evidence, cell)
-    for table in published.confusions:
+    for table in published.table:
         evidence = _throughout(published, evidence, table, tested)
     return evidence
 
 
 def _better(published: Published, evidence: FromPrint, cell: PrintedCell) -> FromPrint:
-    """The reading of a cell that leaves the fewest conflicts; as printed, unless its tests all fit another."""
+    """Return the evidence with the reading of a cell that leaves the fewest conflicts and fits all of its tests."""
     own = _conflicts(published, evidence, cell)
     least = len(own) + _in_f(published, evidence, [cell])
     if not own or least < 2:
@@ -69,9 +69,10 @@ def _better(published: Published, evidence: FromPrint, cell: PrintedCell) -> Fro
 def _throughout(
     published: Published, evidence: FromPrint, table: PrintedTable, tested: set[tuple[str, str, str]]
 ) -> FromPrint:
-    """Cells without a test read as all those with one are, where that leaves fewer F in conflict."""
-    kinds = {evidence.misreading(cell) for cell in table.cells if cell.key in tested and cell.sd is not None}
-    rest = [cell for cell in table.cells if cell.key not in tested and cell.sd is not None and cell.sd.exact]
+    """Return the evidence with untested cells read as all tested ones are, where fewer F are then in conflict."""
+    cells = published.cells_of(table)
+    kinds = {evidence.misreading(cell) for cell in cells if cell.key in tested and cell.sd is not None}
+    rest = [cell for cell in cells if cell.key not in tested and cell.sd is not None and cell.sd.exact]
     misreading: Misreading | None = kinds.pop() if len(kinds) == 1 else None
     if misreading is None or not rest:
         return evidence
@@ -81,7 +82,7 @@ def _throughout(
 
 
 def _conflicts(published: Published, evidence: FromPrint, cell: PrintedCell) -> list[Line]:
-    """The lines of the cell and its test that are in conflict."""
+    """Return the lines of the cell and its test that are in conflict."""
     lines = Checks(published, evidence, diagnose=False).about(cell)
     return [line for line in lines if line.verdict in CONFLICTS]
 
@@ -92,36 +93,34 @@ def _in_f(published: Published, evidence: FromPrint, cells: Sequence[PrintedCell
 
 
 def source_lines(table: PrintedSources) -> Iterator[Line]:
-    """MS = SS / df, F = MS / MS of the residual, P of F."""
+    """Yield the lines of MS = SS / df, F = MS / MS of the residual, and P of F."""
     residual = table.lines[-1]
     for line in table.lines:
         cited = Citation(table.where, "both", line.name, "cannot be decided", "the line does not print enough")
         ms = _over(line.ss, line.df)
         if line.ms is not None:
-            yield cited.number("MS", line.ms, [ms] if ms else [], partial(_of_ms, line, table))
+            yield cited.number("MS", line.ms, [ms] if ms else [], _of_ms(line, table))
         own, rest = _mean_square(line), _mean_square(residual)
         f = quotient(own, rest) if own and rest and line is not residual else None
         if line.f is not None:
-            yield cited.number("F", line.f, [f] if f else [], partial(_of_f, line, f, table))
+            yield cited.number("F", line.f, [f] if f else [], _of_f(line, f, table))
         if line.p is not None:
             ratio = line.f.either if line.f else f
             ps = [p_of_f(ratio, (line.df, residual.df))] if ratio else []
-            yield cited.number("P", line.p, ps, partial(_of_p, line, f, ratio, table))
+            yield cited.number("P", line.p, ps, _of_p(line, f, ratio, table))
 
 
 def _of_ms(line: PrintedSource, table: PrintedSources) -> Iterator[Mistake]:
-    """Mistakes in a mean square."""
     if line.ss is None:
         return
     ss = line.ss.either
     yield Mistake("it is the sum of squares, not divided by df", (ss,))
     for df in _others(line, table):
-        yield Mistake(f"it is that of {df} df, where df is {line.df}", (ss.times(Fraction(1, df)),))
+        yield Mistake(f"it was taken with {df} df, where df is {line.df}", (ss.times(Fraction(1, df)),))
     yield Mistake("it is the root of SS / df", (ss.times(Fraction(1, line.df)),), squares=True)
 
 
 def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Iterator[Mistake]:
-    """Mistakes in an F."""
     residual = table.lines[-1]
     if f is None:
         return
@@ -130,7 +129,7 @@ def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Ite
         yield Mistake("it follows SS / df, not the printed MS", (quotient(above, below),))
     yield from of_any_f([f], (line.df, residual.df))
     for df in _others(line, table):
-        yield Mistake(f"it is that of {df} df, where df is {line.df}", (f.times(Fraction(line.df, df)),))
+        yield Mistake(f"it was taken with {df} df, where df is {line.df}", (f.times(Fraction(line.df, df)),))
     for df in _others(residual, table):
         yield Mistake(
             f"its residual was divided by {df} df, where df is {residual.df}", (f.times(Fraction(df, residual.df)),)
@@ -143,7 +142,6 @@ def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Ite
 
 
 def _of_p(line: PrintedSource, f: Interval | None, ratio: Interval | None, table: PrintedSources) -> Iterator[Mistake]:
-    """Mistakes in the P of an F."""
     residual = table.lines[-1]
     if ratio is None:
         return
@@ -160,14 +158,14 @@ def _of_p(line: PrintedSource, f: Interval | None, ratio: Interval | None, table
 
 
 def _others(line: PrintedSource, table: PrintedSources) -> list[int]:
-    """What may have been taken for a line's df, the likeliest first."""
+    """Return what may have been taken for a line's df, the likeliest first."""
     whole = sum(one.df for one in table.lines)
     near = [line.df + 1, line.df - 1, whole, whole + 1]
     return [df for df in dict.fromkeys([*near, *(one.df for one in table.lines)]) if df > 0 and df != line.df]
 
 
 def _contradicts(line: PrintedSource) -> bool:
-    """Whether the printed MS cannot be SS / df."""
+    """Return whether the printed MS cannot be SS / df."""
     computed = _over(line.ss, line.df)
     return bool(computed and line.ms and not line.ms.either.meets(computed))
 
@@ -177,74 +175,59 @@ def _over(ss: Printed | None, df: int) -> Interval | None:
 
 
 def _mean_square(line: PrintedSource) -> Interval | None:
-    """A mean square as printed and as SS / df at once, where both can be."""
+    """Return a mean square that is both as printed and SS / df; where it cannot be both, as printed."""
     computed = _over(line.ss, line.df)
-    if line.ms is None:
-        return computed
-    both = line.ms.either
-    return both.common(computed) if computed and both.meets(computed) else both
+    if line.ms is None or computed is None:
+        return line.ms.either if line.ms else computed
+    return line.ms.either if _contradicts(line) else line.ms.either.common(computed)
 
 
 Reading = Callable[[Printed], Interval]
-
-
-def rounded(printed: Printed) -> Interval:
-    """The shares that round to it."""
-    return printed.rounded
-
-
-def truncated(printed: Printed) -> Interval:
-    """The shares that are cut off to it."""
-    return printed.truncated
-
-
-def either(printed: Printed) -> Interval:
-    """Both."""
-    return printed.either
+READINGS: Mapping[str, Reading] = {name: attrgetter(name) for name in ("rounded", "truncated", "either")}
+"""The shares that a percentage can stand for, by the way it was printed."""
 
 
 def counts(printed: Printed, trials: int, reading: Reading) -> range:
-    """The counts out of `trials` whose share prints like this."""
-    share = reading(printed)
-    low, high = max(Fraction(share.low), Fraction(0)) * trials, min(Fraction(share.high), Fraction(1)) * trials
-    least, most = math.ceil(low), math.floor(high)
-    least += not share.holds(Fraction(least, trials))
-    most -= not share.holds(Fraction(most, trials))
-    return range(least, most + 1)
+    """Return the counts out of `trials` whose share prints like this."""
+    least, most = reading(printed).times(Fraction(trials)).whole()
+    return range(max(int(least), 0), min(int(most), trials) + 1)
 
 
 def smallest(printed: Printed, reading: Reading) -> int:
-    """The fewest trials of which some count prints like this."""
+    """Return the fewest trials of which some count prints like this."""
     return next(trials for trials in range(1, _enough(printed) + 1) if counts(printed, trials, reading))
 
 
 def common(printed: Sequence[Printed], reading: Reading) -> Iterator[int]:
-    """The numbers of trials, rising, that all of the percentages can be shares of."""
+    """Yield, rising, the numbers of trials of which all the percentages can be shares."""
     for trials in range(1, max(map(_enough, printed)) + 1):
         if all(counts(one, trials, reading) for one in printed):
             yield trials
 
 
 def _enough(printed: Printed) -> int:
-    """So many trials have a share for every number printed like this."""
+    """Return a number of trials that has a share for every number printed like this."""
     return math.ceil(1 / printed.exact_unit) if printed.exact_unit else 1
 
 
 LISTED = 5
-"""Numbers that a reason lists at most."""
+"""The most numbers that a reason lists."""
 
 UNDECIDED: Verdict = "cannot be decided"
 
 
 def print_lines(published: Published) -> tuple[Line, ...]:
-    """Every line of a study whose printed numbers are held against one another."""
+    """Return every line of a study whose printed numbers are compared with one another."""
     evidence = read_print(published)
     checks = Checks(published, evidence, diagnose=True)
     lines = list(checks.lines())
-    for table in published.confusions:
+    for table in published.table:
         if table.complete:
-            lines += [_row(published, checks, evidence, table, shown, cells) for shown, cells in table.rows()]
-    for sources in published.sources:
+            cells = published.cells_of(table)
+            for presented in dict.fromkeys(cell.presented for cell in cells):
+                row = [cell for cell in cells if cell.presented == presented]
+                lines.append(_row(published, checks, evidence, row))
+    for sources in published.anova:
         lines += source_lines(sources)
     for icc in published.icc:
         cited = Citation(icc.where, "both", "reliability of the two-way ANOVA", UNDECIDED)
@@ -259,19 +242,17 @@ def _row(
     published: Published,
     checks: Checks,
     evidence: FromPrint,
-    table: PrintedTable,
-    presented: str,
     cells: Sequence[PrintedCell],
 ) -> Line:
-    cited = Citation(table.where, table.task, f"row of {presented}", UNDECIDED)
-    total = sum((cell.mean.exact for cell in cells), Fraction(0))
-    printed = f"{' + '.join(cell.mean.text for cell in cells)} = {float(total):.4g}"
-    task = published.task(table.task)
-    sums = row_sum([cell.mean for cell in cells])
+    cited = Citation(cells[0].where, cells[0].task, f"row of {cells[0].presented}", UNDECIDED)
+    added = float(sum(cell.mean.exact for cell in cells))
+    printed = f"{' + '.join(cell.mean.text for cell in cells)} = {added:.4g}"
+    task = published.task_named(cells[0].task)
+    sums = sum_of(cell.mean.either for cell in cells)
     if task is None or task.trials is None:
         verdict: Verdict = "agrees" if sums.holds(Fraction(1)) else "impossible"
         return cited.text("row", printed, f"{float(sums.low):.4g} to {float(sums.high):.4g}", verdict)
-    # An SD that is none says nothing about the row.
+    # An SD that was misread says nothing about the row.
     cells = [replace(cell, sd=None) if evidence.misreading(cell) else cell for cell in cells]
     pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, checks, evidence, cell))}
     try:
@@ -282,15 +263,15 @@ def _row(
 
 
 def _pinned(published: Published, checks: Checks, evidence: FromPrint, cell: PrintedCell) -> Interval | None:
-    """The variances that agree with the cell's t, where there is one."""
-    tests = [t for t in published.tests if (t.task, t.material, t.material) == cell.key]
-    if not tests:
+    """Return the variances that agree with the cell's t, or None where it has no test or none agrees."""
+    test = next((one for one in published.tests if one.key == cell.key), None)
+    if test is None:
         return None
-    pins = checks.effects(tests[0])
+    pins = checks.effects(test)
     held = [
         one.variance
         for one in evidence.sample(cell).moments
-        if (size := effect(one, tests[0].null)) is not None and any(size.meets(pin) for pin in pins)
+        if (size := effect(one, test.null)) is not None and any(size.meets(pin) for pin in pins)
     ]
     return hull(held) if held else None
 
@@ -301,17 +282,19 @@ def _judged(cited: Citation, printed: str, cells: Sequence[PrintedCell], row: Ro
         if not row.truncated:
             return cited.text("row", printed, found, "agrees")
         names = " and ".join(f"-> {cells[i].answered}" for i in row.truncated)
-        reason = f"whole counts give the row where {names} is truncated{given}"
+        are = "is" if len(row.truncated) == 1 else "are"
+        reason = f"whole counts give the row only where {names} {are} truncated{given}"
         return cited.text("row", printed, found, "agrees if truncated", reason)
     found = f"{row.fewest} to {row.most} of {row.trials} trials" if row.fewest != row.most else f"{row.most} trials"
     reasons = []
     if gaps := row.missing or row.missing_truncated:
         fewer = row.missing_truncated if row.missing_truncated != gaps else None
-        less = f" ({fewer}, if means are truncated)" if fewer else ""
+        less = f" ({fewer} would, if means are truncated)" if fewer else ""
         reasons.append(f"{plural(gaps, 'trial')} without an answer would explain it{less}")
     if row.misprinted:
         names = ", ".join(f"-> {cells[i].answered}" for i in row.misprinted)
-        reasons.append(f"a misprint of one of: {names}")
+        besides = "so would" if gaps else "a possible cause is"
+        reasons.append(f"{besides} a misprint of one of {names}")
     if row.fewest > row.trials or row.most < row.trials:
         reasons.insert(0, "the ratios cannot sum to 1")
         text = "; ".join(reasons)
@@ -321,21 +304,21 @@ def _judged(cited: Citation, printed: str, cells: Sequence[PrintedCell], row: Ro
 
 
 def _choices(choices: PrintedChoices) -> Iterator[Line]:
-    percentages = [printed for _, printed in choices.cells]
+    percentages = [cell.correct for cell in choices.cells]
     pairs = len(percentages)
     shares = [choices.trials * people // pairs for people in (choices.participants, 1)]
-    for (first, second), printed in choices.cells:
-        cited = Citation(choices.where, choices.task, f"{first} and {second}", UNDECIDED)
-        yield _choice(cited, printed, shares)
+    for cell in choices.cells:
+        cited = Citation(choices.where, choices.task, " and ".join(cell.pair), UNDECIDED)
+        yield _choice(cited, cell.correct, shares)
     cited = Citation(choices.where, choices.task, f"all {pairs} pairs", UNDECIDED)
     yield _common(cited, choices, percentages, max(shares))
     yield _unequal(cited, choices, percentages)
 
 
 def _choice(cited: Citation, printed: Printed, shares: Sequence[int]) -> Line:
-    """One percentage, were the trials shared equally among pairs: those of every participant, or of all together.
+    """Return the line of one percentage, with trials shared equally among pairs, a participant's or those of all.
 
-    Nothing printed says that they were, so a percentage that does not fit is no mistake by itself.
+    Nothing printed says that they were shared equally, so a percentage that does not fit is no mistake by itself.
     """
     asked = [share for share in shares if share]
     found = {name: [(k, n) for n in asked for k in counts(printed, n, read)] for name, read in READINGS.items()}
@@ -343,14 +326,15 @@ def _choice(cited: Citation, printed: Printed, shares: Sequence[int]) -> Line:
         return cited.text("correct", printed.text, " or ".join(f"{k} of {n}" for k, n in fits[:LISTED]), "agrees")
     near = [(round(printed.exact * share), share) for share in asked]
     shown = " or ".join(f"{k} of {n} = {100 * k / n:.1f}%" for k, n in found["truncated"] or near)
-    cut = ", though one is cut off to it" if found["truncated"] else ""
     trials = f"{' or '.join(map(str, asked))} trials, equal for all pairs,"
-    reason = f"no share of {trials} rounds to it{cut}; one of {smallest(printed, rounded)} does"
+    cut = ", though one truncates to it" if found["truncated"] else ""
+    fewest = smallest(printed, READINGS["rounded"])
+    reason = f"no share of {trials} rounds to it{cut}; the smallest number of trials with a share that does is {fewest}"
     return cited.text("correct", printed.text, shown, UNDECIDED, reason)
 
 
 def _common(cited: Citation, choices: PrintedChoices, percentages: Sequence[Printed], most: int) -> Line:
-    """Whether one number of trials a pair gives every percentage."""
+    """Return the line that says whether one number of trials for each pair gives every percentage."""
     pairs = len(percentages)
     fitting = {name: list(common(percentages, reading)) for name, reading in READINGS.items()}
     allowed = {name: [n for n in numbers if n <= most] for name, numbers in fitting.items()}
@@ -361,33 +345,33 @@ def _common(cited: Citation, choices: PrintedChoices, percentages: Sequence[Prin
     if allowed["truncated"]:
         return cited.text(quantity, printed, _listed(allowed["truncated"]), "agrees if truncated")
     least = "; ".join(
-        f"{name}, {numbers[0]} at least ({numbers[0] * pairs} trials)"
+        f"if all are {name}, each pair needs at least {numbers[0]} trials ({numbers[0] * pairs} in all)"
         for name, numbers in fitting.items()
         if numbers and name != "either"
     )
-    reason = f"{least}; {choices.participants} x {choices.trials} = {total} trials allow {most}"
+    reason = f"{least}; {choices.participants} x {choices.trials} = {total} trials allow {most} for each"
     none = f"none from 1 to {most}"
     if not allowed["either"]:
         return cited.text(quantity, printed, none, "impossible", reason)
-    reason += f"; some rounded and some truncated: {_listed(allowed['either'])}"
+    reason += f"; numbers that fit with some rounded and some truncated: {_listed(allowed['either'])}"
     return cited.text(quantity, printed, f"{none}, all rounded or all truncated", "fits no one rounding", reason)
 
 
 def _unequal(cited: Citation, choices: PrintedChoices, percentages: Sequence[Printed]) -> Line:
-    """The fewest trials that the percentages take when pairs may differ in them."""
+    """Return the line of the fewest trials that the percentages need when pairs may differ in them."""
     all_of = choices.trials * choices.participants
     for verdict, reading in zip(FITS, READINGS.values(), strict=True):
         least = sum(smallest(printed, reading) for printed in percentages)
-        for total, who in ((choices.trials, "all together"), (all_of, "every participant")):
+        for total, who in ((choices.trials, "all participants together"), (all_of, "every participant")):
             if least <= total:
-                reason = f"if pairs were shown unequally often and {choices.trials} are those of {who}"
+                reason = f"this holds if pairs were shown unequally often and {choices.trials} are the trials of {who}"
                 return cited.text("trials in all", str(choices.trials), f"at least {least}", verdict, reason)
-    reason = f"more than {choices.participants} x {choices.trials}"
+    reason = f"this is more than {choices.participants} x {choices.trials}"
     return cited.text("trials in all", str(choices.trials), f"at least {least}", "impossible", reason)
 
 
 def _listed(numbers: Sequence[int]) -> str:
-    """Numbers in words, runs as runs."""
+    """Return numbers as text, neighbours as a run."""
     runs: list[list[int]] = [[numbers[0], numbers[0]]]
     for before, number in pairwise(numbers):
         if number == before + 1:
@@ -398,6 +382,5 @@ def _listed(numbers: Sequence[int]) -> str:
     return ", ".join(texts[:LISTED]) + (", ..." if len(texts) > LISTED else "")
 
 
-READINGS = {"rounded": rounded, "truncated": truncated, "either": either}
 FITS: tuple[Verdict, ...] = ("agrees", "agrees if truncated", "fits no one rounding")
 """The verdict on percentages that fit only from this reading on."""

@@ -1,32 +1,32 @@
-"""Statistics as intervals: what follows from means and variances that are known as far as they are printed.
+"""Statistics as intervals, from means and variances that are known only as far as they are printed.
 
-Every function is monotone in each argument or bounded by such, so its interval holds the value of any data that has
-those means and variances.
+Every function is monotone in each argument, or bounded by functions that are, so its interval holds the value for any
+data with those means and variances.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 
 from analysis.audit.granularity import Moments
-from analysis.published.printed import Interval, hull, image, outward, point
+from analysis.published.printed import Interval, hull, image, outward, point, sum_of
 from analysis.statistics.t_tests import p_two_tailed
 
 
 @dataclass(frozen=True)
 class Margin:
-    """The mean of one level of an effect, which weighs as much as one over `n` values."""
+    """The mean of one level of an effect, with the weight of a mean of `n` values."""
 
     n: int | Fraction
     mean: Interval
 
 
 def effect(moments: Moments, null: Fraction) -> Interval | None:
-    """Cohen's d, (mean - null) / SD; None where there is no spread at all."""
+    """Return Cohen's d, (mean - null) / SD, or None where there is no spread at all."""
     if moments.variance.high == 0:
         return None
     distance = moments.mean.plus(point(-null))
@@ -37,17 +37,17 @@ def effect(moments: Moments, null: Fraction) -> Interval | None:
 
 
 def t_of(effect_size: Interval, n: int) -> Interval:
-    """Student's t of one sample, d sqrt(n)."""
+    """Return Student's t of one sample, d sqrt(n)."""
     return image(lambda d: d * math.sqrt(n), effect_size)
 
 
 def p_of_t(t: Interval, df: int) -> Interval:
-    """P of t, two-tailed."""
+    """Return the two-tailed P of t."""
     return image(lambda distance: p_two_tailed(distance, df), t.absolute())
 
 
 def p_of_f(f: Interval, df: tuple[int, int]) -> Interval:
-    """P of F."""
+    """Return the P of F."""
     from scipy.special import fdtrc
 
     # Intervals widened outward may reach just below 0, where there is no F.
@@ -55,26 +55,25 @@ def p_of_f(f: Interval, df: tuple[int, int]) -> Interval:
 
 
 def margin(cells: Sequence[Moments]) -> Margin:
-    """One level's mean over all values of its cells: what an effect that enters first is of."""
-    total = sum(cell.n for cell in cells)
-    return Margin(total, _sum(cell.mean.times(Fraction(cell.n, total)) for cell in cells))
+    """Return one level's mean over all values of its cells, which an effect that enters first compares."""
+    n = sum(cell.n for cell in cells)
+    return Margin(n, sum_of(cell.mean.times(Fraction(cell.n, n)) for cell in cells))
 
 
 def unweighted(cells: Sequence[Moments]) -> Margin:
-    """One level's mean of the means of its cells, however many values each has: what type III compares.
+    """Return one level's mean of its cells' means, however many values each has, which type III compares.
 
     Its variance is the sum of sigma² / n over the cells, divided by the square of their number (Yates 1934, weighted
     squares of means).
     """
     variance = sum((Fraction(1, cell.n) for cell in cells), Fraction(0)) / len(cells) ** 2
-    return Margin(1 / variance, _sum(cell.mean.times(Fraction(1, len(cells))) for cell in cells))
+    return Margin(1 / variance, sum_of(cell.mean.times(Fraction(1, len(cells))) for cell in cells))
 
 
 def between(margins: Sequence[Margin]) -> Interval:
-    """Sum of squares between levels, Σ n (mean - grand mean)².
+    """Return the sum of squares between levels, Σ n (mean - grand mean)².
 
-    The least is exact. The most is that around the grand mean of the middles, which no other centre betters by more
-    than the square of how far it is off.
+    The lower end is exact. The upper end is the sum around the grand mean of the intervals' middles.
     """
     weight = sum(margin.n for margin in margins)
     ends = [(Fraction(margin.mean.low), Fraction(margin.mean.high), margin.n) for margin in margins]
@@ -84,38 +83,31 @@ def between(margins: Sequence[Margin]) -> Interval:
 
 
 def within(cells: Sequence[Moments]) -> Interval:
-    """Sum of squares within cells, Σ (n - 1) variance."""
+    """Return the sum of squares within cells, Σ (n - 1) variance."""
     low = sum(((cell.n - 1) * cell.variance.low for cell in cells), Fraction(0))
     return Interval(low, sum(((cell.n - 1) * cell.variance.high for cell in cells), Fraction(0)))
 
 
 def f_of(effect_ss: Interval, residual_ss: Interval, df: tuple[int, int]) -> Interval:
-    """F of an effect's and the residual's sums of squares."""
+    """Return the F of an effect's and the residual's sums of squares."""
     factor = df[1] / df[0]
     low = _over(float(effect_ss.low), float(residual_ss.high))
     return outward(factor * low, factor * _over(float(effect_ss.high), float(residual_ss.low)))
 
 
 def quotient(above: Interval, below: Interval) -> Interval:
-    """Every ratio of two numbers that are not negative."""
+    """Return every ratio of two numbers that are not negative."""
     low = _over(max(float(above.low), 0.0), float(below.high))
     return outward(low, _over(float(above.high), max(float(below.low), 0.0)))
 
 
 def together(moments: Sequence[Moments]) -> Moments:
-    """One box around all that a cell can be."""
+    """Return one pair of intervals around all the means and variances that a cell can have."""
     return Moments(moments[0].n, hull(one.mean for one in moments), hull(one.variance for one in moments))
 
 
-def _sum(spans: Iterable[Interval]) -> Interval:
-    total = point(Fraction(0))
-    for span in spans:
-        total = total.plus(span)
-    return total
-
-
 def _least(margins: Sequence[Margin]) -> Fraction:
-    """The least that levels can differ: each as near to a common centre as its interval allows, at the best centre.
+    """Return the least sum of squares: each level as near to the best common centre as its interval allows.
 
     The sum of squared distances is convex in the centre and quadratic between the intervals' ends.
     """

@@ -113,10 +113,10 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
         PowerError: the tables lack a task or a material of the protocol.
     """
     ids = [material.id for material in protocol.materials]
-    cells = {cell.key: cell for table in printed.confusions for cell in table.cells}
+    cells = {cell.key: cell for table in printed.table for cell in printed.cells_of(table)}
     tasks, notes = [], []
     for task in protocol.tasks:
-        did = printed.task(task.id)
+        did = printed.task_named(task.id)
         if did is None or did.trials is None:
             raise PowerError(
                 f"the tables of {printed.study}: got no number of participants and trials for task {task.id}; allowed: "
@@ -149,7 +149,7 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
             rows.append(shares)
             spreads.append(min(max(fit, 0.0), MOST_SPREAD))
         tasks.append(Answers(task.id, np.array(rows), np.array(spreads)))
-    where = " and ".join(dict.fromkeys(table.where for table in printed.confusions))
+    where = " and ".join(dict.fromkeys(table.where for table in printed.table))
     source = f"means and standard deviations of {where} of {printed.source}"
     return ChoiceModel(source, tuple(tasks), tuple(notes))
 

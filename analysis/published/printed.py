@@ -30,72 +30,87 @@ class Interval:
     open_high: bool = False
 
     def holds(self, value: End) -> bool:
-        """Whether `value` is among the numbers."""
+        """Return whether `value` is among the numbers."""
         above = value > self.low or (value == self.low and not self.open_low)
         return above and (value < self.high or (value == self.high and not self.open_high))
 
     def meets(self, other: Interval) -> bool:
-        """Whether both have a number in common."""
+        """Return whether both have a number in common."""
         low, high = max(self.low, other.low), min(self.high, other.high)
         return low < high or (low == high and self.holds(low) and other.holds(low))
 
     def common(self, other: Interval) -> Interval:
-        """The numbers of both; they must meet."""
+        """Return the numbers of both; they must meet."""
         low, high = max(self.low, other.low), min(self.high, other.high)
         open_low = not (self.holds(low) and other.holds(low))
         open_high = not (self.holds(high) and other.holds(high))
         return Interval(low, high, open_low and low < high, open_high and low < high)
 
     def times(self, factor: Fraction) -> Interval:
-        """Every number multiplied by `factor`, which is not 0."""
+        """Return every number multiplied by `factor`, which is not 0."""
         low, high = self.low * factor, self.high * factor
         if factor < 0:
             return Interval(high, low, self.open_high, self.open_low)
         return Interval(low, high, self.open_low, self.open_high)
 
     def plus(self, other: Interval) -> Interval:
-        """Every sum of a number of each."""
+        """Return every sum of a number of each."""
         open_low, open_high = self.open_low or other.open_low, self.open_high or other.open_high
         return Interval(self.low + other.low, self.high + other.high, open_low, open_high)
 
     def squared(self) -> Interval:
-        """The squares of its numbers that are not negative; some must be."""
+        """Return the squares of those of its numbers that are not negative; there must be one."""
         high: End = self.high**2
         if self.low < 0:
             return Interval(Fraction(0), high, open_high=self.open_high)
         low: End = self.low**2
         return Interval(low, high, self.open_low, self.open_high)
 
+    def whole(self) -> tuple[End, End]:
+        """Return the least and the greatest whole number in the interval; an infinite end stays as it is.
+
+        The least is above the greatest where there is no whole number.
+        """
+        low: End = self.low if math.isinf(self.low) else Fraction(math.ceil(self.low))
+        high: End = self.high if math.isinf(self.high) else Fraction(math.floor(self.high))
+        return low + (self.open_low and low == self.low), high - (self.open_high and high == self.high)
+
     def absolute(self) -> Interval:
-        """The distances of its numbers from 0."""
+        """Return the distances of its numbers from 0."""
         if self.low >= 0:
             return self
         if self.high <= 0:
             return self.times(Fraction(-1))
-        farthest: End = max(-self.low, self.high)
-        return Interval(Fraction(0), farthest)
+        return Interval(Fraction(0), max(-self.low, self.high))
 
 
 def point(value: End) -> Interval:
-    """One number."""
+    """Return the interval of one number alone."""
     return Interval(value, value)
 
 
 def outward(low: float, high: float) -> Interval:
-    """From `low` to `high`, both computed in floating point, widened by their error."""
+    """Return the interval from `low` to `high`, both computed in floating point, widened by their error."""
     return Interval(_moved(low, -SLACK), _moved(high, SLACK))
 
 
 def image(function: Callable[[float], float], span: Interval) -> Interval:
-    """What `function`, monotone on the span, makes of it."""
-    ends = sorted((function(float(span.low)), function(float(span.high))))
-    return outward(*ends)
+    """Return the values of `function`, which is monotone on the span."""
+    return outward(*sorted((function(float(span.low)), function(float(span.high)))))
 
 
 def hull(spans: Iterable[Interval]) -> Interval:
-    """The smallest closed interval that holds them all; there must be one."""
+    """Return the smallest closed interval that holds all spans; there must be a span."""
     held = list(spans)
     return Interval(min(one.low for one in held), max(one.high for one in held))
+
+
+def sum_of(spans: Iterable[Interval]) -> Interval:
+    """Return every sum of one number of each interval."""
+    found = point(Fraction(0))
+    for span in spans:
+        found = found.plus(span)
+    return found
 
 
 def _moved(end: float, by: Fraction) -> End:
@@ -106,27 +121,27 @@ def _moved(end: float, by: Fraction) -> End:
 
 
 POSITIVE = r"([0-9]{1,15}(\.[0-9]{1,15})?|\.[0-9]{1,15})(e-[0-9]{1,2})?%?"
-"""The numbers without a sign that `Printed` reads; it reads `-` or `<` before them."""
+"""The numbers without a sign that `Printed` reads; `-` or `<` may stand before them."""
 
 
 @dataclass(frozen=True)
 class Printed:
-    """A number as it is printed: its text tells value and precision.
+    """A number as it is printed: its text tells its value and its precision.
 
-    `unit` is one unit of the last printed digit. A bare "0" is a count of nothing, with no digit to round: unit 0.
-    "<0.001" stands for everything from 0 to below the bound. A percentage is a ratio.
+    A bare "0" is a count of nothing and has no digit to round, so its unit is 0. "<0.001" stands for everything from 0
+    to below the bound. A percentage is a ratio.
     """
 
     text: str
 
     @property
     def value(self) -> float:
-        """The number; a percentage as a ratio."""
+        """The number in floating point; a percentage is a ratio."""
         return float(self._decimal)
 
     @property
     def exact(self) -> Fraction:
-        """The number as it stands."""
+        """The number exactly as it stands."""
         return Fraction(self._decimal)
 
     @property
@@ -149,7 +164,7 @@ class Printed:
 
     @property
     def truncated(self) -> Interval:
-        """Every value that prints like this when further digits are cut off."""
+        """Every value that prints like this when its further digits are cut off."""
         if self.is_bound:
             return self.rounded
         if not self.exact_unit:
@@ -169,7 +184,7 @@ class Printed:
 
     @property
     def exact_unit(self) -> Fraction:
-        """`unit` as it stands."""
+        """One unit of the last printed digit, exactly."""
         if self.text == "0" or self.is_bound:
             return Fraction(0)
         return Fraction(Decimal(1).scaleb(int(self._decimal.as_tuple().exponent)))
@@ -183,7 +198,7 @@ class Printed:
 
 
 def as_printed(printed: Printed, value: float) -> str:
-    """`value` with as many digits as the printed number has."""
+    """Return `value` as text, with as many digits as the printed number has."""
     number = printed.text.removeprefix("<").strip()
     if "e" in number:
         digits = len(number.partition("e")[0].partition(".")[2])

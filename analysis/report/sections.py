@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
 
-from analysis.audit.comparison import Comparison, comparison_section
+from analysis.audit.audit import Comparison, comparison_section
 from analysis.documents.tables import (
     Section,
     Table,

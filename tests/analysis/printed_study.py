@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 from scipy import stats
 from statsmodels.stats.anova import anova_lm
 
-from analysis.published import of_document
-from analysis.published.models import Document
 from analysis.published.numbers import Published
 
 MATERIALS = ("glass", "sand", "snow")
@@ -120,7 +118,7 @@ def choices(counts: Sequence[int], trials: int, way: str) -> dict[str, Any]:
 
 def published(document: Mapping[str, Any]) -> Published:
     """What `analysis.published.read` makes of such a file."""
-    return of_document(Document.model_validate(document))
+    return Published.model_validate(document)
 
 
 def changed(document: dict[str, Any], change: Callable[[dict[str, Any]], None], index: int = 0) -> dict[str, Any]:

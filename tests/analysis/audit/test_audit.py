@@ -166,7 +166,7 @@ def test_the_tapping_percentages_fit_no_common_number_of_trials(
     (line,) = _lines(wellman, where=table, quantity="common number of trials")
     assert line.recomputed == "none from 1 to 56, all rounded or all truncated"
     assert line.verdict == "fits no one rounding"
-    assert line.reason.endswith(f"some rounded and some truncated: {mixed}")
+    assert line.reason.endswith(f"numbers that fit with some rounded and some truncated: {mixed}")
     assert not line.agrees
 
 

@@ -163,7 +163,7 @@ def test_stars_below_the_null(tmp_path: Path, level: str, marks: str, found: str
 
 def test_a_score_without_a_test_is_not_held_against_the_chance_of_ratios(tmp_path: Path) -> None:
     line = _stars_of(tmp_path, "", "*", tested=False)
-    assert (line.verdict, line.reason) == (UNDECIDED, "what it was tested against is not printed")
+    assert (line.verdict, line.reason) == (UNDECIDED, "the value that it was tested against is not printed")
 
 
 def test_a_test_of_a_score_needs_its_null(scores: Path) -> None:

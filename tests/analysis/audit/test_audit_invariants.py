@@ -12,8 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from analysis.audit.audit import Audit
-from analysis.audit.comparison import Comparison
+from analysis.audit.audit import Audit, Comparison
 from analysis.audit.print_lines import print_lines
 from tests.analysis import printed_study
 

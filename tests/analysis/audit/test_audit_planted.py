@@ -191,11 +191,11 @@ def test_the_n_of_a_printed_df_and_of_all_tasks_is_named(made: dict[str, Any]) -
 @pytest.mark.parametrize(
     ("df", "reason"),
     [
-        ((3, 47), "it is that of all values, the effects' not taken off"),
+        ((3, 47), "it is that of all values, from which the effects' were not taken off"),
         ((3, 48), "it is the number of values"),
         ((3, 45), "it is the number of values less the effect's df"),
-        ((3, 32), "it is that of 9 participants, where n is 12"),
-        ((3, 33), "it is that of repeated measures"),
+        ((3, 32), "it was taken from 9 participants, where n is 12"),
+        ((3, 33), "it was taken as for repeated measures"),
         ((4, 44), "it is the number of levels"),
         ((3, 17), ""),
     ],

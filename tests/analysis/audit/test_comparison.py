@@ -10,11 +10,11 @@ import pytest
 import statsmodels.formula.api as smf
 from statsmodels.stats.anova import anova_lm
 
-from analysis.audit.comparison import Comparison, compare
+from analysis.audit.audit import Comparison, compare
 from analysis.audit.mistakes import Line
 from analysis.identification.results import compute
-from analysis.published import load, of_document
-from analysis.published.models import Document
+from analysis.published import load
+from analysis.published.numbers import Published
 from analysis.reading.dataset import read
 from tests.analysis.datasets import balanced, trials, write_dataset
 
@@ -139,7 +139,7 @@ def test_an_f_of_any_type_agrees_with_a_dataset(tmp_path: Path, kind: int, effec
     p = float(table.loc[terms[0], "PR(>F)"])
     two_way = {"where": "Text", "effect": effect, "df": (df, len(rows) - 6), "f": f"{f:.4f}", "p": f"{p:.6f}"}
     document = {"study": "lab", "source": "We", "two_way": (two_way,)}
-    lines = compare(of_document(Document.model_validate(document)), results, diagnose=True).lines
+    lines = compare(Published.model_validate(document), results, diagnose=True).lines
     assert len(lines) == 4
     assert all(line.agrees for line in lines)
     assert lines[0].recomputed.endswith(f" by type {'I' * kind}")

@@ -41,7 +41,7 @@ def test_the_sample_is_students() -> None:
     [
         (MEAN * N / 15, "the sum was divided by 15 participants, where n is 10"),
         (100 * MEAN, "it was printed as a percentage"),
-        (1 - MEAN, "it is what is left to 1"),
+        (1 - MEAN, "it is 1 less the ratio"),
         (MEAN + 0.1, ""),
     ],
 )
@@ -130,7 +130,7 @@ LAYOUT = Layout(DF, 15, 5, (10,))
         (F * 15 / 12, "its residual was divided by the number of values"),
         (F * 2 / (F * 2 + 12), "what is printed as F is eta squared"),
         (F * 14 / 12, "it was formed with its printed df"),
-        (F * 10 / 5, "it is that of 10 participants, where n is 5"),
+        (F * 10 / 5, "it was taken from 10 participants, where n is 5"),
     ],
 )
 def test_of_an_f(value: float, expected: str) -> None:
@@ -145,7 +145,7 @@ def test_of_an_f(value: float, expected: str) -> None:
         (float(stats.f.sf(F, 2, 15)), "it was taken at 2, 15 df"),
         (float(stats.f.sf(F, 2, 13)), "it was taken at its printed df"),
         (float(stats.f.sf(6, 2, 13)), "it follows the printed F at its printed df"),
-        (float(stats.f.sf(10, 2, 27)), "it is that of 10 participants, where n is 5"),
+        (float(stats.f.sf(10, 2, 27)), "it was taken from 10 participants, where n is 5"),
     ],
 )
 def test_of_the_p_of_an_f(value: float, expected: str) -> None:
@@ -157,7 +157,7 @@ def test_of_degrees_of_freedom() -> None:
     found = dict(mistakes.of_df(10, [15]))
     assert found == {
         10: "it is the number of participants",
-        14: "it is that of 15 participants, where n is 10",
+        14: "it was taken from 15 participants, where n is 10",
     }
 
 
@@ -165,14 +165,14 @@ def test_of_the_degrees_of_freedom_of_an_f() -> None:
     """By hand: three groups of five, and 2 x 3 cells of five."""
     assert dict(mistakes.of_df_of_effect(LAYOUT)) == {3: "it is the number of levels"}
     assert dict(mistakes.of_df_of_residual(LAYOUT)) == {
-        14: "it is that of all values, the effects' not taken off",
+        14: "it is that of all values, from which the effects' were not taken off",
         15: "it is the number of values",
         13: "it is the number of values less the effect's df",
-        27: "it is that of 10 participants, where n is 5",
-        8: "it is that of repeated measures",
+        27: "it was taken from 10 participants, where n is 5",
+        8: "it was taken as for repeated measures",
     }
     crossed = dict(mistakes.of_df_of_residual(Layout((2, 24), 30)))
-    assert crossed[30 - 1 - 1 - 2] == "it is that with the interaction in the residual"
+    assert crossed[30 - 1 - 1 - 2] == "it counts the interaction in the residual"
 
 
 def test_every_mistake_that_fits_is_named_the_simplest_first() -> None:

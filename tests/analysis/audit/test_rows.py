@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.audit.rows import Column, Undecided, examine, row_sum, solve
+from analysis.audit.granularity import Undecided, examine, solve
 from analysis.published.numbers import PrintedCell, Scale
 from analysis.published.printed import Interval, Printed
 
@@ -47,14 +47,14 @@ def test_solve_finds_counts_where_trying_all_of_them_does(
 ) -> None:
     """Three participants, three trials, three answers: every multiset of ways."""
     columns = [
-        Column({total: Interval(Fraction(low), Fraction(low + width)) for total in {first, first + extra}})
+        {total: Interval(Fraction(low), Fraction(low + width)) for total in {first, first + extra}}
         for (first, extra), (low, width) in zip(sums, squares, strict=True)
     ]
     found = solve(columns, 3, 3, missing=0)
 
     def fits(table: tuple[tuple[int, ...], ...]) -> bool:
         for column, values in zip(columns, zip(*table, strict=True), strict=True):
-            wanted = column.squares.get(sum(values))
+            wanted = column.get(sum(values))
             if wanted is None or not wanted.holds(Fraction(sum(value**2 for value in values))):
                 return False
         return True
@@ -116,8 +116,3 @@ def test_a_row_with_too_many_ways_is_not_decided() -> None:
     printed: list[tuple[str, str | None]] = [("0.25", "0.10")] * 4
     with pytest.raises(Undecided, match="more than 20000 ways"):
         examine(_cells(printed, 100), 10, 100, {})
-
-
-def test_sums_of_ratios_are_intervals() -> None:
-    total = row_sum([Printed("0.3"), Printed("0.7")])
-    assert (total.low, total.high, total.open_high) == (Fraction("0.9"), Fraction("1.2"), True)

@@ -7,20 +7,17 @@ from scipy import stats
 
 from analysis.audit.mistakes import Line
 from analysis.audit.print_lines import source_lines
-from analysis.published.numbers import PrintedSource, PrintedSources
-from analysis.published.printed import Printed
+from analysis.published.numbers import PrintedSources
 
 RIGHT = {"ss": "42.0", "ms": "21.0", "f": "7.00", "p": f"{stats.f.sf(7, 2, 20):.5f}"}
 """By hand: 42 / 2 = 21, 60 / 20 = 3, 21 / 3 = 7."""
 
 
 def _lines(**changed: str | None) -> list[Line]:
-    texts = RIGHT | changed
-    ss, ms, f, p = (Printed(text) if text else None for text in (texts[key] for key in ("ss", "ms", "f", "p")))
-    groups = PrintedSource("groups", 2, ss, ms, f, p)
-    blocks = PrintedSource("blocks", 3, Printed("27.0"), Printed("9.0"), None, None)
-    error = PrintedSource("error", 20, Printed("60.0"), Printed("3.0"), None, None)
-    return list(source_lines(PrintedSources("T", (groups, blocks, error))))
+    groups = {"name": "groups", "df": 2, **RIGHT, **changed}
+    blocks = {"name": "blocks", "df": 3, "ss": "27.0", "ms": "9.0"}
+    error = {"name": "error", "df": 20, "ss": "60.0", "ms": "3.0"}
+    return list(source_lines(PrintedSources.model_validate({"where": "T", "lines": (groups, blocks, error)})))
 
 
 def test_a_right_table_is_not_accused() -> None:
@@ -30,12 +27,12 @@ def test_a_right_table_is_not_accused() -> None:
 @pytest.mark.parametrize(
     ("quantity", "printed", "reason"),
     [
-        ("ms", "14.0", "it is that of 3 df, where df is 2"),
+        ("ms", "14.0", "it was taken with 3 df, where df is 2"),
         ("ms", "42.0", "it is the sum of squares, not divided by df"),
         ("ms", "4.58", "it is the root of SS / df"),
         ("f", "0.143", "it is one over F"),
         ("f", "2.65", "it is the root of F, a t"),
-        ("f", "4.667", "it is that of 3 df, where df is 2"),
+        ("f", "4.667", "it was taken with 3 df, where df is 2"),
         ("f", "7.35", "its residual was divided by 21 df, where df is 20"),
         ("f", "0.70", "it is the ratio of the sums of squares"),
         ("f", "0.412", "what is printed as F is eta squared"),
@@ -69,8 +66,8 @@ def test_an_f_and_a_p_that_follow_what_is_not_printed_beside_them_say_so() -> No
 
 def test_a_residual_of_nothing_leaves_an_f_without_end() -> None:
     """0 / 20 = 0, and 21 / 0 has no end; an eta squared of 1 is what it would be printed as."""
-    groups = PrintedSource("groups", 2, Printed("42.0"), Printed("21.0"), Printed("1.00"), None)
-    error = PrintedSource("error", 20, Printed("0"), Printed("0"), None, None)
-    _, f, _ = source_lines(PrintedSources("T", (groups, error)))
+    groups = {"name": "groups", "df": 2, "ss": "42.0", "ms": "21.0", "f": "1.00"}
+    error = {"name": "error", "df": 20, "ss": "0", "ms": "0"}
+    _, f, _ = source_lines(PrintedSources.model_validate({"where": "T", "lines": (groups, error)}))
     assert not f.agrees
     assert "eta squared" in f.reason

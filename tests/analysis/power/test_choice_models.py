@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -181,7 +180,7 @@ def test_print_without_participants_and_trials_has_no_spread(protocol: Protocol)
     printed = published.load("okamoto2012")
     assert printed is not None
     with pytest.raises(PowerError, match="got no number of participants and trials for task virtual"):
-        choice_models.from_print(replace(printed, tasks=()), protocol)
+        choice_models.from_print(printed.model_copy(update={"task": ()}), protocol)
 
 
 def test_a_published_study_of_another_kind_lacks_the_tasks(protocol: Protocol) -> None:

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.audit.mistakes import judge, shown
-from analysis.published.printed import Interval, Printed, as_printed, hull, image, outward, point
+from analysis.published.printed import Interval, Printed, as_printed, hull, image, outward, point, sum_of
 
 ENDS = st.integers(-18, 18).map(lambda sixths: Fraction(sixths, 6))
 GRID = [Fraction(k, 12) for k in range(-48, 49)]
@@ -59,8 +59,22 @@ def test_images_hold_the_true_value(low: float, width: float) -> None:
     assert found.holds(-(Fraction(low) + Fraction(width)) / 3)
 
 
+@settings(deadline=None)
+@given(spans())
+def test_whole_numbers_are_found_from_end_to_end(span: Interval) -> None:
+    low, high = span.whole()
+    assert [k for k in range(-4, 5) if span.holds(Fraction(k))] == list(range(int(low), int(high) + 1))
+
+
+def test_sums_of_printed_numbers_are_intervals() -> None:
+    found = sum_of([Printed("0.3").either, Printed("0.7").either])
+    assert (found.low, found.high, found.open_high) == (Fraction("0.9"), Fraction("1.2"), True)
+
+
 def test_infinite_ends_stay() -> None:
-    assert outward(-math.inf, math.inf) == Interval(-math.inf, math.inf)
+    everything = Interval(-math.inf, math.inf)
+    assert outward(-math.inf, math.inf) == everything
+    assert everything.whole() == (-math.inf, math.inf)
 
 
 VALUES = st.decimals("-20", "20", places=6)
