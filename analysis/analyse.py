@@ -20,8 +20,7 @@ from analysis.identification.time_course import TimeCourse
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
 from analysis.reading.pooling import read_pooled
 from analysis.reading.study import Study, nothing_left
-from analysis.report.methods import METHODS
-from analysis.report.sections import sections
+from analysis.report.sections import METHODS, sections
 from analysis.statistics.anova import Anova
 from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER

@@ -86,11 +86,11 @@ BIN_WIDTHS_MM_S = (25, 50, 100, 200, 500, 1000)
 LEARNING, SPEED, ONSET, MASKER = "learning curve", "speed curve", "onset errors", "masker levels"
 TIMING = "timing"
 COLUMNS = {
-    SPEED: ("foot_speed_mm_s", "the foot's speed"),
-    ONSET: ("onset_error_s", "a measured onset"),
-    MASKER: ("masker_db_a", "the masker's level"),
+    SPEED: ("foot_speed_mm_s", "the speed of the foot is known"),
+    ONSET: ("onset_error_s", "the onset of the stimulus was measured"),
+    MASKER: ("masker_db_a", "the level of the masker is known"),
 }
-"""What each needs of a trial: its column, and its name."""
+"""What each needs of a trial: its column, and words for having it."""
 
 
 @dataclass(frozen=True)
@@ -161,11 +161,11 @@ def course_of(study: Study, seed: int) -> TimeCourse:
         for name, (column, what) in COLUMNS.items():
             found = trials[np.isfinite(trials[column].to_numpy(dtype=np.float64))]
             if found.empty:
-                said[task, name] = f"{what} is known of 0 of {plural(len(trials), 'trial')}"
+                said[task, name] = f"{what} for none of {plural(len(trials), 'trial')}"
             else:
                 known[name][task] = found
     timed = timing(study)
-    said |= {(task, TIMING): "nothing of it was measured" for task in tasks if task not in timed}
+    said |= {(task, TIMING): "no part of the timing was measured" for task in tasks if task not in timed}
     return TimeCourse(
         {
             task: _learning(trials, np.random.default_rng([seed, place, 1]))

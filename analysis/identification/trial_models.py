@@ -100,7 +100,7 @@ def design(study: Study) -> Design:
     for name, values in columns.items():
         kept = values[whole]
         if np.ptp(kept) == 0:
-            absent[name] = "the same in every trial"
+            absent[name] = "it is the same in every trial"
         else:
             blocks.append((name, [name], (kept - kept.mean())[:, None]))
     for term, named, block in blocks:
@@ -151,7 +151,7 @@ def _thinned(
     known = {name: np.asarray(np.isfinite(values)) for name, values in columns.items()}
     for name in list(known):
         if (thin := _thin(known[name], groups)) is not None:
-            absent[name] = f"known of {known.pop(name)[groups[thin]].sum()} of {groups[thin].sum()} {thin}"
+            absent[name] = f"it is known for {known.pop(name)[groups[thin]].sum()} of {groups[thin].sum()} {thin}"
             del columns[name]
     while True:
         whole = np.asarray(np.array([groups["trials"], *known.values()]).all(axis=0))
@@ -162,7 +162,8 @@ def _thinned(
         worst = min(counts, key=counts.__getitem__)
         others = " and ".join(name for name in known if name != worst and counts[name] < inside.sum())
         absent[worst] = (
-            f"known of {counts[worst]} of {inside.sum()} {thin}, and together with {others} of {whole[inside].sum()}"
+            f"it is known for {counts[worst]} of {inside.sum()} {thin}, and together with {others} for "
+            f"{whole[inside].sum()}"
         )
         del known[worst], columns[worst]
 
@@ -176,11 +177,11 @@ def _covariates(study: Study, table: pd.DataFrame) -> tuple[dict[str, NDArray[np
         [float(study.first_tasks[who] != task) if who in study.first_tasks else np.nan for who, task in pairs]
     )
     if len(study.tasks) < 2:
-        absent[LATER] = "there is one task"
+        absent[LATER] = "the study has one task"
     elif np.isfinite(later).all():
         found[LATER] = later
     else:
-        absent[LATER] = "the order of the tasks is not known of everyone"
+        absent[LATER] = "the order of the tasks is not known for every participant"
     return found, absent
 
 
