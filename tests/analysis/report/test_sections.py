@@ -59,4 +59,4 @@ def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_tr
     assert not any("Brackets hold" in note for note in notes)
     assert "There are no intervals: a bootstrap needs 3 participants, got 2." in notes
     (learning,) = [one for one in sheets(results, "") if one.name == "learning"]
-    assert learning.caption.startswith("Share of right answers in 5 successive trials;")
+    assert learning.caption.startswith("Share of right answers in 5 successive trials,")
