@@ -12,17 +12,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from analysis.identification import maps
 from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
-from analysis.identification.maps import (
-    Choice,
-    Mantel,
-    Scaling,
-    classical,
-    fit,
-    from_confusions,
-    mantel,
-    similarity_choice,
-)
+from analysis.identification.maps import Choice, Mantel, Scaling
 from analysis.statistics.exact import NotDefined
 from analysis.statistics.intervals import (
     CONFIDENCE,
@@ -117,10 +109,10 @@ def identify(
     bits = told("information", lambda: information(counts.sum(axis=0)))
     bits_interval = told("information interval", lambda: _information_interval(counts, bits, rng)) if bits else None
     found_choice = told("choice", lambda: _choice(matrix, rng))
-    found_scaling = told("scaling", lambda: classical(from_confusions(matrix.means()[:, :-1])))
+    found_scaling = told("scaling", lambda: maps.classical(maps.from_confusions(matrix.means()[:, :-1])))
     found_mantel = None
     if dissimilarities is not None:
-        found_mantel = told("mantel", lambda: mantel(dissimilarities, _confusing(matrix)))
+        found_mantel = told("mantel", lambda: maps.mantel(dissimilarities, _confusing(matrix)))
     return Identification(
         task,
         tuple(_cells(matrix, rng)),
@@ -191,18 +183,18 @@ def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
 
 def _choice(matrix: Confusion, rng: np.random.Generator) -> ChoiceIntervals:
     counts = matrix.counts[:, :, :-1]
-    model = similarity_choice(counts.sum(axis=0), matrix.materials)
+    model = maps.similarity_choice(counts.sum(axis=0), matrix.materials)
     try:
         weights = resamples(len(counts), CHOICE_RESAMPLES, rng)
     except NotDefined as reason:
         return ChoiceIntervals(model, None, None, 0, str(reason))
     drawn = np.tensordot(weights, counts, axes=1)
     drawn = drawn[(np.diagonal(drawn, axis1=1, axis2=2) > 0).all(axis=1)]
-    similarities, biases, _, settled = fit(drawn, CHOICE_TOLERANCE)
+    similarities, biases, _, settled = maps.fit(drawn, CHOICE_TOLERANCE)
     ends = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
-    statement = ""
-    if (used := int(settled.sum())) < CHOICE_RESAMPLES:
-        statement = f"{CHOICE_RESAMPLES - used} of {CHOICE_RESAMPLES} resamples have no fit and are left out"
+    used = int(settled.sum())
+    lost = f"{CHOICE_RESAMPLES - used} of {CHOICE_RESAMPLES} resamples have no fit and are left out"
+    statement = lost if used < CHOICE_RESAMPLES else ""
     if not used:
         return ChoiceIntervals(model, None, None, 0, statement)
     limits = [np.moveaxis(np.quantile(part[settled], ends, axis=0), 0, -1) for part in (similarities, biases)]

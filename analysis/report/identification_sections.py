@@ -14,19 +14,12 @@ from analysis.identification.identify import CHOICE_RESAMPLES, INFORMATION_RESAM
 from analysis.identification.results import Results
 from analysis.identification.time_course import WINDOW, TimeCourse
 from analysis.identification.trial_models import TrialLevel, TrialModel
-from analysis.reading.study import Study
 from analysis.statistics.intervals import RESAMPLES, ConfidenceInterval
 
 ARBITRARY = (
     "In a reconstruction it is arbitrary which rows form one participant. Values by participant, and intervals that "
     "draw whole participants, hold for one way of joining the rows."
 )
-
-
-def identification_sections(study: Study, results: Results) -> tuple[Section, ...]:
-    """Return both sections, in reading order."""
-    remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
-    return intervals_section(results), confusions_section(results, study.materials, remark)
 
 
 def intervals_section(results: Results) -> Section:
@@ -48,8 +41,11 @@ def intervals_section(results: Results) -> Section:
             for name, limits in three.items():
                 record[f"{name}_low"], record[f"{name}_high"] = _ends(limits)
             records.append({**record, "statement": cell.statement})
-        missing = {cell.statement: f"{cell.presented}, {cell.answered}" for cell in found.cells[::-1] if cell.statement}
-        notes = tuple(f"Some ratios have no bootstrap interval, such as {of}: {why}." for why, of in missing.items())
+        missing = {cell.statement: cell for cell in found.cells[::-1] if cell.statement}
+        notes = tuple(
+            f"Some ratios have no bootstrap interval, such as {cell.presented} answered as {cell.answered}: {why}."
+            for why, cell in missing.items()
+        )
         tables.append(Table(task.task.title, header, tuple(rows), left=frozenset({0, 1}), notes=notes))
         right = tuple(row for row in rows if row[0] == row[1])
         where = "The report and intervals.csv give all answers."
@@ -170,7 +166,7 @@ def _scaling(found: tuple[Identification, ...]) -> Table:
         for one in found
         if one.scaling
     )
-    header = ("task", "in two dimensions", "no distance")
+    header = ("task", "in two dimensions", "negative")
     notes = (
         "The map is the classical scaling of 1 - (p_ij + p_ji) / (p_ii + p_jj). The columns give the share of the "
         "positive eigenvalues on the two axes, and the share of all eigenvalues that is negative.",
@@ -243,8 +239,8 @@ def trials_section(results: Results) -> Section:
     """Return both models of single trials, one below the other."""
     found = results.trials
     paragraphs = (
-        "These models say whether each single answer was right. The odds ratios are those of the step that the term "
-        "names. Trials of one participant count as alike, in whatever task.",
+        "These models predict whether each single answer was right, and allow for trials of one participant, in any "
+        "task, being alike. Each odds ratio is that of the step that its term names.",
         *(f"The models do not use the term '{name}': {why}." for name, why in found.absent.items()),
         *_left_out(found),
         *(f"The {name} could not be fitted: {why}." for name, why in found.statements.items()),

@@ -8,21 +8,18 @@ from collections.abc import Mapping
 from dataclasses import asdict
 
 from analysis.audit.comparison import Comparison, comparison_section
-from analysis.documents.tables import (
-    Section,
-    Table,
-    bayes_factor,
-    interval,
-    lacks_a_limit,
-    number,
-    plural,
-    probability,
-)
+from analysis.documents.tables import Section, Table, bayes_factor, interval, lacks_a_limit, number, plural, probability
 from analysis.identification.identify import CHOICE_RESAMPLES, INFORMATION_RESAMPLES
 from analysis.identification.results import SEED, ComponentReliability, Reliability, Results, TaskResult
 from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
 from analysis.reading.study import Study, sentences
-from analysis.report.identification_sections import course_section, identification_sections, trials_section
+from analysis.report.identification_sections import (
+    ARBITRARY,
+    confusions_section,
+    course_section,
+    intervals_section,
+    trials_section,
+)
 from analysis.statistics.anova import Anova, Effect
 from analysis.statistics.icc import NAMES
 from analysis.statistics.intervals import RESAMPLES
@@ -128,7 +125,8 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
         exclusions_section(study),
         confusion_section(results),
         tests_section(results),
-        *identification_sections(study, results),
+        intervals_section(results),
+        confusions_section(results, study.materials, (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()),
         anova_section(results),
         icc_section(results),
         trials_section(results),
@@ -140,21 +138,11 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
 def overview(study: Study, results: Results) -> Section:
     """Return what was analysed, the participants and trials of each task, and the analysis that was planned."""
     records = [
-        {
-            "task": task.task.id,
-            "title": task.task.title,
-            "participants": len(task.confusion.participants),
-            "trials": int(task.confusion.counts.sum()),
-            "without_answer": task.confusion.unanswered,
-            "chance": task.chance,
-        }
+        {"task": task.task.id, "title": task.task.title, "participants": len(task.confusion.participants),
+         "trials": int(task.confusion.counts.sum()), "without_answer": task.confusion.unanswered, "chance": task.chance}
         for task in results.tasks
-    ]
-    rows = tuple(
-        (str(r["task"]), str(r["title"]), str(r["participants"]), str(r["trials"]), str(r["without_answer"]),
-         f"{r['chance']:.4g}")
-        for r in records
-    )  # fmt: skip
+    ]  # fmt: skip
+    rows = tuple((*map(str, list(r.values())[:-1]), f"{r['chance']:.4g}") for r in records)
     header = ("task", "title", "participants", "trials", "no answer", "chance")
     name = study.name.removeprefix(f"{study.label}: ")
     paragraphs = (

@@ -26,7 +26,7 @@ from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity, diss
 
 
 class Recorded(Protocol):
-    """Takes of materials and of the bare panel, as arrays."""
+    """Takes of the bare panel, and of each material on it, m/s^2, shape (S, T, N), at rising speeds, shape (S,)."""
 
     @property
     def label(self) -> str: ...
@@ -38,19 +38,13 @@ class Recorded(Protocol):
     def rate_hz(self) -> int: ...
 
     @property
-    def speeds_mm_s(self) -> NDArray[np.float64]:
-        """Rising, shape (S,)."""
-        ...
+    def speeds_mm_s(self) -> NDArray[np.float64]: ...
 
     @property
-    def panel(self) -> NDArray[np.float64]:
-        """Bare panel, m/s^2, shape (S, T, N)."""
-        ...
+    def panel(self) -> NDArray[np.float64]: ...
 
     @property
-    def objects(self) -> Mapping[str, NDArray[np.float64]]:
-        """Each material on the panel, m/s^2, shape (S, T, N)."""
-        ...
+    def objects(self) -> Mapping[str, NDArray[np.float64]]: ...
 
 
 @dataclass(frozen=True)

@@ -238,7 +238,7 @@ def test_participants_without_a_trial_left_are_named(tmp_path: Path) -> None:
 def test_one_order_of_tasks_for_all_cannot_be_told_from_the_task(tmp_path: Path) -> None:
     study = _study(tmp_path)
     trials = design(replace(study, first_tasks=dict.fromkeys(study.participants, "virtual")))
-    assert trials.absent[LATER].startswith("in these trials it cannot be told from task, material")
+    assert trials.absent[LATER].startswith("these trials cannot tell it from task, material")
     assert np.linalg.matrix_rank(trials.matrix) == len(trials.names)
 
 
