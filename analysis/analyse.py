@@ -20,8 +20,7 @@ from analysis.identification.time_course import TimeCourse
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
 from analysis.reading.pooling import read_pooled
 from analysis.reading.study import Study, nothing_left
-from analysis.report.methods import METHODS
-from analysis.report.sections import sections
+from analysis.report.sections import METHODS, sections
 from analysis.statistics.anova import Anova
 from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER
@@ -30,12 +29,12 @@ if TYPE_CHECKING:
     from analysis.documents.drawing import Sheet
 
 FIRST_IN_TERMINAL = ("overview", "exclusions", "comparison")
-"""Sections that a terminal shows first, so that the matrices and tests are what is left on the screen."""
+"""Sections that a terminal shows first, so that the matrices and tests stay on the screen."""
 
 
 @dataclass(frozen=True)
 class Analysis:
-    """What was found, and the files it was written to."""
+    """The results of an analysis, and the files that hold them."""
 
     study: Study
     results: Results
@@ -46,24 +45,23 @@ class Analysis:
 
     @property
     def report(self) -> Path:
-        """The HTML report."""
+        """Return the path of the HTML report."""
         return self.out / page.REPORT
 
     def text(self, width: int = WIDTH) -> str:
-        """Everything for a terminal, no line longer than `width`, save for the last one, the report's path."""
+        """Return everything for a terminal; only the last line, the report's path, may be longer than `width`."""
         band = [self.study.label] if self.study.label else []
         parts = sorted(map(self._in_terminal, self.sections), key=lambda section: section.slug not in FIRST_IN_TERMINAL)
         return "\n\n\n".join([*band, *(text(part, width) for part in parts), *band, f"Report: {self.report}"])
 
     def _in_terminal(self, section: Section) -> Section:
-        """The section; of answers that nobody expects to be the paper's, only what is said of them all."""
+        """Return the section; the numbers of a study that nobody expects to match the paper's stay in the report."""
         if section.slug != "comparison" or self.study.origin == "RECONSTRUCTION":
             return section
-        where = "Number by number this stands in the report."
-        return replace(section, tables=(), paragraphs=(*section.paragraphs, where))
+        return replace(section, tables=(), paragraphs=(*section.paragraphs, "The report compares number by number."))
 
     def as_dict(self) -> dict[str, Any]:
-        """Everything for JSON: no NaN, no infinity; None where something is not defined."""
+        """Return everything for JSON, with None instead of NaN or infinity where something is not defined."""
         paths = {"out": str(self.out), "report": str(self.report), "files": [str(path) for path in self.files]}
         return {**_numbers(self.study, self.results, self.comparison), **paths}
 
@@ -71,20 +69,20 @@ class Analysis:
 def analyse(
     datasets: Sequence[Path], out: Path | None = None, *, figures: bool = True, dissimilarities: Path | None = None
 ) -> Analysis:
-    """Analyse the datasets in these folders, pooled where there are several, and write everything into `out`.
+    """Analyse these BIDS datasets, pooled if there are several, and write everything into `out`.
 
-    Args:
-        datasets: BIDS datasets made by palpate.
-        out: folder of the results; `derivatives/palpate` in the dataset by default, where there is one.
-        figures: whether to draw the figures, which takes most of the time.
-        dissimilarities: CSV file, see `analysis.reading.dissimilarities.from_file`; the published ones by default.
+    `out` is by default `derivatives/palpate` in a single dataset. Drawing the figures takes most of the time. The CSV
+    file of `dissimilarities` is that of `analysis.reading.dissimilarities.from_file`; by default they are the published
+    ones.
 
     Raises:
         DatasetError: for a dataset or file that cannot be read, datasets that do not go together or have no trial left,
             a folder within a dataset, and a file in the way.
         ProtocolError: for a broken copy of the protocol in the dataset.
     """
-    place = _place(datasets, out)
+    if out is None and len(datasets) > 1:
+        raise DatasetError("--out: got none; allowed: a folder for the results of several datasets; name it")
+    place = out or datasets[0] / DERIVATIVES / "palpate"
     check(place, (), "analyse")
     study = read_pooled(datasets)
     if not study.attempts["included"].any():
@@ -101,21 +99,8 @@ def analyse(
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label, "analyse"))
 
 
-def _place(datasets: Sequence[Path], out: Path | None) -> Path:
-    if out is None:
-        if len(datasets) > 1:
-            raise DatasetError("--out: got none; allowed: a folder for the results of several datasets; name it")
-        return datasets[0] / DERIVATIVES / "palpate"
-    return out
-
-
 def _content(
-    study: Study,
-    results: Results,
-    comparison: Comparison | None,
-    parts: tuple[Section, ...],
-    *,
-    figures: bool,
+    study: Study, results: Results, comparison: Comparison | None, parts: tuple[Section, ...], *, figures: bool
 ) -> dict[str, bytes]:
     title = study.name.removeprefix(f"{study.label}: ")
     drawn: tuple[Sheet, ...] = ()
@@ -128,7 +113,7 @@ def _content(
 
 
 def _bids(study: Study) -> dict[str, bytes]:
-    """What makes the folder a BIDS derivative that a validator accepts."""
+    """Return the files that make the folder a BIDS derivative for a validator."""
     name, version = page.software().split(" ", 1)
     description = {
         "Name": f"{study.name}: analysis",
@@ -137,7 +122,7 @@ def _bids(study: Study) -> dict[str, bytes]:
         "GeneratedBy": [{"Name": name, "Version": version}],
     }
     ignored = f"{page.REPORT}\nresults.json\n{MANIFEST}\ntables\nfigures\n"
-    readme = f"{study.label}\n\n" * bool(study.label) + "Tables, figures and report; made by palpate analyse.\n"
+    readme = f"{study.label}\n\n" * bool(study.label) + "palpate analyse made these tables, figures and report.\n"
     return {
         "dataset_description.json": (json.dumps(description, indent=2, ensure_ascii=False) + "\n").encode(),
         "README": readme.encode(),
@@ -146,24 +131,14 @@ def _bids(study: Study) -> dict[str, bytes]:
 
 
 def _counts(results: Results) -> Section:
-    """Every participant's counts, for who wants to compute something else."""
-    records = []
-    for task in results.tasks:
-        matrix = task.confusion
-        for p, participant in enumerate(matrix.participants):
-            for i, presented in enumerate(matrix.materials):
-                for j, answered in enumerate((*matrix.materials, NO_ANSWER)):
-                    records.append(
-                        {
-                            "task": task.task.id,
-                            "participant": participant,
-                            "presented": presented,
-                            "answered": answered,
-                            "count": int(matrix.counts[p, i, j]),
-                            "trials": int(matrix.trials[p, i]),
-                        }
-                    )
-    return Section("counts", "Counts", records=tuple(records))
+    """Return the counts of every participant, for readers who want to compute something else."""
+    keys = ("task", "participant", "presented", "answered", "count", "trials")
+    records = tuple(
+        dict(zip(keys, (task.task.id, who, presented, answered or NO_ANSWER, count, total), strict=True))
+        for task in results.tasks
+        for who, presented, answered, count, total in task.confusion.cells()
+    )
+    return Section("counts", "Counts", records=records)
 
 
 def _numbers(study: Study, results: Results, comparison: Comparison | None) -> dict[str, Any]:
@@ -192,14 +167,13 @@ def _numbers(study: Study, results: Results, comparison: Comparison | None) -> d
 def _task(task: TaskResult) -> dict[str, Any]:
     matrix = task.confusion
     count = len(matrix.materials)
-    answers = range(count + 1)
     return {
         **asdict(task.task),
         "chance": task.chance,
         "participants": list(matrix.participants),
         "counts": matrix.counts.tolist(),
-        "mean": [[matrix.mean(i, j) for j in answers] for i in range(count)],
-        "sd": [[matrix.sd(i, j) for j in answers] for i in range(count)],
+        "mean": [[matrix.mean(i, j) for j in range(count + 1)] for i in range(count)],
+        "sd": [[matrix.sd(i, j) for j in range(count + 1)] for i in range(count)],
         "tests": [
             {
                 "material": test.material,
@@ -227,7 +201,7 @@ def _course(found: TimeCourse) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """What JSON holds: dataclasses and mappings as objects, arrays and tuples as lists; None for what is not finite."""
+    """Return a value as JSON holds it: dataclasses as objects, arrays as lists, and None for what is not finite."""
     if is_dataclass(value) and not isinstance(value, type):
         return {field.name: _plain(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, np.ndarray):

@@ -1,8 +1,8 @@
-"""Study -> tables for other software, and a dictionary of every column.
+"""Study -> tables for other software, with a dictionary of every column.
 
-`trials.csv` is tidy: one row an attempt. `long.csv` is what R reads, counts by participant and cell; `wide.csv` what
-JASP reads for repeated measures, one row a participant; `psychopy.csv` has the columns of PsychoPy's own data files.
-Files are UTF-8 with commas; a missing value is NA, and empty for PsychoPy.
+`trials.csv` is tidy, with one row for each attempt. R reads `long.csv`, the counts by participant and cell. JASP reads
+`wide.csv` for repeated measures, with one row for each participant. `psychopy.csv` has the columns of PsychoPy's own
+data files. Files are UTF-8 with commas; a missing value is NA, or empty for PsychoPy.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.documents.output import check, publish
-from analysis.identification.confusion import confusion
+from analysis.identification.confusion import confusion_of
 from analysis.reading.dataset import MISSING
 from analysis.reading.pooling import read_pooled
 from analysis.reading.study import Study
@@ -85,7 +85,7 @@ DICTIONARY = "data_dictionary.csv"
 
 
 def export(datasets: Sequence[Path], out: Path) -> tuple[Path, ...]:
-    """Write every table of the datasets, pooled where there are several, into the folder `out`.
+    """Write every table of the datasets, pooled if there are several, into the folder `out`, and return the files.
 
     Raises:
         DatasetError: for a dataset that cannot be read or pooled, a folder within a dataset, or a file in the way.
@@ -96,7 +96,7 @@ def export(datasets: Sequence[Path], out: Path) -> tuple[Path, ...]:
 
 
 def files(study: Study) -> dict[str, bytes]:
-    """Every file by name; the dictionary describes every column of the others."""
+    """Return every file by name; the dictionary describes every column of the others."""
     wide, wide_columns = _wide(study)
     frames = {
         "trials.csv": _trials(study),
@@ -131,31 +131,19 @@ def _trials(study: Study) -> pd.DataFrame:
 
 
 def _long(study: Study) -> pd.DataFrame:
-    rows = []
-    for task in study.tasks:
-        trials = study.trials(task.id)
-        matrix = confusion(
-            trials["participant"].tolist(), trials["presented"].tolist(), trials["answered"].tolist(), study.materials
-        )
-        for p, who in enumerate(matrix.participants):
-            for i, presented in enumerate(matrix.materials):
-                total = int(matrix.trials[p, i])
-                for j, answered in enumerate((*matrix.materials, NO_ANSWER)):
-                    count = int(matrix.counts[p, i, j])
-                    rows.append((who, task.id, presented, answered, count, total, count / total if total else None))
+    rows = [
+        (who, task.id, presented, answered or NO_ANSWER, count, total, count / total if total else None)
+        for task in study.tasks
+        for who, presented, answered, count, total in confusion_of(study, task.id).cells()
+    ]
     return pd.DataFrame(rows, columns=[name for name, _, _ in COLUMNS["long.csv"][1:]])
 
 
 def _wide(study: Study) -> tuple[pd.DataFrame, tuple[tuple[str, str, str], ...]]:
-    """One row a participant: the correct ratio of every task and material, and which task was first."""
+    """Return one row for each participant: the correct ratio of every task and material, and which task was first."""
     long = _long(study)
     right = long[long["presented"] == long["answered"]]
-    ratios = {
-        (who, task, material): ratio
-        for who, task, material, ratio in zip(
-            right["participant"], right["task"], right["presented"], right["ratio"], strict=True
-        )
-    }
+    ratios = right.set_index(["participant", "task", "presented"])["ratio"].to_dict()
     people = list(dict.fromkeys(long["participant"]))
     described = [LABEL, PARTICIPANT, ("first_task", "the task that the participant did first", "text")]
     columns: dict[str, list[object]] = {
@@ -171,7 +159,7 @@ def _wide(study: Study) -> tuple[pd.DataFrame, tuple[tuple[str, str, str], ...]]
 
 
 def _name(text: str, taken: Mapping[str, object]) -> str:
-    """A name that R, JASP and Python take as it is, and that no other column has."""
+    """Return a name that R, JASP and Python accept, and that no other column has."""
     name = re.sub(r"\W+", "_", text, flags=re.ASCII).strip("_") or "column"
     return name if name not in taken else f"{name}_{len(taken)}"
 

@@ -1,8 +1,8 @@
 """What all figures share: colours, style, the width of a column, the heading, and files.
 
-Colours are Okabe and Ito's (2008, "Color Universal Design", https://jfly.uni-koeln.de/color/), told apart with every
-common colour vision, its yellow left out, which is too faint on white; maps of a quantity are of one hue, Brewer's
-Blues. What differs in colour differs in marker, hatching or line as well.
+Colours are those of Okabe and Ito (2008, "Color Universal Design", https://jfly.uni-koeln.de/color/), which any common
+colour vision tells apart, without the yellow, which is too faint on white. Maps of a quantity use one hue,
+Brewer's Blues. What differs in colour also differs in marker, hatching or line.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ MARKERS = ("o", "^", "s", "D", "v", "P")
 HATCHES = ("", "///", "...", "xxx", "\\\\\\", "++")
 LINES = ("-", "--", "-.", ":")
 SHADES = "Blues"
-"""Map of a ratio from 0 to 1."""
+"""The colour map of a ratio from 0 to 1."""
 
 STYLE: Any = {
     "font.family": "DejaVu Sans",
@@ -36,7 +36,7 @@ STYLE: Any = {
 }
 
 COLUMN_MM, PAGE_MM = 85.0, 178.0
-"""Widths of one and of two columns of a journal, the spacing between them included in the second."""
+"""Widths of one and of two columns of a journal; the second includes the spacing between them."""
 
 COLUMN_STYLE: Any = {
     **STYLE,
@@ -52,10 +52,10 @@ COLUMN_STYLE: Any = {
     "axes.linewidth": 0.6,
     "lines.linewidth": 1.0,
 }
-"""No letter below 7 points at the width at which a journal prints."""
+"""No letter is below 7 points at the width at which a journal prints."""
 
 LETTER_INCHES = 0.058
-"""Of a letter of 7 points, on average and generously."""
+"""A generous average width of a letter of 7 points."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +69,9 @@ class Sheet:
 
 
 def sheet(rows: Sequence[float], title: str, label: str, width_mm: float = COLUMN_MM) -> tuple[Figure, list[Axes]]:
-    """A figure of panels one below the other, under its heading.
+    """Return a figure of panels one below the other, with heights in inches, under its heading.
 
-    Args:
-        rows: height of each panel, inches.
-        title: what the figure shows.
-        label: of the dataset; leads the heading. Empty for a study's own data.
-        width_mm: of the figure.
+    The dataset's `label` leads the heading; it is empty for a study's own data.
     """
     width = width_mm / 25.4
     letters = int((width - 0.1) / LETTER_INCHES)
@@ -88,58 +84,57 @@ def sheet(rows: Sequence[float], title: str, label: str, width_mm: float = COLUM
 
 
 def key(axes: Axes, columns: int = 2, title: str | None = None) -> None:
-    """The legend, above the panel, where no value stands; the panel's title, where it has one, leads it."""
+    """Draw the legend above the panel, where no value is; a title leads it."""
     axes.legend(
         loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=columns, borderaxespad=0.2, title=title, title_fontsize=7
     )
 
 
 def common_key(figure: Figure, axes: Axes, columns: int = 2) -> None:
-    """One legend for panels that mean the same, below them all."""
+    """Draw one legend below panels that share it."""
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
 
 
 def colour(index: int) -> str:
-    """Of a series."""
+    """Return the colour of a series."""
     return COLOURS[index % len(COLOURS)]
 
 
 def marker(index: int) -> str:
-    """Shifted at every round of colours, so that no two series look the same."""
+    """Return the marker of a series, shifted at every round of colours, so that no two series look the same."""
     return MARKERS[(index + index // len(COLOURS)) % len(MARKERS)]
 
 
 def short(name: str, letters: int) -> str:
-    """A name cut where it would be longer."""
+    """Return the name, cut if it is longer."""
     return name if len(name) <= letters else f"{name[: letters - 1].rstrip()}…"
 
 
 def told_apart(names: Sequence[str], letters: int) -> list[str]:
-    """Names cut where they would be longer: at the place nearest the middle that leaves most of them different."""
+    """Return the names, cut if they are longer at the place nearest the middle that keeps most of them different."""
     if max(map(len, names), default=0) <= letters:
         return list(names)
     heads = sorted(range(letters), key=lambda head: abs(2 * head - letters + 1))
-    cuts = [[_cut(name, head, letters - 1 - head) for name in names] for head in heads]
-    return max(cuts, key=lambda shown: len(set(shown)))
 
+    def cut(name: str, head: int) -> str:
+        return name if len(name) <= letters else f"{name[:head]}…{name[len(name) - (letters - 1 - head) :]}"
 
-def _cut(name: str, head: int, tail: int) -> str:
-    return name if len(name) <= head + 1 + tail else f"{name[:head]}…{name[len(name) - tail :]}"
+    return max(([cut(name, head) for name in names] for head in heads), key=lambda shown: len(set(shown)))
 
 
 def pale(of: str) -> tuple[float, float, float]:
-    """The colour on white at 55 %: opaque, since an SVG viewer draws a transparent hatch in the colour below it."""
+    """Return the colour on white at 55 %, but opaque: an SVG viewer draws a transparent hatch in the colour below."""
     red, green, blue = (0.45 + 0.55 * part for part in to_rgb(of))
     return red, green, blue
 
 
 def svg(figure: Figure) -> bytes:
-    """The figure as SVG, the same bytes for the same figure; its own label stands in the file's description."""
+    """Return the figure as SVG, the same bytes for the same figure, with its label in the file's description."""
     return _saved(figure, "svg", {"Date": None, "Creator": "palpate", "Description": figure.get_label() or None})
 
 
 def png(figure: Figure) -> bytes:
-    """The figure as PNG at 300 dots an inch."""
+    """Return the figure as PNG at 300 dots an inch."""
     label = figure.get_label()
     return _saved(figure, "png", {"Software": "palpate", **({"Description": label} if label else {})})
 

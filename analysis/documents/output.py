@@ -1,8 +1,8 @@
-"""Writing what an analysis makes: whole files, never over a file that is not its own, and never among data.
+"""Writing the files of an analysis: whole files, never over a file that is not its own, and never among data.
 
-A manifest in the folder names the command that wrote there, its files and their SHA-256. A file that stands there
-already is replaced only by the same command, if the manifest names it and its bytes are as they were written.
-Everything is on disk under another name before the first file takes its place, so a full disk changes nothing.
+A manifest in the folder names the command that wrote there, its files and their SHA-256. Only the same command replaces
+a file that is already there, if the manifest names it and its bytes are as they were written. Everything is on disk
+under another name before the first file takes its place, so a full disk changes nothing.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ MANIFEST = "manifest.json"
 Command = Literal["analyse", "export", "numerics", "power", "validate"]
 
 DESCRIPTION, DERIVATIVES = "dataset_description.json", "derivatives"
-"""What makes a folder a BIDS dataset, and the one place in it for results."""
+"""The file that makes a folder a BIDS dataset, and the only place in it for results."""
 
 
 def publish(out: Path, files: Mapping[str, bytes], label: str, command: Command) -> tuple[Path, ...]:
-    """Write `files`, path within `out` -> content, and remove what an earlier run wrote and this one does not.
+    """Write `files`, path within `out` -> content, remove what only an earlier run wrote, and return the paths.
 
-    `label` is that of the dataset, `command` the one that writes; both stand in the manifest.
+    The manifest names the `label` of the dataset and the `command` that writes.
 
     Raises:
-        DatasetError: before anything is written, see `check`; or when the file system refuses.
+        DatasetError: before anything is written, see `check`; or if the file system refuses.
     """
     ours = check(out, files, command)
     new = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
@@ -46,7 +46,9 @@ def publish(out: Path, files: Mapping[str, bytes], label: str, command: Command)
         while staged:
             partial, path = staged[0]
             if path == out / MANIFEST and len(staged) == 1:
-                _remove_stale(out, ours, files)
+                for name in set(ours) - set(files):
+                    if (stale := out / name).is_file() and _sha256(stale) in ours[name]:
+                        stale.unlink()
             partial.replace(path)
             del staged[0]
     except OSError as error:
@@ -56,31 +58,22 @@ def publish(out: Path, files: Mapping[str, bytes], label: str, command: Command)
     return tuple(out / name for name in files)
 
 
-def _remove_stale(out: Path, ours: Mapping[str, list[str]], files: Mapping[str, bytes]) -> None:
-    for name in set(ours) - set(files):
-        stale = out / name
-        if stale.is_file() and _sha256(stale) in ours[name]:
-            stale.unlink()
-
-
 def _clean(staged: list[tuple[Path, Path]], out: Path, *, made: bool) -> None:
-    """Take away what did not take its place, and the folders made for it."""
+    """Remove the files that did not take their place, and the folders made for them."""
     for partial, _ in staged:
         partial.unlink(missing_ok=True)
     if made and staged:
-        for folder in sorted((path for path in out.rglob("*") if path.is_dir()), reverse=True):
-            if not any(folder.iterdir()):
+        for folder in sorted((out, *out.rglob("*")), reverse=True):
+            if folder.is_dir() and not any(folder.iterdir()):
                 folder.rmdir()
-        if out.is_dir() and not any(out.iterdir()):
-            out.rmdir()
 
 
 def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[str]]:
-    """What stands in a folder of ours, name -> SHA-256; called before what takes its time, it finds what is in the way.
+    """Return the files in a folder of ours, name -> SHA-256; call it before long work to find what is in the way.
 
     Raises:
-        DatasetError: a folder within a dataset, save below its `derivatives`; what another command wrote there; or a
-            file in the way of one of `names` that is not ours or was changed since.
+        DatasetError: for a folder within a dataset, save below its `derivatives`; for one that another command wrote;
+            and for a file in the way of one of `names` that is not ours or was changed since.
     """
     _beside_data(out)
     ours = _manifest(out, command)
@@ -98,13 +91,13 @@ def _beside_data(out: Path) -> None:
     for folder in (inside, *inside.parents):
         if _holds_data(folder / DESCRIPTION) and folder / DERIVATIVES not in inside.parents:
             raise DatasetError(
-                f"--out {out}: lies within the dataset {folder}; results may stand there only below "
-                f"{folder / DERIVATIVES}; choose another --out"
+                f"--out {out} lies within the dataset {folder}; allowed there: a folder below {folder / DERIVATIVES}; "
+                "choose another --out"
             )
 
 
 def _holds_data(description: Path) -> bool:
-    """Whether this describes a dataset, and not results; one that cannot be read may well do."""
+    """Return whether this describes a dataset, and not results; an unreadable description counts as a dataset."""
     if not description.is_file():
         return False
     try:
@@ -128,11 +121,11 @@ def _manifest(out: Path, command: Command) -> dict[str, list[str]]:
         ours = {str(name): [str(digest) for digest in digests] for name, digests in files.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(
-            f"{path} is no manifest of palpate, or of an earlier one; move the folder away or choose another --out"
+            f"{path} is not a manifest of this version of palpate; move the folder away or choose another --out"
         ) from error
     if wrote != command:
         raise DatasetError(
-            f"{out} holds what `palpate {wrote}` wrote; `palpate {command}` would take it away; choose another --out"
+            f"{out} holds what `palpate {wrote}` wrote, which `palpate {command}` would remove; choose another --out"
         )
     return ours
 
@@ -147,7 +140,7 @@ def _sha256(path: Path) -> str:
 
 
 def _stage(staged: list[tuple[Path, Path]], path: Path, content: bytes) -> None:
-    """Put `content` on disk beside `path`, under another name."""
+    """Write `content` beside `path`, under another name."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     partial = Path(name)

@@ -1,4 +1,4 @@
-"""The report, one HTML file that needs nothing else and reads on a desk and on a phone, and the folder it stands in."""
+"""The report, one HTML file that needs no other and can be read on a desk and on a phone, and the folder it is in."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from analysis.documents.tables import Section, Table, comma_separated, latex, ma
 
 if TYPE_CHECKING:
     from analysis.documents.drawing import Sheet
-
 
 COLUMN_POINTS = 300.0
 """A figure wider than this takes the whole width of the page."""
@@ -66,7 +65,7 @@ footer { color: var(--quiet); font-size: .875rem; border-top: 2px solid var(--li
 REPORT = "report.html"
 
 Methods = Sequence[tuple[str, str]]
-"""Names and formulas, in the order in which a report needs them."""
+"""Names and formulas, in the order of the report."""
 
 
 def folder(
@@ -81,43 +80,18 @@ def folder(
 ) -> dict[str, bytes]:
     """Return a folder of results, path within it -> content: figures, tables, every number as JSON, and the report.
 
-    Args:
-        title: of the report.
-        label: of the dataset; leads everything. Empty for a study's own data.
-        sections: of the report, in reading order.
-        sheets: its figures.
-        methods: its formulas.
-        numbers: for `results.json`; none of them NaN or infinite.
-        further: sections that have tables and do not stand in the report.
+    `label` is that of the dataset, empty for a study's own data. No number may be NaN or infinite. The sections in
+    `further` have tables, but are not part of the report.
     """
     files = drawings(sheets, "figures/") if sheets else {}
-    svgs = {one.name: files[f"figures/{one.name}.svg"] for one in sheets}
     files |= tables((*sections, *further), label, "tables/")
     files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
-    files[REPORT] = html(title, label, sections, sheets, svgs, methods).encode()
-    return files
-
-
-def software() -> str:
-    """Return our name and version."""
-    return f"palpate {metadata.version('palpate')}"
-
-
-def html(
-    title: str,
-    label: str,
-    sections: Sequence[Section],
-    sheets: Sequence[Sheet],
-    svgs: Mapping[str, bytes],
-    methods: Methods,
-) -> str:
-    """Return the whole report; `svgs` are the figures by name, the rest is as in `folder`."""
     band = f'<div class="band" role="note">{escape(label)}</div>' if label else ""
     headed = f"{label}: {title}" if label else title
     links = "".join(f'<li><a href="#{section.slug}">{escape(section.title)}</a></li>' for section in sections)
-    body = "".join(_section(section, label, sheets, svgs) for section in sections)
+    body = "".join(_section(section, label, sheets, files) for section in sections)
     formulas = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in methods)
-    return (
+    page = (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(headed)}</title><style>{STYLE}</style></head>\n<body>{band}<main>"
@@ -126,30 +100,35 @@ def html(
         f'{body}<section id="methods"><h2>Formulas</h2><dl>{formulas}</dl></section>'
         f"<footer><p>{escape(label)}</p><p>{escape(software())}</p></footer></main>{band}</body></html>\n"
     )
+    return {**files, REPORT: page.encode()}
 
 
-def _section(section: Section, label: str, sheets: Sequence[Sheet], svgs: Mapping[str, bytes]) -> str:
+def software() -> str:
+    """Return the name and version of palpate."""
+    return f"palpate {metadata.version('palpate')}"
+
+
+def _section(section: Section, label: str, sheets: Sequence[Sheet], files: Mapping[str, bytes]) -> str:
     parts = [f'<section id="{section.slug}"><h2>{escape(section.title)}</h2>']
     parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs]
-    here = [one for one in sheets if one.section == section.slug]
-    drawings = [_figure(one.name, label, svgs[one.name], one.caption) for one in here]
-    parts += [f'<div class="figures">{"".join(drawings)}</div>'] if drawings else []
+    here = [_figure(one, label, files[f"figures/{one.name}.svg"]) for one in sheets if one.section == section.slug]
+    parts += [f'<div class="figures">{"".join(here)}</div>'] if here else []
     parts += [_table(table) for table in section.tables]
     return "".join([*parts, "</section>\n"])
 
 
-def _figure(name: str, label: str, svg: bytes, caption: str) -> str:
+def _figure(one: Sheet, label: str, svg: bytes) -> str:
     text = svg.decode("utf-8")
     drawing = text[text.index("<svg") :]
     width = re.search(r'width="([0-9.]+)pt"', drawing)
     points = float(width.group(1)) if width else 480.0
     drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, count=1, flags=re.DOTALL)
-    drawing = re.sub(r'(\bid="|xlink:href="#|url\(#)', rf"\g<1>{name}-", drawing)
+    drawing = re.sub(r'(\bid="|xlink:href="#|url\(#)', rf"\g<1>{one.name}-", drawing)
     style = f"width:100%;max-width:{2 * points:.0f}px;min-width:{1.3 * points:.0f}px"
-    described = escape(f"{label}. {caption}" if label else caption)
+    described = escape(f"{label}. {one.caption}" if label else one.caption)
     drawing = drawing.replace("<svg ", f'<svg role="img" aria-label="{described}" style="{style}" ', 1)
     kind = ' class="wide"' if points > COLUMN_POINTS else ""
-    box = f'<div class="scroll" tabindex="0" role="region" aria-label="Figure {name}">{drawing}</div>'
+    box = f'<div class="scroll" tabindex="0" role="region" aria-label="Figure {one.name}">{drawing}</div>'
     return f"<figure{kind}>{box}<figcaption>{described}</figcaption></figure>"
 
 
@@ -187,7 +166,7 @@ def _class(column: int, table: Table, cell: str = "", *, marked: bool = False) -
 
 
 def tables(parts: Iterable[Section], label: str, folder: str = "") -> dict[str, bytes]:
-    """The records of every section as CSV, what it says as Markdown, and its tables as LaTeX, as far as it has them."""
+    """Return each section's records as CSV, its text as Markdown and its tables as LaTeX, if it has them, by name."""
     files: dict[str, str] = {}
     for part in parts:
         name = f"{folder}{part.slug}"
@@ -201,7 +180,7 @@ def tables(parts: Iterable[Section], label: str, folder: str = "") -> dict[str, 
 
 
 def drawings(sheets: Iterable[Sheet], folder: str = "") -> dict[str, bytes]:
-    """Every figure as SVG and as PNG."""
+    """Return every figure as SVG and as PNG, by name."""
     from analysis.documents import drawing
 
     kinds = {"svg": drawing.svg, "png": drawing.png}

@@ -12,31 +12,27 @@ import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from typing import Protocol
 
 WIDTH = 100
-"""Columns that a terminal table may take."""
+"""The most columns of characters in a line of a terminal."""
 
 WIDEST = 40
 """A cell wider than this is wrapped."""
 
 NARROWEST = 22
-"""The last column is wrapped to what is left, but not below this."""
+"""The last column is wrapped to the space that is left, but not below this."""
 
 GAP = "  "
 
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as text.
+    """Cells as text, in rows as long as the header; `notes` are sentences below them.
 
-    Args:
-        title: stands above it.
-        header: one name a column.
-        rows: each as long as the header.
-        left: columns set flush left; the others flush right.
-        marked: (row, column) of cells to stand out, where that is possible.
-        notes: sentences below it.
+    The columns in `left` are flush left, the others flush right. The (row, column) cells in `marked` stand out where
+    that is possible.
     """
 
     title: str
@@ -49,9 +45,9 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """Part of the report: paragraphs, tables, and the records behind them, one mapping a row of the CSV file.
+    """Part of the report: paragraphs, tables, and the records behind them, one for each row of the CSV file.
 
-    `slug` names its files. `brief` are shorter tables that take the tables' place in a terminal, where they are given.
+    `slug` names its files. In a terminal, `brief` tables replace the tables, if there are any.
     """
 
     slug: str
@@ -63,12 +59,12 @@ class Section:
 
 
 def number(value: float | None, decimals: int = 3) -> str:
-    """A number at fixed decimals; `-` for None."""
+    """Return a number at fixed decimals, or `-` for None."""
     return "-" if value is None else f"{value:.{decimals}f}"
 
 
 def probability(p: float | None) -> str:
-    """P to three digits, in powers of ten below 0.01; below 1e-300 it may be nothing but underflow."""
+    """Return P to three digits, in powers of ten below 0.01; below 1e-300 it may be mere underflow."""
     if p is None:
         return "-"
     if p < 1e-300:
@@ -80,7 +76,7 @@ def probability(p: float | None) -> str:
 
 
 class Limits(Protocol):
-    """Something with two ends, of which one may not be defined."""
+    """Two limits, either of which may be undefined."""
 
     @property
     def low(self) -> float | None: ...
@@ -90,19 +86,19 @@ class Limits(Protocol):
 
 
 def interval(limits: Limits | None, decimals: int = 3) -> str:
-    """Both limits at fixed decimals; `-` where they are not defined."""
+    """Return both limits at fixed decimals, or `-` if one is not defined."""
     if limits is None or limits.low is None or limits.high is None:
         return "-"
     return f"{limits.low:.{decimals}f} to {limits.high:.{decimals}f}"
 
 
 def lacks_a_limit(limits: Limits | None) -> bool:
-    """Whether an estimate is there and an end of its interval is not."""
+    """Return whether an estimate lacks a limit of its interval."""
     return limits is not None and (limits.low is None or limits.high is None)
 
 
 def bayes_factor(log: float | None) -> str:
-    """A Bayes factor from its natural logarithm, to three digits, in powers of ten where it is far from 1."""
+    """Return a Bayes factor from its natural logarithm, to three digits, in powers of ten far from 1."""
     if log is None:
         return "-"
     if abs(log) < math.log(1000):
@@ -113,7 +109,7 @@ def bayes_factor(log: float | None) -> str:
 
 
 def text(section: Section, width: int = WIDTH) -> str:
-    """The section for a terminal, no line longer than `width`."""
+    """Return the section for a terminal, with no line longer than `width`."""
     parts = [f"{section.title}\n{'=' * min(len(section.title), width)}"]
     parts += [textwrap.fill(paragraph, width) for paragraph in section.paragraphs]
     parts += [table_text(table, width) for table in section.brief or section.tables]
@@ -121,15 +117,15 @@ def text(section: Section, width: int = WIDTH) -> str:
 
 
 def table_text(table: Table, width: int = WIDTH) -> str:
-    """One table for a terminal: long cells wrapped, and columns that do not fit put below, under the first again."""
-    sizes = _sizes(table)
+    """Return one table for a terminal: long cells are wrapped, and columns that do not fit follow below the first."""
+    sizes = [max(1, *(len(row[column]) for row in (table.header, *table.rows))) for column in range(len(table.header))]
+    sizes[:-1] = [min(size, WIDEST) for size in sizes[:-1]]
     blocks = []
     for columns in _blocks(sizes, width):
         widths = [sizes[column] for column in columns]
         widths[-1] = min(widths[-1], max(width - sum(widths[:-1]) - len(GAP) * (len(widths) - 1), 1))
-        lines = [_line([table.header[c] for c in columns], columns, widths, table.left)]
-        lines.append(GAP.join("-" * size for size in widths))
-        lines += [_line([row[c] for c in columns], columns, widths, table.left) for row in table.rows]
+        lines = [_line(table.header, columns, widths, table.left), GAP.join("-" * size for size in widths)]
+        lines += [_line(row, columns, widths, table.left) for row in table.rows]
         blocks.append("\n".join(lines))
     notes = "\n".join(textwrap.fill(note, width) for note in table.notes)
     title = textwrap.fill(table.title, width)
@@ -137,7 +133,7 @@ def table_text(table: Table, width: int = WIDTH) -> str:
 
 
 def markdown(section: Section, label: str) -> str:
-    """The section as Markdown, below the dataset's label."""
+    """Return the section as Markdown, below the dataset's label."""
     parts = [f"**{label}**"] if label else []
     parts += [f"## {section.title}", *section.paragraphs]
     for table in section.tables:
@@ -150,7 +146,7 @@ def markdown(section: Section, label: str) -> str:
 
 
 def comma_separated(section: Section, label: str) -> str:
-    """The records as CSV with full precision; the first column repeats the dataset's label."""
+    """Return the records as CSV with full precision; the first column repeats the dataset's label."""
     columns = list(dict.fromkeys(key for record in section.records for key in record))
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
@@ -161,17 +157,8 @@ def comma_separated(section: Section, label: str) -> str:
     return file.getvalue()
 
 
-def _sizes(table: Table) -> list[int]:
-    sizes = []
-    for column, name in enumerate(table.header):
-        cells = [name, *(row[column] for row in table.rows)]
-        longest = max(1, *map(len, cells))
-        sizes.append(longest if column == len(table.header) - 1 else min(longest, WIDEST))
-    return sizes
-
-
 def _blocks(sizes: Sequence[int], width: int) -> list[list[int]]:
-    """Columns of each block: as many as fit beside the first; the table's last column may be narrowed to fit."""
+    """Return the columns of each block: as many as fit beside the first; the last column may be narrowed."""
     blocks, block, used = [], [0], sizes[0]
     for column in range(1, len(sizes)):
         last = column == len(sizes) - 1
@@ -184,15 +171,13 @@ def _blocks(sizes: Sequence[int], width: int) -> list[list[int]]:
     return [*blocks, block]
 
 
-def _line(cells: Sequence[str], columns: Sequence[int], widths: Sequence[int], left: frozenset[int]) -> str:
-    wrapped = [textwrap.wrap(cell, size) or [""] for cell, size in zip(cells, widths, strict=True)]
+def _line(row: Sequence[str], columns: Sequence[int], widths: Sequence[int], left: frozenset[int]) -> str:
+    wrapped = [textwrap.wrap(row[column], size) for column, size in zip(columns, widths, strict=True)]
     lines = []
-    for depth in range(max(map(len, wrapped))):
-        parts = []
-        for column, size, part in zip(columns, widths, wrapped, strict=True):
-            cell = part[depth] if depth < len(part) else ""
-            parts.append(cell.ljust(size) if column in left else cell.rjust(size))
-        lines.append(GAP.join(parts).rstrip())
+    for parts in [*zip_longest(*wrapped, fillvalue="")] or [("",) * len(columns)]:
+        cells = zip(columns, widths, parts, strict=True)
+        shown = (part.ljust(size) if column in left else part.rjust(size) for column, size, part in cells)
+        lines.append(GAP.join(shown).rstrip())
     return "\n".join(lines)
 
 
@@ -223,33 +208,23 @@ SPECIAL = {
 
 
 def latex(section: Section, label: str) -> str:
-    """The section's tables, each with the dataset's label in its caption; `label` is empty for a study's own data."""
+    """Return the section's tables, each with the dataset's label, if it has one, in its caption."""
     parts = [f"% {section.title}", *([f"% {label}"] if label else [])]
     return "\n".join([*parts, *(_table(table, section.title, label) for table in section.tables)]) + "\n"
 
 
 def escaped(text: str) -> str:
-    """Text in which every character stands for itself."""
+    """Return text in which every character stands for itself."""
     return "".join(SPECIAL.get(character, character) for character in text.replace("->", "→"))
 
 
 def _table(table: Table, title: str, label: str) -> str:
     columns = "".join("l" if column in table.left else "r" for column in range(len(table.header)))
     caption = ". ".join(part for part in (label, table.title or title) if part)
-    lines = [
-        "",
-        r"\begin{table}",
-        rf"\caption{{{escaped(caption)}}}",
-        rf"\begin{{tabular}}{{{columns}}}",
-        r"\toprule",
-        _row(table.header),
-        r"\midrule",
-        *map(_row, table.rows),
-        r"\bottomrule",
-        r"\end{tabular}",
-    ]
-    notes = [rf"\par\small {escaped(note)}" for note in table.notes]
-    return "\n".join([*lines, *notes, r"\end{table}"])
+    head = r"\begin{table}", rf"\caption{{{escaped(caption)}}}", rf"\begin{{tabular}}{{{columns}}}"
+    rows = (r"\toprule", _row(table.header), r"\midrule", *map(_row, table.rows), r"\bottomrule", r"\end{tabular}")
+    notes = (rf"\par\small {escaped(note)}" for note in table.notes)
+    return "\n".join(["", *head, *rows, *notes, r"\end{table}"])
 
 
 def _row(cells: tuple[str, ...]) -> str:
@@ -257,5 +232,5 @@ def _row(cells: tuple[str, ...]) -> str:
 
 
 def plural(count: int, noun: str) -> str:
-    """`1 trial`, `2 trials`."""
+    """Return `1 trial` or `2 trials`."""
     return f"{count} {noun}{'s' * (count != 1)}"

@@ -1,13 +1,22 @@
-"""Confusion matrix of one task: who answered what to which material, as ratios per participant.
+"""Confusion matrix of one task, the information that its answers transmit, and d'.
 
 A ratio is the count of an answer over the trials in which the material was presented, trials without an answer
 included (Okamoto, Tables 1 and 2). Means and standard deviations (n - 1) are taken among participants.
+
+Transmitted information is that of a table of counts, in bits (Miller and Nicely 1955; Garner and Hake 1951), and few
+trials make it too large. Miller and Madow's correction (Miller 1955) uses the answers that occurred; that of Panzeri
+and Treves (1996, Network 7, 87-107) estimates how many answers can occur to each material.
+
+d' is that of the strongest of m independent, unbiased alternatives (m-AFC): the share of correct answers is p =
+integral of phi(z - d') Phi(z)^(m - 1) (Green and Swets 1966; tabled by Hacker and Ratcliff 1979, Percept. Psychophys.
+26, 168-170). Biased answers, or materials of which some are more alike than others, violate its assumptions: d' then
+only sums up the share of correct answers.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -15,17 +24,15 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.statistics.exact import mean, sum_of_squares
+from analysis.reading.study import Study
+from analysis.statistics.exact import NotDefined, mean, sum_of_squares
 
 
 @dataclass(frozen=True)
 class Confusion:
-    """Counts of one task, and what follows from them.
+    """Counts of one task, shape (P, M, M + 1), by participant, presented and answered material, and what follows.
 
-    Args:
-        materials: presented materials, and answers; length M.
-        participants: labels, length P.
-        counts: shape (P, M, M + 1): participant, presented, answered; the last answer is "no material named".
+    The last answer is "no material named".
     """
 
     materials: tuple[str, ...]
@@ -34,20 +41,25 @@ class Confusion:
 
     @cached_property
     def trials(self) -> NDArray[np.int64]:
-        """Trials by participant and presented material, shape (P, M)."""
+        """Return the trials by participant and presented material, shape (P, M)."""
         return np.asarray(self.counts.sum(axis=2), dtype=np.int64)
+
+    def cells(self) -> Iterator[tuple[str, str, str, int, int]]:
+        """Return each participant, presented and answered material ("" for none), its count and the trials."""
+        for p, participant in enumerate(self.participants):
+            for i, presented in enumerate(self.materials):
+                for j, answered in enumerate((*self.materials, "")):
+                    yield participant, presented, answered, int(self.counts[p, i, j]), int(self.trials[p, i])
 
     @property
     def unanswered(self) -> int:
-        """Trials in which no material was named."""
+        """Return the number of trials in which no material was named."""
         return int(self.counts[:, :, -1].sum())
 
     def ratios(self, presented: int, answered: int) -> dict[str, Fraction]:
-        """Exact ratio of one cell for every participant to whom the material was presented.
+        """Return the exact ratio of one cell for every participant to whom the material was presented.
 
-        Args:
-            presented: index of the material, 0..M-1.
-            answered: index of the answer, 0..M, where M is "no material named".
+        Both arguments are indices of materials; `answered` = M stands for "no material named".
         """
         trials = self.trials
         return {
@@ -57,29 +69,26 @@ class Confusion:
         }
 
     def n(self, presented: int) -> int:
-        """Participants to whom the material was presented."""
+        """Return the number of participants to whom the material was presented."""
         return int(np.count_nonzero(self.trials[:, presented]))
 
     def mean(self, presented: int, answered: int) -> float | None:
-        """Mean ratio among participants; None when there is none."""
+        """Return the mean ratio among participants, or None without any."""
         values = list(self.ratios(presented, answered).values())
         return float(mean(values)) if values else None
 
     def sd(self, presented: int, answered: int) -> float | None:
-        """Sample standard deviation (n - 1) among participants; None below two."""
+        """Return the sample standard deviation (n - 1) among participants, or None below two."""
         values = list(self.ratios(presented, answered).values())
         return math.sqrt(sum_of_squares(values) / (len(values) - 1)) if len(values) > 1 else None
 
     def means(self) -> NDArray[np.float64]:
-        """Mean ratios, shape (M, M + 1); NaN where a material was never presented."""
+        """Return the mean ratios, shape (M, M + 1); NaN where a material was never presented."""
         cells = [[self.mean(i, j) for j in range(len(self.materials) + 1)] for i in range(len(self.materials))]
         return np.array(cells, dtype=np.float64)
 
     def most_confused(self) -> tuple[str, str] | None:
-        """The two materials most often taken for one another: largest sum of both mean confusing ratios.
-
-        None where no material was ever taken for another.
-        """
+        """Return the two materials most often taken for one another, or None where none was taken for another."""
         first, second = (int(index[0]) for index in most_confused(np.nan_to_num(self.means()[:, :-1, None])))
         return None if first == second else (self.materials[first], self.materials[second])
 
@@ -87,8 +96,7 @@ class Confusion:
 def most_confused(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the indices of the pair with the largest sum of both confusing ratios; both 0 where nothing was confused.
 
-    Args:
-        means: mean ratios, presented and answered, shape (M, M, studies).
+    `means` holds the mean ratios by presented and answered material, shape (M, M, studies).
     """
     first, second = np.triu_indices(len(means), k=1)
     both = means[first, second] + means[second, first]
@@ -100,13 +108,7 @@ def most_confused(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArra
 def confusion(
     participants: Sequence[str], presented: Sequence[str], answered: Sequence[str], materials: Sequence[str]
 ) -> Confusion:
-    """Count the answers of one task.
-
-    Args:
-        participants: label per trial, shape (trials,).
-        presented: material per trial, shape (trials,).
-        answered: material named per trial, or any other text where none was, shape (trials,).
-        materials: the order of rows and columns.
+    """Return the counts of one task from its trials; an answer that is not among the materials counts as none.
 
     Raises:
         ValueError: for a presented material that is not in `materials`.
@@ -114,9 +116,124 @@ def confusion(
     if unknown := set(presented) - set(materials):
         raise ValueError(f"presented materials {sorted(unknown)} are not among {list(materials)}")
     labels = tuple(dict.fromkeys(participants))
-    place = {material: index for index, material in enumerate(materials)}
-    row = {label: index for index, label in enumerate(labels)}
+    row, place = ({name: index for index, name in enumerate(names)} for names in (labels, materials))
     counts = np.zeros((len(labels), len(materials), len(materials) + 1), dtype=np.int64)
     for label, shown, said in zip(participants, presented, answered, strict=True):
         counts[row[label], place[shown], place.get(said, len(materials))] += 1
     return Confusion(tuple(materials), labels, counts)
+
+
+def confusion_of(study: Study, task: str) -> Confusion:
+    """Return the counts of the included trials of one task of a study."""
+    trials = study.trials(task)
+    who, presented, answered = (trials[name].tolist() for name in ("participant", "presented", "answered"))
+    return confusion(who, presented, answered, study.materials)
+
+
+@dataclass(frozen=True)
+class Information:
+    """Bits a trial: the entropy of the materials presented, and what answers transmit, uncorrected and corrected."""
+
+    trials: int
+    presented: float
+    transmitted: float
+    miller_madow: float
+    panzeri_treves: float
+
+
+def information(counts: NDArray[np.int64]) -> Information:
+    """Return the transmitted information of counts, shape (presented, answered).
+
+    Raises:
+        NotDefined: with fewer than two materials presented, or without an answer.
+    """
+    occurring = counts[counts.sum(axis=1) > 0]
+    trials = int(counts.sum())
+    if len(occurring) < 2:
+        raise NotDefined(f"information needs two materials presented, got {len(occurring)}")
+    bits = float(transmitted(occurring))
+    rows, column = occurring.sum(axis=1), occurring.sum(axis=0)
+    naive = sum(int(np.count_nonzero(row)) - 1 for row in occurring) - (int(np.count_nonzero(column)) - 1)
+    possible = int(np.count_nonzero(column))
+    estimated = sum(likely_answers(row[column > 0]) - 1 for row in occurring) - (possible - 1)
+    unit = 1 / (2 * trials * math.log(2))
+    return Information(trials, float(_entropy(rows[None])[0]), bits, bits - naive * unit, bits - estimated * unit)
+
+
+def transmitted(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the uncorrected bits, shape (...), of tables of counts, shape (..., presented, answered)."""
+    joint = counts.reshape(*counts.shape[:-2], -1)
+    return _entropy(counts.sum(axis=-1)) + _entropy(counts.sum(axis=-2)) - _entropy(joint)
+
+
+def likely_answers(counts: NDArray[np.int64]) -> float:
+    """Return how many of the possible answers, counts of shape (answers,), can occur to one material.
+
+    This is the number, from those that occurred up to all, under which the expected number of answers occurring in as
+    many trials is closest to the number that did occur. Bayes's rule with a flat prior gives each answer that occurred
+    its share; the others divide the rest (Panzeri and Treves 1996, appendix).
+    """
+    trials = int(counts.sum())
+    occurred = counts[counts > 0]
+    least = len(occurred)
+    best, distance = least, abs(least - _expected(occurred / trials, trials))
+    for extra in range(1, len(counts) - least + 1):
+        unseen = extra * (1 - (trials / (trials + least)) ** (1 / trials))
+        shares = (1 - unseen) * (occurred + 1) / (trials + least)
+        expected = _expected(shares, trials) + extra * (1 - (1 - unseen / extra) ** trials)
+        if abs(least - expected) >= distance:
+            break
+        best, distance = least + extra, abs(least - expected)
+    return float(best)
+
+
+def _expected(shares: NDArray[np.float64], trials: int) -> float:
+    """Return the expected number of answers that occur at least once."""
+    return float((1 - (1 - shares) ** trials).sum())
+
+
+def _entropy(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the bits of counts, shape (..., n) -> (...)."""
+    shares = counts / counts.sum(axis=-1, keepdims=True)
+    logs = np.log2(shares, out=np.zeros_like(shares), where=shares > 0)
+    return np.asarray(-(shares * logs).sum(axis=-1))
+
+
+STEP = 0.05
+REACH = 12.0
+"""The sum over phi runs to this many standard deviations in these steps, which is exact to rounding."""
+
+LARGEST = 20.0
+"""A larger |d'| cannot be told from infinity."""
+
+
+def proportion_correct(d_prime: float, alternatives: int) -> float:
+    """Return the share of correct answers of an observer with this d' among m alternatives."""
+    from scipy.special import ndtr
+
+    x = np.arange(-REACH, REACH + STEP / 2, STEP)
+    density = np.exp(-x * x / 2) / np.sqrt(2 * np.pi)
+    return float(STEP * (density * ndtr(x + d_prime) ** (alternatives - 1)).sum())
+
+
+def d_prime(proportion: float, alternatives: int) -> float:
+    """Return the d' of a share of correct answers among m alternatives; it is negative below chance, 1/m.
+
+    Raises:
+        NotDefined: for a share of 0 or 1, where d' is infinite.
+        ValueError: for a share outside 0 to 1, or fewer than two alternatives.
+    """
+    if alternatives < 2 or not 0 <= proportion <= 1:
+        raise ValueError(f"got a share of {proportion} among {alternatives}; allowed: 0 to 1 among two or more")
+    low, high = -LARGEST, LARGEST
+    if not proportion_correct(low, alternatives) < proportion < proportion_correct(high, alternatives):
+        raise NotDefined(f"d' is infinite where the share of correct answers is {proportion:.3g}")
+    while low < (middle := (low + high) / 2) < high:
+        below = proportion_correct(middle, alternatives) < proportion
+        low, high = (middle, high) if below else (low, middle)
+    return middle
+
+
+def corrected(count: int, trials: int) -> float:
+    """Return the share of correct answers with 0 and 1 moved in by half a trial (Macmillan and Kaplan 1985)."""
+    return min(max(count, 0.5), trials - 0.5) / trials

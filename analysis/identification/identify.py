@@ -1,7 +1,6 @@
 """Identification of one task: intervals of every ratio, information, d', similarities and biases, and a map.
 
-Intervals that count participants come from a bootstrap over participants; its generator is an argument. What is not
-defined is None, and a statement beside it says why.
+Bootstraps draw participants. What is not defined is None, and a statement beside it says why.
 """
 
 from __future__ import annotations
@@ -13,18 +12,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.identification.confusion import Confusion
-from analysis.identification.information import Information, corrected, d_prime, information, transmitted
-from analysis.identification.maps import (
-    Choice,
-    Mantel,
-    Scaling,
-    classical,
-    fit,
-    from_confusions,
-    mantel,
-    similarity_choice,
-)
+from analysis.identification import maps
+from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
+from analysis.identification.maps import Choice, Mantel, Scaling
 from analysis.statistics.exact import NotDefined
 from analysis.statistics.intervals import (
     CONFIDENCE,
@@ -43,12 +33,12 @@ T = TypeVar("T")
 CHOICE_RESAMPLES = 999
 INFORMATION_RESAMPLES = 1999
 CHOICE_TOLERANCE = 1e-3
-"""Resamples of the choice model are fitted to this: an estimate on the edge closes slowly."""
+"""Tolerance for resamples of the choice model, because an estimate on the edge converges slowly."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Intervals of one cell: `count` of `trials` pooled, and the mean ratio among participants."""
+    """Intervals of one cell: of `count` in `trials`, pooled, and of the mean ratio among participants."""
 
     presented: str
     answered: str
@@ -62,16 +52,9 @@ class Cell:
 
 @dataclass(frozen=True)
 class Detection:
-    """d' of the mean share of correct answers, with its bootstrap interval, and its spread among participants.
+    """d' of the mean share of correct answers (`proportion`) among m alternatives, with its bootstrap interval.
 
-    Args:
-        alternatives: m, the number of materials.
-        proportion: mean share of correct answers among participants.
-        d_prime: of that share.
-        interval: of d'; the limits of the share's interval as d'.
-        by_participant: d' of each, shares of 0 and 1 moved in by half a trial.
-        moved: participants whose share was moved.
-        statement: why something is None.
+    `by_participant` gives the d' of each; for those in `moved` a share of 0 or 1 was moved in by half a trial.
     """
 
     alternatives: int
@@ -85,7 +68,7 @@ class Detection:
 
 @dataclass(frozen=True)
 class ChoiceIntervals:
-    """The choice model with percentile intervals: of similarities (M, M, 2) and biases (M, 2); `used` resamples."""
+    """The choice model with percentile intervals of similarities (M, M, 2) and biases (M, 2) from `used` resamples."""
 
     model: Choice
     similarities: NDArray[np.float64] | None
@@ -96,7 +79,7 @@ class ChoiceIntervals:
 
 @dataclass(frozen=True)
 class Identification:
-    """What one task's confusion matrix says beyond its ratios; statements by what is not defined."""
+    """What the confusion matrix of one task says beyond its ratios; `statements` say why something is not defined."""
 
     task: str
     cells: tuple[Cell, ...]
@@ -112,14 +95,7 @@ class Identification:
 def identify(
     task: str, matrix: Confusion, dissimilarities: NDArray[np.float64] | None, rng: np.random.Generator
 ) -> Identification:
-    """Everything for one task.
-
-    Args:
-        task: its id.
-        matrix: its counts.
-        dissimilarities: of the materials, shape (M, M), from elsewhere; None where there are none.
-        rng: draws the resamples.
-    """
+    """Return everything for one task; `dissimilarities` of its materials, shape (M, M), may be missing."""
     said: dict[str, str] = {}
 
     def told(what: str, compute: Callable[[], T]) -> T | None:
@@ -133,10 +109,10 @@ def identify(
     bits = told("information", lambda: information(counts.sum(axis=0)))
     bits_interval = told("information interval", lambda: _information_interval(counts, bits, rng)) if bits else None
     found_choice = told("choice", lambda: _choice(matrix, rng))
-    found_scaling = told("scaling", lambda: classical(from_confusions(matrix.means()[:, :-1])))
+    found_scaling = told("scaling", lambda: maps.classical(maps.from_confusions(matrix.means()[:, :-1])))
     found_mantel = None
     if dissimilarities is not None:
-        found_mantel = told("mantel", lambda: mantel(dissimilarities, _confusing(matrix)))
+        found_mantel = told("mantel", lambda: maps.mantel(dissimilarities, _confusing(matrix)))
     return Identification(
         task,
         tuple(_cells(matrix, rng)),
@@ -151,12 +127,11 @@ def identify(
 
 
 def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
-    answers = (*matrix.materials, "")
     pooled = matrix.counts.sum(axis=0)
     cells = []
     draws: dict[int, NDArray[np.int64]] = {}
     for i, presented in enumerate(matrix.materials):
-        for j, answered in enumerate(answers[: len(matrix.materials)]):
+        for j, answered in enumerate(matrix.materials):
             count, trials = int(pooled[i, j]), int(pooled[i].sum())
             if not trials:
                 cells.append(Cell(presented, answered, 0, 0, None, None, None, "nobody was presented this material"))
@@ -177,7 +152,7 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
 def _information_interval(
     counts: NDArray[np.int64], found: Information, rng: np.random.Generator
 ) -> ConfidenceInterval:
-    """BCa interval of the information as counted, without correction."""
+    """Return the BCa interval of the uncorrected information."""
     people = len(counts)
     drawn = transmitted(np.tensordot(resamples(people, INFORMATION_RESAMPLES, rng), counts, axes=1))
     return bca(found.transmitted, drawn, transmitted(np.tensordot(leave_one_out(people), counts, axes=1)))
@@ -193,33 +168,33 @@ def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
         for label, n, total in zip(matrix.participants, right.tolist(), trials.tolist(), strict=True)
         if total > 1
     }
-    said, value, interval = [], None, None
+    said, value, interval = "", None, None
     try:
         value = d_prime(float(shares.mean()), count)
         drawn = mean_interval(shares, resamples(shares.size, RESAMPLES, rng))
         interval = ConfidenceInterval(d_prime(drawn.low, count), d_prime(drawn.high, count), CONFIDENCE)
     except NotDefined as reason:
-        said.append(str(reason))
+        said = str(reason)
     values = {share: d_prime(share, count) for share in set(known.values())}
     by_participant = {label: values[share] for label, share in known.items()}
     moved = tuple(label for label, n, total in zip(matrix.participants, right, trials, strict=True) if n in (0, total))
-    return Detection(count, float(shares.mean()), value, interval, by_participant, moved, "; ".join(said))
+    return Detection(count, float(shares.mean()), value, interval, by_participant, moved, said)
 
 
 def _choice(matrix: Confusion, rng: np.random.Generator) -> ChoiceIntervals:
     counts = matrix.counts[:, :, :-1]
-    model = similarity_choice(counts.sum(axis=0), matrix.materials)
+    model = maps.similarity_choice(counts.sum(axis=0), matrix.materials)
     try:
         weights = resamples(len(counts), CHOICE_RESAMPLES, rng)
     except NotDefined as reason:
         return ChoiceIntervals(model, None, None, 0, str(reason))
     drawn = np.tensordot(weights, counts, axes=1)
     drawn = drawn[(np.diagonal(drawn, axis1=1, axis2=2) > 0).all(axis=1)]
-    similarities, biases, _, settled = fit(drawn, CHOICE_TOLERANCE)
+    similarities, biases, _, settled = maps.fit(drawn, CHOICE_TOLERANCE)
     ends = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
-    statement = ""
-    if (used := int(settled.sum())) < CHOICE_RESAMPLES:
-        statement = f"{CHOICE_RESAMPLES - used} of {CHOICE_RESAMPLES} resamples have no fit and are left out"
+    used = int(settled.sum())
+    lost = f"{CHOICE_RESAMPLES - used} of {CHOICE_RESAMPLES} resamples have no fit and are left out"
+    statement = lost if used < CHOICE_RESAMPLES else ""
     if not used:
         return ChoiceIntervals(model, None, None, 0, statement)
     limits = [np.moveaxis(np.quantile(part[settled], ends, axis=0), 0, -1) for part in (similarities, biases)]
@@ -227,9 +202,8 @@ def _choice(matrix: Confusion, rng: np.random.Generator) -> ChoiceIntervals:
 
 
 def _confusing(matrix: Confusion) -> NDArray[np.float64]:
-    """Mean of both confusing ratios of every pair, shape (M, M)."""
+    """Return the mean of both confusing ratios of every pair, shape (M, M)."""
     ratios = matrix.means()[:, :-1]
     if np.isnan(ratios).any():
         raise NotDefined("a material was presented to nobody: its confusions are not defined")
-    confusing: NDArray[np.float64] = (ratios + ratios.T) / 2
-    return confusing
+    return np.asarray((ratios + ratios.T) / 2)

@@ -32,16 +32,12 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Choice:
-    """Result of `similarity_choice`.
+    """A fitted similarity-choice model.
 
-    Args:
-        similarities: shape (M, M), 1 on the diagonal.
-        biases: shape (M,), summing to 1; None where the materials fall into groups never taken for one another, between
-            which no bias can be told.
-        fitted: expected counts, shape (M, M).
-        g2: likelihood-ratio statistic against the counts.
-        df: (M - 1)(M - 2) / 2, less the cells that cannot but be empty.
-        p: of `g2` as chi-squared; None without degrees of freedom.
+    `similarities`, shape (M, M), are 1 on the diagonal. `biases`, shape (M,), sum to 1; they are None where the
+    materials fall into groups never taken for one another, between which no bias can be told. `fitted` holds the
+    expected counts, shape (M, M). `g2` is the likelihood-ratio statistic against the counts on `df` = (M - 1)(M - 2) /
+    2 degrees of freedom, less the cells that must be empty; `p` takes it as chi-squared, None without `df`.
     """
 
     similarities: Floats
@@ -53,7 +49,7 @@ class Choice:
 
 
 def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Choice:
-    """Fit counts of presented x answered, shape (M, M); trials without an answer are left out before.
+    """Return the model fitted to counts of presented x answered, shape (M, M), without the unanswered trials.
 
     Raises:
         NotDefined: for fewer than two materials, one that was never recognised, or an estimate on the edge.
@@ -78,10 +74,9 @@ def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Ch
 
 
 def fit(counts: NDArray[np.int64], tolerance: float = TOLERANCE) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
-    """Fit many tables at once, shape (B, M, M), each with a diagonal above zero.
+    """Return the fits of many tables, shape (B, M, M), each with a diagonal above zero.
 
-    Returns:
-        similarities (B, M, M), biases (B, M), expected counts (B, M, M), and which tables settled (B,).
+    These are similarities (B, M, M), biases (B, M), expected counts (B, M, M), and which tables settled (B,).
     """
     table = counts.astype(np.float64)
     size = len(table)
@@ -112,20 +107,17 @@ def fit(counts: NDArray[np.int64], tolerance: float = TOLERANCE) -> tuple[Floats
 
 
 def _linked(similarities: Floats) -> bool:
-    """Whether every two materials are joined by a chain of confusions."""
+    """Return whether a chain of confusions joins every two materials."""
     steps = np.linalg.matrix_power((similarities > 0).astype(np.float64), len(similarities))
     return bool((steps > 0).all())
 
 
 @dataclass(frozen=True)
 class Scaling:
-    """Result of `classical`.
+    """A map: points of shape (n, 2), centred and turned to the principal axes; the first has no negative coordinate.
 
-    Args:
-        points: shape (n, 2), centred; turned to the principal axes, the first point's coordinates not negative.
-        explained: share of the sum of the positive eigenvalues that the two axes take.
-        negative: sum of the negative eigenvalues over the sum of all magnitudes: 0 where distances in some
-            dimension would give the dissimilarities exactly.
+    `explained` is the share of the sum of the positive eigenvalues that the two axes take. `negative` is the sum of the
+    negative eigenvalues over that of all magnitudes: 0 where distances in some dimension give the dissimilarities.
     """
 
     points: NDArray[np.float64]
@@ -134,7 +126,7 @@ class Scaling:
 
 
 def classical(dissimilarities: NDArray[np.float64]) -> Scaling:
-    """Two dimensions of a symmetric table, shape (n, n), diagonal 0.
+    """Return the map of a symmetric table of dissimilarities, shape (n, n), with a diagonal of 0.
 
     Raises:
         NotDefined: with fewer than three objects, a pair that is not finite, or no dissimilarity at all.
@@ -156,10 +148,10 @@ def classical(dissimilarities: NDArray[np.float64]) -> Scaling:
 
 
 def from_confusions(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Dissimilarity of two materials from answer ratios, shape (n, n): 1 - (p_ij + p_ji) / (p_ii + p_jj).
+    """Return the dissimilarities, 1 - (p_ij + p_ji) / (p_ii + p_jj), of answer ratios, shape (n, n), floored at 0.
 
-    Shepard's (1957) ratio of confusions to correct answers, floored at 0. NaN where neither was ever recognised or
-    presented.
+    This is Shepard's (1957) ratio of confusions to correct answers. It is NaN where neither material was ever
+    recognised or presented.
     """
     correct = np.diag(ratios)
     both = correct[:, None] + correct[None, :]
@@ -171,19 +163,12 @@ def from_confusions(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 MOST = 8
-"""Objects of which all orders, 40,320, are tried."""
+"""The most objects of which all orders (40,320) are tried."""
 
 
 @dataclass(frozen=True)
 class Mantel:
-    """Result of `mantel`.
-
-    Args:
-        r: Pearson's correlation over the pairs.
-        pairs: how many there are.
-        orders: how many orders were tried, n!.
-        p_less: share of orders with r at least as low; `p_greater` at least as high; `p_two` at least as far from 0.
-    """
+    """Pearson's r over the pairs, and the shares of all n! orders with r as low, as high, and as far from 0 or more."""
 
     r: float
     pairs: int
@@ -194,7 +179,7 @@ class Mantel:
 
 
 def mantel(first: NDArray[np.float64], second: NDArray[np.float64]) -> Mantel:
-    """Exact test of two symmetric tables, shape (n, n), their diagonals left out.
+    """Return the exact test of two symmetric tables, shape (n, n), without their diagonals.
 
     Raises:
         NotDefined: with fewer than three or more than `MOST` objects, or where the pairs of a table do not vary.

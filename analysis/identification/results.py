@@ -1,4 +1,4 @@
-"""Study as read -> every number of the analysis: matrices, tests against chance, ANOVAs and reliabilities."""
+"""Study -> every number of the analysis: matrices, tests against chance, analyses of variance and reliabilities."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from analysis.documents.tables import plural
-from analysis.identification.confusion import Confusion, confusion
+from analysis.identification.confusion import Confusion, confusion_of
 from analysis.identification.identify import Identification, identify
 from analysis.identification.time_course import TimeCourse, course_of
 from analysis.identification.trial_models import TrialLevel, trial_level
@@ -33,19 +33,14 @@ from analysis.statistics.t_tests import EffectSize, TTest, cohens_d, holm, log_b
 TASK, MATERIAL = "task", "material"
 
 SEED = 1
-"""Names the draws of every bootstrap; those of one task do not depend on the others."""
+"""The seed of every bootstrap; the draws of one task do not depend on the other tasks."""
 
 
 @dataclass(frozen=True)
 class MaterialTest:
-    """Correct answers to one material against chance.
+    """Correct answers to one material against chance: Student's t, P adjusted within the task, and Cohen's d.
 
-    Args:
-        material: its id.
-        result: Student's t.
-        p_holm: P adjusted within the task.
-        d: Cohen's d with its interval.
-        log_bf10: natural logarithm of the JZS Bayes factor for a mean that differs from chance.
+    `log_bf10` is the natural logarithm of the JZS Bayes factor for a mean that differs from chance.
     """
 
     material: str
@@ -57,10 +52,10 @@ class MaterialTest:
 
 @dataclass(frozen=True)
 class PairTest:
-    """One-way ANOVA of the four ratios of two materials taken for one another.
+    """One-way ANOVA of the four ratios of two materials taken for one another; None where `statement` says why.
 
-    The groups are: first answered to first, second to second, first to second, second to first. `chosen` says how
-    the pair was chosen. `anova` is None where `statement` says why.
+    The groups are: first answered to first, second to second, first to second, second to first. `chosen` says how the
+    pair was chosen.
     """
 
     task: str
@@ -74,7 +69,7 @@ class PairTest:
 class Reliability:
     """Every ICC form for one matrix; `icc` is None where `statement` says why.
 
-    `dropped` are participants of the task, or of any task, without whom the matrix is complete.
+    `dropped` are the participants, of the task or of any task, whom the matrix leaves out because they lack a cell.
     """
 
     matrix: str
@@ -102,13 +97,13 @@ class TaskResult:
     tests: tuple[MaterialTest, ...]
 
     def test(self, material: str) -> MaterialTest:
-        """The test of one material; `KeyError` when there is none."""
+        """Return the test of one material; `KeyError` if there is none."""
         return {test.material: test for test in self.tests}[material]
 
 
 @dataclass(frozen=True)
 class Results:
-    """What the whole study gives; statements stand where something is not defined."""
+    """The results of a study; a statement says why something is not defined."""
 
     tasks: tuple[TaskResult, ...]
     identifications: tuple[Identification, ...]
@@ -122,20 +117,17 @@ class Results:
     course: TimeCourse
 
     def task(self, task: str) -> TaskResult | None:
-        """The result of one task; None when the dataset has no such task."""
+        """Return the result of one task, or None if the dataset has no such task."""
         return next((result for result in self.tasks if result.task.id == task), None)
 
 
 def compute(
     study: Study, pairs: Mapping[str, tuple[str, str]], dissimilarities: Dissimilarities = NO_DISSIMILARITIES
 ) -> Results:
-    """Every result of a study.
+    """Return every result of a study.
 
-    Args:
-        study: see `analysis.reading.dataset.read`.
-        pairs: task -> the pair of materials that was published for it; the most confused pair is always tested.
-        dissimilarities: of pairs of materials, such as those of their spectra; confusions are compared with them where
-            no pair is missing.
+    `pairs` gives the pair of materials that was published for a task; the most confused pair is always tested too.
+    Confusions are compared with `dissimilarities` (of the materials' spectra, say) where no pair is missing.
     """
     table = dissimilarities.table(study.materials)
     tasks = tuple(_task(study, task) for task in study.tasks if len(study.trials(task.id)))
@@ -158,31 +150,21 @@ def compute(
 
 
 def _task(study: Study, task: Task) -> TaskResult:
-    trials = study.trials(task.id)
-    matrix = confusion(
-        trials["participant"].tolist(), trials["presented"].tolist(), trials["answered"].tolist(), study.materials
-    )
+    matrix = confusion_of(study, task.id)
     guessed = chance(study, task.id)
-    tests = [
-        t_against_chance(list(matrix.ratios(index, index).values()), guessed) for index in range(len(study.materials))
-    ]
-    family = holm(np.array([np.nan if test.p is None else test.p for test in tests]))
-    adjusted = {index: p for index, p in enumerate(family.tolist()) if tests[index].p is not None}
-    return TaskResult(
-        task,
-        float(guessed),
-        matrix,
-        tuple(
-            MaterialTest(
-                material,
-                test,
-                adjusted.get(index),
-                None if test.t is None else cohens_d(test.t, test.df),
-                None if test.t is None else log_bayes_factor(test.t, test.n),
-            )
-            for index, (material, test) in enumerate(zip(study.materials, tests, strict=True))
-        ),
+    tests = [t_against_chance(list(matrix.ratios(i, i).values()), guessed) for i in range(len(study.materials))]
+    family = holm(np.array([np.nan if test.p is None else test.p for test in tests])).tolist()
+    found = tuple(
+        MaterialTest(
+            material,
+            test,
+            None if test.p is None else adjusted,
+            None if test.t is None else cohens_d(test.t, test.df),
+            None if test.t is None else log_bayes_factor(test.t, test.n),
+        )
+        for material, test, adjusted in zip(study.materials, tests, family, strict=True)
     )
+    return TaskResult(task, float(guessed), matrix, found)
 
 
 def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest]:
@@ -236,12 +218,14 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
     found = []
     for task in tasks:
         people = _complete(task)
-        cell_ratios = [_row(task, people, i, j) for i in range(count) for j in range(count)]
-        name = f"{count * count} cells (presented x answered) x {plural(len(people), 'participant')}"
         dropped = tuple(label for label in task.confusion.participants if label not in set(people))
-        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, cell_ratios, dropped))
-        name = f"{count} correct ratios x {plural(len(people), 'participant')}"
-        found.append(_reliability(f"{task.task.id}: {name}", task.task.id, _correct(task, people, count), dropped))
+        who = plural(len(people), "participant")
+        cell_ratios = [_row(task, people, i, j) for i in range(count) for j in range(count)]
+        for name, rows in (
+            (f"{count * count} cells (presented x answered)", cell_ratios),
+            (f"{count} correct ratios", _correct(task, people, count)),
+        ):
+            found.append(_reliability(f"{task.task.id}: {name} x {who}", task.task.id, rows, dropped))
     if len(tasks) > 1:
         others = [set(_complete(task)) for task in tasks[1:]]
         both = [label for label in _complete(tasks[0]) if all(label in other for other in others)]

@@ -1,8 +1,8 @@
 """How a task went, trial by trial: learning, foot speed, onset errors, timing of the rig, and masker levels.
 
-Each is there where the dataset holds what it needs; else a statement says what is missing. Trials without an answer are
-not right. Timing counts every attempt of participants of whom the analysis takes anything, those that were done again
-among them: the repetition does not hide what the rig missed.
+Where the dataset lacks what one of them needs, a statement says so. Trials without an answer are not right. Timing
+counts every attempt of participants who have trials in the analysis, including those that were repeated: a repetition
+does not hide what the rig missed.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ QUANTITIES = {
     "gate to scheduled": "gate_to_scheduled_s",
     "dead time after an answer": "dead_time_s",
 }
-"""What is measured, and its column."""
+"""Each quantity and its column."""
 
 
 @dataclass(frozen=True)
 class Timing:
     """One quantity in the attempts of one task, ms.
 
-    `p99_ms`, `p999_ms` and `largest_ms` are of the magnitude; the percentiles are None where too few values could lie
-    beyond them, `sd_ms` below two values.
+    `p99_ms`, `p999_ms` and `largest_ms` are of the magnitude. A percentile that too few values could exceed is None,
+    and so is `sd_ms` below two values.
     """
 
     quantity: str
@@ -46,7 +46,7 @@ class Timing:
 
 
 def timing(study: Study) -> dict[str, tuple[Timing, ...]]:
-    """What is known of each task; a task of which nothing is known is left out."""
+    """Return the timing of each task; a task without any is left out."""
     attempts = study.attempts
     used = attempts[attempts["participant"].isin(attempts.loc[attempts["included"], "participant"])]
     found: dict[str, tuple[Timing, ...]] = {}
@@ -60,20 +60,18 @@ def timing(study: Study) -> dict[str, tuple[Timing, ...]]:
 
 def _spread(quantity: str, values_ms: NDArray[np.float64]) -> Timing:
     sizes_ms = np.abs(values_ms)
+    # One value in as many may lie beyond a percentile.
+    p99, p999 = (
+        float(np.quantile(sizes_ms, share)) if sizes_ms.size >= round(1 / (1 - share)) else None
+        for share in (0.99, 0.999)
+    )
     return Timing(
-        quantity,
-        values_ms.size,
-        float(np.median(values_ms)),
-        float(values_ms.std(ddof=1)) if values_ms.size > 1 else None,
-        _percentile(sizes_ms, 0.99),
-        _percentile(sizes_ms, 0.999),
-        float(sizes_ms.max()),
+        quantity, values_ms.size, float(np.median(values_ms)), _sd(values_ms), p99, p999, float(sizes_ms.max())
     )
 
 
-def _percentile(sizes_ms: NDArray[np.float64], share: float) -> float | None:
-    # So that one value in as many may lie beyond it.
-    return float(np.quantile(sizes_ms, share)) if sizes_ms.size >= round(1 / (1 - share)) else None
+def _sd(values: NDArray[np.float64]) -> float | None:
+    return float(values.std(ddof=1)) if values.size > 1 else None
 
 
 WINDOW = 10
@@ -81,16 +79,15 @@ WINDOW = 10
 
 MOST_BINS = 8
 BIN_WIDTHS_MM_S = (25, 50, 100, 200, 500, 1000)
-"""Of the foot's speed: the narrowest that needs no more than `MOST_BINS` bins, or the widest."""
+"""The bins of the foot's speed are the narrowest of which no more than `MOST_BINS` are needed, or the widest."""
 
-LEARNING, SPEED, ONSET, MASKER = "learning curve", "speed curve", "onset errors", "masker levels"
-TIMING = "timing"
+LEARNING, SPEED, ONSET, MASKER, TIMING = "learning curve", "speed curve", "onset errors", "masker levels", "timing"
 COLUMNS = {
-    SPEED: ("foot_speed_mm_s", "the foot's speed"),
-    ONSET: ("onset_error_s", "a measured onset"),
-    MASKER: ("masker_db_a", "the masker's level"),
+    SPEED: ("foot_speed_mm_s", "the speed of the foot is known"),
+    ONSET: ("onset_error_s", "the onset of the stimulus was measured"),
+    MASKER: ("masker_db_a", "the level of the masker is known"),
 }
-"""What each needs of a trial: its column, and its name."""
+"""What each needs of a trial: its column, and words for having it."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +136,7 @@ class MaskerLevels:
 
 @dataclass(frozen=True)
 class TimeCourse:
-    """What is known of each task; `statements` say, of a task and what it lacks, why."""
+    """The course of each task; `statements` say why a task lacks one of these."""
 
     learning: Mapping[str, tuple[Window, ...]]
     speed: Mapping[str, tuple[SpeedBin, ...]]
@@ -150,7 +147,7 @@ class TimeCourse:
 
 
 def course_of(study: Study, seed: int) -> TimeCourse:
-    """Everything that the included trials of a study tell of their course; `seed` names the draws."""
+    """Return the course of the included trials of a study; `seed` names the draws."""
     tasks = {task.id: (place, study.trials(task.id)) for place, task in enumerate(study.tasks)}
     tasks = {task: (place, trials) for task, (place, trials) in tasks.items() if not trials.empty}
     said: dict[tuple[str, str], str] = {}
@@ -161,11 +158,11 @@ def course_of(study: Study, seed: int) -> TimeCourse:
         for name, (column, what) in COLUMNS.items():
             found = trials[np.isfinite(trials[column].to_numpy(dtype=np.float64))]
             if found.empty:
-                said[task, name] = f"{what} is known of 0 of {plural(len(trials), 'trial')}"
+                said[task, name] = f"{what} for none of {plural(len(trials), 'trial')}"
             else:
                 known[name][task] = found
     timed = timing(study)
-    said |= {(task, TIMING): "nothing of it was measured" for task in tasks if task not in timed}
+    said |= {(task, TIMING): "no part of the timing was measured" for task in tasks if task not in timed}
     return TimeCourse(
         {
             task: _learning(trials, np.random.default_rng([seed, place, 1]))
@@ -181,11 +178,12 @@ def course_of(study: Study, seed: int) -> TimeCourse:
 
 
 def _learning(trials: pd.DataFrame, rng: np.random.Generator) -> tuple[Window, ...]:
-    """The share right in every run of `WINDOW` trial numbers, with a BCa interval over participants."""
+    """Return the share right in every run of `WINDOW` trial numbers, with a BCa interval over participants."""
     right, done = _by_trial(trials)
     people, last = done.shape
     width = min(WINDOW, last)
-    numerators, denominators = (_running(part, width) for part in (right, done))
+    runs = (np.lib.stride_tricks.sliding_window_view(part, width, axis=1) for part in (right, done))
+    numerators, denominators = (run.sum(axis=2) for run in runs)
     try:
         drawn = resamples(people, RESAMPLES, rng).astype(np.float64)
         reason = ""
@@ -212,9 +210,8 @@ def _learning(trials: pd.DataFrame, rng: np.random.Generator) -> tuple[Window, .
 
 
 def _by_trial(trials: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Right answers, and trials done, by participant and trial number, both of shape (P, last number)."""
-    labels = {label: row for row, label in enumerate(dict.fromkeys(trials["participant"].tolist()))}
-    rows = [labels[label] for label in trials["participant"].tolist()]
+    """Return right answers, and trials done, by participant and trial number, each of shape (P, last number)."""
+    rows, labels = pd.factorize(trials["participant"])
     columns = trials["trial"].to_numpy(dtype=np.int64) - 1
     done = np.zeros((len(labels), int(columns.max()) + 1))
     right = np.zeros_like(done)
@@ -223,20 +220,13 @@ def _by_trial(trials: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.flo
     return right, done
 
 
-def _running(values: NDArray[np.float64], width: int) -> NDArray[np.float64]:
-    """Sums of each row over every `width` columns next to one another."""
-    sums = np.cumsum(np.pad(values, ((0, 0), (1, 0))), axis=1)
-    return np.asarray(sums[:, width:] - sums[:, :-width])
-
-
 def _speed(known: pd.DataFrame) -> tuple[SpeedBin, ...]:
     speeds = known["foot_speed_mm_s"].to_numpy(dtype=np.float64)
     right = np.asarray(known["presented"].to_numpy() == known["answered"].to_numpy())
-    spans = ((width, np.floor(speeds / width).astype(np.int64)) for width in BIN_WIDTHS_MM_S)
-    width, places = next(
-        ((width, places) for width, places in spans if np.ptp(places) < MOST_BINS),
-        (BIN_WIDTHS_MM_S[-1], np.floor(speeds / BIN_WIDTHS_MM_S[-1]).astype(np.int64)),
-    )
+    for width in BIN_WIDTHS_MM_S:
+        places = np.floor(speeds / width).astype(np.int64)
+        if np.ptp(places) < MOST_BINS:
+            break
     bins = []
     for place in np.unique(places).tolist():
         inside = places == place
@@ -248,8 +238,8 @@ def _speed(known: pd.DataFrame) -> tuple[SpeedBin, ...]:
 
 def _onsets(known: pd.DataFrame) -> OnsetErrors:
     errors_ms = 1e3 * known["onset_error_s"].to_numpy(dtype=np.float64)
-    sd = float(errors_ms.std(ddof=1)) if errors_ms.size > 1 else None
-    return OnsetErrors(tuple(errors_ms.tolist()), float(errors_ms.mean()), sd, float(np.abs(errors_ms).max()))
+    largest = float(np.abs(errors_ms).max())
+    return OnsetErrors(tuple(errors_ms.tolist()), float(errors_ms.mean()), _sd(errors_ms), largest)
 
 
 def _masker(known: pd.DataFrame) -> tuple[MaskerLevels, ...]:

@@ -1,18 +1,18 @@
-"""Single trials: was the answer right, as a logit of task, material and what went with the trial.
+"""Models of single trials: was the answer right, as a logit of task, material and what went with the trial.
 
-Two models allow for trials of one participant being alike, those of several tasks included. GEE (Liang and Zeger 1986;
-statsmodels') gives odds in the population, with one correlation within a participant and standard errors of Mancl and
-DeRouen (2001) for few participants. The mixed logit gives odds for one participant, with a normal random intercept
-each, by maximum likelihood; statsmodels has it by variational Bayes alone, whose standard deviations are too small by
+Two models allow for trials of one participant being alike, in all tasks. GEE (Liang and Zeger 1986; from statsmodels)
+gives odds in the population, with one correlation within a participant and the standard errors of Mancl and DeRouen
+(2001) for few participants. The mixed logit gives odds for one participant, with a normal random intercept each, by
+maximum likelihood; statsmodels only has it by variational Bayes, whose standard deviations are too small by
 construction, and which takes minutes and a gigabyte for a thousand participants.
 
-The likelihood of one participant is the integral of its answers' probability over the intercept, log odds X b + s u
-with u standard normal. It is taken by adaptive Gauss-Hermite quadrature, centred on the mode and scaled by the
+The likelihood of one participant is the integral of the probability of the answers over the intercept, with log odds
+X b + s u and u standard normal. It is taken by adaptive Gauss-Hermite quadrature, centred on the mode and scaled by the
 curvature there (Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995, equation (2.12)). Time and memory
 grow with trials x nodes.
 
-Covariates are used where at least half of the trials of every task, and of every material, have all of them; while they
-do not, the one that is known of the fewest is dropped, never a task. Trials without one of those used are left out, and
+Covariates are used if at least half of the trials of every task, and of every material, have all of them; otherwise the
+one known for the fewest trials is dropped, and never a task. Trials that lack a covariate in use are left out, and
 counted.
 """
 
@@ -33,22 +33,16 @@ from analysis.statistics.exact import NotDefined
 
 TRIAL, FASTER, RESPONSE, LATER = "10 trials on", "foot 100 mm/s faster", "response 1 s later", "second task"
 COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0), "response_time_s": (RESPONSE, 1.0)}
-"""Column -> name of one step of it, and how many of its units that is."""
+"""Column -> the name of one step, and how many units one step is."""
 
 
 @dataclass(frozen=True)
 class Design:
-    """Trials as arrays, N of them.
+    """N trials as arrays: right (1) or not (0), index of the participant, and the matrix, shape (N, parameters).
 
-    Args:
-        correct: shape (N,), 0 or 1; a trial without an answer is not right.
-        participants: index of the participant, shape (N,).
-        names: of the parameters, intercept first.
-        matrix: shape (N, parameters), covariates centred.
-        terms: what is tested together -> its columns.
-        absent: terms that are not used, and why.
-        left_out: task -> trials without one of the covariates used, where there are any.
-        gone: participants of whom no trial is left.
+    `names` are those of the parameters, intercept first; covariates are centred. `terms` gives the columns that are
+    tested together, and `absent` says why a term is not used. `left_out` counts the trials of a task that lack a
+    covariate in use, and `gone` names participants without a trial left.
     """
 
     correct: NDArray[np.float64]
@@ -62,11 +56,11 @@ class Design:
 
 
 def design(study: Study) -> Design:
-    """The design of a study's included trials.
+    """Return the design of the included trials of a study.
 
     Raises:
-        NotDefined: for a reconstruction, without a trial, and where all answers to a material or in a task are right,
-            or wrong.
+        NotDefined: for a reconstruction, without a trial, and if all answers to a material or in a task are right, or
+            wrong.
     """
     if study.origin == "RECONSTRUCTION":
         raise NotDefined(
@@ -100,38 +94,29 @@ def design(study: Study) -> Design:
     for name, values in columns.items():
         kept = values[whole]
         if np.ptp(kept) == 0:
-            absent[name] = "the same in every trial"
+            absent[name] = "it is the same in every trial"
         else:
             blocks.append((name, [name], (kept - kept.mean())[:, None]))
     for term, named, block in blocks:
         wider = np.column_stack([matrix, block])
         if np.linalg.matrix_rank(wider) < wider.shape[1]:
-            absent[term] = f"in these trials it cannot be told from {', '.join(terms)}"
+            absent[term] = f"these trials cannot tell it from {', '.join(terms)}"
             continue
         terms[term] = tuple(range(len(names), len(names) + len(named)))
         names += named
         matrix = wider
-    labels = table["participant"].to_numpy()
-    people = {label: index for index, label in enumerate(dict.fromkeys(labels.tolist()))}
-    return Design(
-        correct,
-        np.array([people[label] for label in labels.tolist()], dtype=np.int64),
-        tuple(names),
-        matrix,
-        terms,
-        absent,
-        left_out,
-        tuple(label for label in everyone if label not in people),
-    )
+    places, people = pd.factorize(table["participant"])
+    gone = tuple(label for label in everyone if label not in set(people))
+    return Design(correct, places.astype(np.int64), tuple(names), matrix, terms, absent, left_out, gone)
 
 
 def _factors(study: Study) -> tuple[tuple[str, str, tuple[str, ...]], ...]:
-    """Name, column and levels, in order, of each."""
+    """Return the name, the column and the levels in order of each factor."""
     return ("task", "task", tuple(task.id for task in study.tasks)), ("material", "presented", study.materials)
 
 
 def _groups(study: Study, table: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
-    """Words for a part of the trials -> which they are: all, those of each task, and of each material."""
+    """Return words for a part of the trials and which they are: all, those of each task, and of each material."""
     found = {"trials": np.ones(len(table), dtype=np.bool_)}
     for term, column, order in _factors(study):
         labels = table[column].to_numpy()
@@ -140,18 +125,18 @@ def _groups(study: Study, table: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
 
 
 def _thin(known: NDArray[np.bool_], groups: Mapping[str, NDArray[np.bool_]]) -> str | None:
-    """The first group of whose trials less than half are `known`."""
+    """Return the first group of whose trials less than half are `known`."""
     return next((name for name, inside in groups.items() if 2 * known[inside].sum() < inside.sum()), None)
 
 
 def _thinned(
     columns: dict[str, NDArray[np.float64]], absent: dict[str, str], groups: Mapping[str, NDArray[np.bool_]]
 ) -> NDArray[np.bool_]:
-    """Trials with every covariate, after those were moved to `absent` that leave less than half of a group."""
+    """Return which trials have every covariate; those that leave less than half of a group move to `absent`."""
     known = {name: np.asarray(np.isfinite(values)) for name, values in columns.items()}
     for name in list(known):
         if (thin := _thin(known[name], groups)) is not None:
-            absent[name] = f"known of {known.pop(name)[groups[thin]].sum()} of {groups[thin].sum()} {thin}"
+            absent[name] = f"it is known for {known.pop(name)[groups[thin]].sum()} of {groups[thin].sum()} {thin}"
             del columns[name]
     while True:
         whole = np.asarray(np.array([groups["trials"], *known.values()]).all(axis=0))
@@ -162,13 +147,14 @@ def _thinned(
         worst = min(counts, key=counts.__getitem__)
         others = " and ".join(name for name in known if name != worst and counts[name] < inside.sum())
         absent[worst] = (
-            f"known of {counts[worst]} of {inside.sum()} {thin}, and together with {others} of {whole[inside].sum()}"
+            f"it is known for {counts[worst]} of {inside.sum()} {thin}, and together with {others} for "
+            f"{whole[inside].sum()}"
         )
         del known[worst], columns[worst]
 
 
 def _covariates(study: Study, table: pd.DataFrame) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
-    """One value a trial of every covariate, in steps, NaN where it is not known; and why one is not there."""
+    """Return each covariate, one value a trial, in steps, NaN if it is not known; and why one is missing."""
     absent: dict[str, str] = {}
     found = {name: table[column].to_numpy(dtype=np.float64) / step for column, (name, step) in COVARIATES.items()}
     pairs = zip(table["participant"].tolist(), table["task"].tolist(), strict=True)
@@ -176,24 +162,24 @@ def _covariates(study: Study, table: pd.DataFrame) -> tuple[dict[str, NDArray[np
         [float(study.first_tasks[who] != task) if who in study.first_tasks else np.nan for who, task in pairs]
     )
     if len(study.tasks) < 2:
-        absent[LATER] = "there is one task"
+        absent[LATER] = "the study has one task"
     elif np.isfinite(later).all():
         found[LATER] = later
     else:
-        absent[LATER] = "the order of the tasks is not known of everyone"
+        absent[LATER] = "the order of the tasks is not known for every participant"
     return found, absent
 
 
 NODES = 15
-"""Of the quadrature."""
+"""The nodes of the quadrature."""
 
 NEWTON_STEPS = 50
 MODE_TOLERANCE = 1e-10
 GRADIENT_TOLERANCE = 1e-6
-"""Of the mean log likelihood of a trial, at its maximum."""
+"""The largest gradient of the mean log likelihood of a trial at its maximum."""
 
 DIFFERENCE = 1e-4
-"""Step of the central differences that make the Hessian out of gradients."""
+"""The step of the central differences of gradients that make the Hessian."""
 
 START_SD = 0.5
 
@@ -202,13 +188,9 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MixedLogit:
-    """Maximum likelihood estimates.
+    """Maximum likelihood estimates: log odds ratios, shape (K,), and the SD of the random intercepts.
 
-    Args:
-        coefficients: log odds ratios, shape (K,).
-        covariance: theirs, from the observed information, the intercepts' SD being estimated too; shape (K, K).
-        sd: of the random intercepts.
-        log_likelihood: at the maximum.
+    The covariance, shape (K, K), is that of the observed information, the SD being estimated too.
     """
 
     coefficients: Floats
@@ -220,14 +202,10 @@ class MixedLogit:
 def log_likelihood(
     *, correct: Floats, matrix: Floats, participants: NDArray[np.int64], coefficients: Floats, sd: float
 ) -> tuple[float, Floats]:
-    """The log likelihood, and its derivatives by the coefficients and then by `sd`, shape (K + 1,).
+    """Return the log likelihood, and its derivatives by the coefficients and then by `sd`, shape (K + 1,).
 
-    Args:
-        correct: 0 or 1, shape (N,).
-        matrix: shape (N, K).
-        participants: index of the participant, from 0, shape (N,).
-        coefficients: log odds ratios, shape (K,).
-        sd: of the random intercepts; its sign does not matter.
+    Answers are 0 or 1, shape (N,), the matrix has shape (N, K), participants are indices from 0, shape (N,), and the
+    coefficients are log odds ratios, shape (K,). The sign of `sd`, that of the random intercepts, does not matter.
     """
     people = int(participants.max()) + 1
     fixed = matrix @ coefficients
@@ -256,13 +234,12 @@ def log_likelihood(
 
 
 def fit(*, correct: Floats, matrix: Floats, participants: NDArray[np.int64]) -> MixedLogit:
-    """The maximum of `log_likelihood`, from no effects and an SD of `START_SD`.
+    """Return the maximum of `log_likelihood`, searched from no effects and an SD of `START_SD`.
 
     The search runs on columns made orthogonal and of one size, where the curvature is nearly the same every way.
 
     Raises:
-        NotDefined: where columns depend on one another, the search does not converge, or the likelihood is flat at its
-            end.
+        NotDefined: if columns depend on one another, the search does not converge, or the likelihood is flat there.
     """
     from scipy.optimize import minimize
 
@@ -296,7 +273,7 @@ def fit(*, correct: Floats, matrix: Floats, participants: NDArray[np.int64]) -> 
 def _modes(
     correct: Floats, fixed: Floats, participants: NDArray[np.int64], people: int, sd: float
 ) -> tuple[Floats, Floats]:
-    """Mode of each participant's u given the answers, and 1 / sqrt of the curvature there, by Newton's method.
+    """Return each participant's mode of u given the answers, and 1 / sqrt of the curvature there, by Newton's method.
 
     The log density is concave with a curvature between 1 and 1 + sd^2 n / 4, so halved steps always get there.
     """
@@ -315,13 +292,13 @@ def _modes(
 
 
 LEAST = 6
-"""Participants, below which standard errors by participant say nothing."""
+"""The fewest participants whose standard errors say anything."""
 
 LARGEST = 12.0
-"""A log odds ratio beyond this is taken as one without limit; a standard error beyond it says nothing."""
+"""A log odds ratio beyond this counts as one without limit; a standard error beyond it says nothing."""
 
 SINGULAR = 1e-10
-"""A covariance, in units of its variances, with an eigenvalue below this is taken as one without an inverse."""
+"""A covariance in units of its variances has no inverse if an eigenvalue is below this."""
 
 NO_ERRORS = (
     "standard errors by participant are not defined for the GEE logit: participants answered too much alike, or terms "
@@ -355,7 +332,7 @@ class Term:
 class TrialModel:
     """A fitted model; `spread` is GEE's correlation within a participant, or the SD of the random intercepts.
 
-    `warned` is what the software said on the way to a fit that converged.
+    `warned` holds the warnings of the software during a fit that converged.
     """
 
     trials: int
@@ -367,11 +344,11 @@ class TrialModel:
 
 
 def gee(design: Design) -> TrialModel:
-    """Population-averaged logit, exchangeable within participants.
+    """Return the population-averaged logit, exchangeable within participants.
 
     Raises:
-        NotDefined: with too few participants for the parameters, where it does not converge, and where participants do
-            not differ enough for standard errors.
+        NotDefined: if participants are too few for the parameters, the fit does not converge, or participants do not
+            differ enough for standard errors.
     """
     people = _participants(design)
     # Decided before the fit: what a fit says of a singular matrix depends on the processor.
@@ -393,23 +370,18 @@ def gee(design: Design) -> TrialModel:
     _bounded(design, estimates)
     if not _positive(covariance):
         raise NotDefined(NO_ERRORS)
-    coefficients = _coefficients(design, estimates, np.sqrt(np.diag(covariance)))
-    terms = tuple(_wald(name, estimates, covariance, columns) for name, columns in design.terms.items())
-    return TrialModel(len(design.correct), people, coefficients, terms, float(structure.dep_params), warned)
+    return _model(design, people, estimates, covariance, float(structure.dep_params), warned)
 
 
 def mixed(design: Design) -> TrialModel:
-    """Logit with a random intercept a participant.
+    """Return the logit with a random intercept for each participant.
 
     Raises:
-        NotDefined: with too few participants for the parameters, or where it does not converge.
+        NotDefined: if participants are too few for the parameters, or the fit does not converge.
     """
     people = _participants(design)
-
     found = fit(correct=design.correct, matrix=design.matrix, participants=design.participants)
-    coefficients = _coefficients(design, found.coefficients, np.sqrt(np.diag(found.covariance)))
-    terms = tuple(_wald(name, found.coefficients, found.covariance, columns) for name, columns in design.terms.items())
-    return TrialModel(len(design.correct), people, coefficients, terms, found.sd)
+    return _model(design, people, found.coefficients, found.covariance, found.sd)
 
 
 def _participants(design: Design) -> int:
@@ -422,54 +394,49 @@ def _participants(design: Design) -> int:
     return people
 
 
-def _coefficients(
-    design: Design, estimates: NDArray[np.float64], errors: NDArray[np.float64]
-) -> tuple[Coefficient, ...]:
-    from scipy.special import ndtr, ndtri
+def _model(
+    design: Design, people: int, estimates: Floats, covariance: Floats, spread: float, warned: tuple[str, ...] = ()
+) -> TrialModel:
+    """Return the model of these estimates, with Wald's tests that all coefficients of a term are zero."""
+    from scipy.special import chdtrc, ndtr, ndtri
 
     _bounded(design, estimates)
+    errors = np.sqrt(np.diag(covariance))
     if not (np.isfinite(errors).all() and errors.max() < LARGEST):
-        vague = ", ".join(
-            name for name, error in zip(design.names, errors.tolist(), strict=True) if not error < LARGEST
-        )
-        raise NotDefined(f"standard errors beyond {LARGEST:g} say nothing: {vague}")
+        vague = [name for name, error in zip(design.names, errors.tolist(), strict=True) if not error < LARGEST]
+        raise NotDefined(f"standard errors beyond {LARGEST:g} say nothing: {', '.join(vague)}")
     reach = float(ndtri(0.975))
-    return tuple(
+    coefficients = tuple(
         Coefficient(
             name, value, error, value - reach * error, value + reach * error, float(2 * ndtr(-abs(value) / error))
         )
         for name, value, error in zip(design.names, estimates.tolist(), errors.tolist(), strict=True)
     )
+    terms = []
+    for name, columns in design.terms.items():
+        part = estimates[list(columns)]
+        chi2 = float(part @ np.linalg.solve(covariance[np.ix_(columns, columns)], part))
+        terms.append(Term(name, chi2, len(columns), float(chdtrc(len(columns), chi2))))
+    return TrialModel(len(design.correct), people, coefficients, tuple(terms), spread, warned)
 
 
-def _bounded(design: Design, estimates: NDArray[np.float64]) -> None:
+def _bounded(design: Design, estimates: Floats) -> None:
     endless = [name for name, value in zip(design.names, estimates.tolist(), strict=True) if not abs(value) < LARGEST]
     if endless:
-        raise NotDefined(
-            f"the odds of {', '.join(endless)} have no limit, as where answers are all right, or all wrong"
-        )
+        raise NotDefined(f"the odds of {', '.join(endless)} have no limit, as if all answers were right, or all wrong")
 
 
-def _positive(covariance: NDArray[np.float64]) -> bool:
-    """Whether it is positive definite beyond rounding."""
+def _positive(covariance: Floats) -> bool:
+    """Return whether the covariance is positive definite beyond rounding."""
     variances = np.diag(covariance)
     if not (np.isfinite(covariance).all() and (variances > 0).all()):
         return False
     return bool(np.linalg.eigvalsh(covariance / np.sqrt(np.outer(variances, variances))).min() > SINGULAR)
 
 
-def _wald(name: str, estimates: NDArray[np.float64], covariance: NDArray[np.float64], columns: tuple[int, ...]) -> Term:
-    from scipy.special import chdtrc
-
-    chosen = list(columns)
-    part = estimates[chosen]
-    chi2 = float(part @ np.linalg.solve(covariance[np.ix_(chosen, chosen)], part))
-    return Term(name, chi2, len(chosen), float(chdtrc(len(chosen), chi2)))
-
-
 @dataclass(frozen=True)
 class TrialLevel:
-    """Models of single trials; `statements` say why one is None; the rest is that of `Design`."""
+    """Both models of single trials; `statements` say why one is None. The rest is that of `Design`."""
 
     gee: TrialModel | None
     mixed: TrialModel | None
@@ -480,7 +447,7 @@ class TrialLevel:
 
 
 def trial_level(study: Study) -> TrialLevel:
-    """Both models of a study's included trials."""
+    """Return both models of the included trials of a study."""
     try:
         trials = design(study)
     except NotDefined as reason:

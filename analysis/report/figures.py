@@ -1,4 +1,4 @@
-"""Results -> every figure of an analysis, with its name, the section in which it stands, and what it shows.
+"""Results -> every figure of an analysis, with its name, its section and its caption.
 
 One function draws one figure into the axes it is given: correct ratios (Okamoto, Fig. 11), confusion matrices of a task
 and of each participant, maps of the materials, confusion against dissimilarity (Fig. 13), learning and speed curves,
@@ -18,13 +18,11 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from analysis.documents.drawing import (
-    COLOURS,
     COLUMN_MM,
     COLUMN_STYLE,
     HATCHES,
     LETTER_INCHES,
     LINES,
-    MARKERS,
     PAGE_MM,
     SHADES,
     Sheet,
@@ -43,35 +41,30 @@ from analysis.identification.time_course import MaskerLevels, OnsetErrors, Speed
 from experiment.records.events import NO_ANSWER
 
 ACROSS = 5
-"""Participants beside one another on a page of panels."""
+"""The number of participants beside one another on a page of panels."""
 
 PANEL_LETTERS = 10
-"""Letters above a participant's panel; where a label leaves no room for the share, that stands below it."""
+"""Letters above a participant's panel; the share stands below a label that leaves no room for it."""
 
 DOTS = 50
-"""More participants than this are not drawn as dots, which would cover the bar."""
+"""More participants than this are not drawn as dots, because these would cover the bar."""
 
 DARK = 0.6
-"""Above this ratio a cell is so dark that its text is white."""
+"""The text of a cell above this ratio is white."""
 
 
 def correct_ratios(axes: Axes, tasks: Sequence[TaskResult]) -> None:
-    """Correct answer ratios for each material and task: mean, SD, stars and every participant."""
+    """Draw the correct answer ratios of each material and task: mean, SD, stars and every participant."""
     materials = tasks[0].confusion.materials
     width = 0.8 / len(tasks)
     for index, task in enumerate(tasks):
         _bars(axes, task, index, width, (index - (len(tasks) - 1) / 2) * width)
-    for chance in sorted({task.chance for task in tasks}):
-        axes.axhline(chance, color="black", linestyle="--", linewidth=0.8, label=f"chance, {chance:.3g}")
     _names(axes, materials)
-    axes.set_ylim(0, 1.18)
-    axes.set_yticks(np.linspace(0, 1, 6))
-    axes.set_ylabel("correct answer ratio")
-    key(axes)
+    _ratios(axes, {task.task.id: task.chance for task in tasks}, 1.18)
 
 
 def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
-    """Mean answer ratios of one task as a heat map; each cell says mean and SD where there is room for them."""
+    """Draw the mean answer ratios of one task as a heat map, with mean and SD in each cell that has room for them."""
     matrix = task.confusion
     answers = (*matrix.materials, NO_ANSWER)[: len(matrix.materials) + unanswered]
     axes.pcolormesh(matrix.means()[:, : len(answers)], cmap=SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
@@ -95,10 +88,10 @@ def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
 
 
 def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
-    """Every participant's own matrix, from `first` up to but not `last`: label and share right above each.
+    """Draw the matrix of each participant from `first` up to but not `last`, below label and share right.
 
     Rows are presented materials and columns answers, in the order of the tables; a material that a participant was
-    not presented stays white.
+    never presented stays white.
     """
     matrix = task.confusion
     size, answers = len(matrix.materials), len(matrix.materials) + bool(matrix.unanswered)
@@ -119,7 +112,7 @@ def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
 
 
 def material_map(axes: Axes, one: Identification, materials: Sequence[str]) -> None:
-    """Materials as points, the closer the more they were taken for one another."""
+    """Draw the materials as points, the closer the more they were taken for one another."""
     points = one.scaling.points if one.scaling else np.zeros((0, 2))
     for index, (material, point) in enumerate(zip(materials, points, strict=True)):
         axes.plot(*point, marker(index), color=colour(index), label=short(material, 24))
@@ -130,13 +123,7 @@ def material_map(axes: Axes, one: Identification, materials: Sequence[str]) -> N
 
 
 def against_dissimilarity(axes: Axes, found: Mapping[str, Sequence[tuple[float, float]]], source: str) -> None:
-    """Confusing ratios against the dissimilarity of the two materials.
-
-    Args:
-        axes: to draw into.
-        found: name of a series -> dissimilarity and ratio of each of its points.
-        source: of the dissimilarities.
-    """
+    """Draw confusing ratios against dissimilarity; `found` holds the (dissimilarity, ratio) points of each series."""
     for index, (name, points) in enumerate(found.items()):
         x, y = zip(*points, strict=True)
         axes.plot(x, y, marker(index), color=colour(index), markersize=4, alpha=0.8, label=name, clip_on=False)
@@ -157,15 +144,9 @@ def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) 
         if result.mean is None:
             continue
         x = place + shift
-        axes.bar(
-            x,
-            result.mean,
-            width * 0.92,
-            facecolor=pale(hue),
-            edgecolor=hue,
-            hatch=HATCHES[index % len(HATCHES)],
-            label=None if named else f"{task.task.id} (n = {len(matrix.participants)})",
-        )
+        label = None if named else f"{task.task.id} (n = {len(matrix.participants)})"
+        hatch = HATCHES[index % len(HATCHES)]
+        axes.bar(x, result.mean, width * 0.92, facecolor=pale(hue), edgecolor=hue, hatch=hatch, label=label)
         named = True
         values = [float(value) for value in matrix.ratios(place, place).values()]
         if len(values) <= DOTS:
@@ -192,7 +173,7 @@ def _cell(axes: Axes, task: TaskResult, i: int, j: int, room: float) -> None:
 
 
 def _names(axes: Axes, materials: Sequence[str]) -> None:
-    """Names of the materials below their places: broken between words where that does, else slanted."""
+    """Write the names of the materials below their places: broken between words if that is enough, else slanted."""
     letters = int((_width(axes) - 0.5) / len(materials) / LETTER_INCHES) - 1
     shown = [short(material, 26) for material in materials]
     if any(len(word) > letters for name in shown for word in name.split()):
@@ -207,34 +188,32 @@ def _width(axes: Axes) -> float:
 
 
 NAMED = 20
-"""More participants than this stand in order of their level, without their labels."""
+"""More participants than this stand in order of their level, without labels."""
 
 TICK_LETTERS = 12
 """Letters of a participant's label below an axis."""
 
 BINS = 40
-"""Most bins of the histogram of onset errors."""
+"""The most bins of the histogram of onset errors."""
 
 
 def learning(axes: Axes, curves: Mapping[str, Sequence[Window]], chances: Mapping[str, float]) -> None:
-    """Share of right answers in a running window of trials, each point at the window's middle."""
+    """Draw the share of right answers in a running window of trials, each point at the window's middle."""
     for index, (task, windows) in enumerate(curves.items()):
-        colour, line = COLOURS[index % len(COLOURS)], LINES[index % len(LINES)]
+        hue, line = colour(index), LINES[index % len(LINES)]
         x = [(one.first + one.last) / 2 for one in windows]
-        # A line through a single point would not be seen.
-        dot = "o" if len(x) == 1 else ""
-        axes.plot(x, [one.right / one.trials for one in windows], line, color=colour, label=task, marker=dot)
+        dot = "o" if len(x) == 1 else ""  # because a line through a single point is invisible
+        axes.plot(x, [one.right / one.trials for one in windows], line, color=hue, label=task, marker=dot)
         known = [(place, one.interval) for place, one in zip(x, windows, strict=True) if one.interval]
         if known:
-            places = [place for place, _ in known]
-            lows, highs = [limits.low for _, limits in known], [limits.high for _, limits in known]
-            axes.fill_between(places, lows, highs, color=colour, alpha=0.2, linewidth=0)
+            places, lows, highs = zip(*((place, limits.low, limits.high) for place, limits in known), strict=True)
+            axes.fill_between(places, lows, highs, color=hue, alpha=0.2, linewidth=0)
     _ratios(axes, chances)
     axes.set_xlabel("trial number, middle of the window")
 
 
 def speed(axes: Axes, curves: Mapping[str, Sequence[SpeedBin]], chances: Mapping[str, float]) -> None:
-    """Share of right answers in bins of the foot's speed, each point at the mean speed of its steps."""
+    """Draw the share of right answers in bins of the foot's speed, each point at the mean speed of its steps."""
     for index, (task, bins) in enumerate(curves.items()):
         shares = np.array([one.right / one.trials for one in bins])
         lows, highs = (np.array([getattr(one.interval, end) for one in bins]) for end in ("low", "high"))
@@ -242,9 +221,9 @@ def speed(axes: Axes, curves: Mapping[str, Sequence[SpeedBin]], chances: Mapping
             [one.mean_mm_s for one in bins],
             shares,
             yerr=np.abs([shares - lows, highs - shares]),
-            color=COLOURS[index % len(COLOURS)],
+            color=colour(index),
             linestyle=LINES[index % len(LINES)],
-            marker=MARKERS[index % len(MARKERS)],
+            marker=marker(index),
             markersize=3.5,
             capsize=2,
             label=task,
@@ -254,18 +233,18 @@ def speed(axes: Axes, curves: Mapping[str, Sequence[SpeedBin]], chances: Mapping
 
 
 def onset_errors(axes: Axes, found: Mapping[str, OnsetErrors]) -> None:
-    """Histogram of measured onset minus contact, the same bins for every task."""
+    """Draw a histogram of measured onset minus contact, with the same bins for every task."""
     everything = np.concatenate([one.errors_ms for one in found.values()])
     edges = np.histogram_bin_edges(everything, bins=_bins(everything))
     for index, (task, one) in enumerate(found.items()):
-        colour = COLOURS[index % len(COLOURS)]
+        hue = colour(index)
         spread = "" if one.sd_ms is None else f" ± {one.sd_ms:.2f}"
         axes.hist(
             one.errors_ms,
             bins=edges.tolist(),
             histtype="stepfilled",
-            facecolor="none" if index else pale(colour),
-            edgecolor=colour,
+            facecolor="none" if index else pale(hue),
+            edgecolor=hue,
             hatch=HATCHES[index % len(HATCHES)],
             linestyle=LINES[index % len(LINES)],
             label=f"{task}: {one.mean_ms:.2f}{spread} ms, {plural(len(one.errors_ms), 'trial')}",
@@ -277,7 +256,7 @@ def onset_errors(axes: Axes, found: Mapping[str, OnsetErrors]) -> None:
 
 
 def masker_levels(axes: Axes, found: Mapping[str, Sequence[MaskerLevels]]) -> None:
-    """Median level of every participant, with the lowest and highest of the trials."""
+    """Draw the median level of every participant, with the lowest and highest of the trials."""
     order = list(dict.fromkeys(one.participant for levels in found.values() for one in levels))
     named = len(order) <= NAMED
     for index, (task, levels) in enumerate(found.items()):
@@ -289,8 +268,8 @@ def masker_levels(axes: Axes, found: Mapping[str, Sequence[MaskerLevels]]) -> No
             np.array(x) + 0.12 * (index - (len(found) - 1) / 2),
             middle,
             yerr=reach,
-            fmt=MARKERS[index % len(MARKERS)],
-            color=COLOURS[index % len(COLOURS)],
+            fmt=marker(index),
+            color=colour(index),
             markersize=3,
             linewidth=0.7,
             label=task,
@@ -306,9 +285,9 @@ def masker_levels(axes: Axes, found: Mapping[str, Sequence[MaskerLevels]]) -> No
 
 
 def _bins(values: NDArray[np.float64]) -> int:
-    """As many as Freedman and Diaconis (1981) would have, a bin 2 IQR / n^(1/3) wide; never more than `BINS`.
+    """Return the number of bins of Freedman and Diaconis (1981), each 2 IQR / n^(1/3) wide, but never above `BINS`.
 
-    Counted before any is made: one value far out asks for millions.
+    They are counted before any is made, because one value far out asks for millions.
     """
     low, high = np.quantile(values, (0.25, 0.75))
     width, reach = float(2 * (high - low) / values.size ** (1 / 3)), float(np.ptp(values))
@@ -317,34 +296,29 @@ def _bins(values: NDArray[np.float64]) -> int:
     return BINS if reach else 1
 
 
-def _ratios(axes: Axes, chances: Mapping[str, float]) -> None:
+def _ratios(axes: Axes, chances: Mapping[str, float], top: float = 1.02) -> None:
     for chance in sorted(set(chances.values())):
         axes.axhline(chance, color="black", linestyle="--", linewidth=0.8, label=f"chance, {chance:.3g}")
-    axes.set_ylim(0, 1.02)
+    axes.set_ylim(0, top)
     axes.set_yticks(np.linspace(0, 1, 6))
     axes.set_ylabel("correct answer ratio")
     key(axes)
 
 
 FEW = 5
-"""Materials that stand beside one another within a column of a journal; more take the width of two."""
+"""The most materials beside one another within a column of a journal; more take the width of two."""
 
 PAGE = 25
-"""Participants on a page of panels."""
+"""The number of participants on a page of panels."""
 
 PAGES = 4
-"""Most pages of panels of one task."""
+"""The most pages of panels of one task."""
 
-ELSEWHERE = "The numbers stand in the tables here."
+ELSEWHERE = "The tables here give the numbers."
 
 
 def sheets(results: Results, label: str) -> tuple[Sheet, ...]:
-    """Every figure there are numbers for.
-
-    Args:
-        results: at least one task.
-        label: of the dataset; empty for a study's own data.
-    """
+    """Return every figure for which there are numbers, of at least one task; `label` is that of the dataset."""
     with mpl.rc_context(COLUMN_STYLE):
         return (*_answers(results, label), *_course(results, label))
 
@@ -355,9 +329,11 @@ def _answers(results: Results, label: str) -> Iterator[Sheet]:
     width = COLUMN_MM if count <= FEW else PAGE_MM
     figure, (axes,) = sheet([2.4], "Correct answers: mean ± SD", label, width)
     correct_ratios(axes, tasks)
-    said = "Correct answer ratios per material and task (as Fig. 11 of Okamoto et al.). Bars: mean; whiskers: standard "
-    said += f"deviation among participants; dots: participants, where there are at most {DOTS}; stars: above "
-    said += "chance."
+    said = (
+        "Correct answer ratios of each material and task (as Fig. 11 of Okamoto et al.). Bars are means, whiskers "
+        f"standard deviations among participants, and dots participants, where there are at most {DOTS}; stars mark "
+        "ratios above chance."
+    )
     yield Sheet("correct-ratios", "tests", f"{said} {ELSEWHERE}", figure)
 
     unanswered = any(task.confusion.unanswered for task in tasks)
@@ -365,9 +341,7 @@ def _answers(results: Results, label: str) -> Iterator[Sheet]:
     figure, panels = sheet([height] * len(tasks), "Answer ratios: means among participants", label, width)
     for axes, task in zip(panels, tasks, strict=True):
         confusion(axes, task, unanswered=unanswered)
-    said = (
-        "Mean answer ratios as heat maps, from 0 (white) to 1 (dark), with the standard deviation where there is room."
-    )
+    said = "Mean answer ratios as heat maps, from 0 (white) to 1 (dark), with the standard deviation if there is room."
     yield Sheet("confusion", "confusion", f"{said} {ELSEWHERE}", figure)
 
     for task in tasks:
@@ -379,8 +353,8 @@ def _answers(results: Results, label: str) -> Iterator[Sheet]:
         for axes, one in zip(panels, found, strict=True):
             material_map(axes, one, tasks[0].confusion.materials)
         key(panels[0])
-        said = "Materials as points: the closer two are, the more they were taken for one another."
-        yield Sheet("map", "confusions", f"{said} Classical scaling of their confusions.", figure)
+        said = "The closer two materials are, the more they were taken for one another. The map is a classical scaling."
+        yield Sheet("map", "confusions", said, figure)
 
     if confusing := _confusing(results):
         figure, (axes,) = sheet([2.5], "Confusing answers and dissimilarity of spectra", label)
@@ -397,16 +371,18 @@ def _participants(task: TaskResult, label: str) -> Iterator[Sheet]:
         title = f"{task.task.id}: participants {first + 1} to {last} of {people}, and their share of right answers"
         figure, (axes,) = sheet([0.3 + 0.75 * ceil((last - first) / ACROSS)], title, label)
         participants(axes, task, first, last)
-        said = f"{task.task.title}: answer ratios of each participant, the darker the more often. Rows: the {count} "
-        said += "materials presented, columns: the answers, both in the order of the tables; above, the share right."
+        said = (
+            f"{task.task.title}: answer ratios of each participant, the darker the more often. Rows are the {count} "
+            "materials presented and columns the answers, both in the order of the tables; the share right is above."
+        )
         if shown < people:
-            said += f" The first {shown} of {people} participants are drawn; all stand in counts.csv."
+            said += f" The first {shown} of {people} participants are drawn; counts.csv has all of them."
         name = f"participants-{task.task.id}" + (f"-{page}" if page > 1 else "")
         yield Sheet(name, "confusion", said, figure)
 
 
 def _confusing(results: Results) -> dict[str, list[tuple[float, float]]]:
-    """Every confusing ratio with the dissimilarity of its materials, of the tasks that have a Mantel test."""
+    """Return every confusing ratio with the dissimilarity of its materials, for tasks with a Mantel test."""
     found = {}
     for task, one in zip(results.tasks, results.identifications, strict=True):
         if one.mantel is None:
@@ -429,13 +405,13 @@ def _course(results: Results, label: str) -> Iterator[Sheet]:
         window = max(one.last - one.first + 1 for windows in found.learning.values() for one in windows)
         figure, (axes,) = sheet([2.3], f"Right answers, {plural(window, 'trial')} at a time", label)
         learning(axes, found.learning, chances)
-        said = f"Share of right answers in {plural(window, 'successive trial')}; bands: 95 % BCa intervals over "
-        said += "participants."
+        of = plural(window, "successive trial")
+        said = f"Share of right answers in {of}, with 95 % BCa intervals over participants."
         yield Sheet("learning", "course", said, figure)
     if found.speed:
         figure, (axes,) = sheet([2.3], "Right answers by the speed of the foot", label)
         speed(axes, found.speed, chances)
-        said = "Share of right answers by the speed of the foot; whiskers: Wilson's 95 % intervals over trials."
+        said = "Share of right answers by the speed of the foot, with Wilson's 95 % intervals over trials."
         yield Sheet("speed", "course", said, figure)
     if found.onsets:
         figure, (axes,) = sheet([2.3], "Onset of the stimulus, measured at the panel", label)
@@ -444,5 +420,5 @@ def _course(results: Results, label: str) -> Iterator[Sheet]:
     if found.masker:
         figure, (axes,) = sheet([2.3], "Masker of each participant", label)
         masker_levels(axes, found.masker)
-        said = "Level of the masker: median of a participant's trials; whiskers: lowest and highest."
+        said = "Level of the masker: the median of a participant's trials, with the lowest and the highest."
         yield Sheet("masker", "course", said, figure)

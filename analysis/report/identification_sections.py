@@ -14,23 +14,16 @@ from analysis.identification.identify import CHOICE_RESAMPLES, INFORMATION_RESAM
 from analysis.identification.results import Results
 from analysis.identification.time_course import WINDOW, TimeCourse
 from analysis.identification.trial_models import TrialLevel, TrialModel
-from analysis.reading.study import Study
 from analysis.statistics.intervals import RESAMPLES, ConfidenceInterval
 
 ARBITRARY = (
-    "In a reconstruction it is arbitrary which rows of a participant belong together: values by participant, and "
-    "intervals that draw whole participants, are those of one way of joining them."
+    "In a reconstruction it is arbitrary which rows form one participant. Values by participant, and intervals that "
+    "draw whole participants, hold for one way of joining the rows."
 )
 
 
-def identification_sections(study: Study, results: Results) -> tuple[Section, ...]:
-    """Both sections, in reading order."""
-    remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
-    return intervals_section(results), confusions_section(results, study.materials, remark)
-
-
 def intervals_section(results: Results) -> Section:
-    """Every ratio with its intervals."""
+    """Return every ratio with its intervals."""
     records: list[Mapping[str, object]] = []
     tables, brief = [], []
     header = ("presented", "answered", "count", "ratio", "Wilson", "Clopper-Pearson", "BCa bootstrap")
@@ -38,51 +31,55 @@ def intervals_section(results: Results) -> Section:
         rows = []
         for cell in found.cells:
             ratio = cell.count / cell.trials if cell.trials else None
-            three = [interval(limits) for limits in (cell.wilson, cell.clopper_pearson, cell.bootstrap)]
-            rows.append((cell.presented, cell.answered, f"{cell.count} of {cell.trials}", number(ratio), *three))
+            three = {"wilson": cell.wilson, "clopper_pearson": cell.clopper_pearson, "bootstrap": cell.bootstrap}
+            shown = map(interval, three.values())
+            rows.append((cell.presented, cell.answered, f"{cell.count} of {cell.trials}", number(ratio), *shown))
             record: dict[str, object] = {
                 "task": found.task, "presented": cell.presented, "answered": cell.answered, "count": cell.count,
                 "trials": cell.trials, "ratio": ratio,
             }  # fmt: skip
-            for name, limits in (
-                ("wilson", cell.wilson), ("clopper_pearson", cell.clopper_pearson), ("bootstrap", cell.bootstrap)
-            ):  # fmt: skip
+            for name, limits in three.items():
                 record[f"{name}_low"], record[f"{name}_high"] = _ends(limits)
             records.append({**record, "statement": cell.statement})
-        missing = {cell.statement: f"{cell.presented}, {cell.answered}" for cell in found.cells[::-1] if cell.statement}
-        notes = tuple(f"No bootstrap interval, {where} among others: {why}." for why, where in missing.items())
+        missing = {cell.statement: cell for cell in found.cells[::-1] if cell.statement}
+        notes = tuple(
+            f"Some ratios have no bootstrap interval, such as {cell.presented} answered as {cell.answered}: {why}."
+            for why, cell in missing.items()
+        )
         tables.append(Table(task.task.title, header, tuple(rows), left=frozenset({0, 1}), notes=notes))
         right = tuple(row for row in rows if row[0] == row[1])
-        where = "All answers stand in the report and in intervals.csv."
-        brief.append(
-            Table(f"{task.task.title}: correct answers", header, right, frozenset({0, 1}), notes=(*notes, where))
-        )
+        where = "The report and intervals.csv give all answers."
+        title = f"{task.task.title}: correct answers"
+        brief.append(Table(title, header, right, frozenset({0, 1}), notes=(*notes, where)))
     about = (
-        "Intervals of 95 %. Wilson's and Clopper and Pearson's take all trials as independent, which trials of one "
-        f"participant are not. The BCa interval is that of the mean among participants, from {RESAMPLES} resamples of "
-        "whole participants: it is the one to report."
+        "All intervals are 95 % intervals. Those of Wilson and of Clopper and Pearson treat all trials as independent, "
+        "although the trials of one participant are not. The BCa interval is that of the mean among participants, from "
+        f"{RESAMPLES} resamples of whole participants; it is the one to report."
     )
     return Section("intervals", "Intervals of the answer ratios", (about,), tuple(tables), tuple(records), tuple(brief))
 
 
 def confusions_section(results: Results, materials: tuple[str, ...], remark: tuple[str, ...]) -> Section:
-    """Information, d', the similarity-choice model, and confusion against dissimilarity."""
+    """Return information, d', the similarity-choice model, and confusion against dissimilarity."""
     found = results.identifications
-    tables = [
+    tables = (
         _information(found),
         _detection(found),
         *(_choice(one.task, one.choice, materials) for one in found if one.choice),
-    ]
-    tables += [_scaling(found), _mantel(found, results.dissimilarities.source)]
+        _scaling(found),
+        _mantel(found, results.dissimilarities.source),
+    )
     names = {
-        "information": "information",
-        "information interval": "interval of the information",
-        "choice": "similarity-choice model",
-        "scaling": "map",
-        "mantel": "Mantel",
+        "information": "The information",
+        "information interval": "The interval of the information",
+        "choice": "The similarity-choice model",
+        "scaling": "The map",
+        "mantel": "Mantel's test",
     }
     reasons = tuple(
-        f"Not defined: {one.task}, {names[key]}: {reason}." for one in found for key, reason in one.statements.items()
+        f"{names[key]} is not defined for {one.task}: {reason}."
+        for one in found
+        for key, reason in one.statements.items()
     )
     return Section(
         "confusions",
@@ -95,19 +92,20 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
 
 def _information(found: tuple[Identification, ...]) -> Table:
     notes = [
-        "Transmitted: of the counts as they are, too large with few trials; the last two columns correct that. Trials "
-        f"without an answer count as one more answer. BCa interval of the uncorrected value, {INFORMATION_RESAMPLES} "
-        "resamples of participants."
+        "The transmitted information is that of the counts as they are, which is too large when trials are few; the "
+        "last two columns correct it. Trials without an answer count as one more answer. The BCa interval is that of "
+        f"the uncorrected value, from {INFORMATION_RESAMPLES} resamples of participants."
     ]
     for one in found:
-        corrected = (one.information.miller_madow, one.information.panzeri_treves) if one.information else ()
-        if one.information and max(corrected) > one.information.presented:
+        if (bits := one.information) is None:
+            continue
+        if max(bits.miller_madow, bits.panzeri_treves) > bits.presented:
             notes.append(
-                f"{one.task}: a corrected value is above the bits presented, and no more can be transmitted; where "
-                "each material gets few different answers, the correction turns upwards."
+                f"{one.task}: a corrected value is above the bits presented, although no more can be transmitted; the "
+                "correction turns upwards where each material gets few different answers."
             )
-        if corrected and min(corrected) < 0:
-            notes.append(f"{one.task}: a corrected value is below 0, and no less can be transmitted.")
+        if min(bits.miller_madow, bits.panzeri_treves) < 0:
+            notes.append(f"{one.task}: a corrected value is below 0, although no less can be transmitted.")
     rows = tuple(
         (one.task, str(bits.trials), number(bits.presented), number(bits.transmitted),
          interval(one.information_interval), number(bits.miller_madow), number(bits.panzeri_treves))
@@ -130,9 +128,9 @@ def _detection(found: tuple[Identification, ...]) -> Table:
         if d.statement:
             notes.append(f"{one.task}: {d.statement}.")
         if d.moved:
-            notes.append(f"{one.task}: shares of 0 or 1 moved in by half a trial: {', '.join(d.moved)}.")
+            notes.append(f"{one.task}: a share of 0 or 1 was moved in by half a trial for {', '.join(d.moved)}.")
     header = ("task", "m", "correct", "d'", "95 % CI", "among participants")
-    notes.append("d' of m-alternative identification, unbiased and equally spaced materials supposed.")
+    notes.append("This d' of m-alternative identification assumes unbiased answers and equally spaced materials.")
     return Table("d'", header, tuple(rows), notes=tuple(notes))
 
 
@@ -151,13 +149,13 @@ def _choice(task: str, fitted: ChoiceIntervals, materials: tuple[str, ...]) -> T
             cells.append(text)
         rows.append((first, *cells, bias))
     tested = f"G² = {model.g2:.2f}, {model.df} df" + (f", P = {probability(model.p)}" if model.p is not None else "")
-    bracketed = f" In brackets: 95 % percentile intervals, {CHOICE_RESAMPLES} resamples of participants."
+    bracketed = f" Brackets hold 95 % percentile intervals from {CHOICE_RESAMPLES} resamples of participants."
     resampled = fitted.similarities is not None or fitted.biases is not None
-    notes = [f"Fit: {tested}.{bracketed * resampled} Trials without an answer are left out."]
-    notes += [f"No intervals: {fitted.statement}."] * bool(fitted.statement and not resampled)
-    notes += [f"{fitted.statement}."] * bool(fitted.statement and resampled)
+    notes = [f"The fit has {tested}.{bracketed * resampled} Trials without an answer are left out."]
+    if fitted.statement:
+        notes.append(f"{fitted.statement}." if resampled else f"There are no intervals: {fitted.statement}.")
     if model.biases is None:
-        notes.append("Biases are not defined: there are groups of materials that were never taken for one another.")
+        notes.append("The biases are not defined: some groups of materials were never taken for one another.")
     title = f"{task}: similarity-choice model, similarities and biases"
     return Table(title, ("", *materials, "bias"), tuple(rows), notes=tuple(notes))
 
@@ -168,10 +166,10 @@ def _scaling(found: tuple[Identification, ...]) -> Table:
         for one in found
         if one.scaling
     )
-    header = ("task", "in two dimensions", "no distance")
+    header = ("task", "in two dimensions", "negative")
     notes = (
-        "Classical scaling of 1 - (p_ij + p_ji) / (p_ii + p_jj): share of the positive eigenvalues on the two axes, "
-        "and of all that are negative.",
+        "The map is the classical scaling of 1 - (p_ij + p_ji) / (p_ii + p_jj). The columns give the share of the "
+        "positive eigenvalues on the two axes, and the share of all eigenvalues that is negative.",
     )
     return Table("Map of the materials", header, rows, notes=notes)
 
@@ -183,8 +181,8 @@ def _mantel(found: tuple[Identification, ...], source: str) -> Table:
     )  # fmt: skip
     header = ("task", "pairs", "r", "orders", "P, fewer confusions", "P, two-sided")
     notes = (
-        f"Mean confusing ratio of a pair against the dissimilarity of their spectra ({source}). Exact: every order of "
-        "the materials is tried, and the smallest P there can be is 1 over their number.",
+        f"The test compares the mean confusing ratio of each pair with the dissimilarity of the spectra ({source}). It "
+        "is exact: it tries every order of the materials, so that P cannot be smaller than 1 / orders.",
     )
     return Table("Confusion against dissimilarity (Mantel's test)", header, rows, notes=notes)
 
@@ -237,99 +235,83 @@ def _row(limits: NDArray[np.float64] | None) -> Ends:
     return (None, None) if limits is None else (float(limits[0]), float(limits[1]))
 
 
-HEADER = ("term", "odds ratio", "95 % CI", "P")
-
-
 def trials_section(results: Results) -> Section:
-    """Both models, one below the other."""
+    """Return both models of single trials, one below the other."""
     found = results.trials
     paragraphs = (
-        "Whether an answer was right, trial by trial. Odds ratios are per step that the term names; trials of one "
-        "participant, in whatever task, count as alike.",
-        *(f"Not in the models: {name}: {why}." for name, why in found.absent.items()),
+        "These models predict whether each single answer was right, and allow for trials of one participant, in any "
+        "task, being alike. Each odds ratio is that of the step that its term names.",
+        *(f"The models do not use the term '{name}': {why}." for name, why in found.absent.items()),
         *_left_out(found),
-        *(f"Not defined: {name}: {why}." for name, why in found.statements.items()),
+        *(f"The {name} could not be fitted: {why}." for name, why in found.statements.items()),
     )
-    tables = [table for table in (_gee(found), _mixed_logit(found)) if table]
-    records = [*_trial_records("GEE logit", found.gee), *_trial_records("mixed logit", found.mixed)]
-    return Section("trials", "Single trials", paragraphs, tuple(tables), tuple(records))
+    models = (
+        ("GEE logit", "", "correlation within a participant", found.gee),
+        ("mixed logit", ", with a random intercept for each participant", "SD of the random intercepts", found.mixed),
+    )
+    fitted = [(name, of, spread, model) for name, of, spread, model in models if model is not None]
+    tables = tuple(_model_table(name[0].upper() + name[1:] + of, spread, model) for name, of, spread, model in fitted)
+    records = tuple(record for name, _, spread, model in fitted for record in _trial_records(name, spread, model))
+    return Section("trials", "Single trials", paragraphs, tables, records)
 
 
 def _left_out(found: TrialLevel) -> list[str]:
     if not found.left_out:
         return []
     by_task = ", ".join(f"{count} in {task}" for task, count in found.left_out.items())
-    who = f"; nothing is left of the participants {', '.join(found.gone)}" if found.gone else ""
+    who = f"; no trial is left of the participants {', '.join(found.gone)}" if found.gone else ""
     trials = plural(sum(found.left_out.values()), "trial")
-    return [f"Left out, without one of the values used: {trials} ({by_task}){who}."]
+    return [f"The models leave out {trials} that lack one of the values used ({by_task}){who}."]
 
 
-def _gee(found: TrialLevel) -> Table | None:
-    if (model := found.gee) is None:
-        return None
-    notes = (
-        _wald(model),
-        f"Correlation within a participant: {model.spread:.3f}. Standard errors of Mancl and DeRouen.",
-        *(f"statsmodels said on the way: {said}." for said in model.warned),
-    )
-    title = f"GEE logit: {model.trials} trials of {model.participants} participants"
-    return Table(title, HEADER, _rows(model), notes=notes)
-
-
-def _mixed_logit(found: TrialLevel) -> Table | None:
-    if (model := found.mixed) is None:
-        return None
-    notes = (
-        _wald(model),
-        f"SD of the random intercepts: {model.spread:.2f}. Maximum likelihood; these are the odds of one participant, "
-        "further from 1 than those of the population above, the more participants differ.",
-    )
-    title = f"Mixed logit, a random intercept a participant: {model.trials} trials"
-    return Table(title, HEADER, _rows(model), notes=notes)
-
-
-def _rows(model: TrialModel) -> tuple[tuple[str, ...], ...]:
-    return tuple(
+def _model_table(title: str, spread: str, model: TrialModel) -> Table:
+    rows = tuple(
         (one.name, number(math.exp(one.estimate), 2), f"{math.exp(one.low):.2f} to {math.exp(one.high):.2f}",
          probability(one.p))
         for one in model.coefficients
     )  # fmt: skip
-
-
-def _wald(model: TrialModel) -> str:
     tests = "; ".join(f"{t.name}: chi2({t.df}) = {t.chi2:.2f}, P = {probability(t.p)}" for t in model.terms)
-    return f"Wald tests: {tests}."
+    if title.startswith("GEE"):
+        about = f"The {spread} is {model.spread:.3f}. The standard errors are those of Mancl and DeRouen."
+    else:
+        about = (
+            f"The {spread} is {model.spread:.2f}. The fit is by maximum likelihood. These are the odds of one "
+            "participant; the more participants differ, the further they are from 1 than those of the population."
+        )
+    notes = (f"Wald tests: {tests}.", about, *(f"statsmodels warned during the fit: {said}." for said in model.warned))
+    size = f"{model.trials} trials of {model.participants} participants"
+    return Table(f"{title}: {size}", ("term", "odds ratio", "95 % CI", "P"), rows, notes=notes)
 
 
-def _trial_records(kind: str, model: TrialModel | None) -> list[Mapping[str, object]]:
-    if model is None:
-        return []
+def _trial_records(kind: str, spread: str, model: TrialModel) -> list[Mapping[str, object]]:
     records: list[Mapping[str, object]] = [
         {"model": kind, "term": one.name, "log_odds": one.estimate, "se": one.error, "low": one.low, "high": one.high,
          "p": one.p}
         for one in model.coefficients
     ]  # fmt: skip
     records += [{"model": kind, "term": t.name, "chi2": t.chi2, "df": t.df, "p": t.p} for t in model.terms]
-    spread = "correlation within a participant" if kind.startswith("GEE") else "SD of the random intercepts"
     return [*records, {"model": kind, "term": spread, "value": model.spread}]
 
 
 def course_section(found: TimeCourse) -> Section:
-    """Tables of what there is, and a statement on what there is not."""
+    """Return tables of what the dataset holds, and a statement on each thing that it lacks."""
     paragraphs = [
-        f"Share of right answers over all participants: in runs of {WINDOW} trials, with BCa intervals from "
-        f"{RESAMPLES} resamples of whole participants; and by the speed of the foot, with Wilson's intervals, which "
-        "take all trials as independent. Every run of trials stands in course.csv."
-    ]
-    paragraphs += [f"No {what}, {task}: {why}." for (task, what), why in found.statements.items()]
+        f"The share of right answers of all participants is given in runs of {WINDOW} trials, with BCa intervals from "
+        f"{RESAMPLES} resamples of whole participants, and by the speed of the foot, with Wilson's intervals, which "
+        "treat all trials as independent. course.csv holds every run of trials."
+    ] * bool(found.learning or found.speed)
+    lacking: dict[tuple[str, str], list[str]] = {}
+    for (task, what), why in found.statements.items():
+        lacking.setdefault((what, why), []).append(task)
+    paragraphs += [f"The dataset gives no {what} for {' and '.join(of)}: {why}." for (what, why), of in lacking.items()]
     for task, windows in found.learning.items():
         reasons = dict.fromkeys(one.statement for one in windows if one.statement)
-        paragraphs += [f"No interval of some runs of trials, {task}: {why}." for why in reasons]
+        paragraphs += [f"Some runs of trials of {task} have no interval: {why}." for why in reasons]
     tables = (_learning_table(found), _speed_table(found), _onsets(found), _timing(found), _masker(found))
     return Section(
         "course",
         "Course of the tasks",
-        tuple(paragraphs if found.learning or found.speed else paragraphs[1:]),
+        tuple(paragraphs),
         tuple(table for table in tables if table.rows),
         tuple(_course_records(found)),
     )
@@ -373,7 +355,8 @@ def _timing(found: TimeCourse) -> Table:
     )  # fmt: skip
     header = ("task", "what", "attempts", "median (ms)", "SD (ms)", "p99", "p99.9", "largest")
     notes = (
-        "All attempts, those that were done again among them; p99, p99.9 and largest: either way, in ms; - : too few.",
+        "All attempts count, including those that were repeated. p99, p99.9 and largest are magnitudes in ms; - means "
+        "that there are too few attempts for a percentile.",
     )
     return Table("Timing", header, rows, left=frozenset({0, 1}), notes=notes)
 
@@ -384,7 +367,7 @@ def _masker(found: TimeCourse) -> Table:
          f"{min(one.low_db_a for one in levels):.1f} to {max(one.high_db_a for one in levels):.1f}")
         for task, levels in found.masker.items()
     )  # fmt: skip
-    notes = ("Median of the participants' medians; lowest and highest level of any trial.",)
+    notes = ("The table gives the median of the participants' medians, and the lowest and highest level of any trial.",)
     return Table("Masker, dB(A)", ("task", "participants", "median", "range"), rows, notes=notes)
 
 

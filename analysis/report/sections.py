@@ -1,36 +1,37 @@
-"""Results -> sections: the tables as they are read, with the records behind them."""
+"""Results -> sections: the tables of the report, the records behind them, and every formula by its name."""
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import asdict
 
 from analysis.audit.audit import Comparison, comparison_section
-from analysis.documents.tables import (
-    Section,
-    Table,
-    bayes_factor,
-    interval,
-    lacks_a_limit,
-    number,
-    plural,
-    probability,
-)
-from analysis.identification.results import ComponentReliability, Reliability, Results, TaskResult
+from analysis.documents.tables import Section, Table, bayes_factor, interval, lacks_a_limit, number, plural, probability
+from analysis.identification.identify import CHOICE_RESAMPLES, INFORMATION_RESAMPLES
+from analysis.identification.results import SEED, ComponentReliability, Reliability, Results, TaskResult
+from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
 from analysis.reading.study import Study, sentences
-from analysis.report.identification_sections import course_section, identification_sections, trials_section
+from analysis.report.identification_sections import (
+    ARBITRARY,
+    confusions_section,
+    course_section,
+    intervals_section,
+    trials_section,
+)
 from analysis.statistics.anova import Anova, Effect
 from analysis.statistics.icc import NAMES
+from analysis.statistics.intervals import RESAMPLES
 from analysis.statistics.t_tests import EffectSize
 from experiment.records.events import NO_ANSWER
 
 FEW = 10
-"""Participants left out of a matrix, beyond whom a terminal counts the rest."""
+"""The most participants left out of a matrix that a terminal names; it counts the others."""
 
 
 def icc_section(results: Results) -> Section:
-    """Every ICC form for every matrix, and the variance-component form."""
+    """Return every ICC form for every matrix, and the variance-component form."""
     header = ("Shrout-Fleiss", "McGraw-Wong", "ICC", "95 % CI", "F", "df1", "df2", "P")
     tables = [
         Table(table.matrix, header, _icc_rows(table), left=frozenset({0, 1}), notes=_icc_notes(table))
@@ -51,39 +52,38 @@ def icc_section(results: Results) -> Section:
             for k, meaning, value in results.components.by_k
         ]
     about = (
-        "Targets are the cells, raters the participants. ICC(1,.) = ICC(1), ICC(k): one-way random. ICC(2,.) = "
-        "ICC(A,.): two-way, absolute agreement. ICC(3,.) = ICC(C,.): two-way, consistency. The second names are McGraw "
-        "and Wong's, whose random and mixed cases share these formulas. (.,1): a single participant; (.,k): the mean "
-        "of k. Where all cells are targets, the ratios of one presented material add up to one: P and intervals are "
-        "approximate."
+        "The cells are the targets and the participants are the raters. ICC(1,.) is the one-way random form, ICC(2,.) "
+        "the two-way form for absolute agreement, and ICC(3,.) the two-way form for consistency. McGraw and Wong call "
+        "them ICC(1) and ICC(k), ICC(A,.) and ICC(C,.); their random and mixed cases share these formulas. (.,1) "
+        "describes a single participant and (.,k) the mean of k participants. Where all cells are targets, the ratios "
+        "of one presented material add up to one, so P and the intervals are approximate."
     )
-    missing = (f"No variance-component ICC: {results.two_way_statement}.",) * bool(results.two_way_statement)
+    why = results.two_way_statement
+    missing = (f"There is no variance-component ICC: {why}.",) * bool(why)
     return Section("icc", "Intraclass correlations", (about, *missing), tuple(tables), tuple(records), tuple(brief))
 
 
 def _icc_rows(reliability: Reliability) -> tuple[tuple[str, ...], ...]:
-    forms = reliability.icc.forms if reliability.icc else ()
     return tuple(
-        (f.shrout_fleiss, f.mcgraw_wong, number(f.value),
-         "-" if f.low is None or f.high is None else f"{f.low:.3f} to {f.high:.3f}",
-         number(f.f, 2), str(f.df1), str(f.df2), probability(f.p))
-        for f in forms
+        (f.shrout_fleiss, f.mcgraw_wong, number(f.value), interval(f), number(f.f, 2), str(f.df1), str(f.df2),
+         probability(f.p))
+        for f in (reliability.icc.forms if reliability.icc else ())
     )  # fmt: skip
 
 
 def _icc_notes(reliability: Reliability, most: int | None = None) -> tuple[str, ...]:
-    of = reliability.task or "every task together"
-    notes = [f"Not defined: {reliability.statement}."] * bool(reliability.statement)
+    of = reliability.task or "all tasks together"
+    notes = [f"The ICC is not defined: {reliability.statement}."] * bool(reliability.statement)
     forms: dict[str, list[str]] = {}
     for form in reliability.icc.forms if reliability.icc else ():
         if form.statement and (most is None or form.value is None):
             forms.setdefault(form.statement, []).append(form.shrout_fleiss)
     notes += [f"{', '.join(names)}{f' of {of}' * (most is not None)}: {why}." for why, names in forms.items()]
     if who := reliability.dropped:
-        lack = "a task or a material" if reliability.task is None else "a material"
+        lack = "task or material" if reliability.task is None else "material"
         more = len(who[most:]) if most else 0
-        named = ", ".join(who[:most]) + f" and {more} more, named in the report" * bool(more)
-        notes.append(f"Left out of {of}, having had no trial of {lack}: {named}.")
+        named = ", ".join(who[:most]) + f" and {more} more, whom the report names" * bool(more)
+        notes.append(f"The matrix of {of} leaves out participants who had no trial of some {lack}: {named}.")
     return tuple(notes)
 
 
@@ -93,7 +93,7 @@ def _icc_brief(results: Results) -> Table:
         (r.matrix, *(number(r.icc.form(name).value) if r.icc else "-" for name in names)) for r in results.reliabilities
     )
     notes = dict.fromkeys(note for r in results.reliabilities for note in _icc_notes(r, FEW))
-    return Table("", ("matrix", *names), rows, notes=(*notes, "F, P and intervals stand in the report and in icc.csv."))
+    return Table("", ("matrix", *names), rows, notes=(*notes, "The report and icc.csv give F, P and the intervals."))
 
 
 def _components_table(reliability: ComponentReliability) -> Table:
@@ -101,31 +101,32 @@ def _components_table(reliability: ComponentReliability) -> Table:
     parts = zip((*c.names, "residual"), (c.first, c.second, c.interaction, c.residual), strict=True)
     estimates = ", ".join(f"{name} {value:.5f}" for name, value in parts)
     notes = [
-        f"Components of variance (Henderson's method III): {estimates}. ICC = S / (S + residual / k), S the sum of the "
-        "others."
+        f"The components of variance by Henderson's method III are: {estimates}. ICC = S / (S + residual / k), where S "
+        "is the sum of the other components."
     ]
     if c.negative:
-        notes.append(f"Estimated below zero and taken as zero: {', '.join(c.negative)}.")
+        notes.append(f"These components were estimated below zero and count as zero: {', '.join(c.negative)}.")
     if any(value is None for _, _, value in reliability.by_k):
-        notes.append("Not defined: no component is above zero, so there is no variance to be a share of.")
+        notes.append("The ICC is not defined, because no component is above zero.")
     rows = tuple((str(k), number(value), meaning) for k, meaning, value in reliability.by_k)
     title = "Two-way ANOVA, task x material: variance-component ICC of the mean of k participants"
     return Table(title, ("k", "ICC", "k is"), rows, left=frozenset({2}), notes=tuple(notes))
 
 
 MANY = 20
-"""More exclusions than this are counted by rule in a terminal, and listed in the files."""
+"""A terminal counts more exclusions than this by rule; the files list them."""
 
 
 def sections(study: Study, results: Results, comparison: Comparison | None) -> tuple[Section, ...]:
-    """Every section, in reading order."""
+    """Return every section, in reading order."""
     compared = (comparison_section(study.origin, comparison),) if comparison else ()
     return (
         overview(study, results),
         exclusions_section(study),
         confusion_section(results),
         tests_section(results),
-        *identification_sections(study, results),
+        intervals_section(results),
+        confusions_section(results, study.materials, (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()),
         anova_section(results),
         icc_section(results),
         trials_section(results),
@@ -135,59 +136,36 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
 
 
 def overview(study: Study, results: Results) -> Section:
-    """What was analysed: participants and trials of each task, and the analysis that was planned."""
+    """Return what was analysed, the participants and trials of each task, and the analysis that was planned."""
     records = [
-        {
-            "task": task.task.id,
-            "title": task.task.title,
-            "participants": len(task.confusion.participants),
-            "trials": int(task.confusion.counts.sum()),
-            "without_answer": task.confusion.unanswered,
-            "chance": task.chance,
-        }
+        {"task": task.task.id, "title": task.task.title, "participants": len(task.confusion.participants),
+         "trials": int(task.confusion.counts.sum()), "without_answer": task.confusion.unanswered, "chance": task.chance}
         for task in results.tasks
-    ]
-    rows = tuple(
-        (str(r["task"]), str(r["title"]), str(r["participants"]), str(r["trials"]), str(r["without_answer"]),
-         f"{r['chance']:.4g}")
-        for r in records
-    )  # fmt: skip
+    ]  # fmt: skip
+    rows = tuple((*map(str, list(r.values())[:-1]), f"{r['chance']:.4g}") for r in records)
     header = ("task", "title", "participants", "trials", "no answer", "chance")
     name = study.name.removeprefix(f"{study.label}: ")
     paragraphs = (
-        f"{name}. Study {study.id}; {plural(len(study.participants), 'participant')} in the dataset.",
+        f"{name}. The study is {study.id}, with {plural(len(study.participants), 'participant')} in the dataset.",
         *sentences(study),
     )
     return Section("overview", "Study", paragraphs, (Table("", header, rows, left=frozenset({0, 1})),), tuple(records))
 
 
 def confusion_section(results: Results) -> Section:
-    """Confusion matrices in the layout of Okamoto's Tables 1 and 2."""
-    records: list[Mapping[str, object]] = []
-    for task in results.tasks:
-        matrix = task.confusion
-        for i, presented in enumerate(matrix.materials):
-            for j, answered in enumerate((*matrix.materials, NO_ANSWER)):
-                records.append(
-                    {
-                        "task": task.task.id,
-                        "presented": presented,
-                        "answered": answered,
-                        "participants": matrix.n(i),
-                        "trials": int(matrix.trials[:, i].sum()),
-                        "count": int(matrix.counts[:, i, j].sum()),
-                        "mean": matrix.mean(i, j),
-                        "sd": matrix.sd(i, j),
-                        "stars": task.test(presented).result.stars if i == j else "",
-                    }
-                )
-    return Section(
-        "confusion", "Answer ratios", (), tuple(_confusion_table(task) for task in results.tasks), tuple(records)
-    )
+    """Return the confusion matrices in the layout of Okamoto's Tables 1 and 2."""
+    records: list[Mapping[str, object]] = [
+        {"task": task.task.id, "presented": presented, "answered": answered, "participants": matrix.n(i),
+         "trials": int(matrix.trials[:, i].sum()), "count": int(matrix.counts[:, i, j].sum()),
+         "mean": matrix.mean(i, j), "sd": matrix.sd(i, j), "stars": task.tests[i].result.stars if i == j else ""}
+        for task in results.tasks for matrix in (task.confusion,)
+        for i, presented in enumerate(matrix.materials) for j, answered in enumerate((*matrix.materials, NO_ANSWER))
+    ]  # fmt: skip
+    return Section("confusion", "Answer ratios", (), tuple(map(_confusion_table, results.tasks)), tuple(records))
 
 
 def tests_section(results: Results) -> Section:
-    """Correct answers against chance."""
+    """Return the tests of correct answers against chance."""
     tables, records = [], []
     for task in results.tasks:
         rows = []
@@ -205,7 +183,7 @@ def tests_section(results: Results) -> Section:
             )  # fmt: skip
         notes = [f"{test.material}: {test.result.statement}." for test in task.tests if test.result.statement]
         notes += [
-            f"{test.material}: no interval of d, the noncentral t cannot be computed so far out."
+            f"{test.material}: d has no interval, because the noncentral t cannot be computed so far out."
             for test in task.tests
             if lacks_a_limit(test.d)
         ]
@@ -213,92 +191,87 @@ def tests_section(results: Results) -> Section:
         title = f"{task.task.title}: correct answers against chance, {task.chance:.4g}"
         tables.append(Table(title, header, tuple(rows), left=frozenset({0, 11}), notes=tuple(notes)))
     about = (
-        "One-sample t-tests, two-tailed. Holm's correction is taken over the materials of a task; stars follow P; d is "
-        "Cohen's. BF10 is the JZS Bayes factor, above 1 for a mean that differs from chance."
+        "These are two-tailed one-sample t-tests. Holm's correction covers the materials of one task. The stars follow "
+        "the uncorrected P. The effect size d is Cohen's. BF10 is the JZS Bayes factor; above 1 it favours a mean that "
+        "differs from chance."
     )
     return Section("tests", "Tests against chance", (about,), tuple(tables), tuple(records))
 
 
 def anova_section(results: Results) -> Section:
-    """One-way ANOVA of confused materials; two-way ANOVA of correct ratios in types I to III."""
-    header = ("source", "SS", "df", "MS", "F", "P", "partial η²", "90 % CI")
+    """Return the one-way ANOVA of confused materials, and the two-way ANOVA of correct ratios in types I to III."""
     one_way = [
-        (pair.task, f"{' and '.join(pair.pair)} ({pair.chosen})", line)
+        ((pair.task, f"{' and '.join(pair.pair)} ({pair.chosen})"), line)
         for pair in results.pairs
         for line in _lines(pair.anova)
     ]
-    reasons = {f"{pair.task}, one-way": pair.statement for pair in results.pairs if pair.statement}
-    reasons |= {f"{p.task}, one-way": p.anova.statement for p in results.pairs if p.anova and p.anova.statement}
-    reasons |= {anova.kind: anova.statement for anova in results.two_way if anova.statement}
-    two_way = [(anova.kind.removeprefix("two-way, type "), line) for anova in results.two_way for line in _lines(anova)]
-    tables = [
-        Table(
-            "One-way: the four answer ratios of two materials taken for one another",
-            ("task", "materials", *header),
-            tuple((task, pair, *_cells(line)) for task, pair, line in one_way),
-            left=frozenset({0, 1, 2}),
-        )
-    ] * bool(one_way)
-    tables += [
-        Table(
-            "Two-way: correct ratios by task and material",
-            ("type", *header),
-            tuple((kind, *_cells(line)) for kind, line in two_way),
-            left=frozenset({0, 1}),
-        )
-    ] * bool(two_way)
-    records = [{"analysis": "one-way", "task": task, "of": pair, **_record(line)} for task, pair, line in one_way]
-    records += [{"analysis": f"two-way, type {kind}", "task": "all", **_record(line)} for kind, line in two_way]
-    paragraphs = [
-        "Every ratio of a participant counts as an independent value. The ratios of one presented material add up to "
-        "one, and a participant may stand in both tasks, so F and P are approximate."
+    two_way = [
+        ((anova.kind.removeprefix("two-way, type "),), line) for anova in results.two_way for line in _lines(anova)
     ]
-    paragraphs += [f"Not defined: {name}: {reason}." for name, reason in reasons.items()]
+    header = ("source", "SS", "df", "MS", "F", "P", "partial η²", "90 % CI")
+    shown = (
+        ("One-way: the four answer ratios of two materials taken for one another", ("task", "materials"), one_way),
+        ("Two-way: correct ratios by task and material", ("type",), two_way),
+    )
+    tables = tuple(
+        Table(title, head, tuple((*of, *_cells(line)) for of, line in lines), frozenset(range(len(head) - 7)))
+        for title, names, lines in shown
+        if lines and (head := (*names, *header))
+    )
+    records = [{"analysis": "one-way", "task": of[0], "of": of[1], **_record(line)} for of, line in one_way]
+    records += [{"analysis": f"two-way, type {kind}", "task": "all", **_record(line)} for (kind,), line in two_way]
+    said = [(f"one-way ANOVA of {p.task}", p.anova.statement if p.anova else p.statement) for p in results.pairs]
+    said += [(each.kind.replace(",", " ANOVA of"), each.statement) for each in results.two_way]
+    reasons = dict(one for one in said if one[1])
     tested = {pair.task for pair in results.pairs}
-    paragraphs += [
-        f"No one-way ANOVA of {task.task.id}: no material was taken for another."
-        for task in results.tasks
-        if task.task.id not in tested
-    ]
-    sized = [(f"{task}, {pair}", line) for task, pair, line in one_way]
-    sized += [(f"two-way, type {kind}", line) for kind, line in two_way]
-    paragraphs += [
-        f"Not defined: {of}, {effect.name}: interval of partial η²; the noncentral F cannot be computed so far out."
-        for of, (effect, size) in sized
-        if lacks_a_limit(size)
+    sized = [(", ".join(of), line) for of, line in one_way]
+    sized += [(f"two-way, type {kind}", line) for (kind,), line in two_way]
+    paragraphs = [
+        "Each ratio of each participant counts as an independent value. F and P are approximate, because the ratios of "
+        "one presented material add up to one and a participant may have done both tasks.",
+        *(f"The {name} is not defined: {reason}." for name, reason in reasons.items()),
+        *(
+            f"There is no one-way ANOVA of {task.task.id}: no material was taken for another."
+            for task in results.tasks
+            if task.task.id not in tested
+        ),
+        *(
+            f"The interval of partial η² is not defined for {of}, {effect.name}: the noncentral F cannot be computed "
+            "so far out."
+            for of, (effect, size) in sized
+            if lacks_a_limit(size)
+        ),
     ]
     if results.two_way_statement:
-        paragraphs.append(f"No two-way ANOVA: {results.two_way_statement}.")
-    return Section("anova", "Analysis of variance", tuple(paragraphs), tuple(tables), tuple(records))
+        paragraphs.append(f"There is no two-way ANOVA: {results.two_way_statement}.")
+    return Section("anova", "Analysis of variance", tuple(paragraphs), tables, tuple(records))
 
 
 def exclusions_section(study: Study) -> Section:
-    """Everything that was left out, and why."""
+    """Return everything that was left out, and why."""
     records = tuple(asdict(one) for one in study.exclusions)
     if not records:
-        about = "Nothing: every attempt in the dataset is analysed."
+        about = "Nothing was left out: every attempt in the dataset is analysed."
         return Section("exclusions", "Left out", (about, *_unasked(study)), records=({},))
     rows = tuple(tuple("-" if cell is None else str(cell) for cell in record.values()) for record in records)
     table = Table("", ("participant", "task", "trial", "attempt", "rule", "reason"), rows, left=frozenset({0, 1, 4, 5}))
     count = len(study.attempts) - int(study.attempts["included"].sum())
     about = f"{count} of {len(study.attempts)} attempts are not analysed."
-    by_rule = Counter(e.rule for e in study.exclusions)
-    counted = tuple((rule, str(times)) for rule, times in by_rule.items())
-    brief = Table("", ("rule", "times"), counted, notes=("Each is listed in the report and in exclusions.csv.",))
-    return Section(
-        "exclusions", "Left out", (about, *_unasked(study)), (table,), records, (brief,) if len(records) > MANY else ()
-    )
+    counted = tuple((rule, str(times)) for rule, times in Counter(one.rule for one in study.exclusions).items())
+    brief = Table("", ("rule", "times"), counted, notes=("The report and exclusions.csv list each one.",))
+    few = len(records) <= MANY
+    return Section("exclusions", "Left out", (about, *_unasked(study)), (table,), records, () if few else (brief,))
 
 
 def _unasked(study: Study) -> list[str]:
-    """A sentence a rule and task on trials that stay in because what the rule judges is not known of them."""
+    """Return a sentence for each rule and task with trials that stay in because the rule cannot judge them."""
     counts: Counter[tuple[str, str, str]] = Counter()
     totals = study.attempts.loc[study.attempts["counted"], "task"].value_counts()
     for one in study.unasked:
         counts[one.rule, one.missing, one.task] += one.trials
     return [
-        f"Rule {rule} could not be asked of {trials} of {totals[task]} trials of {task}, {missing} not being known of "
-        "them; they stay in."
+        f"The rule {rule} could not be applied to {trials} of {totals[task]} trials of {task}, because they have no "
+        f"record of {missing}; they stay in the analysis."
         for (rule, missing, task), trials in counts.items()
     ]
 
@@ -312,16 +285,16 @@ def _confusion_table(task: TaskResult) -> Table:
         for j in answers:
             mean, sd = matrix.mean(i, j), matrix.sd(i, j)
             spread = "" if sd is None else f" ± {sd:.3f}"
-            cells.append(f"{number(mean)}{spread}{task.test(presented).result.stars if i == j else ''}")
+            cells.append(f"{number(mean)}{spread}{task.tests[i].result.stars if i == j else ''}")
         rows.append((presented, *cells))
     header = ("presented", *matrix.materials, NO_ANSWER)[: len(answers) + 1]
     people = len(matrix.participants)
     notes = [
-        f"Columns: answer. *, **, ***: correct answers above chance ({task.chance:.4g}), P below 0.05, 0.01, 0.001, "
-        "unadjusted."
+        f"Each column is an answer. *, ** and *** mark correct answers above chance ({task.chance:.4g}) with an "
+        "unadjusted P below 0.05, 0.01 and 0.001."
     ]
     notes += [
-        f"{material}: presented to {matrix.n(i)} of {plural(people, 'participant')}."
+        f"{material} was presented to {matrix.n(i)} of {plural(people, 'participant')}."
         for i, material in enumerate(matrix.materials)
         if matrix.n(i) != people
     ]
@@ -355,3 +328,99 @@ def _record(line: Line) -> dict[str, object]:
         "source": effect.name, "ss": effect.ss, "df": effect.df, "ms": effect.ms, "f": effect.f, "p": effect.p,
         **dict(zip(("partial_eta_squared", "eta_low", "eta_high"), sizes, strict=True)),
     }  # fmt: skip
+
+
+def _formulas(text: str) -> tuple[tuple[str, str], ...]:
+    """Return the name and formula of each block: a line with the name, then the formula, indented."""
+    blocks = (block.partition("\n") for block in re.split(r"\n(?=\S)", text.strip()))
+    return tuple((name, " ".join(formula.split())) for name, _, formula in blocks)
+
+
+METHODS = _formulas(f"""
+Answer ratio
+    r = count of an answer / trials in which the material was presented, for one participant; trials without an answer
+    count among the trials.
+Mean and standard deviation
+    mean = Σ r / n; SD = √( Σ (r - mean)² / (n - 1) ), over the n participants to whom the material was presented.
+t against chance
+    t = (mean - chance) / (SD / √n), with n - 1 degrees of freedom and a two-tailed P (Student).
+Cohen's d
+    d = (mean - chance) / SD.
+Stars
+    *, ** and *** mark a mean above chance with P < 0.05, 0.01 and 0.001; P is not adjusted.
+Holm's correction
+    The i-th smallest of m values of P is multiplied by m - i + 1; no result is below that of a smaller P. The family is
+    the materials of one task.
+Interval of d
+    The limits are the noncentralities at which the observed t stands at the tails of noncentral t, divided by √n
+    (Steiger and Fouladi 1997).
+Bayes factor
+    The JZS Bayes factor has a Cauchy prior of scale √2 / 2 on the effect size (Rouder et al. 2009, equation (1)); BF10
+    above 1 favours a mean that differs from chance.
+Intervals of a ratio
+    Wilson's score interval has no continuity correction; Clopper and Pearson's comes from beta quantiles; the BCa
+    bootstrap (Efron 1987) draws participants, and its acceleration comes from leaving out one participant at a time.
+Information
+    I = H(presented) + H(answered) - H(both), in bits. Miller and Madow subtract ( Σ (R_s - 1) - (R - 1) ) / (2 N ln 2),
+    where R_s answers occurred to material s and R answers occurred at all. Panzeri and Treves (1996) estimate R_s by
+    Bayes's rule.
+d'
+    p = ∫ φ(z - d') Φ(z)^(m - 1) dz, solved for d' (Green and Swets 1966; Hacker and Ratcliff 1979).
+Similarity-choice model
+    p(j | i) = s_ij b_j / Σ s_ik b_k, with s_ij = s_ji and s_ii = 1 (Luce 1963), is fitted by maximum likelihood with
+    iterative proportional fitting; G² = 2 Σ n ln(n / fitted) has (M - 1)(M - 2) / 2 degrees of freedom.
+Map and Mantel's test
+    The map is the classical scaling (Torgerson 1952) of 1 - (p_ij + p_ji) / (p_ii + p_jj). Mantel's test (1967) takes
+    Pearson's r over the pairs; P is the share of all orders of the materials with r at least as extreme.
+One-way ANOVA
+    F = ( Σ nᵢ (meanᵢ - mean)² / (g - 1) ) / ( Σ Σ (r - meanᵢ)² / (N - g) ). The g = 4 groups are the ratios of two
+    materials a and b: a answered to a, b to b, b to a, and a to b.
+Two-way ANOVA
+    The effects are fixed, with interaction, on the correct ratios; R( ) is a reduction in the sum of squares. Type I:
+    R(task), R(material | task). Type II: R(task | material), R(material | task). Type III: each effect given all
+    others, with sum-to-zero contrasts. The interaction is the same in all types. Sums are formed in rational numbers.
+Partial eta squared
+    df1 F / (df1 F + df2). Its interval of 90 % inverts noncentral F, with a noncentrality L giving L / (L + df1 + df2 +
+    1) (Steiger 2004), and excludes 0 exactly when P < 0.05.
+ICC, one-way random
+    ICC(1,1) = ICC(1) = (MSR - MSW) / (MSR + (k - 1) MSW); ICC(1,k) = ICC(k) = (MSR - MSW) / MSR.
+ICC, two-way, absolute agreement
+    ICC(2,1) = ICC(A,1) = (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n); ICC(2,k) = ICC(A,k) = (MSR - MSE) /
+    (MSR + (MSC - MSE) / n).
+ICC, two-way, consistency
+    ICC(3,1) = ICC(C,1) = (MSR - MSE) / (MSR + (k - 1) MSE); ICC(3,k) = ICC(C,k) = (MSR - MSE) / MSR.
+ICC, names and intervals
+    MSR, MSC, MSE and MSW are the mean squares of the n targets, of the k raters (participants), of their interaction,
+    and within targets. The names are Shrout and Fleiss's (1979) = McGraw and Wong's (1996). F = MSR / MSW or MSR / MSE;
+    the intervals come from F, for ICC(2,.) with Satterthwaite's degrees of freedom.
+Variance-component ICC
+    S / (S + residual / k), where S is the sum of the components of task, material and their interaction. Henderson's
+    method III sets reductions in the sum of squares equal to their expectations, with all factors random. Negative
+    components count as zero.
+Single trials
+    logit P(right) = intercept + task + material + covariates. The GEE is exchangeable within a participant, with the
+    covariance of Mancl and DeRouen (2001). The mixed logit has a normal intercept for each participant and is fitted by
+    maximum likelihood with adaptive Gauss-Hermite quadrature (Pinheiro and Bates 1995). Tests are Wald's. Covariates
+    are used together if at least half of the trials of every task and of every material have all of them.
+Learning curve
+    Right answers / trials of all participants together, in every run of {WINDOW} trial numbers, with a BCa interval
+    over participants.
+Speed curve
+    Right answers / trials in bins of the foot's speed, with Wilson's interval. The bins are the narrowest of
+    {", ".join(map(str, BIN_WIDTHS_MM_S))} mm/s of which no more than {MOST_BINS} are needed.
+Onset error
+    The measured onset of the stimulus at the panel minus the contact of the foot, in the trials analysed.
+Timing
+    Every attempt of the participants analysed counts, including those that were repeated. Percentiles are of the
+    magnitude, interpolated linearly, and given from 100 (p99) and 1,000 (p99.9) attempts on. The dead time runs from a
+    confirmed answer until the next trial is armed, without the time to lay out an object. Simulated time has no
+    durations.
+Random draws
+    Resamples draw whole participants with numpy's default_rng, seeded with [{SEED}, place of the task from 0], and a
+    further 1 for the learning curve: {RESAMPLES} resamples for the intervals of ratios, of d' and of the learning
+    curve, {INFORMATION_RESAMPLES} for information, {CHOICE_RESAMPLES} for similarities and biases. Nothing else is
+    drawn: the same dataset gives the same numbers.
+Correlation with the paper
+    Pearson's r over the cells of one printed table.
+""")
+"""Name and formula, in the order in which the report needs them."""

@@ -1,7 +1,6 @@
-"""The report of a validation: its sections and their records, its numbers for JSON, its figures, and the files.
+"""The report of a validation: sections with their records, numbers for JSON, figures, and the files.
 
-The figures are Figures 6, 7, 12 and 13 of Okamoto et al. from the recordings at hand. One function draws a figure, or a
-panel of it, into the axes it is given.
+The figures are Figures 6, 7, 12 and 13 of Okamoto et al. from the recordings at hand.
 """
 
 from __future__ import annotations
@@ -29,15 +28,14 @@ from experiment.synthesis.spectra import BAND_HZ
 METHODS = (
     ("Spectrum", "C_k = (2/N) sum of y_i cos(pi k (i + 1/2) / N), at F k / (2 N) hertz. Equation (1)."),
     ("Panel", "C'_k = max(|C_k| - mean |C_k| of the bare panel at the same speed, 0). Equation (2)."),
-    ("Synthesis", "C'_k linear in speed between neighbouring recorded speeds, floored at zero. Equation (3)."),
-    ("Dissimilarity", "Sum over 0 to 500 Hz of the differences of two magnitudes. Equation (6)."),
+    ("Synthesis", "C'_k is linear in speed between neighbouring recorded speeds, and floored at zero. Equation (3)."),
+    ("Dissimilarity", "The differences of two magnitudes are summed over 0 to 500 Hz. Equation (6)."),
 )
-"""Names and formulas."""
 
 
 @dataclass(frozen=True)
 class Validated:
-    """The validation, and the files it was written to."""
+    """The validation, and the files that hold it."""
 
     validation: Validation
     sections: tuple[Section, ...]
@@ -46,17 +44,17 @@ class Validated:
 
     @property
     def report(self) -> Path:
-        """The HTML report."""
+        """Return the path of the HTML report."""
         return self.out / page.REPORT
 
     def text(self, width: int = WIDTH) -> str:
-        """Everything for a terminal; the last line is the report's path."""
+        """Return everything for a terminal; the last line is the report's path."""
         band = [self.validation.label] if self.validation.label else []
         parts = (text(part, width) for part in self.sections)
         return "\n\n\n".join([*band, *parts, *band, f"Report: {self.report}"])
 
     def as_dict(self) -> dict[str, Any]:
-        """Every number but the spectra, for JSON; and the paths."""
+        """Return every number but the spectra, and the paths, for JSON."""
         paths = {"out": str(self.out), "report": str(self.report), "files": [str(path) for path in self.files]}
         return {**numbers(self.validation), **paths}
 
@@ -66,16 +64,12 @@ def validate(
 ) -> Validated:
     """Validate recordings against fresh takes, and write tables, figures and the report into `out`.
 
-    Args:
-        recorded: from which stimuli are synthesised.
-        fresh: takes of the same materials, of the same rate and length, at other speeds or the same.
-        out: folder of the results; replaced there is only what an earlier validation wrote.
-        average: over takes, as the protocol states it; what the other gives stands beside it.
-        figures: whether to draw the figures, which takes most of the time.
+    The fresh takes are of the same materials, rate and length. Takes are averaged as the protocol states; the result of
+    the other average stands beside it. Drawing the figures takes most of the time.
 
     Raises:
-        RecordingError: recordings at a single speed, or fresh takes that do not compare with them.
-        DatasetError: a folder within a dataset, or a file in the way.
+        RecordingError: for recordings at a single speed, or fresh takes that do not compare with them.
+        DatasetError: for a folder within a dataset, or a file in the way.
     """
     check(out, (), "validate")
     validation = compute(recorded, fresh, average=average)
@@ -87,13 +81,13 @@ def validate(
 
 
 def sections(validation: Validation) -> tuple[Section, ...]:
-    """Every section, in reading order."""
+    """Return every section, in reading order."""
     overlaid = (_overlay(validation),) if validation.overlays else ()
     return (_classification(validation), *overlaid, _dissimilarity(validation))
 
 
 def numbers(validation: Validation) -> dict[str, Any]:
-    """Every number but the spectra, for JSON."""
+    """Return every number but the spectra, for JSON."""
     return {
         "label": validation.label,
         "recordings": validation.recordings,
@@ -129,10 +123,6 @@ def numbers(validation: Validation) -> dict[str, Any]:
     }
 
 
-def _speed(mm_s: float) -> str:
-    return f"{mm_s:g}"
-
-
 def _classification(validation: Validation) -> Section:
     tables = []
     records: list[dict[str, object]] = []
@@ -143,7 +133,7 @@ def _classification(validation: Validation) -> Section:
         verdicts.append(f"{one.material}: {close} of {total}{enough}")
         per_speed = one.chosen.shape[1]
         rows = tuple(
-            (_speed(v), *(str(n) if n else "" for n in counts), f"{near} of {per_speed}")
+            (f"{v:g}", *(str(n) if n else "" for n in counts), f"{near} of {per_speed}")
             for v, counts, near in zip(one.observed_mm_s, one.counts, one.close, strict=True)
         )
         marked = frozenset(
@@ -152,31 +142,31 @@ def _classification(validation: Validation) -> Section:
             for column, candidate in enumerate(one.candidates_mm_s)
             if candidate == v
         )
-        header = ("observed mm/s", *map(_speed, one.candidates_mm_s), "same or neighbour")
+        header = ("observed mm/s", *(f"{v:g}" for v in one.candidates_mm_s), "same or neighbour")
         tables.append(Table(f"{one.material}: takes put on each speed", header, rows, marked=marked))
         records += _records(one)
     text = "; ".join(
-        f"{material} at {_speed(observed)} mm/s, {n} on {_speed(chosen)} mm/s"
+        f"{material} at {observed:g} mm/s, {n} on {chosen:g} mm/s"
         for material, observed, chosen, n in dissimilarities.load().counts
     )
     head = "At least half" if validation.holds else "NOT everywhere at least half"
+    others = "; ".join(f"{one.material}: {int(one.close.sum())} of {one.takes}" for one in validation.other.classified)
     paragraphs = (
         *([validation.fitted] if validation.fitted else []),
-        f"Recordings: {validation.recordings}. Fresh takes: {validation.fresh}.",
+        f"The recordings are {validation.recordings}. The fresh takes are {validation.fresh}.",
         f"{head} of the takes of every material were put on the same or a neighbouring speed: {'; '.join(verdicts)}.",
-        "Candidates are all recorded and observed speeds; neighbours are next to one another among them. Each take is "
-        "compared by itself, the average panel subtracted. Single takes look slower than they were: a sum of absolute "
-        "differences is least at the median of a random magnitude, and syntheses come from means.",
-        f"Takes are averaged by {validation.average}. Averaged by {validation.other.average}, it would be: "
-        + "; ".join(f"{one.material}: {int(one.close.sum())} of {one.takes}" for one in validation.other.classified)
-        + ".",
-        f"The paper's text gives, of ten takes each: {text}.",
+        "The candidates are all recorded and observed speeds; neighbours are next to one another among them. Each take "
+        "is compared by itself, less the average panel. Single takes look slower than they were, because a sum of "
+        "absolute differences is least at the median of a random magnitude, and syntheses come from means.",
+        f"Takes are averaged by {validation.average}. Averaged by {validation.other.average}, the counts would be: "
+        f"{others}.",
+        f"The paper's text reports, of ten takes each: {text}.",
     )
     return Section("classification", "Takes put on speeds", paragraphs, tuple(tables), tuple(records))
 
 
 def _records(one: Classified) -> list[dict[str, object]]:
-    """One a take."""
+    """Return one record for each take."""
     return [
         {
             "material": one.material,
@@ -184,7 +174,7 @@ def _records(one: Classified) -> list[dict[str, object]]:
             "take": j + 1,
             "chosen_mm_s": float(one.candidates_mm_s[one.chosen[i, j]]),
             **{
-                f"dissimilarity_{_speed(c)}_mm_s": float(d)
+                f"dissimilarity_{c:g}_mm_s": float(d)
                 for c, d in zip(one.candidates_mm_s, one.dissimilarities[i, j], strict=True)
             },
         }
@@ -194,7 +184,7 @@ def _records(one: Classified) -> list[dict[str, object]]:
 
 
 def _overlay(validation: Validation) -> Section:
-    rows = tuple((one.material, _speed(one.speed_mm_s), number(one.dissimilarity, 2)) for one in validation.overlays)
+    rows = tuple((one.material, f"{one.speed_mm_s:g}", number(one.dissimilarity, 2)) for one in validation.overlays)
     table = Table("Synthesised and averaged observed spectra", ("material", "mm/s", "dissimilarity m/s^2"), rows)
     records: list[dict[str, object]] = [
         {
@@ -208,7 +198,7 @@ def _overlay(validation: Validation) -> Section:
         for f, observed, synthesised in zip(validation.frequencies_hz, one.observed, one.synthesised, strict=True)
         if f <= BAND_HZ[1]
     ]
-    paragraphs = ("Both are averages of as many takes as were recorded at each speed, the panel subtracted.",)
+    paragraphs = ("Both spectra average as many takes as were recorded at each speed, less the panel.",)
     return Section("overlay", "Synthesised and observed spectra", paragraphs, (table,), tuple(records))
 
 
@@ -221,8 +211,8 @@ def _dissimilarity(validation: Validation) -> Section:
         there = printed.get(frozenset((a, b)))
         ways = (ratios.get((a, b)), ratios.get((b, a)))
         other = validation.other.pairs[a, b]
-        printed_here = there.text if there else "-"
-        rows.append((a, b, number(value, 2), number(other, 2), printed_here, *(number(ratio, 2) for ratio in ways)))
+        shown = (number(value, 2), number(other, 2), there.text if there else "-", *(number(way, 2) for way in ways))
+        rows.append((a, b, *shown))
         records.append(
             {
                 "material_a": a,
@@ -235,36 +225,34 @@ def _dissimilarity(validation: Validation) -> Section:
             }
         )
     table = Table(
-        f"Normalised dissimilarity at {_speed(validation.reference_mm_s)} mm/s",
+        f"Normalised dissimilarity at {validation.reference_mm_s:g} mm/s",
         ("a", "b", "here", validation.other.average, "Table 3", "a taken for b", "b taken for a"),
         tuple(rows),
         left=frozenset({0, 1}),
         notes=(
-            f"Takes are averaged by {validation.average}, and in the column after it by {validation.other.average}.",
-            "The last two columns are answer ratios of Table 2, real materials, as printed.",
+            f"Takes are averaged by {validation.average}, and in the next column by {validation.other.average}.",
+            "The last two columns are the answer ratios that Table 2 prints for real materials.",
         ),
     )
-    rho, swapped = validation.rank_correlation, validation.other.rank_correlation
     outside = (
-        f"{_speed(validation.reference_mm_s)} mm/s, at which the paper compares materials, lies outside the recorded "
-        "speeds: these spectra are EXTRAPOLATED."
+        f"{validation.reference_mm_s:g} mm/s, at which the paper compares materials, lies outside the recorded speeds: "
+        "these spectra are EXTRAPOLATED."
     )
+    rho, swapped = validation.rank_correlation, validation.other.rank_correlation
+    found = "The paper has no answer ratios of these materials, or too few for a correlation."
+    if rho is not None:
+        also = f" ({swapped:.2f} averaged by {validation.other.average})" if swapped is not None else ""
+        found = f"Spearman's rank correlation of ratio and dissimilarity is {rho:.2f}, over {len(ratios)} ratios{also}."
     paragraphs = (
         *([validation.fitted] if validation.fitted else []),
         *([outside] if validation.extrapolated else []),
-        "Materials whose spectra differ less should be confused more often. "
-        + (
-            f"Spearman's rank correlation of answer ratio and dissimilarity: {rho:.2f}, over {len(ratios)} ratios"
-            + (f" ({swapped:.2f} averaged by {validation.other.average})." if swapped is not None else ".")
-            if rho is not None
-            else "The paper has no answer ratios of these materials, or too few for a correlation."
-        ),
+        f"Materials whose spectra differ less should be confused more often. {found}",
     )
     return Section("dissimilarity", "Dissimilarity of materials", paragraphs, (table,), tuple(records))
 
 
 def sheets(validation: Validation) -> tuple[Sheet, ...]:
-    """Every figure that the validation has numbers for."""
+    """Return every figure for which the validation has numbers."""
     with mpl.rc_context(COLUMN_STYLE):
         return tuple(_sheets(validation))
 
@@ -275,7 +263,7 @@ def _sheets(validation: Validation) -> Iterator[Sheet]:
     for axes, of_it in zip(panels, validation.classified, strict=True):
         classification(axes, of_it)
     common_key(figure, panels[0])
-    said = "Speeds on which fresh takes were put (as Fig. 7 of Okamoto et al.). The numbers stand in the tables here."
+    said = "The speeds on which fresh takes were put (as Fig. 7 of Okamoto et al.). The tables here give the numbers."
     yield Sheet("classification", "classification", said, figure)
 
     if validation.overlays:
@@ -283,12 +271,12 @@ def _sheets(validation: Validation) -> Iterator[Sheet]:
         for axes, one in zip(panels, validation.overlays, strict=True):
             overlay(axes, one, f)
         common_key(figure, panels[0])
-        said = "Synthesised spectra and averages of observed ones, the panel subtracted (as Fig. 6 of Okamoto et al.)."
+        said = "Synthesised spectra and averages of observed ones, less the panel (as Fig. 6 of Okamoto et al.)."
         yield Sheet("overlay", "overlay", said, figure)
 
-    figure, (axes,) = sheet([2.6], f"Materials at {validation.reference_mm_s:g} mm/s, the panel subtracted", label)
+    figure, (axes,) = sheet([2.6], f"Materials at {validation.reference_mm_s:g} mm/s, less the panel", label)
     spectra(axes, validation.spectra, f)
-    said = "Amplitude spectra of the materials, the panel subtracted (as Fig. 12 of Okamoto et al.)."
+    said = "Amplitude spectra of the materials, less the panel (as Fig. 12 of Okamoto et al.)."
     yield Sheet("spectra", "dissimilarity", said, figure)
 
     if validation.confusable:
@@ -302,7 +290,7 @@ def _sheets(validation: Validation) -> Iterator[Sheet]:
 
 
 def classification(axes: Axes, one: Classified) -> None:
-    """How many takes of each observed speed were put on each candidate (Figure 7)."""
+    """Draw how many takes of each observed speed were put on each candidate (Figure 7)."""
     places = np.arange(one.candidates_mm_s.size)
     width = 0.8 / one.observed_mm_s.size
     for i, v in enumerate(one.observed_mm_s):
@@ -324,7 +312,7 @@ def classification(axes: Axes, one: Classified) -> None:
 
 
 def overlay(axes: Axes, one: Overlay, frequencies_hz: NDArray[np.float64]) -> None:
-    """The synthesised and the averaged observed spectrum of a material (Figure 6)."""
+    """Draw the synthesised and the averaged observed spectrum of a material (Figure 6)."""
     band = frequencies_hz <= BAND_HZ[1]
     f = frequencies_hz[band]
     axes.plot(f, one.observed[band], color="black", linewidth=0.6, label="observed, average")
@@ -334,17 +322,11 @@ def overlay(axes: Axes, one: Overlay, frequencies_hz: NDArray[np.float64]) -> No
 
 
 def spectra(axes: Axes, of: dict[str, NDArray[np.float64]], frequencies_hz: NDArray[np.float64]) -> None:
-    """Amplitudes of the materials at one speed (Figure 12)."""
+    """Draw the amplitudes of the materials at one speed (Figure 12)."""
     band = frequencies_hz <= BAND_HZ[1]
     for i, (material, amplitudes) in enumerate(of.items()):
-        axes.plot(
-            frequencies_hz[band],
-            amplitudes[band],
-            LINES[i % len(LINES)],
-            color=colour(i),
-            linewidth=0.7,
-            label=short(material, 22),
-        )
+        line, name = LINES[i % len(LINES)], short(material, 22)
+        axes.plot(frequencies_hz[band], amplitudes[band], line, color=colour(i), linewidth=0.7, label=name)
     _amplitudes(axes)
     key(axes)
 
@@ -357,7 +339,7 @@ def _amplitudes(axes: Axes) -> None:
 
 
 def _confusions(validation: Validation) -> dict[str, list[tuple[float, float]]]:
-    """Both ratios of every pair of materials against its dissimilarity (Figure 13)."""
+    """Return both ratios of every pair of materials with its dissimilarity (Figure 13)."""
     found: dict[str, list[tuple[float, float]]] = {}
     for a, b in validation.pairs:
         points = [(p.dissimilarity, p.ratio) for p in validation.confusable if {p.presented, p.answered} == {a, b}]

@@ -168,7 +168,7 @@ def test_the_report_states_label_exclusions_and_formulas(okamoto: Analysis) -> N
     text = okamoto.report.read_text(encoding="utf-8")
     body = text[text.index("<body>") :]
     assert body.startswith(f'<body><div class="band" role="note">{LABELS["RECONSTRUCTION"]}')
-    assert "Nothing: every attempt in the dataset is analysed." in body
+    assert "Nothing was left out: every attempt in the dataset is analysed." in body
     for name in ("Holm", "Henderson", "ICC(A,1)", "Type III", "Cohen", "seeded with [1, place of the task"):
         assert name in body
 
@@ -210,7 +210,7 @@ def _no_nan(found: Analysis) -> str:
 def test_one_task(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": balanced(k)} for k in range(1, 5)}
     shown = _no_nan(analyse([write_dataset(tmp_path, sessions)]))
-    assert "No two-way ANOVA: two-way ANOVA needs two levels of task, got 1." in shown
+    assert "There is no two-way ANOVA: two-way ANOVA needs two levels of task, got 1." in shown
     assert "Against the paper" not in shown
 
 
@@ -218,7 +218,7 @@ def test_one_participant(tmp_path: Path) -> None:
     shown = _no_nan(analyse([write_dataset(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})]))
     assert "one participant: SD, t and P are not defined" in shown
     assert "an ICC needs two targets and two raters" in shown
-    assert "No two-way ANOVA: two-way ANOVA needs two participants in a cell" in shown
+    assert "There is no two-way ANOVA: two-way ANOVA needs two participants in a cell" in shown
 
 
 def test_constant_answers(tmp_path: Path) -> None:
@@ -226,7 +226,7 @@ def test_constant_answers(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": rows, "real": rows} for k in range(1, 4)}
     shown = _no_nan(analyse([write_dataset(tmp_path, sessions)]))
     assert "no variance, t and P are not defined" in shown
-    assert "Not defined: two-way, type III: no variance within the groups" in shown
+    assert "The two-way ANOVA of type III is not defined: no variance within the groups" in shown
 
 
 def test_the_same_answer_to_everything_by_everyone(tmp_path: Path) -> None:
@@ -240,7 +240,7 @@ def test_unequal_numbers_missing_answers_and_missing_materials(tmp_path: Path) -
     sessions["5"] = {"virtual": trials([("sand", "sand"), ("sand", "(none)"), ("snow", "snow")])}
     found = analyse([write_dataset(tmp_path, sessions)])
     shown = _no_nan(found)
-    assert "glass: presented to 4 of 5 participants." in shown
+    assert "glass was presented to 4 of 5 participants." in shown
     assert "(none)" in shown
     assert [r.icc.raters for r in found.results.reliabilities if r.icc] == [4, 4, 4, 4, 4]
 
@@ -304,4 +304,4 @@ def test_a_material_that_was_never_presented(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": balanced(k, 4, MATERIALS[:2])} for k in range(1, 4)}
     shown = _no_nan(analyse([write_dataset(tmp_path, sessions)]))
     assert "snow: nobody was presented this material." in shown
-    assert "snow: presented to 0 of 3 participants." in shown
+    assert "snow was presented to 0 of 3 participants." in shown

@@ -102,7 +102,7 @@ def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
 
 def test_no_command_takes_away_what_another_wrote(tmp_path: Path) -> None:
     publish(tmp_path, {"report.html": b"one"}, "a label", "analyse")
-    with pytest.raises(DatasetError, match="holds what `palpate analyse` wrote; `palpate export` would take it"):
+    with pytest.raises(DatasetError, match="holds what `palpate analyse` wrote, which `palpate export` would remove"):
         publish(tmp_path, {"trials.csv": b"two"}, "a label", "export")
     assert _files(tmp_path) == {"report.html": b"one"}
 
@@ -112,7 +112,7 @@ def test_no_command_takes_away_what_another_wrote(tmp_path: Path) -> None:
 )
 def test_a_foreign_manifest_is_refused(tmp_path: Path, content: str) -> None:
     (tmp_path / MANIFEST).write_text(content)
-    with pytest.raises(DatasetError, match="is no manifest of palpate"):
+    with pytest.raises(DatasetError, match="is not a manifest of this version of palpate"):
         publish(tmp_path, {"a.csv": b"a"}, "a label", "analyse")
 
 
@@ -123,7 +123,9 @@ def test_nothing_is_written_among_data(tmp_path: Path, place: str, description: 
     root = tmp_path / "data"
     root.mkdir()
     (root / "dataset_description.json").write_text(description)
-    with pytest.raises(DatasetError, match=r"lies within the dataset .*data; .* only below .*data/derivatives;"):
+    with pytest.raises(
+        DatasetError, match=r"lies within the dataset .*data; allowed there: a folder below .*data/derivatives;"
+    ):
         publish(root / place, {"a.csv": b"a"}, "a label", "analyse")
     assert _files(root) == {"dataset_description.json": description.encode()}
 

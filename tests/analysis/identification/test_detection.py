@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from analysis.identification.information import corrected, d_prime, proportion_correct
+from analysis.identification.confusion import corrected, d_prime, proportion_correct
 from analysis.statistics.exact import NotDefined
 from tests.analysis.reference import printed
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.identification.information import information, likely_answers, transmitted
+from analysis.identification.confusion import information, likely_answers, transmitted
 from analysis.statistics.exact import NotDefined
 from tests.analysis.reference import printed
 

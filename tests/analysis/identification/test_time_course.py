@@ -125,12 +125,13 @@ def test_what_a_dataset_lacks_is_said(tmp_path: Path) -> None:
     found = _course(tmp_path, {"1": _session("101")})
     assert (found.speed, found.onsets, found.masker) == ({}, {}, {})
     assert found.statements == {
-        ("real", SPEED): "the foot's speed is known of 0 of 3 trials",
-        ("real", ONSET): "a measured onset is known of 0 of 3 trials",
-        ("real", MASKER): "the masker's level is known of 0 of 3 trials",
-        ("real", TIMING): "nothing of it was measured",
+        ("real", SPEED): "the speed of the foot is known for none of 3 trials",
+        ("real", ONSET): "the onset of the stimulus was measured for none of 3 trials",
+        ("real", MASKER): "the level of the masker is known for none of 3 trials",
+        ("real", TIMING): "no part of the timing was measured",
     }
-    assert "No onset errors, real: a measured onset is known of 0 of 3 trials." in course_section(found).paragraphs
+    wanted = "The dataset gives no onset errors for real: the onset of the stimulus was measured for none of 3 trials."
+    assert wanted in course_section(found).paragraphs
 
 
 def test_a_reconstruction_has_no_order(repository_root: Path) -> None:

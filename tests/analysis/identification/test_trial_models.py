@@ -173,9 +173,9 @@ def test_the_same_trials_give_the_same_numbers(tmp_path: Path) -> None:
 def test_what_is_not_in_the_dataset_is_said(tmp_path: Path) -> None:
     trials = design(_study(tmp_path, speeds=False))
     assert trials.absent == {
-        FASTER: "known of 0 of 720 trials",
-        RESPONSE: "known of 0 of 720 trials",
-        LATER: "the order of the tasks is not known of everyone",
+        FASTER: "it is known for 0 of 720 trials",
+        RESPONSE: "it is known for 0 of 720 trials",
+        LATER: "the order of the tasks is not known for every participant",
     }
     assert trials.names[-1] == TRIAL
 
@@ -198,8 +198,8 @@ def test_a_covariate_of_one_task_alone_is_dropped_and_not_the_other_task(tmp_pat
     _known(study, "foot_speed_mm_s", virtual)
     _known(study, "response_time_s", ~virtual)
     trials = design(study)
-    assert trials.absent[FASTER] == "known of 0 of 360 trials of task real"
-    assert trials.absent[RESPONSE] == "known of 0 of 360 trials of task virtual"
+    assert trials.absent[FASTER] == "it is known for 0 of 360 trials of task real"
+    assert trials.absent[RESPONSE] == "it is known for 0 of 360 trials of task virtual"
     assert "task" in trials.terms
     assert (trials.left_out, len(trials.correct)) == ({}, 720)
 
@@ -219,7 +219,7 @@ def test_covariates_that_hardly_meet_are_not_used_together(tmp_path: Path) -> No
     _known(study, "foot_speed_mm_s", place < 6)
     _known(study, "response_time_s", place >= 4)
     trials = design(study)
-    assert trials.absent[RESPONSE] == f"known of 432 of 720 trials, and together with {FASTER} of 144"
+    assert trials.absent[RESPONSE] == f"it is known for 432 of 720 trials, and together with {FASTER} for 144"
     assert FASTER in trials.terms
     assert trials.left_out == {"virtual": 144, "real": 144}
 
@@ -230,15 +230,15 @@ def test_participants_without_a_trial_left_are_named(tmp_path: Path) -> None:
     assert design(study).gone == ("3",)
     said = trials_section(compute(study, {})).paragraphs
     assert (
-        "Left out, without one of the values used: 60 trials (30 in virtual, 30 in real); nothing is left of the "
-        "participants 3." in said
+        "The models leave out 60 trials that lack one of the values used (30 in virtual, 30 in real); no trial is left "
+        "of the participants 3." in said
     )
 
 
 def test_one_order_of_tasks_for_all_cannot_be_told_from_the_task(tmp_path: Path) -> None:
     study = _study(tmp_path)
     trials = design(replace(study, first_tasks=dict.fromkeys(study.participants, "virtual")))
-    assert trials.absent[LATER].startswith("in these trials it cannot be told from task, material")
+    assert trials.absent[LATER].startswith("these trials cannot tell it from task, material")
     assert np.linalg.matrix_rank(trials.matrix) == len(trials.names)
 
 
@@ -299,7 +299,7 @@ def test_what_statsmodels_says_of_a_fit_that_converges_is_shown(monkeypatch: pyt
     assert found.warned == ("the scale is odd",)
     results = SimpleNamespace(trials=TrialLevel(found, None, {}, {}, (), {}))
     (table,) = trials_section(results).tables  # type: ignore[arg-type]
-    assert table.notes[-1] == "statsmodels said on the way: the scale is odd."
+    assert table.notes[-1] == "statsmodels warned during the fit: the scale is odd."
 
 
 def test_too_few_participants(tmp_path: Path) -> None:

@@ -109,7 +109,7 @@ def test_the_report_counts_trials_of_which_a_rule_could_not_be_asked(tmp_path: P
     exclusions, unasked = exclude(study.attempts, {"1": False}, [_rule("speed-above", 300)])
     said = exclusions_section(replace(study, exclusions=exclusions, unasked=unasked)).paragraphs
     assert said[0] == "1 of 12 attempts are not analysed."
-    assert said[1].startswith("Rule speed-above could not be asked of 10 of 12 trials of real, the foot's speed not")
+    assert said[1].startswith("The rule speed-above could not be applied to 10 of 12 trials of real, because they have")
     assert exclusions_section(replace(study, exclusions=(), unasked=unasked)).paragraphs[1] == said[1]
 
 

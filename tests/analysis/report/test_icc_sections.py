@@ -25,12 +25,12 @@ def test_participants_left_out_of_a_matrix_are_named_under_it(tmp_path: Path) ->
     sessions["5"] = {"virtual": trials([("sand", "sand"), ("snow", "snow")]), "real": balanced(9)}
     sessions["6"] = {"virtual": balanced(3)}
     notes = [
-        tuple(note for note in table.notes if note.startswith("Left out"))
+        tuple(note for note in table.notes if "leaves out participants" in note)
         for table in _section(tmp_path, sessions).tables[:5]
     ]
-    in_virtual = ("Left out of virtual, having had no trial of a material: 5.",)
-    in_both = ("Left out of every task together, having had no trial of a task or a material: 5, 6.",)
-    assert notes == [in_virtual, in_virtual, (), (), in_both]
+    in_virtual = ("The matrix of virtual leaves out participants who had no trial of some material: 5.",)
+    said = "The matrix of all tasks together leaves out participants who had no trial of some task or material: 5, 6."
+    assert notes == [in_virtual, in_virtual, (), (), (said,)]
 
 
 def test_many_are_counted_in_the_terminal_and_named_in_the_report(tmp_path: Path) -> None:
@@ -38,7 +38,7 @@ def test_many_are_counted_in_the_terminal_and_named_in_the_report(tmp_path: Path
     sessions |= {str(k): {"virtual": trials([("sand", "sand"), ("snow", "sand")])} for k in range(5, 19)}
     found = _section(tmp_path, sessions)
     ten = ", ".join(map(str, range(5, 15)))
-    assert found.brief[0].notes[0].endswith(f": {ten} and 4 more, named in the report.")
+    assert found.brief[0].notes[0].endswith(f": {ten} and 4 more, whom the report names.")
     assert found.tables[0].notes[0].endswith(f": {ten}, 15, 16, 17, 18.")
 
 
@@ -67,13 +67,13 @@ def test_dashes_where_every_answer_is_right_have_their_reason(tmp_path: Path) ->
     results = _results(tmp_path, {str(k): {"virtual": right, "real": right} for k in range(1, 6)})
     components = icc_section(results).brief[-1]
     assert {row[1] for row in components.rows} == {"-"}
-    assert any(note.startswith("Not defined: no component is above zero") for note in components.notes)
-    assert [line for line in anova_section(results).paragraphs if line.startswith("No one-way")] == [
-        f"No one-way ANOVA of {task}: no material was taken for another." for task in ("virtual", "real")
+    assert "The ICC is not defined, because no component is above zero." in components.notes
+    assert [line for line in anova_section(results).paragraphs if line.startswith("There is no one-way")] == [
+        f"There is no one-way ANOVA of {task}: no material was taken for another." for task in ("virtual", "real")
     ]
 
 
 def test_a_variance_component_icc_that_cannot_be_is_said(tmp_path: Path) -> None:
     results = _results(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})
     assert results.components is None
-    assert f"No variance-component ICC: {results.two_way_statement}." in icc_section(results).paragraphs
+    assert f"There is no variance-component ICC: {results.two_way_statement}." in icc_section(results).paragraphs

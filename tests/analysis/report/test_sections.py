@@ -20,10 +20,11 @@ def test_limits_of_effect_sizes(repository_root: Path, monkeypatch: pytest.Monke
     results = compute(read(repository_root / "participants" / "okamoto2012"), {})
     notes = [note for table in sections.tests_section(results).tables for note in table.notes]
     assert len(notes) == 8
-    assert notes[0] == "copy paper: no interval of d, the noncentral t cannot be computed so far out."
+    assert notes[0] == "copy paper: d has no interval, because the noncentral t cannot be computed so far out."
     said = sections.anova_section(results).paragraphs
-    assert sum("interval of partial η²" in one for one in said) == 2 + 9
-    assert any(one.startswith("Not defined: two-way, type III, material: interval of partial η²;") for one in said)
+    assert sum("interval of partial η² is not defined" in one for one in said) == 2 + 9
+    wanted = "The interval of partial η² is not defined for two-way, type III, material: the noncentral F cannot"
+    assert any(one.startswith(wanted) for one in said)
 
 
 def test_corrections_beyond_what_can_be_transmitted(tmp_path: Path) -> None:
@@ -36,14 +37,15 @@ def test_corrections_beyond_what_can_be_transmitted(tmp_path: Path) -> None:
     assert found.rows[0][2] == "1.585"
     assert found.rows[0][5:] == ("1.615", "1.615")
     above, below = found.notes[1:]
-    assert above.startswith("virtual: a corrected value is above the bits presented, and no more can be transmitted")
-    assert below.startswith("real: a corrected value is below 0, and no less can be transmitted")
+    assert above.startswith("virtual: a corrected value is above the bits presented, although no more can be transmit")
+    assert below.startswith("real: a corrected value is below 0, although no less can be transmitted")
 
 
 def test_the_interval_of_the_information(tmp_path: Path) -> None:
     study = read(write_dataset(tmp_path, {"1": {"virtual": balanced(1)}, "2": {"virtual": balanced(2)}}))
     said = confusions_section(compute(study, {}), study.materials, ()).paragraphs
-    assert "Not defined: virtual, interval of the information: a bootstrap needs 3 participants, got 2." in said
+    why = "a bootstrap needs 3 participants, got 2"
+    assert f"The interval of the information is not defined for virtual: {why}." in said
 
 
 def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_trials(tmp_path: Path) -> None:
@@ -54,7 +56,7 @@ def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_tr
     results = compute(study, {})
     tables = confusions_section(results, study.materials, ()).tables
     (notes,) = [table.notes for table in tables if "similarity-choice" in table.title]
-    assert not any("In brackets" in note for note in notes)
-    assert "No intervals: a bootstrap needs 3 participants, got 2." in notes
+    assert not any("Brackets hold" in note for note in notes)
+    assert "There are no intervals: a bootstrap needs 3 participants, got 2." in notes
     (learning,) = [one for one in sheets(results, "") if one.name == "learning"]
-    assert learning.caption.startswith("Share of right answers in 5 successive trials;")
+    assert learning.caption.startswith("Share of right answers in 5 successive trials,")

@@ -61,7 +61,7 @@ def test_materials_that_the_paper_has_not_are_compared_with_one_another_alone() 
 def test_simulated_recordings_are_said_to_be_fitted_wherever_they_stand_beside_the_paper(tmp_path: Path) -> None:
     recorded, fresh = of_the_paper(SPEEDS, 3, simulated=True), of_the_paper(FRESH, 10, simulated=True)
     made = report.validate(recorded, fresh, tmp_path, figures=False)
-    told = "Agreement with Table 3, with Figure 7, and of the rank correlation with Table 2 is made, not found"
+    told = "Agreement with Table 3, with Figure 7, and of the rank correlation with Table 2 was made, not found"
     for slug in ("classification", "dissimilarity"):
         assert told in " ".join((tmp_path / "tables" / f"{slug}.md").read_text("utf-8").split())
     assert " ".join(made.text().split()).count(told) == 2
@@ -94,7 +94,7 @@ def test_takes_are_averaged_as_asked_and_the_other_average_is_told(average: Aver
     swapped = validate.compute(recorded, fresh, average=other)
     assert (swapped.pairs, swapped.rank_correlation) == (made.other.pairs, made.other.rank_correlation)
     told = " ".join(" ".join(section.paragraphs) for section in sections(made))
-    assert f"Takes are averaged by {average}. Averaged by {other}, it would be: copy paper: " in told
+    assert f"Takes are averaged by {average}. Averaged by {other}, the counts would be: copy paper: " in told
 
 
 def test_materials_compared_beyond_the_recorded_speeds_are_said_to_be_extrapolated() -> None:
