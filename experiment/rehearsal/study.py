@@ -25,10 +25,9 @@ from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.progress import progress
-from experiment.rehearsal import pool
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.participant import Tick
-from experiment.rehearsal.session import Job, rehearse_participant
+from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant
 from experiment.study import roster
 
 PLAN = "rehearsal.json"
@@ -138,7 +137,7 @@ def rehearse(
             for job in todo:
                 rehearse_participant(job, tick, screen)
         else:
-            pool.rehearse(todo, jobs, tick)
+            rehearse_at_once(todo, jobs, tick)
     build.build(out)
     return out
 

@@ -40,8 +40,8 @@ from experiment.errors import SessionError, SynthesisError, TrackerError
 from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY
 from experiment.rehearsal.footstep.foot import Foot, Hesitation
-from experiment.rehearsal.footstep.materials import SimulatedMaterials, known
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
+from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials, known
 from experiment.synthesis.spectra import spectrum
 
 NOTICEABLE = 10 ** (2.5 / 20)

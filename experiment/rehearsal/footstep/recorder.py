@@ -36,8 +36,7 @@ from experiment.recordings.store import Condition, Plan, plan
 from experiment.recordings.workflow import Step
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.materials import CRUSH_MM
-from experiment.rehearsal.footstep.recorded_takes import RecordingSession
+from experiment.rehearsal.footstep.recorded_takes import CRUSH_MM, RecordingSession
 from experiment.rehearsal.wires.serial_line import SerialLine
 
 REST_NOISE_M_S2 = 0.002

@@ -13,9 +13,15 @@ from experiment.protocol.files import load as load_protocol
 from experiment.protocol.models import Protocol
 from experiment.recordings.manifest import load
 from experiment.recordings.store import plan
-from experiment.rehearsal.footstep import materials, recorded_takes
-from experiment.rehearsal.footstep.materials import CRACKLES, Course, SimulatedMaterials, power_law_energies, pulses
-from experiment.rehearsal.footstep.recorded_takes import make_recordings
+from experiment.rehearsal.footstep import recorded_takes
+from experiment.rehearsal.footstep.recorded_takes import (
+    CRACKLES,
+    Course,
+    SimulatedMaterials,
+    make_recordings,
+    power_law_energies,
+    pulses,
+)
 from experiment.synthesis.spectra import dissimilarity, spectrum
 from tests.reference.okamoto2012 import TABLE_3
 
@@ -109,7 +115,7 @@ def test_accelerations_have_a_plausible_size_and_rise_with_speed(material: str) 
 def test_a_take_with_an_object_holds_the_panels_thump(monkeypatch: pytest.MonkeyPatch) -> None:
     """With pulses too weak to matter, what is left is the bare panel's take, 10 mm later: 0.05 s at 200 mm/s."""
     silent = {name: dataclasses.replace(c, pulses_per_s=1e-9) for name, c in CRACKLES.items()}
-    monkeypatch.setattr(materials, "CRACKLES", silent)
+    monkeypatch.setattr(recorded_takes, "CRACKLES", silent)
     still = SimulatedMaterials(rate_hz=5000, samples=2500)
     take = still.crinkle_take("copy paper", speed_mm_s=200, rng=np.random.default_rng(1))
     assert not take[:250].any() or np.abs(take[:250]).max() < 1e-12

@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from experiment.errors import RecordingError, SessionError, SynthesisError
-from experiment.rehearsal.footstep.materials import SimulatedMaterials
 from experiment.rehearsal.footstep.participant import Observer, third_octaves
+from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from experiment.synthesis.crinkle import CrinkleSpectra, subtract
 from tests.experiment.synthesis.stimuli import waveform
 from tests.reference.okamoto2012 import MATERIALS as IDS
