@@ -108,7 +108,19 @@ def build(root: Path) -> None:
         ],
         origin=origin,
     )
-    bids.write_description(root, _text(protocol, origin))
+    rehearsed = origin == "REHEARSAL"
+    text = bids.DatasetText(
+        study=protocol.study.id,
+        name=protocol.study.title,
+        origin=origin,
+        license="CC0-1.0" if rehearsed else "n/a: ask the laboratory",
+        authors=("palpate, simulated",) if rehearsed else ("The laboratory named in the protocol",),
+        tasks=tuple(task.id for task in protocol.tasks),
+        references=(protocol.study.source,),
+        readme=README[origin],
+        software_version=__version__,
+    )
+    bids.write_description(root, text)
 
 
 def _read(path: Path) -> _Session:
@@ -249,20 +261,6 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
             description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
             origin=origin,
         )
-
-
-def _text(protocol: Protocol, origin: bids.Origin) -> bids.DatasetText:
-    return bids.DatasetText(
-        study=protocol.study.id,
-        name=protocol.study.title,
-        origin=origin,
-        license="CC0-1.0" if origin == "REHEARSAL" else "n/a: ask the laboratory",
-        authors=("palpate, simulated",) if origin == "REHEARSAL" else ("The laboratory named in the protocol",),
-        tasks=tuple(task.id for task in protocol.tasks),
-        references=(protocol.study.source,),
-        readme=README[origin],
-        software_version=__version__,
-    )
 
 
 def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str) -> bids.TaskText:

@@ -1,1 +1,1 @@
-"""experiment/rehearsal/footstep"""
+"""SIMULATED feet, panels, participants and recordings of the footstep study."""

@@ -1,1 +1,1 @@
-"""experiment/rehearsal/wires"""
+"""The simulated serial line and sound card between the simulated world and the real ports."""

@@ -39,10 +39,10 @@ def test_the_parameters_alone_give_table_3_on_average() -> None:
     sums = dict.fromkeys(TABLE_3, 0.0)
     for seed in range(40):
         rng = np.random.default_rng((99, seed))
-        panel = np.abs(spectrum([MATERIALS.panel_take(speed_mm_s=200, rng=rng) for _ in range(3)])).mean(axis=0)
+        panel = np.abs(spectrum([MATERIALS.take(None, speed_mm_s=200, rng=rng) for _ in range(3)])).mean(axis=0)
         own = {}
         for material in CRACKLES:
-            takes = [MATERIALS.crinkle_take(material, speed_mm_s=200, rng=rng) for _ in range(3)]
+            takes = [MATERIALS.take(material, speed_mm_s=200, rng=rng) for _ in range(3)]
             own[material] = np.maximum(np.abs(spectrum(takes)).mean(axis=0) - panel, 0)[:501]
         scores = {(a, b): float(dissimilarity(own[a], own[b], frequencies_hz=f)) for a, b in TABLE_3}
         for pair, score in scores.items():
@@ -105,7 +105,7 @@ def test_no_session_that_meets_the_table_is_an_error_not_a_loop(
 def test_accelerations_have_a_plausible_size_and_rise_with_speed(material: str) -> None:
     rng = np.random.default_rng(3)
     peaks = [
-        np.median([np.abs(MATERIALS.crinkle_take(material, speed_mm_s=v, rng=rng)).max() for _ in range(15)])
+        np.median([np.abs(MATERIALS.take(material, speed_mm_s=v, rng=rng)).max() for _ in range(15)])
         for v in (50, 100, 200, 300)
     ]
     assert peaks == sorted(peaks)
@@ -117,11 +117,11 @@ def test_a_take_with_an_object_holds_the_panels_thump(monkeypatch: pytest.Monkey
     silent = {name: dataclasses.replace(c, pulses_per_s=1e-9) for name, c in CRACKLES.items()}
     monkeypatch.setattr(recorded_takes, "CRACKLES", silent)
     still = SimulatedMaterials(rate_hz=5000, samples=2500)
-    take = still.crinkle_take("copy paper", speed_mm_s=200, rng=np.random.default_rng(1))
+    take = still.take("copy paper", speed_mm_s=200, rng=np.random.default_rng(1))
     assert not take[:250].any() or np.abs(take[:250]).max() < 1e-12
     loudest = np.abs(take).max()
     assert loudest == pytest.approx(
-        np.abs(still.panel_take(speed_mm_s=200, rng=np.random.default_rng(2))).max(), rel=0.5
+        np.abs(still.take(None, speed_mm_s=200, rng=np.random.default_rng(2))).max(), rel=0.5
     )
 
 
@@ -169,17 +169,17 @@ def test_no_pulse_is_silence() -> None:
 @pytest.mark.parametrize("speed", [1e-300, 1.0, 19.9, 55.0, 390.0, 10_000.0])
 def test_any_speed_of_a_leg_gives_finite_takes(speed: float) -> None:
     rng = np.random.default_rng(6)
-    assert np.all(np.isfinite(MATERIALS.crinkle_take("typing paper", speed_mm_s=speed, rng=rng)))
-    assert np.all(np.isfinite(MATERIALS.panel_take(speed_mm_s=speed, rng=rng)))
+    assert np.all(np.isfinite(MATERIALS.take("typing paper", speed_mm_s=speed, rng=rng)))
+    assert np.all(np.isfinite(MATERIALS.take(None, speed_mm_s=speed, rng=rng)))
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, np.nan, np.inf])
 def test_other_speeds_are_refused(speed: float) -> None:
-    for take in (lambda **k: MATERIALS.crinkle_take("copy paper", **k), MATERIALS.panel_take):
+    for material in ("copy paper", None):
         with pytest.raises(SynthesisError, match="speed_mm_s: got"):
-            take(speed_mm_s=speed, rng=np.random.default_rng(0))
+            MATERIALS.take(material, speed_mm_s=speed, rng=np.random.default_rng(0))
 
 
 def test_an_unknown_material_is_refused() -> None:
     with pytest.raises(RecordingError, match="'cork'"):
-        MATERIALS.crinkle_take("cork", speed_mm_s=100, rng=np.random.default_rng(0))
+        MATERIALS.take("cork", speed_mm_s=100, rng=np.random.default_rng(0))
