@@ -170,6 +170,7 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
         answer = answers.get(attempt)
         stimulus, onset = (step.stimulus, step.onset) if isinstance(step, FootStep) else (None, None)
         heard = onset.delivered if onset else None
+        missed_ns = heard.onset_ns - onset.contact_ns if onset and heard and heard.onset_ns is not None else None
         reason = redone.get(attempt, None if answer else "no answer was confirmed")
         rows.append(
             {
@@ -185,7 +186,7 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
                 "frames_lost": step.link.lost + step.link.damaged,
                 "floored_bins": stimulus.floored_bins if stimulus else None,
                 "delivered": heard.delivered if heard else None,
-                "onset_error": _onset_error_s(onset),
+                "onset_error": None if missed_ns is None else round(missed_ns / 1e9, 6),
                 "redo_reason": step.reason if isinstance(step, BrokenOff) else reason,
                 "origin": origin,
                 **maskers[attempt],
@@ -205,12 +206,6 @@ def _timing_s(step: FootStep | BrokenOff, onset: Onset | None) -> dict[str, obje
         "dead_time": step.dead_time_ms,
     }
     return {column: round(ms / 1e3, 6) for column, ms in known_ms.items() if ms is not None}
-
-
-def _onset_error_s(onset: Onset | None) -> float | None:
-    if onset is None or onset.delivered is None or onset.delivered.onset_ns is None:
-        return None
-    return round((onset.delivered.onset_ns - onset.contact_ns) / 1e9, 6)
 
 
 def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.Origin) -> None:

@@ -102,13 +102,14 @@ def plan(
     Raises:
         RecordingError: speeds do not rise or are no foot's, or the number of takes is out of range.
     """
-    speeds = tuple(float(v) for v in speeds_mm_s) or protocol.footstep.synthesis.speeds_mm_s
+    synthesis = protocol.footstep.synthesis
+    speeds = tuple(float(v) for v in speeds_mm_s) or synthesis.speeds_mm_s
     if not (all(SLOWEST_MM_S <= v <= FASTEST_MM_S for v in speeds) and all(np.diff(speeds) > 0)):
         raise RecordingError(
             f"speeds: got {', '.join(f'{v:g}' for v in speeds)} mm/s; allowed: {SLOWEST_MM_S:g} to {FASTEST_MM_S:g}, "
             "each above the one before; give such speeds in rising order"
         )
-    count = protocol.footstep.synthesis.takes if takes is None else takes
+    count = synthesis.takes if takes is None else takes
     if not 1 <= count <= 100:
         raise RecordingError(f"takes: got {count}; allowed: 1 to 100; give another number")
     return Plan(
@@ -119,27 +120,21 @@ def plan(
         materials=tuple(material.id for material in protocol.materials),
         speeds_mm_s=speeds,
         takes=count,
-        rate_hz=protocol.footstep.synthesis.rate_hz,
-        samples=protocol.footstep.synthesis.samples,
+        rate_hz=synthesis.rate_hz,
+        samples=synthesis.samples,
     )
 
 
 @dataclass(frozen=True)
-class Take:
-    """One recording.
+class Take(Condition):
+    """One recording of a condition.
 
     Attributes:
-        material: on the panel; None for the bare panel.
-        speed_mm_s: target speed of the foot, mm/s.
-        number: from 1, among takes of one condition.
         samples_m_s2: acceleration, m/s^2, shape (N,).
         achieved_mm_s: speed of the foot through the gate, mm/s; None where no tracker saw it.
         zero: where the foot rested before, from which its heights are counted; None where nothing was zeroed.
     """
 
-    material: str | None
-    speed_mm_s: float
-    number: int
     samples_m_s2: NDArray[np.float64]
     achieved_mm_s: float | None = None
     zero: Zero | None = None

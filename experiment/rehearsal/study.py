@@ -41,16 +41,9 @@ Control = Literal["none", "silence"]
 
 @dataclass(frozen=True)
 class Plan:
-    """What is rehearsed; kept on disk, so that an interrupted rehearsal continues as it was begun.
+    """What is rehearsed, as for `rehearse`; kept on disk, so that an interrupted rehearsal continues as it was begun.
 
-    Attributes:
-        label: REHEARSAL, for whoever opens the file.
-        protocol_sha256: hash of the protocol's canonical form.
-        rig_sha256: hash of the rig.
-        participants: how many of the study's participants, from the first.
-        seed: names every random draw of the rehearsal.
-        control: `silence` replaces every stimulus by zeros.
-        real_time: paced by the wall clock instead of simulated time.
+    `label` is REHEARSAL, for whoever opens the file.
     """
 
     label: str
@@ -183,7 +176,13 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
     made = False
     try:
         with _alone(out) as partial:
-            _fill(partial, plan, protocol_file, rig_file)
+            source = partial / "sourcedata"
+            source.mkdir()
+            shutil.copyfile(protocol_file, source / "protocol.toml")
+            opening.copy_rig(rig_file, source / "rig.toml")
+            protocol = files.load(source / "protocol.toml")
+            recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
+            (source / PLAN).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")
             _move(partial, out)
         made = True
         yield
@@ -219,16 +218,6 @@ def _alone(out: Path) -> Iterator[Path]:
         raise
     finally:
         lock.release()
-
-
-def _fill(partial: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> None:
-    source = partial / "sourcedata"
-    source.mkdir()
-    shutil.copyfile(protocol_file, source / "protocol.toml")
-    opening.copy_rig(rig_file, source / "rig.toml")
-    protocol = files.load(source / "protocol.toml")
-    recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
-    (source / PLAN).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")
 
 
 def _move(partial: Path, out: Path) -> None:

@@ -231,17 +231,8 @@ def record_simulated(
 ) -> Path:
     """Record SIMULATED materials unattended, or continue such a recording, and return the manifest's path.
 
-    The rig's actuator and its table are not opened.
-
-    Args:
-        protocol_file: what is recorded; its materials have simulations.
-        rig_file: of a simulated rig with an accelerometer.
-        out: folder of the recordings; new or empty.
-        seed: names every random draw.
-        speeds_mm_s: used instead of the protocol's, unless empty.
-        takes: used instead of the protocol's, unless None.
-        total: called with the number of takes.
-        tick: called after each kept take.
+    Arguments are those of `workflow.record_on_rig`; `seed` names every random draw, `total` is called with the number
+    of takes, and `tick` after each kept take. The rig's actuator and its table are not opened.
 
     Raises:
         PalpateError: a file cannot be used, or a material has no simulation.

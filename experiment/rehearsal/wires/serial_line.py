@@ -12,8 +12,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Literal, Protocol, Self
+from typing import Literal, Self
 
 Kind = Literal["pty", "tcp"]
 
@@ -28,19 +27,6 @@ class UnpluggedError(OSError):
     """The device's end of the line is gone."""
 
 
-class _End(Protocol):
-    """The device's end: takes bytes without waiting, or waits for room."""
-
-    url: str
-    tcp_port: int
-
-    def take(self, data: memoryview) -> int: ...
-
-    def wait(self, timeout_s: float) -> None: ...
-
-    def close(self) -> None: ...
-
-
 class SerialLine:
     """A line that stays usable from one opening of its port to the next, until it is unplugged."""
 
@@ -50,10 +36,10 @@ class SerialLine:
         `link` gives a pseudo-terminal a name that lasts from one plugging in to the next, as Linux does under
         /dev/serial/by-id.
         """
-        self._lay: Callable[[], _End]
+        self._lay: Callable[[], _PseudoTerminal | _Server]
         self._lay = (lambda: _PseudoTerminal(link)) if kind == "pty" else (lambda: _Server(self._tcp_port))
         self._tcp_port = 0
-        self._end: _End = self._lay()
+        self._end = self._lay()
         self._tcp_port = self._end.tcp_port
         self._lock = threading.Lock()
         self._unplugged = False
@@ -61,8 +47,7 @@ class SerialLine:
         """What pyserial opens."""
 
     def offer(self, data: bytes | memoryview) -> int:
-        """Write from the device's end what the line takes at once, and return how many bytes that was, from none to
-        all.
+        """Write what the line takes at once, and return how many bytes that was.
 
         Raises:
             UnpluggedError: the line was unplugged.
@@ -109,9 +94,7 @@ class SerialLine:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.unplug()
 
 
