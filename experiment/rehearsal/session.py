@@ -50,8 +50,10 @@ TASK_NS = 2 * 3600 * 10**9
 
 @dataclass(frozen=True)
 class Job:
-    """One participant of a rehearsal: the prepared dataset's folder, the participant's label and ordered task ids, the
-    rehearsal's seed, `none` or `silence` as control, and whether it is paced by the wall clock.
+    """One participant of a rehearsal: its prepared folder, the participant's label, and the ids of their tasks in
+    order.
+
+    `seed` is the rehearsal's, `control` is `none` or `silence`, and `real_time` says whether the wall clock paces it.
     """
 
     dataset: Path

@@ -83,8 +83,7 @@ class Bands:
 
 
 def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0) -> Bands:
-    """Return bands of a third of an octave from `low_hz` up to `high_hz`, for bins of this spacing; bands without a bin
-    are left out.
+    """Return bands of a third of an octave between the two frequencies; bands without a bin are left out.
 
     Raises:
         SynthesisError: the bins are so wide that none lies in a band; takes this short cannot be felt.
@@ -102,8 +101,7 @@ def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0
 
 
 class Observer:
-    """The touch of one simulated participant, which `rng` sets apart from others; `material_ids` are the answers it may
-    give.
+    """The touch of one simulated participant, whom `rng` sets apart from others; it answers with one of `material_ids`.
 
     Raises:
         RecordingError: a material has no simulation.

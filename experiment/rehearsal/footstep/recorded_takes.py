@@ -67,8 +67,10 @@ class Mode:
 
 @dataclass(frozen=True)
 class Crackle:
-    """A crackling material: exponent of the power law of its pulses' energies, pulses a second at the reference speed,
-    and resonances, to which a pulse of mean energy is a unit impulse.
+    """A crackling material, with its pulse rate at the reference speed.
+
+    `exponent` is that of the power law of pulse energies; `modes` are its resonances, to which a pulse of mean energy
+    is a unit impulse.
     """
 
     exponent: float
@@ -78,8 +80,9 @@ class Crackle:
 
 @dataclass(frozen=True)
 class Course:
-    """How often pulses come: `rate_per_s` while the sheet is crushed, for `crush_s`, then dying away with the time
-    constant `relaxation_s`; none comes after `window_s`.
+    """How often pulses come: steadily for `crush_s`, then dying away with the time constant `relaxation_s`.
+
+    No pulse comes after `window_s`.
     """
 
     rate_per_s: float

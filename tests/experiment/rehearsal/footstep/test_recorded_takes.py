@@ -1,4 +1,4 @@
-"""Simulated materials: crackling noise as it was described, and parameters that give Table 3 on average."""
+"""Simulated materials and sessions: crackling noise as described, Table 3 on average, one way to draw takes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.validation import validate
 from experiment.errors import RecordingError, SynthesisError
 from experiment.protocol.files import load as load_protocol
 from experiment.protocol.models import Protocol
-from experiment.recordings.manifest import load
-from experiment.recordings.store import plan
+from experiment.recordings.manifest import load, load_all
+from experiment.recordings.store import Condition, Plan, plan
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.recorded_takes import (
     CRACKLES,
@@ -22,6 +23,7 @@ from experiment.rehearsal.footstep.recorded_takes import (
     power_law_energies,
     pulses,
 )
+from experiment.rehearsal.footstep.recorder import fresh_takes
 from experiment.synthesis.spectra import dissimilarity, spectrum
 from tests.reference.okamoto2012 import TABLE_3
 
@@ -183,3 +185,55 @@ def test_other_speeds_are_refused(speed: float) -> None:
 def test_an_unknown_material_is_refused() -> None:
     with pytest.raises(RecordingError, match="'cork'"):
         MATERIALS.take("cork", speed_mm_s=100, rng=np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def planned(protocol: Protocol) -> Plan:
+    return plan(protocol, source=recorded_takes.source(1), simulated=True)
+
+
+@pytest.mark.parametrize("seed", range(1, 21))
+def test_at_least_half_of_the_takes_are_close_for_every_material(planned: Plan, seed: int) -> None:
+    """Okamoto et al., section 3.3: "the same or close speed levels", "for all types of materials"."""
+    recorded = recorded_takes.session(planned, seed=seed).recordings()
+    found = validate.compute(recorded, fresh_takes(recorded, seed=seed))
+    assert {one.material: 2 * int(one.close.sum()) >= one.takes for one in found.classified} == dict.fromkeys(
+        planned.materials, True
+    )
+
+
+def test_attempts_are_the_same_in_whatever_order_they_are_asked_for(planned: Plan) -> None:
+    one, other = (recorded_takes.RecordingSession(planned, seed=3, number=2) for _ in range(2))
+    conditions = planned.conditions()[:3]
+    there = [one.attempt(c, 2).samples_m_s2 for c in conditions]
+    back = [other.attempt(c, 2).samples_m_s2 for c in reversed(conditions)]
+    np.testing.assert_array_equal(there, back[::-1])
+
+
+def test_no_two_attempts_sessions_seeds_or_plans_share_a_draw(planned: Plan) -> None:
+    condition = Condition("copy paper", 100.0, 1)
+    longer = Plan(**{**vars(planned), "takes": planned.takes + 1})
+    drawn = [
+        recorded_takes.RecordingSession(p, seed=seed, number=number).attempt(condition, attempt).speed_mm_s
+        for p in (planned, longer)
+        for seed in (1, 2)
+        for number in (0, 1)
+        for attempt in (1, 2)
+    ]
+    assert len(set(drawn)) == 16
+
+
+def test_speeds_are_those_of_a_foot_that_aims(planned: Plan) -> None:
+    """Log-normal about the target: of 1000 attempts the mean log is within 4 standard errors of it."""
+    drawn = recorded_takes.RecordingSession(planned, seed=1, number=0)
+    target = Condition(None, 200.0, 1)
+    logs = np.log([drawn.attempt(target, n).speed_mm_s / 200 for n in range(1, 1001)])
+    assert logs.mean() == pytest.approx(0, abs=4 * recorded_takes.AIM_SIGMA / np.sqrt(1000))
+    assert logs.std() == pytest.approx(recorded_takes.AIM_SIGMA, rel=0.1)
+
+
+def test_recordings_on_disk_are_the_sessions_kept_takes(tmp_path: Path, planned: Plan, protocol: Protocol) -> None:
+    recorded_takes.make_recordings(tmp_path, protocol=protocol, seed=1)
+    drawn = recorded_takes.session(planned, seed=1).recordings()
+    for on_disk, kept in zip(load_all(tmp_path).objects.values(), drawn.objects.values(), strict=True):
+        np.testing.assert_array_equal(on_disk, kept.astype(np.float32))
