@@ -1,9 +1,8 @@
 """Writing the files of a BIDS `beh` dataset: plain tables and sidecars, the same bytes for the same content.
 
-Journals and printed counts are both converted with it. Every file is moved to its place whole. The layout is the
-Brain Imaging Data Structure 1.10 for behavioural experiments; the keys `Palpate`, `Materials`, `Rows` and
-`SessionId` are ours,
-and analysis reads them.
+Journals and printed counts are both converted with it. Every file is moved to its place whole. The layout is the Brain
+Imaging Data Structure 1.10 for behavioural experiments; the keys `Palpate`, `Materials`, `Rows` and `SessionId` are
+palpate's own, and analysis reads them.
 """
 
 from __future__ import annotations
@@ -51,9 +50,10 @@ PARTICIPANT_COLUMNS: dict[str, dict[str, object]] = {
 
 @dataclass(frozen=True)
 class DatasetText:
-    """What a dataset says about itself: `study` is the study's id, `tasks` in the order in which tables show them.
+    """What a dataset says about itself.
 
-    `origin` is what produced its rows, `authors` answer for it, `readme` is the body of README below title and label.
+    `study` is the study's id, `tasks` stand in the order of the tables, `origin` is what produced the rows, `authors`
+    answer for them, and `readme` is the body of README below title and label.
     """
 
     study: str
@@ -71,7 +71,8 @@ class DatasetText:
 class TaskText:
     """What the sidecar of a task's events says.
 
-    `materials` maps each id, in order, to its description; `session_id` is that of the journal, None without one.
+    `materials` maps each id, in order, to its description; `session_id` is the journal's, None where there is no
+    journal.
     """
 
     id: str
@@ -97,13 +98,16 @@ class PhysioColumn:
 
 @contextmanager
 def new_dataset(out: Path) -> Iterator[Path]:
-    """A folder to build a dataset in; it becomes `out` when the block ends well, and vanishes otherwise.
+    """Give a folder to build a dataset in; it becomes `out` when the block ends well, and vanishes otherwise.
 
     Raises:
-        DatasetError: when `out` exists and is not an empty folder, or cannot be made.
+        DatasetError: `out` exists and is not an empty folder, or cannot be made.
     """
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
-        raise DatasetError(f"{out} exists; a dataset is never overwritten: choose another folder or move it away")
+        raise DatasetError(
+            f"{out}: exists, and a dataset is never overwritten; allowed: a new or empty folder; choose another, or "
+            "move it away"
+        )
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         partial = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
@@ -126,12 +130,12 @@ def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, 
     A value is `n/a` where it is None, not a number, or left out; true and false are 1 and 0.
 
     Raises:
-        ValueError: for a key that is no column, or text that holds a tab or a line end.
+        ValueError: a key is no column, or a text holds a tab or a line end.
     """
     lines = ["\t".join(columns)]
     for row in rows:
         if unknown := set(row) - set(columns):
-            raise ValueError(f"no such columns: {sorted(unknown)}; columns: {list(columns)}")
+            raise ValueError(f"no such columns: {sorted(unknown)}; allowed: {list(columns)}")
         lines.append("\t".join(_cell(row.get(column)) for column in columns))
     storage.write_bytes(path, ("\n".join(lines) + "\n").encode())
     return len(lines) - 1
@@ -166,22 +170,22 @@ def write_participants(root: Path, rows: Iterable[Mapping[str, object]], *, orig
 
 
 def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
-    """Where a file of one participant and task stands: `sub-P/beh/sub-P_task-T_SUFFIX`.
+    """Return the path of a file of one participant and task: `sub-P/beh/sub-P_task-T_SUFFIX`.
 
     Raises:
-        DatasetError: when a label is not made of letters and digits alone, as BIDS asks.
+        DatasetError: a label is not made of letters and digits alone, as BIDS asks.
     """
     for what, label in (("participant", participant), ("task", task)):
         if not re.fullmatch(r"[0-9A-Za-z]+", label):
-            raise DatasetError(f"{what} {label!r} is no BIDS label; allowed: letters and digits; rename it")
+            raise DatasetError(f"{what}: got {label!r}; allowed: letters and digits, as BIDS asks; rename it")
     return root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_{suffix}"
 
 
 def write_events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[str, object]]) -> None:
     """Write the events of one session, and the sidecar that describes every column.
 
-    `participant` is a label without `sub-`; a row is one attempt, its keys are those of `event_columns.EVENT_COLUMNS`,
-    and of `event_columns.FURTHER_COLUMNS`, each of which stands in the table where some row has it.
+    `participant` is a label without `sub-`; a row is one attempt. Its keys are the columns of `EVENT_COLUMNS`, and
+    those of `FURTHER_COLUMNS`, which stand in the table where some row has them.
     """
     path = beh_path(root, participant, task.id, "events.tsv")
     attempts = list(rows)
@@ -218,19 +222,11 @@ def write_physio(
 ) -> None:
     """Write a continuous recording as `_physio.tsv.gz`, and its sidecar.
 
-    The table has no header line, as BIDS asks; stretches without a recording are rows of `n/a`.
-
-    Args:
-        path: ends in `_physio.tsv.gz`; see `beh_path`.
-        columns: name -> column; all of the same length.
-        rate_hz: samples a second.
-        start_s: time of the first sample on the events' clock, s.
-        task: the task's id.
-        description: what was recorded, with what.
-        origin: what produced it, as in `event_columns.EVENT_COLUMNS`.
+    The table has no header line, as BIDS asks; stretches without a recording are rows of `n/a`. `columns` are all of
+    one length, `rate_hz` is in samples a second, and `start_s` is the first sample's time on the events' clock.
 
     Raises:
-        ValueError: when the lengths differ.
+        ValueError: the lengths differ.
     """
     lengths = {column.values.shape for column in columns.values()}
     if len(lengths) != 1 or any(len(shape) != 1 for shape in lengths):

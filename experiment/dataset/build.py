@@ -1,4 +1,4 @@
-"""Journals to the study's BIDS dataset: events, foot traces, participants. Reads only what is on disk."""
+"""From journals to the study's BIDS dataset: events, foot traces, participants. Reads only what is on disk."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from experiment.storage import foot_path, rig_path
 from experiment.study.roster import Roster
 
 LONGEST_GAP_S = 600.0
-"""After a longer pause the foot trace goes on in a recording of its own, instead of that many rows of n/a. So it does
-where time goes back by more than a frame."""
+"""After a longer pause the foot trace continues in a recording of its own, instead of that many rows of n/a. The same
+happens where time goes back by more than a frame."""
 
 README = {
     "REHEARSAL": """
@@ -49,22 +49,24 @@ class _Session:
 
 @dataclass(frozen=True)
 class Placed:
-    """A step in the session's time.
+    """A step on the session's clock.
 
     Attributes:
         step: as the journal has it.
-        at_us: device time of its contact, or of its end where it broke off, microseconds.
-        at_s: the same, s of the session's clock from the first frame of the session's tracker.
-        drift_ppm: by how much the session's clock ran ahead of the device's.
+        at_us: device time of its contact, or of its end where it was broken off, microseconds.
+        at_s: the same on the session's clock, s from the first frame of the session's tracker.
+        drift_ppm: how much faster the session's clock ran than the device's.
+        zero_mm: how far from contact the foot rested when it was last zeroed, mm.
     """
 
     step: FootStep | BrokenOff
     at_us: float
     at_s: float
     drift_ppm: float
+    zero_mm: float
 
     def seconds(self, device_us: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Device times on the clock of `at_s`, s, shape as given."""
+        """Return device times, any shape, on the clock of `at_s`, s."""
         passed_s = (device_us - self.at_us) / 1e6
         return np.asarray(self.at_s + passed_s * (1 + self.drift_ppm * 1e-6), np.float64)
 
@@ -72,10 +74,8 @@ class Placed:
 def build(root: Path) -> None:
     """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
 
-    A journal without a header is that of a session which never started: it is left out.
-
-    Args:
-        root: the dataset; `sourcedata/` holds `protocol.toml`, the journals, and beside each its rig file.
+    `sourcedata/` holds `protocol.toml`, the journals, and beside each its rig file. A journal without a header is one
+    of a session which never started: it is left out.
 
     Raises:
         DatasetError: a part is missing, or a foot trace is not the one its journal names.
@@ -84,7 +84,7 @@ def build(root: Path) -> None:
     protocol = files.load(root / "sourcedata" / "protocol.toml")
     found = storage.journals(root)
     if not found:
-        raise DatasetError(f"{root}: holds no journal yet; run a session first")
+        raise DatasetError(f"{root}: got no journal; allowed: one or more; run a session first")
     first_tasks: dict[str, str] = {}
     withdrawn = Roster.load(storage.roster_path(root)).withdrawn
     origin: bids.Origin = "PARTICIPANT"
@@ -108,25 +108,44 @@ def build(root: Path) -> None:
         ],
         origin=origin,
     )
-    bids.write_description(root, _text(protocol, origin))
+    rehearsed = origin == "REHEARSAL"
+    text = bids.DatasetText(
+        study=protocol.study.id,
+        name=protocol.study.title,
+        origin=origin,
+        license="CC0-1.0" if rehearsed else "n/a: ask the laboratory",
+        authors=("palpate, simulated",) if rehearsed else ("The laboratory named in the protocol",),
+        tasks=tuple(task.id for task in protocol.tasks),
+        references=(protocol.study.source,),
+        readme=README[origin],
+        software_version=__version__,
+    )
+    bids.write_description(root, text)
 
 
 def _read(path: Path) -> _Session:
     contents = journal.read(path)
     zero_ns: int | None = None
+    zero_mm = 0.0
     steps: list[Placed] = []
     for entry in contents.entries:
         if isinstance(entry, TrackerOpened):
             zero_ns = entry.t_ns if zero_ns is None else zero_ns
+        elif isinstance(entry, Zeroed):
+            zero_mm = entry.offset_mm
         elif isinstance(entry, FootStep | BrokenOff):
             at_us, clock = entry.at_us if isinstance(entry, BrokenOff) else entry.contact_us, entry.clock
             if at_us is None or clock is None:
                 # No frame came.
                 continue
             if zero_ns is None:
-                raise DatasetError(f"{path}: a step stands before its tracker was opened; restore it from a backup")
+                raise DatasetError(
+                    f"{path}: got a step before its tracker was opened; allowed: the tracker first; restore the "
+                    "journal from a backup"
+                )
             at_ns = ClockMap(clock.anchor_us, clock.anchor_ns, clock.drift_ppm).session_ns(at_us)
-            steps.append(Placed(entry, at_us, (at_ns - zero_ns) / 1e9, clock.drift_ppm))
+            at_s = (at_ns - zero_ns) / 1e9
+            steps.append(Placed(entry, at_us, at_s, clock.drift_ppm, zero_mm))
     return _Session(contents, tuple(steps))
 
 
@@ -149,9 +168,9 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
         step = placed.step
         attempt = step.trial, step.attempt
         answer = answers.get(attempt)
-        landed = step if isinstance(step, FootStep) else None
-        stimulus = landed.stimulus if landed else None
-        heard = landed.onset.delivered if landed and landed.onset else None
+        stimulus, onset = (step.stimulus, step.onset) if isinstance(step, FootStep) else (None, None)
+        heard = onset.delivered if onset else None
+        missed_ns = heard.onset_ns - onset.contact_ns if onset and heard and heard.onset_ns is not None else None
         reason = redone.get(attempt, None if answer else "no answer was confirmed")
         rows.append(
             {
@@ -167,19 +186,18 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
                 "frames_lost": step.link.lost + step.link.damaged,
                 "floored_bins": stimulus.floored_bins if stimulus else None,
                 "delivered": heard.delivered if heard else None,
-                "onset_error": _onset_error_s(landed.onset) if landed else None,
+                "onset_error": None if missed_ns is None else round(missed_ns / 1e9, 6),
                 "redo_reason": step.reason if isinstance(step, BrokenOff) else reason,
                 "origin": origin,
                 **maskers[attempt],
-                **_timing_s(step),
+                **_timing_s(step, onset),
             }
         )
     return rows
 
 
-def _timing_s(step: FootStep | BrokenOff) -> dict[str, object]:
-    """What is known of a step's timing, by column, s."""
-    onset = step.onset if isinstance(step, FootStep) else None
+def _timing_s(step: FootStep | BrokenOff, onset: Onset | None) -> dict[str, object]:
+    """Return what is known of a step's timing, by column, s."""
     heard = onset.delivered if onset else None
     known_ms = {
         "prediction_error": onset.prediction_error_ms if onset else None,
@@ -190,14 +208,8 @@ def _timing_s(step: FootStep | BrokenOff) -> dict[str, object]:
     return {column: round(ms / 1e3, 6) for column, ms in known_ms.items() if ms is not None}
 
 
-def _onset_error_s(onset: Onset | None) -> float | None:
-    if onset is None or onset.delivered is None or onset.delivered.onset_ns is None:
-        return None
-    return round((onset.delivered.onset_ns - onset.contact_ns) / 1e9, 6)
-
-
 def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.Origin) -> None:
-    """The foot's height on a grid of the rig's rate, beginning anew with each step; between them nothing was recorded.
+    """Write the foot's height on a grid of the rig's rate that begins anew with each step; between steps it is n/a.
 
     A device's clock that drifts leaves a place empty now and then, or puts two of its frames in one.
     """
@@ -206,13 +218,12 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
     header = session.contents.header
     rig = rigs.load(rig_path(journal_file))
     if rigs.sha256(rig) != header.rig_sha256:
-        raise DatasetError(f"{rig_path(journal_file)}: is not the rig that the session was run with; restore the file")
+        raise DatasetError(f"{rig_path(journal_file)}: is not the rig that the session was run on; restore the file")
     path = foot_path(journal_file)
     try:
         raw = path.read_bytes()
     except OSError as error:
         raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
-    zeros_mm = _zeros_mm(session)
     rate_hz = rig.tracker.rate_hz
     places: list[NDArray[np.float64]] = []
     heights: list[NDArray[np.float64]] = []
@@ -226,9 +237,9 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
         _, decoded = frames.Decoder(near_us=int(placed.at_us)).feed(part)
         seconds = placed.seconds(decoded.device_us)
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
-        heights.append(rig.tracker.height_mm(decoded.counts) - zeros_mm[step.trial, step.attempt])
+        heights.append(rig.tracker.height_mm(decoded.counts) - placed.zero_mm)
     onward = np.diff(np.concatenate(places))
-    # Back where the session went on after the wall clock was set back: what was there already stays.
+    # Time goes back where the session continued after the wall clock was set back: what was there already stays.
     cuts = np.flatnonzero((onward > LONGEST_GAP_S * rate_hz) | (onward < -1)) + 1
     parts = (np.split(np.concatenate(whole), cuts) for whole in (places, heights))
     for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
@@ -245,32 +256,6 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
             description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
             origin=origin,
         )
-
-
-def _zeros_mm(session: _Session) -> dict[tuple[int, int], float]:
-    """By trial and attempt: how far from contact the foot rested when heights began to count from there, mm."""
-    zero_mm = 0.0
-    zeros_mm: dict[tuple[int, int], float] = {}
-    for entry in session.contents.entries:
-        if isinstance(entry, Zeroed):
-            zero_mm = entry.offset_mm
-        elif isinstance(entry, FootStep | BrokenOff):
-            zeros_mm[entry.trial, entry.attempt] = zero_mm
-    return zeros_mm
-
-
-def _text(protocol: Protocol, origin: bids.Origin) -> bids.DatasetText:
-    return bids.DatasetText(
-        study=protocol.study.id,
-        name=protocol.study.title,
-        origin=origin,
-        license="CC0-1.0" if origin == "REHEARSAL" else "n/a: ask the laboratory",
-        authors=("palpate, simulated",) if origin == "REHEARSAL" else ("The laboratory named in the protocol",),
-        tasks=tuple(task.id for task in protocol.tasks),
-        references=(protocol.study.source,),
-        readme=README[origin],
-        software_version=__version__,
-    )
 
 
 def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str) -> bids.TaskText:

@@ -1,11 +1,9 @@
 """Counts per participant, presented and answered material -> a BIDS dataset, one row a trial.
 
-A published study seldom comes with its data. Where integer counts have been found that reproduce its printed
-tables, they can stand in the same form as any other dataset, so that the same analysis reads them. Such a
-dataset says at every turn that it is a reconstruction: no time, no order of trials and no link between
-tasks is known, and none is made up.
-
-Counts files: how often each participant gave each answer to each material, CSV.
+A published study seldom comes with its data. Where integer counts have been found that reproduce its printed tables,
+they can stand in the same form as any other dataset, so that the same analysis reads them. Such a dataset says
+throughout that it is a reconstruction: no time, no order of trials and no link between tasks is known, and none is made
+up. A counts file is a CSV of how often each participant gave each answer to each material.
 """
 
 from __future__ import annotations
@@ -42,24 +40,20 @@ Counts = Mapping[int, Mapping[tuple[str, str], int]]
 
 
 def parse_task(text: str) -> tuple[str, Path]:
-    """`TASK=FILE` as task id and counts file.
-
-    Raises:
-        DatasetError: for any other text.
-    """
+    """Return task id and counts file of `TASK=FILE`. Raises `DatasetError` for any other text."""
     task, equals, file = text.partition("=")
     if not (equals and file and re.fullmatch(r"[a-z][a-z0-9]*", task)):
-        raise DatasetError(f"got {text!r}; allowed: TASK=FILE, the task in lower-case letters and digits; mend it")
+        raise DatasetError(f"got {text!r}; allowed: TASK=FILE, the task in lower-case letters and digits; correct it")
     return task, Path(file)
 
 
 def read_counts(path: Path, materials: Sequence[str]) -> Counts:
-    """Read a counts file: CSV with the header of `COLUMNS`, answers from `materials` or `event_columns.NO_ANSWER`.
+    """Return the counts in a CSV file with the header of `COLUMNS`; answers are `materials` or `NO_ANSWER`.
 
-    Participants are whole numbers, with or without zeros before them, but each in one way throughout the file.
+    Participants are whole numbers, with or without leading zeros, but each is spelt in one way throughout the file.
 
     Raises:
-        DatasetError: naming file and line, for anything that is not such a file.
+        DatasetError: the file is anything else; the error names file and line.
     """
     lines = csv.reader(_text(path).splitlines(), strict=True)
     counts: dict[int, dict[tuple[str, str], int]] = {}
@@ -72,23 +66,21 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
             where = f"{path}: line {lines.line_num}"
             participant, cell, count = _row(row, where, materials)
             if (spelling := spelt.setdefault(participant, row[0])) != row[0]:
-                raise DatasetError(f"{where}: participant: got {row[0]!r}, {spelling!r} above; write one of them")
+                raise DatasetError(
+                    f"{where}: participant: got {row[0]!r} here and {spelling!r} above; allowed: one spelling; keep one"
+                )
             if cell in counts.setdefault(participant, {}):
-                raise DatasetError(f"{where}: participant {participant}, {cell} stands twice; keep one of the lines")
+                raise DatasetError(f"{where}: got participant {participant}, {cell} twice; keep one of the lines")
             counts[participant][cell] = count
     except csv.Error as error:
         raise DatasetError(f"{path}: line {lines.line_num}: {error}; write plain CSV") from error
     if not counts:
-        raise DatasetError(f"{path}: no counts below the header; give one line a cell")
+        raise DatasetError(f"{path}: got no counts below the header; allowed: one line a cell; add them")
     return counts
 
 
 def materials_of(path: Path) -> tuple[str, ...]:
-    """Every material that a counts file presents, in its order.
-
-    Raises:
-        DatasetError: it cannot be read.
-    """
+    """Return every material that a counts file presents, in its order. Raises `DatasetError` if it cannot be read."""
     rows = csv.DictReader(_text(path).splitlines())
     return tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
 
@@ -104,12 +96,13 @@ def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tup
     if len(row) != len(COLUMNS):
         raise DatasetError(f"{where}: got {len(row)} fields; allowed: {len(COLUMNS)}, {','.join(COLUMNS)}")
     participant, presented, answered, count = row
+    answers = (*materials, NO_ANSWER)
     if not re.fullmatch(r"0{0,5}[1-9][0-9]{0,5}", participant):
         raise DatasetError(f"{where}: participant: got {participant!r}; allowed: a whole number from 1 to 999999")
     if presented not in materials:
         raise DatasetError(f"{where}: presented: got {presented!r}; allowed: {', '.join(materials)}")
-    if answered not in (*materials, NO_ANSWER):
-        raise DatasetError(f"{where}: answered: got {answered!r}; allowed: {', '.join((*materials, NO_ANSWER))}")
+    if answered not in answers:
+        raise DatasetError(f"{where}: answered: got {answered!r}; allowed: {', '.join(answers)}")
     if not re.fullmatch(r"[0-9]{1,5}", count) or int(count) > MAX_COUNT:
         raise DatasetError(f"{where}: count: got {count!r}; allowed: a whole number from 0 to {MAX_COUNT}")
     return int(participant), (presented, answered), int(count)
@@ -126,15 +119,9 @@ UNKNOWN = (
 class StudyText:
     """What is known of a published study: enough to describe its dataset.
 
-    Args:
-        id: as in the study's protocol.
-        name: title of the dataset.
-        source: where the numbers are printed.
-        materials: id -> description, in the order of the tables.
-        tasks: id -> (title, instructions).
-        license: of the dataset.
-        authors: who made the reconstruction.
-        notes: what a reader must know of these counts.
+    `id` is that of the study's protocol, `source` says where the numbers are printed, `materials` maps ids to
+    descriptions in the order of the tables, `tasks` maps ids to (title, instructions), `authors` made the
+    reconstruction, and `notes` say what a reader must know about these counts.
     """
 
     id: str
@@ -183,15 +170,12 @@ STUDIES = {OKAMOTO2012.id: OKAMOTO2012}
 
 
 def study_text(study: str, counts: Mapping[str, Path], source: str | None = None) -> StudyText:
-    """Texts of a study: those held here, or for another study the little that its counts files tell.
+    """Return the texts of a study: those held here, or for another study the little that its counts files tell.
 
-    Args:
-        study: the study's id.
-        counts: task id -> counts file.
-        source: where the counts come from; needed for a study that is not in `STUDIES`.
+    `counts` maps task ids to counts files; `source` says where they come from, which a study outside `STUDIES` needs.
 
     Raises:
-        DatasetError: for a bad id or file, or a study without texts and source.
+        DatasetError: the id or a file is bad, or the study has neither texts here nor a source.
     """
     if study in STUDIES:
         return STUDIES[study] if source is None else replace(STUDIES[study], source=source)
@@ -217,20 +201,19 @@ def import_counts(
 ) -> Path:
     """Build the dataset `out` from one counts file a task, and return its folder.
 
-    Args:
-        counts: task id -> counts file; tasks in the order in which tables show them.
-        out: folder of the new dataset.
-        study: texts of the study; every task of `counts` must be among its tasks.
-        software_version: what `GeneratedBy` states.
+    `counts` maps task ids, in the order of the tables, to counts files; `software_version` is what `GeneratedBy`
+    states.
 
     Raises:
-        DatasetError: for a bad counts file, fewer than two materials, an unknown task, or a folder that would be
-            overwritten.
+        DatasetError: a counts file is bad, there are fewer than two materials, a task is not the study's, or `out`
+        would be overwritten.
     """
     if len({path.name for path in counts.values()}) != len(counts):
-        raise DatasetError(f"counts files need different names, got {sorted(path.name for path in counts.values())}")
+        raise DatasetError(
+            f"counts files need different names: got {sorted(path.name for path in counts.values())}; rename them"
+        )
     if unknown := set(counts) - set(study.tasks):
-        raise DatasetError(f"no such tasks in {study.id}: {sorted(unknown)}; allowed: {list(study.tasks)}")
+        raise DatasetError(f"no such tasks in {study.id}: {sorted(unknown)}; allowed: {list(study.tasks)}; name those")
     tables = {task: read_counts(path, tuple(study.materials)) for task, path in counts.items()}
     if len(study.materials) < 2:
         raise DatasetError(

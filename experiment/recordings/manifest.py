@@ -1,4 +1,4 @@
-"""Recordings of materials on disk, read: one float WAV a take, and a `manifest.toml` that says what each is.
+"""Reading recordings of materials: one float WAV a take, and a `manifest.toml` that says what each take is of.
 
 `store.py` writes them:
 
@@ -14,8 +14,8 @@ unit = "m/s^2"
 [[takes]]
 file = "000_panel_50_1.wav"     # a take without material is one of the bare panel
 speed_mm_s = 50.0               # the target
-achieved_mm_s = 51.3            # as the tracker saw the foot; left out where nothing saw it
-# where the foot rested before (calibration.py): heights count from there; left out without tracker.zeroing_mm
+achieved_mm_s = 51.3            # measured by the tracker; left out where there was none
+# where the foot rested before (calibration.py): heights are counted from there; left out without tracker.zeroing_mm
 zero = { offset_mm = 1.21, spread_mm = 0.08, samples = 2500 }
 number = 1
 sha256 = "..."
@@ -46,13 +46,13 @@ MANIFEST = "manifest.toml"
 
 @dataclass(frozen=True)
 class Recordings:
-    """What `crinkle.subtract` needs, for the materials asked for.
+    """The takes of the materials asked for, as `crinkle.subtract` needs them.
 
     Attributes:
-        label: as the manifest gives it.
-        simulated: whether any of this was made by a simulation.
-        rate_hz: of every take, Hz.
-        speeds_mm_s: shape (S,).
+        label: as in the manifest.
+        simulated: whether a simulation made any of them.
+        rate_hz: sampling rate of every take, Hz.
+        speeds_mm_s: target speeds, shape (S,).
         panel: takes of the bare panel, m/s^2, shape (S, T, N).
         objects: takes of each material on the panel, m/s^2, shape (S, T, N).
     """
@@ -95,7 +95,7 @@ class _Manifest(Confined):
 
 
 def sha256(directory: Path) -> str:
-    """Identity of a set of recordings: SHA-256 of its manifest, which holds the hash of every take.
+    """Return the SHA-256 of a set of recordings: that of its manifest, which holds the hash of every take.
 
     Raises:
         RecordingError: the manifest cannot be read.
@@ -105,43 +105,31 @@ def sha256(directory: Path) -> str:
 
 
 def is_simulated(directory: Path) -> bool:
-    """Whether a set of recordings was made by a simulation. Raises `RecordingError` as `sha256`."""
+    """Return whether a simulation made a set of recordings. Raises `RecordingError` as `sha256` does."""
     return _read(directory / MANIFEST).simulated
 
 
 def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) -> Recordings:
-    """Read and check the takes of the materials asked for, and those of the bare panel; no others are opened.
-
-    Args:
-        directory: which holds the manifest.
-        synthesis: the protocol's rate, length, speeds and number of takes.
-        material_ids: materials whose takes are wanted.
+    """Read and check the takes of the bare panel and of the materials asked for; no others are opened.
 
     Raises:
-        RecordingError: naming the file, what it got, what is allowed and what to do: no or a malformed manifest, a
-            rate or length other than the protocol's, a take that is missing, twice there or changed since, a WAV
-            file that is damaged, not float, not mono or not finite.
+        RecordingError: there is no manifest or it is malformed, its rate or length is not the protocol's, or a take is
+            missing, listed twice, changed since, damaged, not float, not mono or not finite.
     """
     path = directory / MANIFEST
     manifest = _read(path)
-    for name, got, allowed in (
-        ("rate_hz", manifest.rate_hz, synthesis.rate_hz),
-        ("samples", manifest.samples, synthesis.samples),
-    ):
+    for name in ("rate_hz", "samples"):
+        got, allowed = getattr(manifest, name), getattr(synthesis, name)
         if got != allowed:
             raise RecordingError(
-                f"{path}: {name}: got {got}; allowed: {allowed}, as in the protocol; record again or change it"
+                f"{path}: {name}: got {got}; allowed: {allowed}, as in the protocol; record again, or change one of "
+                "the two"
             )
-    return _loaded(
-        directory, manifest, speeds_mm_s=synthesis.speeds_mm_s, takes=synthesis.takes, material_ids=material_ids
-    )
+    return _loaded(directory, manifest, synthesis.speeds_mm_s, synthesis.takes, material_ids)
 
 
 def load_all(directory: Path) -> Recordings:
-    """Read and check everything that a manifest names: every material, and as many takes at each speed for all.
-
-    Args:
-        directory: which holds the manifest.
+    """Read and check everything that a manifest names: every material, with as many takes at each speed for all.
 
     Raises:
         RecordingError: as `load`; or the manifest names no take of any material.
@@ -154,17 +142,12 @@ def load_all(directory: Path) -> Recordings:
             f"{path}: got {len(manifest.takes)} takes, none of a material; allowed: takes of one material or more and "
             "of the bare panel; record them with palpate record"
         )
-    return _loaded(
-        directory,
-        manifest,
-        speeds_mm_s=sorted({take.speed_mm_s for take in manifest.takes}),
-        takes=max(take.number for take in manifest.takes),
-        material_ids=tuple(materials),
-    )
+    speeds_mm_s = sorted({take.speed_mm_s for take in manifest.takes})
+    return _loaded(directory, manifest, speeds_mm_s, max(take.number for take in manifest.takes), tuple(materials))
 
 
 def _loaded(
-    directory: Path, manifest: _Manifest, *, speeds_mm_s: Sequence[float], takes: int, material_ids: Sequence[str]
+    directory: Path, manifest: _Manifest, speeds_mm_s: Sequence[float], takes: int, material_ids: Sequence[str]
 ) -> Recordings:
     path = directory / MANIFEST
     by_condition: dict[tuple[str | None, float, int], _Take] = {}
@@ -240,15 +223,15 @@ def _samples(path: Path, *, take: _Take, manifest: _Manifest) -> NDArray[np.floa
         return RecordingError(f"{path}: got {got}; allowed: {allowed}; {remedy}")
 
     if rate_hz != manifest.rate_hz:
-        raise refuse(f"{rate_hz} Hz", f"{manifest.rate_hz} Hz, as the manifest says", "record or resample it anew")
+        raise refuse(f"{rate_hz} Hz", f"{manifest.rate_hz} Hz, as the manifest says", "record or resample it again")
     if samples.dtype.kind != "f":
         raise refuse(f"{samples.dtype} samples", "float samples in m/s^2", "save it as a float WAV")
     if samples.ndim != 1:
         raise refuse(f"{samples.shape[1]} channels", "one channel", "save the accelerometer's channel alone")
     if samples.size != manifest.samples:
-        raise refuse(f"{samples.size} samples", f"{manifest.samples}, as the manifest says", "cut or record it anew")
+        raise refuse(f"{samples.size} samples", f"{manifest.samples}, as the manifest says", "cut or record it again")
     if not np.all(np.isfinite(samples)):
-        raise refuse("NaN or infinite samples", "finite numbers", "record it anew")
+        raise refuse("NaN or infinite samples", "finite numbers", "record it again")
     digest = hashlib.sha256(content).hexdigest()
     if digest != take.sha256:
         raise refuse(f"sha256 {digest[:12]}...", f"{take.sha256[:12]}... of the manifest", "restore the file")

@@ -1,6 +1,6 @@
-"""Recordings of materials on their way to disk: what is to be recorded, the takes that were kept, and the whole.
+"""What is to be recorded, the takes that were kept so far, and the finished recordings.
 
-Until all takes are there they lie, each whole, in a folder `.NAME.partial` beside the one asked for, with the plan that
+Until all takes are there, each is kept whole in a folder `.NAME.partial` beside the one asked for, with the plan that
 they belong to: materials, speeds and takes, in the order of the walk. Then the recordings are written, the files that
 `manifest.py` reads, and moved into place in one piece. A folder of recordings is therefore complete or absent, and an
 interrupted recording goes on where it stopped, one process at a time; one with another plan is refused.
@@ -34,7 +34,7 @@ from experiment.recordings.manifest import MANIFEST
 
 SLOWEST_MM_S = 10.0
 FASTEST_MM_S = 10_000.0
-"""No foot that steps is slower, and none is faster."""
+"""No stepping foot is slower or faster."""
 
 PLAN = "plan.json"
 LOCK = "lock"
@@ -42,19 +42,10 @@ LOCK = "lock"
 SIMULATED = "SIMULATED crackling noise, no recording of a real object"
 """Label of every recording that a simulation made."""
 
-_FILES = {"protocol_sha256": "the protocol", "rig_sha256": "the rig"}
-"""What hashes in a plan are of."""
-
 
 @dataclass(frozen=True)
 class Condition:
-    """What one take is of.
-
-    Attributes:
-        material: on the panel; None for the bare panel.
-        speed_mm_s: target of the foot, mm/s.
-        number: from 1, among takes of one material at one speed.
-    """
+    """What one take is of: material (None for the bare panel), target speed, and number among those, from 1."""
 
     material: str | None
     speed_mm_s: float
@@ -63,17 +54,17 @@ class Condition:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is recorded; kept on disk while it is under way.
+    """What is recorded; it is kept on disk while the recording is under way.
 
     Attributes:
         source: the rig, or the simulation with its seed.
-        protocol_sha256: of the protocol's canonical form.
-        rig_sha256: of what the rig file states.
+        protocol_sha256: hash of the protocol's canonical form.
+        rig_sha256: hash of what the rig file states; empty where no rig records.
         simulated: whether a simulation makes the takes.
-        materials: ids, after the bare panel.
-        speeds_mm_s: targets, rising, mm/s.
-        takes: of each condition.
-        rate_hz: of the takes, Hz.
+        materials: ids; the bare panel comes before them.
+        speeds_mm_s: target speeds, rising, mm/s.
+        takes: number of takes of each condition.
+        rate_hz: sampling rate of the takes, Hz.
         samples: length of a take.
     """
 
@@ -88,7 +79,7 @@ class Plan:
     samples: int
 
     def conditions(self) -> tuple[Condition, ...]:
-        """Every take, in order: the bare panel first, then the materials; slow to fast."""
+        """Return what every take is of, in order: the bare panel first, then the materials; slow to fast."""
         return tuple(
             Condition(material, speed_mm_s, number)
             for material in (None, *self.materials)
@@ -106,26 +97,19 @@ def plan(
     speeds_mm_s: tuple[float, ...] = (),
     takes: int | None = None,
 ) -> Plan:
-    """What a protocol has recorded.
-
-    Args:
-        protocol: materials, rate and length; speeds and takes unless given.
-        source: see `Plan`.
-        simulated: see `Plan`.
-        rig_sha256: see `Plan`; empty where no rig records.
-        speeds_mm_s: instead of the protocol's, such as those of fresh takes; empty for the protocol's.
-        takes: instead of the protocol's.
+    """Return what a protocol has recorded, at other speeds or with another number of takes where these are given.
 
     Raises:
-        RecordingError: speeds that do not rise or that no foot has, or no take.
+        RecordingError: speeds do not rise or are no foot's, or the number of takes is out of range.
     """
-    speeds = tuple(float(v) for v in speeds_mm_s) or protocol.footstep.synthesis.speeds_mm_s
+    synthesis = protocol.footstep.synthesis
+    speeds = tuple(float(v) for v in speeds_mm_s) or synthesis.speeds_mm_s
     if not (all(SLOWEST_MM_S <= v <= FASTEST_MM_S for v in speeds) and all(np.diff(speeds) > 0)):
         raise RecordingError(
             f"speeds: got {', '.join(f'{v:g}' for v in speeds)} mm/s; allowed: {SLOWEST_MM_S:g} to {FASTEST_MM_S:g}, "
             "each above the one before; give such speeds in rising order"
         )
-    count = protocol.footstep.synthesis.takes if takes is None else takes
+    count = synthesis.takes if takes is None else takes
     if not 1 <= count <= 100:
         raise RecordingError(f"takes: got {count}; allowed: 1 to 100; give another number")
     return Plan(
@@ -136,45 +120,30 @@ def plan(
         materials=tuple(material.id for material in protocol.materials),
         speeds_mm_s=speeds,
         takes=count,
-        rate_hz=protocol.footstep.synthesis.rate_hz,
-        samples=protocol.footstep.synthesis.samples,
+        rate_hz=synthesis.rate_hz,
+        samples=synthesis.samples,
     )
 
 
 @dataclass(frozen=True)
-class Take:
-    """One recording.
+class Take(Condition):
+    """One recording of a condition.
 
     Attributes:
-        material: on the panel; None for the bare panel.
-        speed_mm_s: target of the foot, mm/s.
-        number: from 1, among takes of one condition.
         samples_m_s2: acceleration, m/s^2, shape (N,).
         achieved_mm_s: speed of the foot through the gate, mm/s; None where no tracker saw it.
-        zero: where the foot rested before, which its heights count from; None where nothing was zeroed.
+        zero: where the foot rested before, from which its heights are counted; None where nothing was zeroed.
     """
 
-    material: str | None
-    speed_mm_s: float
-    number: int
     samples_m_s2: NDArray[np.float64]
     achieved_mm_s: float | None = None
     zero: Zero | None = None
 
 
 def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bool, label: str, note: str = "") -> Path:
-    """Write takes as float32 WAV files with their manifest, all of them on disk when this returns.
+    """Write takes as float32 WAV files with their manifest, and return the manifest's path once all of it is on disk.
 
-    Args:
-        directory: to make; it may exist if it is empty.
-        takes: all of one length.
-        rate_hz: sampling rate of every take, Hz.
-        simulated: whether any take was made by a simulation.
-        label: what these recordings are, in a few words.
-        note: anything more.
-
-    Returns:
-        The manifest's path. It is written last: a directory without one was not finished.
+    The manifest is written last: a directory without one was not finished.
 
     Raises:
         RecordingError: the directory holds anything, the takes differ in length, or a sample is not finite.
@@ -213,50 +182,43 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
         if (zero := take.zero) is not None:
             offset_mm, spread_mm = float(zero.offset_mm), float(zero.spread_mm)
             lines.append(f"zero = {{ offset_mm = {offset_mm!r}, spread_mm = {spread_mm!r}, samples = {zero.samples} }}")
-        lines += [
-            f"number = {take.number}",
-            f'sha256 = "{hashlib.sha256(buffer.getvalue()).hexdigest()}"',
-        ]
+        lines += [f"number = {take.number}", f'sha256 = "{hashlib.sha256(buffer.getvalue()).hexdigest()}"']
     manifest = directory / MANIFEST
     storage.write(manifest, ("\n".join(lines) + "\n").encode())
     return manifest
 
 
 def _toml(text: str) -> str:
-    """A TOML basic string; JSON escapes all that TOML wants escaped, but for DEL."""
+    """Return a TOML basic string; JSON escapes all that TOML wants escaped, except DEL."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def check(out: Path, planned: Plan) -> Path:
-    """Refuse a folder that is in use, or in which something else was begun.
-
-    Returns:
-        The folder of the takes that are kept until all are there; it may not exist yet.
+    """Return the folder of the takes that are kept until all are there; it may not exist yet.
 
     Raises:
-        RecordingError: saying which.
+        RecordingError: the folder is in use, or another plan was begun in it.
     """
-    if out.exists() and not out.is_dir():
-        raise RecordingError(f"{out}: is a file; allowed: a new or empty folder; choose another with --out")
-    if out.exists() and any(out.iterdir()):
-        raise RecordingError(f"{out}: holds files already; allowed: a new or empty folder; choose another with --out")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        what = "holds files already" if out.is_dir() else "is a file"
+        raise RecordingError(f"{out}: {what}; allowed: a new or empty folder; choose another with --out")
     partial = _beside(out, "partial")
     if not (partial / PLAN).exists():
         takes = len(list(partial.glob("*.npz")))
         if takes:
             raise RecordingError(
-                f"{partial}: got {takes} takes without their {PLAN}, so of what they are is not known; allowed: both; "
-                "restore it, choose another --out, or remove the folder to start clean"
+                f"{partial}: got {takes} takes without their {PLAN}, which says what they are of; allowed: both "
+                "together; restore it, choose another --out, or remove the folder to start clean"
             )
         return partial
     try:
-        begun = json.loads((partial / PLAN).read_text("utf-8"))
+        found = json.loads((partial / PLAN).read_text("utf-8"))
     except ValueError as error:
         raise RecordingError(f"{partial / PLAN}: got no JSON ({error}); remove {partial} to start clean") from error
     wanted = json.loads(json.dumps(asdict(planned)))
-    if not isinstance(begun, dict):
+    if not isinstance(found, dict):
         raise RecordingError(f"{partial / PLAN}: got no plan; remove {partial} to start clean")
-    differing = [_difference(key, begun.get(key), wanted[key]) for key in wanted if begun.get(key) != wanted[key]]
+    differing = [_difference(key, found.get(key), wanted[key]) for key in wanted if found.get(key) != wanted[key]]
     if differing:
         raise RecordingError(
             f"{partial}: holds an interrupted recording of another plan ({'; '.join(differing)}); "
@@ -267,10 +229,10 @@ def check(out: Path, planned: Plan) -> Path:
 
 @contextmanager
 def begun(planned: Plan, out: Path) -> Iterator[Path]:
-    """The folder of kept takes, held for this process; the operating system lets go however that ends.
+    """Hold the folder of kept takes for this process, and give its path; the operating system releases it in any case.
 
     Raises:
-        RecordingError: as `check`; a kept take is damaged; or another process records there.
+        RecordingError: as `check`; or a kept take is damaged, or another process records there.
     """
     partial = check(out, planned)
     partial.mkdir(parents=True, exist_ok=True)
@@ -279,11 +241,11 @@ def begun(planned: Plan, out: Path) -> Iterator[Path]:
         lock.acquire(blocking=False)
     except Timeout as error:
         raise RecordingError(
-            f"{partial}: another palpate record is under way for {out}; allowed: one; end it there, or choose another "
-            "--out"
+            f"{partial}: another palpate record is under way for {out}; allowed: one; end that one, or choose "
+            "another --out"
         ) from error
     try:
-        # Whoever held it until now may have finished, or begun something else.
+        # The process that held it until now may have finished, or begun something else.
         check(out, planned)
         if not (partial / PLAN).exists():
             storage.write(partial / PLAN, json.dumps(asdict(planned), indent=1).encode())
@@ -299,15 +261,7 @@ def begun(planned: Plan, out: Path) -> Iterator[Path]:
 
 
 def publish(planned: Plan, out: Path, *, note: str = "") -> Path:
-    """Write the recordings from the takes that were kept, and remove those once the recordings are on disk.
-
-    Args:
-        planned: what they are of.
-        out: their folder.
-        note: what the manifest says besides.
-
-    Returns:
-        Path of the manifest.
+    """Write the recordings from the kept takes, remove those once all is on disk, and return the manifest's path.
 
     Raises:
         RecordingError: a take is missing or damaged.
@@ -335,12 +289,12 @@ def publish(planned: Plan, out: Path, *, note: str = "") -> Path:
 
 
 def take_path(partial: Path, place: int) -> Path:
-    """Where the take at this place of the plan lies once it is kept."""
+    """Return where the take at this place of the plan is kept."""
     return partial / f"{place:04d}.npz"
 
 
 def save_take(path: Path, window: Window, achieved_mm_s: float, zero: Zero | None = None) -> None:
-    """Put a take on disk: whole, or not at all. `zero` is what its heights count from, if anything."""
+    """Put a take on disk, whole or not at all; its heights are counted from `zero`, where that is given."""
     content = io.BytesIO()
     zeros = [] if zero is None else [zero.offset_mm, zero.spread_mm, zero.samples]
     np.savez(
@@ -350,8 +304,8 @@ def save_take(path: Path, window: Window, achieved_mm_s: float, zero: Zero | Non
 
 
 def _difference(key: str, there: object, asked: object) -> str:
-    if key in _FILES:
-        return f"{_FILES[key]} {str(there)[:12]}... there, {str(asked)[:12]}... asked for (SHA-256)"
+    if file := {"protocol_sha256": "the protocol", "rig_sha256": "the rig"}.get(key):
+        return f"{file} {str(there)[:12]}... there, {str(asked)[:12]}... asked for (SHA-256)"
     return f"{key} {there!r} there, {asked!r} asked for"
 
 

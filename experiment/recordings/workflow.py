@@ -1,18 +1,20 @@
-"""Recording a protocol's materials: the walk through materials, speeds and takes, each step beside its target.
+"""Recording a protocol's materials: the walk through materials, speeds and takes, each step shown beside its target.
 
 A take that is kept is on disk at once; the same call goes on with an interrupted recording.
 
 The vibration of a take is the foot's own: it begins where the panel first shakes after the foot reached what lies
-there, not at a knock before. What lies there is lower than the gate's top, so with an object the stretch begins when
-the foot passes that; on the bare panel it begins at contact. Both times come from the tracker's counter, which the
-frame that was held up least ties to the host's clock, as the accelerometer's samples are tied to it. See `SOONER_NS`
-and `LATER_NS` for how far the stretch reaches on either side.
+there, not at a knock before. An object on the panel is lower than the gate's top, so with an object the stretch begins
+when the foot passes that; on the bare panel it begins at contact. Both times come from the tracker's counter, which is
+tied to the host's clock by the frame that was delayed least, as the accelerometer's samples are. `SOONER_NS` and
+`LATER_NS` say how far the stretch reaches on either side.
 """
 
 from __future__ import annotations
 
 from collections import deque
+from contextlib import closing
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Protocol as Port
 
@@ -29,21 +31,21 @@ from experiment.recordings import store
 from experiment.recordings.store import Condition, Plan, plan
 
 SPEED_TOLERANCE = 0.10
-"""A step is on target when its speed is within this part of it: less than half the way to the next recorded speed."""
+"""A step is on target when its speed is off by this part at most: less than half the way to the next recorded speed."""
 
 SOONER_NS = 50_000_000
-"""How much sooner than the tracker says a take may begin, ns: both streams stall for up to 31 ms on a busy host, and
+"""How much earlier than the tracker says a take may begin, ns: both streams stall for up to 31 ms on a busy host, and
 contact, which may be predicted, is a few milliseconds uncertain (see gate.py)."""
 
 LATER_NS = 150_000_000
-"""How much later than contact a take may begin, ns: as before, and what an accelerometer's server holds back of every
-sample, up to 100 ms in a sound server."""
+"""How much later than contact a take may begin, ns: for the same reasons, and because an accelerometer's server may
+delay every sample, by up to 100 ms in a sound server."""
 
 REST_NS = 20_000_000
-"""A take that begins this soon after a knock may be what is left of it, ns."""
+"""A take that begins this soon after a knock may be its remainder, ns."""
 
 RECENT_FRAMES = 1000
-"""The counter is tied to the host's clock by this many pieces of the stream, so that the two may drift apart slowly."""
+"""The counter is tied to the host's clock by the last pieces of the stream, so that the two may drift apart slowly."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +53,10 @@ class Step:
     """A step that was recorded, before it is kept.
 
     Attributes:
-        condition: what it was meant to be.
+        condition: what the step was meant to be.
         achieved_mm_s: mean speed of the foot through the gate, mm/s.
-        window: what the accelerometer heard; None for nothing.
-        knock_ms: how long before contact a knock was heard that is not part of it, ms; None for none.
+        window: what the accelerometer recorded; None if the panel did not shake.
+        knock_ms: how long before contact there was a knock that is not part of the take, ms; None for no knock.
         restless: whether the panel may still have shaken from that knock.
     """
 
@@ -66,12 +68,12 @@ class Step:
 
     @property
     def deviation(self) -> float:
-        """Of the achieved speed from its target, as a part of the target."""
+        """Return how far the achieved speed is from its target, as a part of the target."""
         return self.achieved_mm_s / self.condition.speed_mm_s - 1
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """What speaks against keeping it; empty for a good take."""
+        """Return what speaks against keeping the step; empty for a good take."""
         found = []
         if abs(self.deviation) > SPEED_TOLERANCE:
             found.append(f"speed off by {self.deviation:+.0%}, more than {SPEED_TOLERANCE:.0%}")
@@ -80,25 +82,19 @@ class Step:
         elif self.window.clipped:
             found.append(f"{self.window.clipped} samples beyond the accelerometer's full scale")
         if self.restless:
-            found.append("the panel may still have shaken from a knock before")
+            found.append("the panel may still have shaken from an earlier knock")
         return tuple(found)
 
     @property
     def verdict(self) -> str:
-        """What the experimenter should know of it."""
+        """Return what the experimenter should know about the step."""
         notes = () if self.knock_ms is None else (f"a knock {self.knock_ms:.0f} ms before contact was left out",)
         return "; ".join([*(self.problems or (f"within {SPEED_TOLERANCE:.0%}",)), *notes])
 
 
 @dataclass(frozen=True)
 class Landing:
-    """A foot that came down, on the host's clock.
-
-    Attributes:
-        speed_mm_s: through the gate, mm/s, to a thousandth: far below the noise.
-        gate_ns: when it passed the gate's top, ns.
-        contact_ns: when it met the panel, ns.
-    """
+    """A foot that came down: its speed through the gate, and the host's time at the gate's top and at the panel."""
 
     speed_mm_s: float
     gate_ns: int
@@ -109,20 +105,20 @@ class TakesConsole(Port):
     """What the experimenter sees and keys while takes are recorded."""
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
-        """Have the panel made ready; returns when it is."""
+        """Have the panel made ready; return when it is."""
         ...
 
     def arm(self, condition: Condition, *, attempt: int) -> None:
-        """Say that the foot may step; returns at once."""
+        """Say that the foot may step; return at once."""
         ...
 
     def keeps(self, step: Step) -> bool:
-        """Show the step beside its target; whether the experimenter keeps it. One without a window is never kept."""
+        """Show the step beside its target; return whether it is kept. A step without a window never is."""
         ...
 
 
 class RigConsole(TakesConsole, Rester, Port):
-    """What besides at a real rig."""
+    """What the experimenter sees and keys at a real rig: a foot may have to rest there."""
 
 
 def record_on_rig(
@@ -134,25 +130,26 @@ def record_on_rig(
     speeds_mm_s: tuple[float, ...] = (),
     takes: int | None = None,
 ) -> Path:
-    """Record on a real rig, or go on with it. Nothing is played: the rig's actuator and its table are not opened.
+    """Record on a real rig, or continue such a recording, and return the manifest's path.
+
+    Nothing is played: the rig's actuator and its table are not opened.
 
     Args:
         protocol_file: what is recorded.
         rig_file: the rig, with a table `[accelerometer]`.
         out: folder of the recordings; new or empty.
         console: the experimenter's.
-        speeds_mm_s: instead of the protocol's; empty for those.
-        takes: instead of the protocol's; None for those.
-
-    Returns:
-        Path of the manifest.
+        speeds_mm_s: used instead of the protocol's, unless empty.
+        takes: used instead of the protocol's, unless None.
 
     Raises:
-        PalpateError: a file or a part that cannot be used; the same call goes on where it stopped.
+        PalpateError: a file or a part cannot be used; the same call goes on where it stopped.
     """
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if rig.rig.simulated:
-        raise RecordingError(f"{rig_file}: a simulated rig; allowed: a real one; name another, or record --simulated")
+        raise RecordingError(
+            f"{rig_file}: is a simulated rig; allowed: a real one; name another, or record --simulated"
+        )
     rigs.check(rig, protocol.footstep.step)
     clock = MonotonicClock()
     calibration.check_age(rig, day(clock.now_ns()))
@@ -166,26 +163,21 @@ def record_on_rig(
     )
     store.check(out, planned)
     accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.footstep.synthesis.rate_hz, clock=clock)
-    try:
+    with closing(accelerometer):
         tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.footstep.step.contact_mm)
-        try:
+        with closing(tracker):
             calibration.check_reading(tracker, rig.tracker)
             if isinstance(tracker, ZeroedTracker):
                 tracker.settle(console)
-            detector = GateDetector(protocol.footstep.step)
             return record(
                 planned,
                 out,
                 tracker=tracker,
                 accelerometer=accelerometer,
-                detector=detector,
+                detector=GateDetector(protocol.footstep.step),
                 console=console,
                 clock=clock,
             )
-        finally:
-            tracker.close()
-    finally:
-        accelerometer.close()
 
 
 def record(
@@ -199,10 +191,10 @@ def record(
     clock: Clock,
     note: str = "",
 ) -> Path:
-    """Walk through what is not recorded yet, then write the whole; `note` is what the manifest says besides.
+    """Record what is not recorded yet, write the finished recordings, and return the manifest's path.
 
-    Returns:
-        Path of the manifest.
+    Args:
+        note: text that is added to the manifest.
 
     Raises:
         RecordingError: see `store.check`; or the accelerometer failed.
@@ -222,29 +214,25 @@ def _walk(
     console: TakesConsole,
     clock: Clock,
 ) -> None:
-    """Record every take that is not in the folder yet."""
     conditions = planned.conditions()
     for place, condition in enumerate(conditions):
         path = store.take_path(folder, place)
         if path.exists():
             continue
         console.place(condition, done=place, total=len(conditions))
-        attempt = 0
-        kept = False
-        while not kept:
-            attempt += 1
+        for attempt in count(1):
             tracker.drain()
             accelerometer.arm(planned.samples)
             console.arm(condition, attempt=attempt)
             step = _listened(condition, _landing(tracker, detector, clock), accelerometer)
-            kept = console.keeps(step) and step.window is not None
-            if kept and step.window is not None:
+            if console.keeps(step) and step.window is not None:
                 zero = tracker.zero if isinstance(tracker, ZeroedTracker) else None
                 store.save_take(path, step.window, step.achieved_mm_s, zero)
+                break
 
 
 def _landing(tracker: Tracker, detector: GateDetector, clock: Clock) -> Landing:
-    """Follow the foot until it is down."""
+    """Follow the foot until it is down, and return its landing."""
     state = detector.init()
     gate: Gate | None = None
     recent_ns: deque[int] = deque(maxlen=RECENT_FRAMES)
@@ -261,7 +249,7 @@ def _landing(tracker: Tracker, detector: GateDetector, clock: Clock) -> Landing:
 
 
 def _listened(condition: Condition, landing: Landing, accelerometer: Accelerometer) -> Step:
-    """The step, with what the panel did."""
+    """Return the step, with what the accelerometer recorded of it."""
     touched_ns = landing.contact_ns if condition.material is None else landing.gate_ns
     heard = accelerometer.heard(earliest_ns=touched_ns - SOONER_NS, latest_ns=landing.contact_ns + LATER_NS)
     if heard.knock_ns is None:

@@ -25,14 +25,13 @@ from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.progress import progress
-from experiment.rehearsal import pool
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.participant import Tick
-from experiment.rehearsal.session import Job, rehearse_participant
+from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant
 from experiment.study import roster
 
 PLAN = "rehearsal.json"
-"""Beside the journals; a folder without it is no rehearsal's and is never written to."""
+"""Stands beside the journals; a folder without it is no rehearsal and is never written to."""
 
 LOCK = "lock"
 """In a folder that is being made."""
@@ -42,16 +41,9 @@ Control = Literal["none", "silence"]
 
 @dataclass(frozen=True)
 class Plan:
-    """What is rehearsed; kept on disk, so that an interrupted rehearsal goes on as it was begun.
+    """What is rehearsed, as for `rehearse`; kept on disk, so that an interrupted rehearsal continues as it was begun.
 
-    Attributes:
-        label: REHEARSAL, for whoever opens the file.
-        protocol_sha256: canonical hash of the protocol.
-        rig_sha256: hash of the rig.
-        participants: how many of the study's participants, from the first.
-        seed: names every random draw of the rehearsal.
-        control: `silence` replaces every stimulus by zeros.
-        real_time: paced by the wall clock instead of simulated time.
+    `label` is REHEARSAL, for whoever opens the file.
     """
 
     label: str
@@ -77,7 +69,7 @@ def rehearse(
     tick: Tick = lambda: None,
     screen: Console | None = None,
 ) -> Path:
-    """Rehearse a study, or what remains of an interrupted rehearsal.
+    """Rehearse a study, or what remains of an interrupted rehearsal, and return the complete dataset's folder.
 
     Args:
         protocol_file: the study's protocol.
@@ -93,24 +85,20 @@ def rehearse(
         tick: called after each confirmed answer.
         screen: shows what an experimenter would see, one participant after another.
 
-    Returns:
-        The dataset's folder, complete.
-
     Raises:
         DatasetError: `out` holds anything but this rehearsal.
-        PalpateError: a part failed; the same call goes on where it stopped. Before the first session began nothing is
-            left in `out`.
+        PalpateError: a part failed; the same call continues where it stopped. If no session has begun by then, nothing
+        is left in `out`.
     """
     protocol = files.load(protocol_file)
     rig = rigs.load(rig_file)
     count = protocol.study.participants if participants is None else participants
     if not 1 <= count <= protocol.study.participants:
         raise DatasetError(
-            f"--participants {count}: the protocol has {protocol.study.participants}; give 1 to "
-            f"{protocol.study.participants}"
+            f"--participants: got {count}; allowed: 1 to {protocol.study.participants}, as in the protocol; give number"
         )
     if not rig.rig.simulated:
-        raise DatasetError(f"{rig_file}: a rehearsal needs a simulated rig; give one that says simulated = true")
+        raise DatasetError(f"{rig_file}: is a real rig; allowed: one that says simulated = true; give such a rig file")
     if rig.audio is not None and not real_time:
         raise DatasetError(
             f"{rig_file}: its audio device runs in real time, and simulated time is faster; add --real-time, or give a "
@@ -118,14 +106,12 @@ def rehearse(
         )
     if rig.tracker.zeroing_mm is not None and not real_time:
         raise DatasetError(
-            f"{rig_file}: its tracker is zeroed by a foot that rests, which it does not in simulated time; add "
+            f"{rig_file}: its tracker is zeroed by a resting foot, and no foot rests in simulated time; add "
             "--real-time, or give a rig without tracker.zeroing_mm"
         )
-    # Whatever is wrong with the rig's files is said before a folder is made.
+    # Errors in the rig's files are reported before a folder is made.
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
-    if out is None:
-        out = Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}"
-    out = out.resolve()
+    out = (out or Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}").resolve()
     plan = Plan("REHEARSAL", approval.sha256(protocol), rigs.sha256(rig), count, seed, control, real_time)
     allocations = roster.allocate(protocol, seed)[:count]
     todo = [Job(out, one.participant, one.tasks, seed, control, real_time) for one in allocations]
@@ -138,13 +124,13 @@ def rehearse(
             for job in todo:
                 rehearse_participant(job, tick, screen)
         else:
-            pool.rehearse(todo, jobs, tick)
+            rehearse_at_once(todo, jobs, tick)
     build.build(out)
     return out
 
 
 def _remaining(out: Path, protocol: Protocol, job: Job) -> int:
-    """How many answers of one participant are not on disk yet."""
+    """Return how many answers of one participant are not on disk yet."""
     left = 0
     for task in job.tasks:
         path = storage.journal_path(out, job.participant, task)
@@ -155,10 +141,10 @@ def _remaining(out: Path, protocol: Protocol, job: Job) -> int:
 
 
 def is_begun(out: Path, plan: Plan) -> bool:
-    """Whether `out` already holds this rehearsal."""
+    """Return whether `out` already holds this rehearsal. Raises `DatasetError` where it holds anything else."""
     for above in out.parents:
         if (above / "dataset_description.json").exists():
-            raise DatasetError(f"{out}: lies inside the dataset {above}; choose a folder outside with --out")
+            raise DatasetError(f"{out}: is inside the dataset {above}; choose a folder outside it with --out")
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return False
     try:
@@ -184,13 +170,19 @@ def is_begun(out: Path, plan: Plan) -> bool:
 def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Iterator[None]:
     """Make `out` with all that stands before the first participant, whole or not at all.
 
-    Where this ends before the first session has begun, `out` is as it was: what another call made stays.
+    If this ends before the first session has begun, `out` is as it was before; what another call made stays.
     """
     was_there, parents = out.exists(), [above for above in out.parents if not above.exists()]
     made = False
     try:
         with _alone(out) as partial:
-            _fill(partial, plan, protocol_file, rig_file)
+            source = partial / "sourcedata"
+            source.mkdir()
+            shutil.copyfile(protocol_file, source / "protocol.toml")
+            opening.copy_rig(rig_file, source / "rig.toml")
+            protocol = files.load(source / "protocol.toml")
+            recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
+            (source / PLAN).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")
             _move(partial, out)
         made = True
         yield
@@ -207,7 +199,7 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
 
 @contextmanager
 def _alone(out: Path) -> Iterator[Path]:
-    """An empty folder to make `out` in, held for this call; the operating system lets go however that ends."""
+    """Give an empty folder to make `out` in, held for this call; the operating system releases it in any case."""
     partial = out.with_name(f".{out.name}.partial")
     partial.mkdir(parents=True, exist_ok=True)
     lock = FileLock(partial / LOCK)
@@ -217,7 +209,7 @@ def _alone(out: Path) -> Iterator[Path]:
         raise _another(out) from None
     try:
         for left in partial.iterdir():
-            # Of a call that was killed.
+            # A killed call left it.
             if left.is_dir():
                 shutil.rmtree(left)
         yield partial
@@ -226,16 +218,6 @@ def _alone(out: Path) -> Iterator[Path]:
         raise
     finally:
         lock.release()
-
-
-def _fill(partial: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> None:
-    source = partial / "sourcedata"
-    source.mkdir()
-    shutil.copyfile(protocol_file, source / "protocol.toml")
-    opening.copy_rig(rig_file, source / "rig.toml")
-    protocol = files.load(source / "protocol.toml")
-    recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
-    (source / PLAN).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")
 
 
 def _move(partial: Path, out: Path) -> None:
@@ -252,6 +234,6 @@ def _move(partial: Path, out: Path) -> None:
 
 def _another(out: Path) -> DatasetError:
     return DatasetError(
-        f"{out}: another palpate rehearse makes it at this moment; allowed: one; the same command goes on with it "
-        "later, or choose another folder with --out"
+        f"{out}: another palpate rehearse is making it at this moment; allowed: one; give the same command later, or "
+        "choose another folder with --out"
     )

@@ -18,7 +18,7 @@ from typing import Any
 
 from experiment.cli import options
 from experiment.desk.port import Console
-from experiment.rehearsal import pool
+from experiment.rehearsal import session
 from experiment.rehearsal.session import Job, rehearse_participant
 
 HALT = 30
@@ -67,12 +67,12 @@ def signalling(number: int) -> Callable[..., object]:
 
 
 if __name__ in ("__main__", "__mp_main__"):
-    vars(pool)["rehearse_participant"] = halting
+    vars(session)["rehearse_participant"] = halting
 
 if __name__ == "__main__":
     from experiment.cli import app
 
-    vars(pool)["wait"] = signalling(int(sys.argv[1]))
+    vars(session)["wait"] = signalling(int(sys.argv[1]))
     vars(options)["progress"] = counting(int(sys.argv[2]))
     sys.argv[1:] = sys.argv[3:]
     app.main()

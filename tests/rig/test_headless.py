@@ -152,7 +152,7 @@ def zeroed(tmp_path: Path) -> Path:
 
 def test_a_zeroed_tracker_is_rehearsed_in_real_time(tmp_path: Path) -> None:
     where = {"protocol_file": short(tmp_path), "rig_file": zeroed(tmp_path), "out": tmp_path / "made"}
-    with pytest.raises(DatasetError, match=r"a foot that rests, which it does not in simulated time; add --real-time"):
+    with pytest.raises(DatasetError, match=r"a resting foot, and no foot rests in simulated time; add --real-time"):
         study.rehearse(**where, participants=1, seed=1)  # type: ignore[arg-type]
     assert not (tmp_path / "made").exists()
     root = study.rehearse(**where, participants=1, seed=1, real_time=True)  # type: ignore[arg-type]

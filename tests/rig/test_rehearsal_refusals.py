@@ -44,7 +44,7 @@ def test_it_goes_on_after_the_port_vanished_and_loses_nothing(
         step(self, trajectory, start_us, Faults(unplug_at=150) if steps == 30 else None)
 
     monkeypatch.setattr(Foot, "step", unplugged_at_the_thirtieth)
-    monkeypatch.setattr(session, "RECONNECT_S", 0.2)
+    monkeypatch.setattr(session.SimulatedEnds, "reconnect_s", 0.2)
     with pytest.raises(Interrupted, match=r"not back within 0\.2 s .*plug the device in again"):
         rehearse(tmp_path / "rehearsal")
     root = rehearse(tmp_path / "rehearsal")
@@ -108,7 +108,7 @@ def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_t
             # It looked before the first had made anything.
             within.setattr(study, "is_begun", lambda *_: False)
             within.setattr(recorded_takes, "make_recordings", make)
-            with pytest.raises(DatasetError, match="another palpate rehearse makes it at this moment"):
+            with pytest.raises(DatasetError, match="another palpate rehearse is making it at this moment"):
                 rehearse(out)
         refused += 1
 
@@ -178,7 +178,7 @@ def test_a_missing_journal_is_refused(tmp_path: Path, one: Path) -> None:
 
 
 def test_a_rehearsal_never_writes_inside_a_dataset(one: Path) -> None:
-    with pytest.raises(DatasetError, match="lies inside the dataset"):
+    with pytest.raises(DatasetError, match="is inside the dataset"):
         rehearse(one / "inside" / "deeper")
     assert not (one / "inside").exists()
 

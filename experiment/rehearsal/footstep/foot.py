@@ -36,13 +36,13 @@ GATE_BOTTOM_MM = 10.0
 """The published gate: a foot's speed is its mean speed from 20 mm to 10 mm above the panel."""
 
 HESITATES = 0.1
-"""Part of the steps that hesitate: half pause above the gate, half dip into it and withdraw first."""
+"""Part of the steps that hesitate: half of these pause above the gate, half dip into it and withdraw first."""
 
 BRAKES_MM = 3.0
 """Travel in which a foot that will not land comes to a halt, mm."""
 
 _DENSITY_HZ = 4000
-"""Knots of a trajectory a second; straight lines between them are within 10^-4 mm."""
+"""Number of a trajectory's knots in a second; straight lines between them are within 10^-4 mm."""
 
 Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Time, s, from 0, and height, mm, shape (n,) each."""
@@ -56,8 +56,8 @@ class Trajectory:
         us: times of the knots, microseconds, from 0, float64, shape (n,).
         height_mm: height of the sole there, mm, shape (n,); straight lines between them are the truth.
         gate_top_us: when the passage that leads to contact crosses 20 mm, microseconds.
-        gate_bottom_us: when it crosses 10 mm.
-        contact_us: when it reaches the panel; infinity if it never does.
+        gate_bottom_us: when it crosses 10 mm, microseconds.
+        contact_us: when it reaches the panel, microseconds; infinity if it never does.
         lift_us: when it leaves the panel again, 0.22 s or more after contact; the end of a step that never lands.
         speed_mm_s: its mean speed from 20 mm to 10 mm.
         hesitation: what came before it.
@@ -79,11 +79,7 @@ class Trajectory:
         return float(self.us[-1])
 
     def at(self, us: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-        """Height at each time, mm; before and after the step that of its ends.
-
-        Args:
-            us: times from the step's beginning, microseconds, shape (n,).
-        """
+        """Return the height at each time, mm, shape (n,); before and after the step that of its ends."""
         height_mm: NDArray[np.float64] = np.interp(us, self.us, self.height_mm)
         return height_mm
 
@@ -91,11 +87,9 @@ class Trajectory:
 def trajectory(
     rng: np.random.Generator, speed_mm_s: float, *, rest_mm: float = 70.0, hesitation: Hesitation | None = None
 ) -> Trajectory:
-    """A step with the given mean speed through the gate.
+    """Return a step with the given mean speed from 20 mm to 10 mm above the panel; `rng` draws everything else.
 
     Args:
-        rng: draws everything else.
-        speed_mm_s: mean speed from 20 mm to 10 mm above the panel, mm/s.
         rest_mm: height at which the foot waits before and after the step, mm, above 45.
         hesitation: what comes before the passage that leads to contact, or instead of it; None to draw one of a step
             that lands.
@@ -126,7 +120,7 @@ def trajectory(
 
 
 def _in_vain(rng: np.random.Generator, speed_mm_s: float, rest_mm: float, hesitation: Hesitation) -> Trajectory:
-    """A step whose foot stops between gate and panel, or turns back there, and goes back to rest."""
+    """Return a step whose foot stops between gate and panel, or turns back there, and goes back to rest."""
     turn_mm = rng.uniform(4.0, 7.0)
     waits_s = rng.uniform(0.2, 0.5) if hesitation == "stop" else 0.001
     still = _still(rest_mm, rng.uniform(0.05, 0.15))
@@ -155,7 +149,7 @@ def _in_vain(rng: np.random.Generator, speed_mm_s: float, rest_mm: float, hesita
 def _before(
     rng: np.random.Generator, hesitation: Hesitation, speed_mm_s: float, rest_mm: float
 ) -> tuple[list[Curve], float]:
-    """What comes before the passage that leads to contact, and the height from which that begins."""
+    """Return what comes before the passage that leads to contact, and the height from which that passage begins."""
     curves = [_still(rest_mm, rng.uniform(0.05, 0.15))]
     if hesitation == "none":
         return curves, rest_mm
@@ -169,7 +163,7 @@ def _before(
 
 
 def _descent(rng: np.random.Generator, start_mm: float, speed_mm_s: float) -> tuple[Curve, float]:
-    """From rest to the panel with the wanted speed through the gate; and the speed of contact, mm/s."""
+    """Return the way from rest to the panel with the wanted speed through the gate, and the speed at contact, mm/s."""
     aim_mm = -rng.uniform(10.0, 25.0)
     s = np.linspace(0.0, 1.0, 2001)
     height_mm = start_mm + (aim_mm - start_mm) * _progress(s)
@@ -186,7 +180,7 @@ def _descent(rng: np.random.Generator, start_mm: float, speed_mm_s: float) -> tu
 
 
 def _landing(rng: np.random.Generator, contact_mm_s: float) -> Curve:
-    """Sole and panel give way and come to rest a little below zero."""
+    """Return how sole and panel give way and come to rest a little below zero."""
     time_s = _times(rng.uniform(0.22, 0.3))
     yielding_s, settling_s, sag_mm = 0.004, 0.01, rng.uniform(0.05, 0.2)
     dent_mm = contact_mm_s * time_s * np.exp(-time_s / yielding_s)
@@ -215,13 +209,13 @@ def _times(duration_s: float) -> NDArray[np.float64]:
 
 
 def _passes(falling: Curve, level_mm: float) -> float:
-    """When a falling curve passes a level."""
+    """Return when a falling curve passes a level."""
     time, height_mm = falling
     return float(np.interp(-level_mm, -height_mm, time))
 
 
 def _joined(curves: list[Curve]) -> Curve:
-    """One curve after the other; each begins where the one before ends."""
+    """Return one curve after the other; each begins where the one before ends."""
     begin_s = np.cumsum([0.0, *(curve[0][-1] for curve in curves[:-1])])
     first_s, first_mm = curves[0]
     time_s = [first_s, *(begin + curve[0][1:] for begin, curve in zip(begin_s[1:], curves[1:], strict=True))]
@@ -240,8 +234,8 @@ class Faults:
         drop: frames that are never sent.
         corrupt: frames with a flipped bit.
         repeat: frames that are sent twice.
-        silent_from: the device sends nothing from this frame on, ever.
-        unplug_at: the line is unplugged instead of sending this frame.
+        silent_from: the first frame from which on the device sends nothing, ever.
+        unplug_at: the frame instead of which the line is unplugged.
     """
 
     drop: frozenset[int] = frozenset()
@@ -252,7 +246,7 @@ class Faults:
 
     @property
     def end(self) -> float:
-        """First frame that is not sent; infinity if all are."""
+        """Return the first frame that is not sent; infinity if all are."""
         return min(frame if frame is not None else math.inf for frame in (self.silent_from, self.unplug_at))
 
 
@@ -271,7 +265,7 @@ class _Step:
 
 
 class Foot:
-    """A foot above a tracker. Steps are done one after the other."""
+    """A foot above a tracker. It does its steps one after the other."""
 
     def __init__(
         self,
@@ -280,7 +274,6 @@ class Foot:
         *,
         real_time: bool = False,
         clock: Clock | None = None,
-        clock_start_us: int = 0,
         rest_mm: float = 70.0,
         noise_mm: float = 0.1,
         sole_mm: float = 0.0,
@@ -292,16 +285,14 @@ class Foot:
             tracker: rate and calibration of the rig.
             real_time: send by the clock, also between steps.
             clock: paces real time; the machine's monotonic clock if None.
-            clock_start_us: what the device's clock shows now, microseconds.
             rest_mm: height at which the foot waits, mm.
             noise_mm: standard deviation of the sensor's noise, mm.
-            sole_mm: how far above the sole the sensor sees the foot, mm; for tests of zeroing, none in rehearsals.
+            sole_mm: how far above the sole the sensor sees the foot, mm; tests of zeroing set it, rehearsals do not.
         """
         self._line = line
         self._tracker = tracker
         self._clock = clock or MonotonicClock()
         self._origin_ns = self._clock.now_ns()
-        self._clock_start_us = clock_start_us
         self._rest_mm = rest_mm
         self._between_mm = rest_mm
         self._noise_mm = noise_mm
@@ -322,20 +313,13 @@ class Foot:
     def trajectory(
         self, rng: np.random.Generator, speed_mm_s: float, hesitation: Hesitation | None = None
     ) -> Trajectory:
-        """Draw a step of this foot with the given mean speed through the gate, mm/s; see `trajectory`."""
+        """Return a step of this foot with the given mean speed through the gate, mm/s; see `trajectory`."""
         return trajectory(rng, speed_mm_s, rest_mm=self._rest_mm, hesitation=hesitation)
 
     def step(self, trajectory: Trajectory, start_us: int, faults: Faults | None = None) -> None:
-        """Begin a step; returns at once.
-
-        Args:
-            trajectory: how the foot moves.
-            start_us: when it begins, device time, microseconds. It begins later where the foot is still busy, or
-                where that time is past.
-            faults: what goes wrong; None for nothing.
-        """
+        """Begin a step at device time `start_us`, or as soon as the foot is free; return at once."""
         rate_hz = self._tracker.rate_hz
-        wanted = -((self._clock_start_us - start_us) * rate_hz // 1_000_000)
+        wanted = -(-start_us * rate_hz // 1_000_000)
         times_us = np.arange(int(trajectory.duration_us * rate_hz / 1e6) + 1) * (1e6 / rate_hz)
         noise_mm = np.random.default_rng(trajectory.noise_seed).normal(0.0, self._noise_mm, times_us.size)
         sensed_mm = trajectory.at(times_us) + self._sole_mm + noise_mm
@@ -352,31 +336,30 @@ class Foot:
         self._between_mm = 0.0
 
     def finish(self) -> bool:
-        """Wait until the line has taken every step, or is full.
+        """Wait until the line has taken every step, or is full; return whether it has taken all.
 
-        Returns:
-            Whether it has. Where it is full, the rest follows as soon as somebody reads.
+        Where the line is full, the rest follows as soon as somebody reads.
         """
         with self._changed:
-            # It may have been full only until the reader's last look.
+            # The line may have been full only until the reader looked last.
             self._full = False
             self._changed.wait_for(lambda: not self._steps or self._full or self._off)
             return not self._steps
 
     @property
     def true_speed_mm_s(self) -> float:
-        """Mean speed of the last step through the gate, mm/s."""
+        """Return the mean speed of the last step through the gate, mm/s."""
         return self._last_step().trajectory.speed_mm_s
 
     @property
     def true_contact_us(self) -> float:
-        """When the last step meets the panel, device time, microseconds."""
+        """Return when the last step meets the panel, device time, microseconds."""
         step = self._last_step()
         return self._time_us(step.first) + step.trajectory.contact_us
 
     @property
     def free_us(self) -> int:
-        """When the foot has done every step so far, device time, microseconds."""
+        """Return when the foot has done every step so far, device time, microseconds."""
         with self._changed:
             return self._time_us(max(self._free_sample, self._next_sample))
 
@@ -393,7 +376,7 @@ class Foot:
         return self._last
 
     def _time_us(self, sample: int) -> int:
-        return self._clock_start_us + round(sample * 1_000_000 / self._tracker.rate_hz)
+        return round(sample * 1_000_000 / self._tracker.rate_hz)
 
     def _run(self, real_time: bool) -> None:
         try:
@@ -403,7 +386,7 @@ class Foot:
                 else:
                     self._send_step()
         except UnpluggedError:
-            # A device whose plug was pulled knows nothing of it; whoever reads the port learns.
+            # An unplugged device does not notice; whoever reads the port does.
             return
         finally:
             with self._changed:
@@ -411,7 +394,7 @@ class Foot:
                 self._changed.notify_all()
 
     def _send_step(self) -> None:
-        """Accelerated: the next step, up to the lift, which nobody waits for."""
+        """Send the next step in simulated time, up to the lift, for which nobody waits."""
         with self._changed:
             self._changed.wait_for(lambda: self._steps or self._off)
             if self._off:
@@ -422,7 +405,7 @@ class Foot:
         self._done()
 
     def _send_due(self) -> None:
-        """Real time: every sample that is due, of steps and of the rest between them."""
+        """Send every sample that is due in real time, of steps and of the rest between them."""
         with self._changed:
             self._changed.wait_for(lambda: self._off, TICK_S)
         due = (self._clock.now_ns() - self._origin_ns) * self._tracker.rate_hz // 1_000_000_000 + 1
@@ -478,7 +461,7 @@ class Foot:
 
 
 def _spoilt(frames: list[bytes], number: int, faults: Faults) -> list[bytes]:
-    """Frames from `number` on, as the faults leave them."""
+    """Return the frames from `number` on, as the faults leave them."""
     sent = []
     for i, frame in enumerate(frames, start=number):
         if i in faults.drop:
@@ -490,6 +473,6 @@ def _spoilt(frames: list[bytes], number: int, faults: Faults) -> list[bytes]:
 
 
 def _flipped(frame: bytes) -> bytes:
-    """The frame with one bit of its second byte flipped; no byte becomes 0x00, which would tear it in two."""
+    """Return the frame with one bit of its second byte flipped; no byte becomes 0x00, which would tear it in two."""
     bit = 0x01 if frame[1] != 0x01 else 0x02
     return bytes([frame[0], frame[1] ^ bit, *frame[2:]])

@@ -1,13 +1,8 @@
-"""The simulated panel: the far end of the actuator's port. It keeps what was delivered, for whoever stands on it.
+"""SIMULATED panel: the far end of the actuator's port. It keeps what was delivered, for whoever stands on it.
 
-A rig whose actuator takes volts has a panel that answers them as its simulated response says.
-
-The simulated panel behind a simulated sound card: it listens to what the actuator's channel really carries.
-
-The channel carries samples without end. A stimulus begins with the first that is not zero, and is over when `QUIET_S`
-of zeros have followed.
-
-SIMULATED rig response, of the kind that Figure 9 of Okamoto et al. shows; no rig was measured.
+`Panel` listens to a raw PCM port; `CardPanel` sits behind a simulated sound card and listens to what the actuator's
+channel really carries. Where the actuator takes volts, the panel answers them with a simulated response, of the kind
+that Figure 9 of Okamoto et al. shows; no rig was measured.
 
 The figure has a peak near 360 Hz at 1.0 Vrms, and the text says that acceleration follows the voltage almost linearly
 at a fixed frequency. Both hold here by closed form: springs and voice coils pass what lies above `SUSPENSION_HZ`, the
@@ -16,7 +11,7 @@ panel resonates at `PANEL_HZ`, and the drive saturates softly,
     A(f, e) = G(f) E asinh(e / E),
 
 2.8 % below its tangent at 1.5 Vrms. The numbers are plausible choices. The simulated panel moves by this form itself,
-never by the table, so what shaping makes of the table meets a response that knows nothing of it.
+never by the table, so what shaping makes of the table meets a response that is independent of it.
 """
 
 from __future__ import annotations
@@ -45,7 +40,7 @@ GAIN_M_S2_PER_V = 4.0
 SOFT_V = 5.0
 
 FREQUENCIES_HZ = (*range(10, 30, 2), *range(30, 605, 5))
-"""Where the simulated rig was measured: closer together where the response is steep, relative to itself."""
+"""Where the simulated rig was measured: closer together where the response is relatively steep."""
 
 LEVELS_VRMS = (0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
 
@@ -56,34 +51,25 @@ COMMENTS = (
 
 
 def gain(frequencies_hz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """G(f), amplitude of acceleration for each volt of amplitude in a small drive, m/s^2/V, shape of the argument."""
+    """Return G(f), amplitude of acceleration for each volt of amplitude in a small drive, m/s^2/V, shape of the
+    argument.
+    """
     low, high = frequencies_hz / SUSPENSION_HZ, frequencies_hz / PANEL_HZ
     passed = low**2 / np.hypot(1 - low**2, 2 * SUSPENSION_DAMPING * low)
     return np.asarray(GAIN_M_S2_PER_V * passed / np.hypot(1 - high**2, 2 * PANEL_DAMPING * high))
 
 
 def answered(frequencies_hz: NDArray[np.float64], amplitudes_v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A(f, e), m/s^2, with the sign of e.
-
-    Args:
-        frequencies_hz: Hz, broadcast against `amplitudes_v`.
-        amplitudes_v: amplitudes of sinusoids, V.
-    """
+    """Return A(f, e), m/s^2, with the sign of e; Hz and V are broadcast against each other."""
     return np.asarray(gain(frequencies_hz) * SOFT_V * np.arcsinh(amplitudes_v / SOFT_V))
 
 
 def moved(waveform_v: NDArray[np.float64], *, rate_hz: int) -> NDArray[np.float64]:
-    """How the simulated panel moves: each frequency element of the voltage answered on its own.
-
-    Args:
-        waveform_v: V, shape (n,).
-        rate_hz: its sampling rate, Hz.
-
-    Returns:
-        Acceleration, m/s^2, shape (n,).
+    """Return how the simulated panel moves, m/s^2, shape (n,): each frequency element of the voltage answered on its
+    own.
 
     Raises:
-        SynthesisError: voltages that are not finite.
+        SynthesisError: voltages are not finite.
     """
     coefficients_v = spectrum(waveform_v)
     frequencies_hz = bin_frequencies_hz(bins=coefficients_v.size, rate_hz=rate_hz)
@@ -91,7 +77,7 @@ def moved(waveform_v: NDArray[np.float64], *, rate_hz: int) -> NDArray[np.float6
 
 
 def measured() -> Response:
-    """The response at the frequencies and levels of the shipped table."""
+    """Return the response at the frequencies and levels of the shipped table."""
     frequencies_hz, levels_v = np.array(FREQUENCIES_HZ, dtype=np.float64), sqrt(2) * np.array(LEVELS_VRMS)
     return Response(frequencies_hz, levels_v, answered(frequencies_hz[:, None], levels_v))
 
@@ -110,15 +96,10 @@ class Panel:
     """Listens on the loopback interface for one connection a stimulus."""
 
     def __init__(self, actuator: ActuatorRig) -> None:
-        """Listen at once.
-
-        Args:
-            actuator: says what a sample of 1.0 is, and whether samples are volts.
-        """
+        """Listen at once; `actuator` says what a sample of 1.0 is, and whether samples are volts."""
         self._actuator = actuator
         self._server = socket.create_server(("127.0.0.1", 0))
         self.address = f"127.0.0.1:{self._server.getsockname()[1]}"
-        """Where it listens, `host:port`."""
         self._closing = False
         self._stimuli: queue.SimpleQueue[NDArray[np.float64]] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._listen, name="panel", daemon=True)
@@ -126,14 +107,11 @@ class Panel:
             self._thread.start()
 
     def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
-        """The next stimulus that was delivered and not felt yet.
-
-        Args:
-            timeout_s: how long to wait for one, s; 0 for none.
+        """Return the next stimulus that was delivered and not felt yet, or None if nothing comes within `timeout_s`.
 
         Returns:
-            Acceleration, m/s^2, shape (n,), at the actuator's rate; None if nothing came. A stimulus is here before
-            the actuator's `play` returns.
+            Acceleration, m/s^2, shape (n,), at the actuator's rate. A stimulus is here before the actuator's `play`
+            returns.
         """
         try:
             return self._stimuli.get(block=timeout_s > 0, timeout=timeout_s)
@@ -161,16 +139,17 @@ class Panel:
                     # A stimulus whose connection broke was not delivered.
                     continue
                 if not data:
-                    # Whoever sends nothing asked whether the panel is there.
+                    # A connection without data only asks whether the panel is there.
                     continue
                 data = data[: len(data) // _SAMPLE.itemsize * _SAMPLE.itemsize]
-                self._stimuli.put(self._moved(np.frombuffer(data, _SAMPLE).astype(np.float64)))
+                self._stimuli.put(_delivered(np.frombuffer(data, _SAMPLE), self._actuator))
 
-    def _moved(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
-        delivered = samples * self._actuator.full_scale
-        if self._actuator.shaping is None or not samples.size:
-            return delivered
-        return moved(delivered, rate_hz=self._actuator.rate_hz)
+
+def _delivered(samples: NDArray[np.float32], actuator: ActuatorRig) -> NDArray[np.float64]:
+    delivered = samples.astype(np.float64) * actuator.full_scale
+    if actuator.shaping is None or not samples.size:
+        return delivered
+    return moved(delivered, rate_hz=actuator.rate_hz)
 
 
 def _whole(connection: socket.socket) -> bytes:
@@ -190,38 +169,34 @@ _LOOK_S = 0.005
 
 
 class CardPanel:
-    """What the foot feels, as `Panel` does it for a raw PCM port."""
+    """What the foot feels behind a sound card, as `Panel` does it for a raw PCM port.
+
+    The channel carries samples without end. A stimulus begins with the first that is not zero, and is over when
+    `QUIET_S` of zeros have followed.
+    """
 
     def __init__(self, tap: Tap, actuator: ActuatorRig) -> None:
-        """Begin with what was carried from the moment of tapping on.
-
-        Args:
-            tap: on the actuator's channel.
-            actuator: says what a sample of 1.0 is, and whether samples are volts.
-        """
+        """Begin with what is carried from now on; `tap` is on the actuator's channel."""
         self._tap = tap
         self._actuator = actuator
         self._quiet = round(QUIET_S * actuator.rate_hz)
         self._at = 0
 
     def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
-        """The next stimulus that was delivered and not felt yet.
-
-        Args:
-            timeout_s: how long to wait for one to begin, s; 0 for none.
+        """Return the next stimulus that was delivered and not felt yet, or None if none begins within `timeout_s`.
 
         Returns:
-            Acceleration, m/s^2, shape (n,), at the actuator's rate; None if nothing came, or it is not over yet and
-            `timeout_s` is 0.
+            Acceleration, m/s^2, shape (n,), at the actuator's rate. With a `timeout_s` of 0 None also stands for a
+            stimulus that is not over yet.
 
         Raises:
-            AudioError: one that has begun does not end, or nobody listens to the card any more.
+            AudioError: a stimulus that has begun does not end, or nobody listens to the card any more.
         """
         ends = time.monotonic() + timeout_s
         while True:
             found, begun = self._next()
             if found is not None:
-                return self._moved(found.astype(np.float64))
+                return _delivered(found, self._actuator)
             late_s = time.monotonic() - ends
             if not timeout_s or (late_s > 0 and not begun):
                 return None
@@ -234,7 +209,7 @@ class CardPanel:
         self._tap.close()
 
     def _next(self) -> tuple[NDArray[np.float32] | None, bool]:
-        """A stimulus that is over, if there is one; and whether one has begun."""
+        """Return a stimulus that is over, if there is one, and whether one has begun."""
         self._at, carried = self._tap.since(self._at)
         sounding = np.flatnonzero(carried)
         if not sounding.size:
@@ -246,9 +221,3 @@ class CardPanel:
             return None, True
         self._at += last + 1
         return carried[int(sounding[0]) : last + 1], True
-
-    def _moved(self, samples: NDArray[np.float64]) -> NDArray[np.float64]:
-        delivered = samples * self._actuator.full_scale
-        if self._actuator.shaping is None:
-            return delivered
-        return moved(delivered, rate_hz=self._actuator.rate_hz)

@@ -1,14 +1,14 @@
 """REHEARSAL: a simulated participant with an experimenter at the keys, behind the console's port.
 
-It sees what the experimenter's screen shows, steps with a foot that speaks through the tracker's port, feels
-what the panel received from the actuator's port, and answers with a key. In the task `virtual` nothing but the
-delivered waveform tells it which material was meant.
+It sees what the experimenter's screen shows, steps with a foot that speaks through the tracker's port, feels what the
+panel received from the actuator's port, and answers with a key. In the task `virtual` nothing but the delivered
+waveform tells it which material was meant.
 
 Its `Observer` is its touch: it answers from the vibration that reached it, and from nothing else. Before a task it
-crinkles each real material at several speeds and remembers their spectra. In a trial it compares what it felt with
-what it remembers by equation (6) of Okamoto et al., and answers by the similarity-choice rule (Shepard 1957, Luce
-1963): the probability of an answer falls exponentially with the dissimilarity. The rule knows no material by name:
-which materials are confused follows from the waveforms alone.
+crinkles each real material at several speeds and remembers their spectra. In a trial it compares what it felt with what
+it remembers by equation (6) of Okamoto et al., and answers by the similarity-choice rule (Shepard 1957, Luce 1963): the
+probability of an answer falls exponentially with the dissimilarity. The rule knows no material by name: which materials
+are confused follows from the waveforms alone.
 
 The parameters are few and the same for all materials:
 
@@ -16,8 +16,8 @@ The parameters are few and the same for all materials:
   index finger), and the paper sums to 500 Hz;
 - `NOTICEABLE`: 2.5 dB, the threshold of amplitude discrimination (same source). What was felt counts as more than the
   bare panel when its sum exceeds the remembered panel's by that; otherwise the participant guesses;
-- `MEMORY_NOISE`: remembered bands are off by half a decibel, anew before each task;
-- `SENSITIVITY`: of the choice, per unit of the largest dissimilarity between two remembered materials, as Table 3 is
+- `MEMORY_NOISE`: remembered bands are off by half a decibel, drawn again before each task; - `SENSITIVITY`: of the
+choice, per unit of the largest dissimilarity between two remembered materials, as Table 3 is
   normalised; `SPREAD` is the standard deviation of its logarithm among participants;
 - `CONCURRENCE` lowers the sensitivity in task `virtual`, by a factor that spreads by `CONCURRENCE_SPREAD` in its
   logarithm: participants said that feeling the panel and the stimulus at once impeded them (section 6.2).
@@ -40,8 +40,8 @@ from experiment.errors import SessionError, SynthesisError, TrackerError
 from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY
 from experiment.rehearsal.footstep.foot import Foot, Hesitation
-from experiment.rehearsal.footstep.materials import SimulatedMaterials, known
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
+from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials, known
 from experiment.synthesis.spectra import spectrum
 
 NOTICEABLE = 10 ** (2.5 / 20)
@@ -55,41 +55,35 @@ FAMILIAR_SPEEDS_MM_S = (80.0, 150.0, 250.0, 350.0)
 FAMILIAR_TAKES = 3
 
 SATURATION_M_S2 = 1e3
-"""Far beyond any actuator; garbage above it feels no stronger."""
+"""Far beyond any actuator; nonsensical samples above it feel no stronger."""
 
 
 @dataclass(frozen=True)
 class Bands:
     """Bands into which touch smooths a spectrum.
 
-    Attributes:
-        averages: weights that average the bins of each band, shape (B, bins); bins are evenly spaced from 0 Hz.
-        bins: how many bins each band holds, shape (B,).
+    `averages` are weights that average the bins of each band, shape (B, bins), for bins evenly spaced from 0 Hz; `bins`
+    is how many bins each band holds, shape (B,).
     """
 
     averages: NDArray[np.float64]
     bins: NDArray[np.float64]
 
     def felt(self, amplitudes: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Mean magnitude in each band, m/s^2, shape (B,), of a spectrum of shape (bins,)."""
+        """Return the mean magnitude in each band, m/s^2, shape (B,), of a spectrum of shape (bins,)."""
         return self.averages @ np.abs(amplitudes)
 
     def total(self, felt: NDArray[np.float64]) -> float:
-        """Sum over all bins of the bands, m/s^2."""
+        """Return the sum over all bins of the bands, m/s^2."""
         return float(self.bins @ felt)
 
     def dissimilarity(self, felt: NDArray[np.float64], remembered: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Equation (6) between smoothed spectra of shapes (..., B): every bin counts, as in the paper."""
+        """Return equation (6) between smoothed spectra of shapes (..., B): every bin counts, as in the paper."""
         return np.abs(felt - remembered) @ self.bins
 
 
 def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0) -> Bands:
-    """Bands of a third of an octave from `low_hz` up to `high_hz`; bands without a bin are left out.
-
-    Args:
-        bin_hz: spacing of a spectrum's bins, Hz.
-        low_hz: lower edge of the lowest band, Hz.
-        high_hz: no bin above this counts, Hz.
+    """Return bands of a third of an octave between the two frequencies; bands without a bin are left out.
 
     Raises:
         SynthesisError: the bins are so wide that none lies in a band; takes this short cannot be felt.
@@ -107,15 +101,10 @@ def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0
 
 
 class Observer:
-    """One simulated participant.
-
-    Args:
-        materials: the simulated materials that it can lay hands (feet) on.
-        material_ids: the answers it may give.
-        rng: draws what sets this participant apart.
+    """The touch of one simulated participant, whom `rng` sets apart from others; it answers with one of `material_ids`.
 
     Raises:
-        RecordingError: a material that has no simulation.
+        RecordingError: a material has no simulation.
     """
 
     def __init__(self, materials: SimulatedMaterials, material_ids: Sequence[str], *, rng: np.random.Generator) -> None:
@@ -130,30 +119,23 @@ class Observer:
         self._remembered: NDArray[np.float64] | None = None
 
     def familiarise(self, *, rng: np.random.Generator) -> None:
-        """Crinkle every material, and step on the bare panel, at several speeds; remember what that felt like.
-
-        Args:
-            rng: chance of these takes and of memory.
-        """
+        """Crinkle every material, and step on the bare panel, at several speeds; remember what that felt like."""
         remembered = []
         for material in (None, *self._ids):
             blur = np.exp(MEMORY_NOISE * rng.normal(size=self._bands.bins.size))
             for speed in FAMILIAR_SPEEDS_MM_S:
-                takes = [self._felt(self._take(material, speed, rng)) for _ in range(FAMILIAR_TAKES)]
+                takes = [
+                    self._felt(self._materials.take(material, speed_mm_s=speed, rng=rng)) for _ in range(FAMILIAR_TAKES)
+                ]
                 remembered.append(np.mean(takes, axis=0) * blur)
         shape = (1 + len(self._ids), len(FAMILIAR_SPEEDS_MM_S), self._bands.bins.size)
         self._remembered = np.reshape(remembered, shape)
 
     def judge_real(self, take: NDArray[np.float64], *, speed_mm_s: float, rng: np.random.Generator) -> str:
-        """Name the material of a real cylinder.
+        """Return the material that a real cylinder is judged to be.
 
-        Args:
-            take: acceleration of the panel under the cylinder, m/s^2, shape (n,), at the materials' rate.
-            speed_mm_s: of the foot, mm/s.
-            rng: chance of this answer.
-
-        Returns:
-            One of the material ids.
+        `take` is the acceleration of the panel under it, m/s^2, shape (n,), at the materials' rate; `rng` draws this
+        answer.
 
         Raises:
             SessionError: not familiarised yet.
@@ -169,18 +151,16 @@ class Observer:
         speed_mm_s: float,
         rng: np.random.Generator,
     ) -> str:
-        """Name the material of a virtual stimulus, felt together with the panel on which the foot lands.
+        """Return the material that a virtual stimulus is judged to be, felt together with the panel on which the foot
+        lands.
 
         Args:
             panel_take: acceleration of the bare panel under this step, m/s^2, shape (n,), at the materials' rate.
             delivered: what the actuator added from contact on, m/s^2, shape (m,), at `rate_hz`; None for nothing.
-                Samples that are not numbers move nothing.
-            rate_hz: of `delivered`, Hz.
-            speed_mm_s: of the foot, mm/s.
-            rng: chance of this answer.
-
-        Returns:
-            One of the material ids.
+            Samples that are not numbers move nothing.
+            rate_hz: sampling rate of `delivered`, Hz.
+            speed_mm_s: speed of the foot, mm/s.
+            rng: draws this answer.
 
         Raises:
             SessionError: not familiarised yet.
@@ -196,16 +176,11 @@ class Observer:
             rng=rng,
         )
 
-    def _take(self, material: str | None, speed_mm_s: float, rng: np.random.Generator) -> NDArray[np.float64]:
-        if material is None:
-            return self._materials.panel_take(speed_mm_s=speed_mm_s, rng=rng)
-        return self._materials.crinkle_take(material, speed_mm_s=speed_mm_s, rng=rng)
-
     def _felt(self, take: NDArray[np.float64]) -> NDArray[np.float64]:
         return self._bands.felt(self._coefficients(take, self._materials.rate_hz))
 
     def _coefficients(self, samples: NDArray[np.float64], rate_hz: int) -> NDArray[np.float64]:
-        """Spectrum of the window after contact up to the highest band, whatever rate and length `samples` has."""
+        """Return the spectrum after contact up to the highest band, whatever rate and length `samples` has."""
         window = np.zeros(round(self._window_s * rate_hz))
         kept = samples[: window.size]
         window[: kept.size] = kept
@@ -215,9 +190,11 @@ class Observer:
         return below_top
 
     def _at_speed(self, speed_mm_s: float) -> NDArray[np.float64]:
-        """What is remembered of panel and materials at this speed, linear between familiar ones, shape (1 + M, B)."""
+        """Return what is remembered of panel and materials at this speed, linear between familiar ones, shape (1 + M,
+        B).
+        """
         if self._remembered is None:
-            raise SessionError("the simulated participant has not met the materials; let it familiarise itself first")
+            raise SessionError("the simulated participant does not know the materials; let it familiarise itself first")
         speeds = FAMILIAR_SPEEDS_MM_S
         lower = int(np.clip(np.searchsorted(speeds, speed_mm_s) - 1, 0, len(speeds) - 2))
         part = (speed_mm_s - speeds[lower]) / (speeds[lower + 1] - speeds[lower])
@@ -241,21 +218,21 @@ Tick = Callable[[], None]
 """Called after each confirmed answer."""
 
 FELT_TIMEOUT_S = 2.0
-"""How long a participant waits for a stimulus before it says what it felt, wall-clock time."""
+"""How long a participant waits for a stimulus before answering, wall-clock time."""
 
 MOST_RESTS = 5
-"""How often in a row a participant rests its foot for one zeroing. A busy machine may spoil one or two; a foot that
-rests too far from contact always will."""
+"""How often in a row a participant rests its foot for one zeroing. A busy machine may spoil one or two rests; a foot
+that rests too far from contact spoils all of them."""
 
 SPEED_MEDIAN_MM_S = 180.0
 SPEED_SIGMA = 0.35
 """Foot speeds are log-normal about the natural steps of section 3.1: most within 50-300 mm/s."""
 
 IN_VAIN = 0.03
-"""Part of the steps that stop or turn back between gate and panel, half each."""
+"""Part of the steps that stop or turn back between gate and panel, half of them each."""
 
 MASKED_DB_A = 60.0
-"""Level from which on a simulated participant does not hear the voice coils."""
+"""Level from which on a simulated participant no longer hears the voice coils."""
 
 READY_S = (0.3, 1.2)
 """From arming to the beginning of a step, s."""
@@ -264,53 +241,40 @@ SPEAKS_LOG_S = (0.3, 0.3)
 """From contact to the keyed answer: mean and standard deviation of the logarithm of seconds; median 1.3 s."""
 
 
+@dataclass(kw_only=True)
 class SimulatedParticipant:
-    """Implements `Console`."""
+    """Implements `Console`: a participant before the panel, and the experimenter at the keys.
 
-    def __init__(
-        self,
-        *,
-        protocol: Protocol,
-        materials: SimulatedMaterials,
-        who: tuple[str, str],
-        entropy: tuple[int, ...],
-        foot: Foot,
-        powered_ns: int,
-        panel: Panel | CardPanel | None,
-        actuator_rate_hz: int,
-        clock: Clock,
-        real_time: bool,
-        tick: Tick,
-        screen: Console | None,
-    ) -> None:
-        """Set a participant before the panel.
+    Attributes:
+        protocol: the study.
+        materials: the simulated materials that lie beside the panel.
+        who: label of the participant, and id of the task.
+        entropy: names this participant's random draws in this task.
+        foot: at the device's end of the tracker's port.
+        powered_ns: session time at which the foot's device was powered, when its clock showed zero.
+        panel: at the device's end of the actuator's port; None where the task has no actuator.
+        actuator_rate_hz: samples a second of what the panel receives.
+        clock: the session's; thinking and speaking let its time pass.
+        real_time: whether the foot streams by the clock.
+        tick: called after each confirmed answer.
+        screen: shows what the experimenter would see; None for no screen.
+    """
 
-        Args:
-            protocol: the study.
-            materials: the simulated materials that lie beside the panel.
-            who: label of the participant, and id of the task.
-            entropy: names this participant's random draws in this task.
-            foot: the foot, at the device's end of the tracker's port.
-            powered_ns: session time at which the foot's device was powered, when its clock showed zero.
-            panel: the panel, at the device's end of the actuator's port; None where the task has no actuator.
-            actuator_rate_hz: samples a second of what the panel receives.
-            clock: the session's clock; thinking and speaking let its time pass.
-            real_time: whether the foot streams by the clock.
-            tick: called after each confirmed answer.
-            screen: shows what the experimenter would see; None for no screen.
-        """
-        self.who = who
-        self._materials = materials
-        self._entropy = entropy
-        self._foot = foot
-        self._panel = panel
-        self._rate_hz = actuator_rate_hz
-        self._clock = clock
-        self._real_time = real_time
-        self._tick = tick
-        self._screen = screen
-        self._origin_ns = powered_ns
-        self._observer = Observer(materials, tuple(m.id for m in protocol.materials), rng=self._rng(0))
+    protocol: Protocol
+    materials: SimulatedMaterials
+    who: tuple[str, str]
+    entropy: tuple[int, ...]
+    foot: Foot
+    powered_ns: int
+    panel: Panel | CardPanel | None
+    actuator_rate_hz: int
+    clock: Clock
+    real_time: bool
+    tick: Tick
+    screen: Console | None
+
+    def __post_init__(self) -> None:
+        self._observer = Observer(self.materials, tuple(m.id for m in self.protocol.materials), rng=self._rng(0))
         self._observer.familiarise(rng=self._rng(0, 1))
         self._under_foot: str | None = None
         self._attempt = 0
@@ -318,16 +282,15 @@ class SimulatedParticipant:
         self._rested = 0
 
     def _rng(self, *keys: int) -> np.random.Generator:
-        return np.random.default_rng([*self._entropy, *keys])
+        return np.random.default_rng([*self.entropy, *keys])
 
     def show(self, text: str) -> None:
-        if self._screen is not None:
-            self._screen.show(f"REHEARSAL  {text}")
+        if self.screen is not None:
+            self.screen.show(f"REHEARSAL  {text}")
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
         self.show(f"Familiarisation: {instruction}")
-        wanted_s = self._rng(0, 2).uniform(min_s, max(max_s, min_s))
-        self._clock.sleep_ns(int(wanted_s * 1e9))
+        self.clock.sleep_ns(int(self._rng(0, 2).uniform(min_s, max(max_s, min_s)) * 1e9))
 
     def level(
         self,
@@ -344,24 +307,24 @@ class SimulatedParticipant:
         self._rested = self._rested + 1 if why else 1
         if self._rested > MOST_RESTS:
             raise TrackerError(
-                f"{why}; the simulated foot rested {MOST_RESTS} times and cannot rest otherwise: give a rig and a "
+                f"{why}; the simulated foot rested {MOST_RESTS} times and cannot rest otherwise; give a rig and a "
                 "protocol that agree"
             )
         self.show(f"{why or 'Zeroing'}: the foot rests on the panel")
-        self._foot.put_down()
+        self.foot.put_down()
 
     def place(self, *, trial: int, material: str) -> None:
         self.show(f"Trial {trial}: {material} is laid out")
         self._under_foot = material
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> None:
-        if self._screen is not None:
-            self._screen.arm(trial=trial, attempt=attempt, trials=trials)
+        if self.screen is not None:
+            self.screen.arm(trial=trial, attempt=attempt, trials=trials)
         self._step(trial, attempt)
 
     def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
-        if self._screen is not None:
-            self._screen.rearm(trial=trial, attempt=attempt, reason=reason)
+        if self.screen is not None:
+            self.screen.rearm(trial=trial, attempt=attempt, reason=reason)
         self._attempt = attempt
         if self._lands_later:
             self._lands_later = False
@@ -373,41 +336,38 @@ class SimulatedParticipant:
         rng = self._rng(trial, attempt, 0)
         speed_mm_s = float(np.clip(rng.lognormal(np.log(SPEED_MEDIAN_MM_S), SPEED_SIGMA), 55.0, 390.0))
         ready_ns = int(rng.uniform(*READY_S) * 1e9)
-        now_ns = self._clock.now_ns()
-        begin_ns = max(now_ns + ready_ns, self._origin_ns + self._foot.free_us * 1000)
-        if not self._real_time:
+        now_ns = self.clock.now_ns()
+        begin_ns = max(now_ns + ready_ns, self.powered_ns + self.foot.free_us * 1000)
+        if not self.real_time:
             # Simulated time passes nowhere else; a foot that streams by the clock only has to know when.
-            self._clock.sleep_ns(begin_ns - now_ns)
-        while self._panel is not None and self._panel.felt(0) is not None:
-            self.show("A stimulus of an attempt that did not count was felt")
+            self.clock.sleep_ns(begin_ns - now_ns)
+        while self.panel is not None and self.panel.felt(0) is not None:
+            self.show("The participant felt a stimulus of an attempt that did not count")
         whim = self._rng(trial, attempt, 2)
         in_vain: Hesitation | None = None
         if whim.random() < IN_VAIN:
             in_vain = "stop" if whim.random() < 0.5 else "turn"
-        trajectory = self._foot.trajectory(rng, speed_mm_s, in_vain)
+        trajectory = self.foot.trajectory(rng, speed_mm_s, in_vain)
         self._lands_later = trajectory.hesitation == "dip"
-        self._foot.step(trajectory, (begin_ns - self._origin_ns) // 1000)
+        self.foot.step(trajectory, (begin_ns - self.powered_ns) // 1000)
 
     def ask(self, *, trial: int, keys: dict[str, str]) -> str:
         rng = self._rng(trial, self._attempt, 1)
-        speed_mm_s = self._foot.true_speed_mm_s
+        speed_mm_s = self.foot.true_speed_mm_s
+        take = self.materials.take(self._under_foot, speed_mm_s=speed_mm_s, rng=rng)
         if self._under_foot is not None:
-            crinkle = self._materials.crinkle_take(self._under_foot, speed_mm_s=speed_mm_s, rng=rng)
-            answer = self._observer.judge_real(crinkle, speed_mm_s=speed_mm_s, rng=rng)
+            answer = self._observer.judge_real(take, speed_mm_s=speed_mm_s, rng=rng)
         else:
-            landing = self._materials.panel_take(speed_mm_s=speed_mm_s, rng=rng)
+            felt = self.panel.felt(FELT_TIMEOUT_S) if self.panel is not None else None
             answer = self._observer.judge_virtual(
-                landing, self._delivered(), rate_hz=self._rate_hz, speed_mm_s=speed_mm_s, rng=rng
+                take, felt, rate_hz=self.actuator_rate_hz, speed_mm_s=speed_mm_s, rng=rng
             )
-        self._foot.finish()
-        spoken_ns = self._origin_ns + int(self._foot.true_contact_us * 1e3) + int(rng.lognormal(*SPEAKS_LOG_S) * 1e9)
-        self._clock.sleep_ns(spoken_ns - self._clock.now_ns())
+        self.foot.finish()
+        spoken_ns = self.powered_ns + int(self.foot.true_contact_us * 1e3) + int(rng.lognormal(*SPEAKS_LOG_S) * 1e9)
+        self.clock.sleep_ns(spoken_ns - self.clock.now_ns())
         return next(key for key, meaning in keys.items() if meaning.startswith(answer))
 
-    def _delivered(self) -> NDArray[np.float64] | None:
-        return self._panel.felt(FELT_TIMEOUT_S) if self._panel is not None else None
-
     def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self._tick()
-        if self._screen is not None:
-            self._screen.confirmed(trial=trial, answer=answer)
+        self.tick()
+        if self.screen is not None:
+            self.screen.confirmed(trial=trial, answer=answer)

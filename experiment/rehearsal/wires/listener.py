@@ -1,8 +1,8 @@
 """REHEARSAL: listens to an output of the simulated sound card, from a process of its own.
 
-A panel on a desk takes no turn at the session's interpreter, and nor does this one: with each block of the sound server
-the session would wait for it otherwise. It asks the listener over a socket: a number in a line, answered by a line and
-the samples.
+A panel on a desk takes no turn at the session's interpreter, and this one must not either, or the session would wait
+for it with each block of the sound server. It asks the listener over a socket: a number in a line, answered by a line
+and the samples.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from numpy.typing import NDArray
 from experiment.errors import AudioError
 
 CLIENT = "panel"
-"""As JACK names it."""
+"""The listener, as JACK names it."""
 
 PATIENCE_S = 10.0
 """How long the listener may take to begin, to answer and to end, s."""
 
 SPARE_S = 1.0
-"""So much more is held than is told, s: what the next blocks overwrite is nothing that is being told."""
+"""How much more is held than is told, s, so that new blocks never overwrite what is being told."""
 
 _LISTENING = b"listening\n"
 
@@ -38,12 +38,7 @@ class Tap:
     """What one output carries, kept from the moment of tapping on."""
 
     def __init__(self, server: str, output: str, *, seconds: float) -> None:
-        """Listen from now on.
-
-        Args:
-            server: name of the running JACK server.
-            output: name of the port that is listened to.
-            seconds: how much is kept.
+        """Listen from now on to a port of a running JACK server, both by name; keep the last `seconds`.
 
         Raises:
             AudioError: the server has ended, or there is no such port.
@@ -69,10 +64,7 @@ class Tap:
             raise self._failed(said.decode("utf-8", "replace"))
 
     def since(self, first: int) -> tuple[int, NDArray[np.float32]]:
-        """What was heard from a sample on.
-
-        Args:
-            first: its number, counted from the moment of tapping.
+        """Return what was heard from a sample on; samples count from the moment of tapping.
 
         Returns:
             The number of the first sample that is still kept, not below `first`, and the samples from there on.
@@ -105,19 +97,13 @@ class Tap:
         self.listener.kill()
         self.close()
         said = f" ({why.strip()})" if why.strip() else ""
-        return AudioError(f"simulated sound card: what listens to it has ended{said}; start again")
+        return AudioError(f"simulated sound card: its listener has ended{said}; start again")
 
 
 class Kept:
-    """The last samples of a stream without end. One thread adds while another asks."""
+    """The last `samples` of a stream without end, told while another thread adds up to `spare` more."""
 
     def __init__(self, samples: int, *, spare: int) -> None:
-        """Nothing was heard yet.
-
-        Args:
-            samples: how many of the last are told.
-            spare: how many more may be added while they are.
-        """
         self._told = samples
         self._ring = np.zeros(samples + spare, np.float32)
         self._count = 0
@@ -139,7 +125,7 @@ class Kept:
 
 
 def listen(server: str, output: str, seconds: float, told: BinaryIO) -> None:
-    """Keep what a port carries, and tell of it who writes numbers to this process, until that one has gone."""
+    """Keep what a port carries, and tell of it on request until the process that asks has gone."""
     with ExitStack() as opened:
         try:
             import jack
@@ -148,7 +134,7 @@ def listen(server: str, output: str, seconds: float, told: BinaryIO) -> None:
             kept = Kept(round(seconds * client.samplerate), spare=round(SPARE_S * client.samplerate))
             entry = client.inports.register("in")
             client.set_process_callback(lambda _frames: kept.add(entry.get_array()))
-            # Who listens to nothing any more must not go on answering.
+            # A listener whose server has ended must not go on answering.
             client.set_shutdown_callback(lambda *_: os._exit(1))
             opened.enter_context(client)
             client.connect(output, entry)
@@ -165,7 +151,7 @@ def listen(server: str, output: str, seconds: float, told: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
-    # JACK's library may have words of its own for whoever reads its output.
+    # JACK's library may print messages of its own; they must not reach the line.
     with os.fdopen(os.dup(1), "wb") as line:
         os.dup2(2, 1)
         listen(sys.argv[1], sys.argv[2], float(sys.argv[3]), line)

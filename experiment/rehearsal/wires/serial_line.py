@@ -12,50 +12,34 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
-from typing import Literal, Protocol, Self
+from typing import Literal, Self
 
 Kind = Literal["pty", "tcp"]
 
 HERE: Kind = "pty" if os.name == "posix" else "tcp"
-"""What this system has."""
+"""The kind of line that this system has."""
 
 _PATIENCE_S = 0.05
-"""How long a full line is given to make room before whoever writes looks again, s."""
+"""How long a full line is given to make room before the writer looks again, s."""
 
 
 class UnpluggedError(OSError):
     """The device's end of the line is gone."""
 
 
-class _End(Protocol):
-    """The device's end: takes bytes without waiting, or waits for room."""
-
-    url: str
-    tcp_port: int
-
-    def take(self, data: memoryview) -> int: ...
-
-    def wait(self, timeout_s: float) -> None: ...
-
-    def close(self) -> None: ...
-
-
 class SerialLine:
     """A line that stays usable from one opening of its port to the next, until it is unplugged."""
 
     def __init__(self, kind: Kind = HERE, *, link: Path | None = None) -> None:
-        """Lay the line.
+        """Lay a pseudo-terminal, or a TCP server on the loopback interface.
 
-        Args:
-            kind: `pty` for a pseudo-terminal, `tcp` for a server on the loopback interface.
-            link: gives a pseudo-terminal a name that lasts from one plugging in to the next, as Linux keeps them under
-                /dev/serial/by-id.
+        `link` gives a pseudo-terminal a name that lasts from one plugging in to the next, as Linux does under
+        /dev/serial/by-id.
         """
-        self._lay: Callable[[], _End]
+        self._lay: Callable[[], _PseudoTerminal | _Server]
         self._lay = (lambda: _PseudoTerminal(link)) if kind == "pty" else (lambda: _Server(self._tcp_port))
         self._tcp_port = 0
-        self._end: _End = self._lay()
+        self._end = self._lay()
         self._tcp_port = self._end.tcp_port
         self._lock = threading.Lock()
         self._unplugged = False
@@ -63,13 +47,7 @@ class SerialLine:
         """What pyserial opens."""
 
     def offer(self, data: bytes | memoryview) -> int:
-        """Write from the device's end what goes at once.
-
-        Args:
-            data: the bytes.
-
-        Returns:
-            How many bytes the line took, from none to all.
+        """Write what the line takes at once, and return how many bytes that was.
 
         Raises:
             UnpluggedError: the line was unplugged.
@@ -79,37 +57,29 @@ class SerialLine:
             return self._end.take(memoryview(data))
 
     def wait(self) -> None:
-        """Give a full line a moment to make room.
-
-        Raises:
-            UnpluggedError: the line was unplugged.
-        """
+        """Give a full line a moment to make room. Raises `UnpluggedError` as `offer`."""
         with self._lock:
             self._check()
             self._end.wait(_PATIENCE_S)
 
     def write(self, data: bytes) -> None:
-        """Write all of it from the device's end, however long the reader takes.
-
-        Raises:
-            UnpluggedError: the line was unplugged before it had taken everything.
-        """
+        """Write all of it from the device's end, however long the reader takes. Raises `UnpluggedError` as `offer`."""
         left = memoryview(data)
         while left := left[self.offer(left) :]:
             self.wait()
 
     def unplug(self) -> None:
-        """The device's end goes away: the port vanishes under whoever reads it."""
+        """Take the device's end away: the port vanishes under whoever reads it."""
         with self._lock:
             if not self._unplugged:
                 self._unplugged = True
                 self._end.close()
 
     def replug(self) -> None:
-        """After `unplug`: the device's end comes back, at the same address and with a line that holds nothing.
+        """Bring the device's end back after `unplug`, at the same address and with a line that holds nothing.
 
-        A pseudo-terminal without a link comes back as another one; `url` says which. For tests of a tracker that is
-        plugged in again; no rehearsal does so.
+        A pseudo-terminal without a link comes back as another one; `url` says which. Tests of a tracker that is plugged
+        in again need it; no rehearsal does.
         """
         with self._lock:
             if self._unplugged:
@@ -124,9 +94,7 @@ class SerialLine:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.unplug()
 
 

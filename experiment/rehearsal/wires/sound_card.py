@@ -1,7 +1,7 @@
-"""REHEARSAL: the simulated sound card, a JACK server of our own with its dummy driver. It plays to nobody.
+"""REHEARSAL: the simulated sound card, a JACK server of palpate's own with its dummy driver. It plays to nobody.
 
-Whatever the stream of a session sends to an output is there, sample for sample: `connect` is the cable from an output
-to an input, `Tap` listens to an output from outside, and `WiredCard` lays the cables of a rig.
+Whatever a session's stream sends to an output can be taken from there, sample for sample: `connect` is the cable from
+an output to an input, `Tap` listens to an output from outside, and `WiredCard` lays the cables of a rig.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import Any
 
 from filelock import FileLock, Timeout
@@ -28,7 +28,7 @@ from experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
 from experiment.rehearsal.wires.listener import Tap
 
 HOST_API = "JACK Audio Connection Kit"
-"""Where PortAudio has the simulated card: for tests that open a stream without a rig file, which says it otherwise."""
+"""Where PortAudio has the simulated card; tests that open a stream without a rig file need it."""
 
 DEVICE = "system"
 """As PortAudio names the simulated card."""
@@ -43,15 +43,15 @@ READY_S = 10.0
 """How long the server may take to start, s."""
 
 PLACES = 6
-"""Servers of this kind that may run at a time on a machine: JACK itself allows eight of any kind. A few names are used
-over and over, for JACK gives the place of a server that was killed to the next one of its name, and to no other."""
+"""How many servers of this kind may run at a time on a machine; JACK itself allows eight of any kind. A few names are
+used again and again, because JACK gives the place of a killed server to the next one of its name only."""
 
 _SERVER = "JACK_DEFAULT_SERVER"
 _VARIABLES = {"JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
 
 
 class SoundCard:
-    """A running JACK server; this process's streams find it, and it alone, until it is closed."""
+    """A running JACK server; this process's streams find it, and no other, until it is closed."""
 
     def __init__(self, *, rate_hz: int, block: int, inputs: int, outputs: int, exact: bool = True) -> None:
         """Start the server and wait for it. No audio stream may be open in this process.
@@ -59,10 +59,10 @@ class SoundCard:
         Args:
             rate_hz: frames a second.
             block: frames of a period.
-            inputs: channels.
-            outputs: channels.
+            inputs: number of channels.
+            outputs: number of channels.
             exact: a period waits until every client has done its part, so that no sample is ever lost; False for a
-                server that goes on without them, as a device does.
+            server that goes on without them, as a device does.
 
         Raises:
             AudioError: JACK is not installed, or the server does not start.
@@ -89,7 +89,7 @@ class SoundCard:
             raise
 
     def connect(self, output: int, *to: int) -> None:
-        """Lay a cable from an output of the session's stream to some of its inputs; channels from 1.
+        """Lay a cable from an output of the session's stream to some of its inputs; channels count from 1.
 
         Raises:
             AudioError: there is no such channel, or no stream is open.
@@ -98,27 +98,21 @@ class SoundCard:
             self._wired(self._wiring.connect, self._port("out", output), self._port("in", entry))
 
     def disconnect(self, entry: int) -> None:
-        """Pull every cable from an input of the session's stream; channels from 1.
-
-        Raises:
-            AudioError: there is no such channel, or no stream is open.
-        """
+        """Pull every cable from an input of the session's stream. Raises `AudioError` as `connect`."""
         port = self._port("in", entry)
         for source in self._wired(self._wiring.get_all_connections, port):
             self._wired(self._wiring.disconnect, source, port)
 
     def tap(self, output: int, *, seconds: float) -> Tap:
-        """Listen to an output of the session's stream from now on; channels from 1.
-
-        Raises:
-            AudioError: there is no such channel, no stream is open, or the server has ended.
+        """Listen to an output of the session's stream from now on. Raises `AudioError` as `connect`, or if the server
+        has ended.
         """
         with host.elsewhere():
             return Tap(self.name, self._port("out", output).name, seconds=seconds)
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Have the server stand still meanwhile, as a driver does that hangs."""
+        """Halt the server meanwhile, as a driver that hangs does."""
         self.server.send_signal(signal.SIGSTOP)
         try:
             yield
@@ -161,11 +155,13 @@ class SoundCard:
                 return client
             said = " ".join(log.read_text("utf-8", "replace").strip().splitlines()[-1:])
         raise AudioError(
-            f"simulated sound card: JACK did not start ({said}); see that jackd runs on this machine, then start again"
+            f"simulated sound card: JACK did not start ({said}); check that jackd runs here, then start again"
         )
 
     def _client(self) -> Any:
-        """A client of the server, with which cables are laid; None where it has ended, or is not ready in time."""
+        """Return a client of the server, with which cables are laid; None where it has ended, or is
+        not ready in time.
+        """
         ends = time.monotonic() + READY_S
         while self.server.poll() is None and time.monotonic() < ends:
             try:
@@ -217,7 +213,7 @@ def _jack() -> ModuleType:
             f"simulated sound card: JACK-Client cannot be used ({error}); install palpate[lab], and JACK 2 "
             "(the system's package jackd2)"
         ) from error
-    # The library's own words would stand between the experimenter's lines.
+    # The library's messages would stand between the experimenter's lines.
     with suppress(AttributeError):
         jack.set_error_function(lambda _text: None)
         jack.set_info_function(lambda _text: None)
@@ -228,7 +224,7 @@ def _jack() -> ModuleType:
 class WiredCard:
     """A sound card wired as a rig is: the actuator's channel leads into the loopback and to the panel.
 
-    The card and its panel end when it is left.
+    Leaving it closes the card and its panel.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -236,11 +232,9 @@ class WiredCard:
         audio = opening.audio_of(rig)
         self._actuator, self._channels = rig.actuator, audio.channels
         with ExitStack() as opened:
+            channels = audio.channels
             self.card = SoundCard(
-                rate_hz=audio.rate_hz,
-                block=audio.block,
-                inputs=audio.channels.inputs,
-                outputs=audio.channels.outputs,
+                rate_hz=audio.rate_hz, block=audio.block, inputs=channels.inputs, outputs=channels.outputs
             )
             opened.callback(self.card.close)
             self._opened = opened.pop_all()
@@ -263,14 +257,12 @@ class WiredCard:
             self.card.connect(self._channels.actuator, self._channels.loopback)
 
     def disconnect_loopback(self) -> None:
-        """Pull it: for tests of what a rig does then; no rehearsal pulls it."""
+        """Pull the loopback's cable: tests see what a rig does then; no rehearsal pulls it."""
         if self._channels.loopback is not None:
             self.card.disconnect(self._channels.loopback)
 
     def __enter__(self) -> WiredCard:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._opened.close()

@@ -78,7 +78,7 @@ def test_schedule_is_the_same_in_text_and_json(palpate: Palpate, protocol: Path)
         (["journal", "none.jsonl"], "none.jsonl: cannot read the journal"),
         (["spectrum", "none.wav"], "none.wav"),
         (["analyse", "none"], "none"),
-        (["rehearse", "--participants", 16, "--out", "unused"], "the protocol has 15; give 1 to 15"),
+        (["rehearse", "--participants", 16, "--out", "unused"], "--participants: got 16; allowed: 1 to 15, as in"),
         (["rehearse", "--rig", "none.toml", "--out", "unused"], "none.toml"),
         (["rehearse", "--rig", shipped("rigs/headless.toml"), "--out", "unused"], "add --real-time, or give a rig"),
     ],

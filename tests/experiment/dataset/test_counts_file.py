@@ -21,12 +21,15 @@ MATERIALS = ("sand", "snow")
     [
         ("", "line 1: got header ''; allowed: participant,presented,answered,count"),
         ("a,b\n", "line 1: got header 'a,b'"),
-        (HEADER, "no counts below the header"),
+        (HEADER, "got no counts below the header; allowed: one line a cell"),
         (HEADER + "1,sand,snow\n", "line 2: got 3 fields; allowed: 4"),
         (HEADER + "1,sand,snow,2\n0,sand,sand,1\n", "line 3: participant: got '0'; allowed: a whole number from 1"),
         (HEADER + "x,sand,snow,2\n", "line 2: participant: got 'x'"),
         (HEADER + "00,sand,snow,2\n", "line 2: participant: got '00'"),
-        (HEADER + "01,sand,snow,2\n1,snow,snow,3\n", "line 3: participant: got '1', '01' above; write one of them"),
+        (
+            HEADER + "01,sand,snow,2\n1,snow,snow,3\n",
+            "line 3: participant: got '1' here and '01' above; allowed: one",
+        ),
         (HEADER + "1,ice,snow,2\n", "line 2: presented: got 'ice'; allowed: sand, snow"),
         (HEADER + "1,(none),snow,2\n", "line 2: presented: got '(none)'"),
         (HEADER + "1,sand,ice,2\n", "line 2: answered: got 'ice'; allowed: sand, snow, (none)"),
@@ -34,7 +37,10 @@ MATERIALS = ("sand", "snow")
         (HEADER + "1,sand,snow,1.5\n", "line 2: count: got '1.5'"),
         (HEADER + "1,sand,snow,10001\n", "line 2: count: got '10001'"),
         (HEADER + f"1,sand,snow,{'9' * 5000}\n", "line 2: count: got '999"),
-        (HEADER + "1,sand,snow,2\n1,sand,snow,2\n", "line 3: participant 1, ('sand', 'snow') stands twice"),
+        (
+            HEADER + "1,sand,snow,2\n1,sand,snow,2\n",
+            "line 3: got participant 1, ('sand', 'snow') twice; keep one",
+        ),
         (HEADER + '1,"sand,snow,2\n', "line 2: unexpected end of data"),
     ],
 )

@@ -34,7 +34,9 @@ def _masker(level_db_a: float | None) -> MaskerSet:
 
 def _levels(entries: list[AnyEntry]) -> list[object]:
     lines = tuple(Line(number, entry) for number, entry in enumerate(entries))
-    steps = tuple(build.Placed(entry, entry.at_us or 0, 0.0, 0.0) for entry in entries if isinstance(entry, BrokenOff))
+    steps = tuple(
+        build.Placed(entry, entry.at_us or 0, 0.0, 0.0, 0.0) for entry in entries if isinstance(entry, BrokenOff)
+    )
     rows = build._rows(build._Session(Contents(lines=lines, torn=b"", size=0, last_hash=""), steps), "PARTICIPANT")
     return [row.get("masker_level", "no column") for row in rows]
 

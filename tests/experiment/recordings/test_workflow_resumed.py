@@ -86,7 +86,7 @@ def test_takes_without_their_plan_are_refused_and_left_alone(tmp_path: Path) -> 
 def test_two_at_once_are_refused_and_the_first_goes_on(tmp_path: Path) -> None:
     with (
         store.begun(PLAN, tmp_path / "set"),
-        pytest.raises(RecordingError, match=r"another palpate record is under way for .*set; allowed: one; end it"),
+        pytest.raises(RecordingError, match=r"another palpate record is under way for .*; allowed: one; end that one"),
     ):
         record(World(good()), tmp_path / "set")
     record(World(good()), tmp_path / "set")

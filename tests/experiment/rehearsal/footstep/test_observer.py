@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from experiment.errors import RecordingError, SessionError, SynthesisError
-from experiment.rehearsal.footstep.materials import SimulatedMaterials
 from experiment.rehearsal.footstep.participant import Observer, third_octaves
+from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from experiment.synthesis.crinkle import CrinkleSpectra, subtract
 from tests.experiment.synthesis.stimuli import waveform
 from tests.reference.okamoto2012 import MATERIALS as IDS
@@ -27,14 +27,12 @@ Deliver = Callable[[int, float, np.random.Generator], Delivered]
 def spectra(seed: int) -> list[CrinkleSpectra]:
     """Of recordings as a session makes them, three takes each."""
     rng = np.random.default_rng((1, seed))
-    bare = [[MATERIALS.panel_take(speed_mm_s=v, rng=rng) for _ in range(3)] for v in SPEEDS]
+    bare = [[MATERIALS.take(None, speed_mm_s=v, rng=rng) for _ in range(3)] for v in SPEEDS]
     return [
         subtract(
             speeds_mm_s=SPEEDS,
             rate_hz=5000,
-            panel_object_takes=[
-                [MATERIALS.crinkle_take(material, speed_mm_s=v, rng=rng) for _ in range(3)] for v in SPEEDS
-            ],
+            panel_object_takes=[[MATERIALS.take(material, speed_mm_s=v, rng=rng) for _ in range(3)] for v in SPEEDS],
             panel_takes=bare,
         )
         for material in IDS
@@ -54,7 +52,7 @@ def virtual(deliver: Deliver, *, participants: int, seed: int) -> NDArray[np.flo
         observer.familiarise(rng=rng)
         for presented in np.repeat(range(4), 10):
             v = foot(rng)
-            panel = MATERIALS.panel_take(speed_mm_s=v, rng=rng)
+            panel = MATERIALS.take(None, speed_mm_s=v, rng=rng)
             answer = observer.judge_virtual(
                 panel, deliver(int(presented), v, rng), rate_hz=OUTPUT_HZ, speed_mm_s=v, rng=rng
             )
@@ -70,7 +68,7 @@ def real(*, participants: int, seed: int) -> NDArray[np.float64]:
         observer.familiarise(rng=rng)
         for presented in np.repeat(range(4), 10):
             v = foot(rng)
-            take = MATERIALS.crinkle_take(IDS[presented], speed_mm_s=v, rng=rng)
+            take = MATERIALS.take(IDS[presented], speed_mm_s=v, rng=rng)
             matrix[presented, IDS.index(observer.judge_real(take, speed_mm_s=v, rng=rng))] += 1
     return matrix / (10 * participants)
 
@@ -143,7 +141,7 @@ def one(seed: int = 7) -> Observer:
 
 
 def test_the_same_chance_gives_the_same_answers() -> None:
-    take = MATERIALS.crinkle_take("aluminum foil", speed_mm_s=150, rng=np.random.default_rng(1))
+    take = MATERIALS.take("aluminum foil", speed_mm_s=150, rng=np.random.default_rng(1))
     answers = [
         [one().judge_real(take, speed_mm_s=150, rng=np.random.default_rng(seed)) for seed in range(12)]
         for _ in range(2)
@@ -160,7 +158,7 @@ def test_the_rate_of_the_actuator_does_not_matter(rate_hz: int) -> None:
     for seed in range(40):
         rng = np.random.default_rng(seed)
         made = waveform(known, speed_mm_s=150, output_rate_hz=rate_hz)
-        panel = MATERIALS.panel_take(speed_mm_s=150, rng=rng)
+        panel = MATERIALS.take(None, speed_mm_s=150, rng=rng)
         named += observer.judge_virtual(panel, made, rate_hz=rate_hz, speed_mm_s=150, rng=rng) == "copy paper"
     assert named >= 20
 
@@ -178,14 +176,14 @@ def test_the_rate_of_the_actuator_does_not_matter(rate_hz: int) -> None:
 )
 def test_garbage_still_gets_an_answer(garbage: NDArray[np.float64]) -> None:
     rng = np.random.default_rng(0)
-    panel = MATERIALS.panel_take(speed_mm_s=100, rng=rng)
+    panel = MATERIALS.take(None, speed_mm_s=100, rng=rng)
     assert one().judge_virtual(panel, garbage, rate_hz=OUTPUT_HZ, speed_mm_s=100, rng=rng) in IDS
 
 
 @pytest.mark.parametrize("speed", [1.0, 55.0, 390.0, 2000.0])
 def test_any_speed_gets_an_answer(speed: float) -> None:
     rng = np.random.default_rng(0)
-    take = MATERIALS.crinkle_take("polypropylene", speed_mm_s=speed, rng=rng)
+    take = MATERIALS.take("polypropylene", speed_mm_s=speed, rng=rng)
     assert one().judge_real(take, speed_mm_s=speed, rng=rng) in IDS
 
 

@@ -10,8 +10,8 @@ from experiment.errors import TrackerError
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.materials import SimulatedMaterials
 from experiment.rehearsal.footstep.participant import MOST_RESTS, SimulatedParticipant
+from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 
 

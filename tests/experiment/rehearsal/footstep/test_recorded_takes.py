@@ -1,4 +1,4 @@
-"""Simulated materials: crackling noise as it was described, and parameters that give Table 3 on average."""
+"""Simulated materials and sessions: crackling noise as described, Table 3 on average, one way to draw takes."""
 
 from __future__ import annotations
 
@@ -8,14 +8,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from analysis.validation import validate
 from experiment.errors import RecordingError, SynthesisError
 from experiment.protocol.files import load as load_protocol
 from experiment.protocol.models import Protocol
-from experiment.recordings.manifest import load
-from experiment.recordings.store import plan
-from experiment.rehearsal.footstep import materials, recorded_takes
-from experiment.rehearsal.footstep.materials import CRACKLES, Course, SimulatedMaterials, power_law_energies, pulses
-from experiment.rehearsal.footstep.recorded_takes import make_recordings
+from experiment.recordings.manifest import load, load_all
+from experiment.recordings.store import Condition, Plan, plan
+from experiment.rehearsal.footstep import recorded_takes
+from experiment.rehearsal.footstep.recorded_takes import (
+    CRACKLES,
+    Course,
+    SimulatedMaterials,
+    make_recordings,
+    power_law_energies,
+    pulses,
+)
+from experiment.rehearsal.footstep.recorder import fresh_takes
 from experiment.synthesis.spectra import dissimilarity, spectrum
 from tests.reference.okamoto2012 import TABLE_3
 
@@ -33,10 +41,10 @@ def test_the_parameters_alone_give_table_3_on_average() -> None:
     sums = dict.fromkeys(TABLE_3, 0.0)
     for seed in range(40):
         rng = np.random.default_rng((99, seed))
-        panel = np.abs(spectrum([MATERIALS.panel_take(speed_mm_s=200, rng=rng) for _ in range(3)])).mean(axis=0)
+        panel = np.abs(spectrum([MATERIALS.take(None, speed_mm_s=200, rng=rng) for _ in range(3)])).mean(axis=0)
         own = {}
         for material in CRACKLES:
-            takes = [MATERIALS.crinkle_take(material, speed_mm_s=200, rng=rng) for _ in range(3)]
+            takes = [MATERIALS.take(material, speed_mm_s=200, rng=rng) for _ in range(3)]
             own[material] = np.maximum(np.abs(spectrum(takes)).mean(axis=0) - panel, 0)[:501]
         scores = {(a, b): float(dissimilarity(own[a], own[b], frequencies_hz=f)) for a, b in TABLE_3}
         for pair, score in scores.items():
@@ -99,7 +107,7 @@ def test_no_session_that_meets_the_table_is_an_error_not_a_loop(
 def test_accelerations_have_a_plausible_size_and_rise_with_speed(material: str) -> None:
     rng = np.random.default_rng(3)
     peaks = [
-        np.median([np.abs(MATERIALS.crinkle_take(material, speed_mm_s=v, rng=rng)).max() for _ in range(15)])
+        np.median([np.abs(MATERIALS.take(material, speed_mm_s=v, rng=rng)).max() for _ in range(15)])
         for v in (50, 100, 200, 300)
     ]
     assert peaks == sorted(peaks)
@@ -109,13 +117,13 @@ def test_accelerations_have_a_plausible_size_and_rise_with_speed(material: str) 
 def test_a_take_with_an_object_holds_the_panels_thump(monkeypatch: pytest.MonkeyPatch) -> None:
     """With pulses too weak to matter, what is left is the bare panel's take, 10 mm later: 0.05 s at 200 mm/s."""
     silent = {name: dataclasses.replace(c, pulses_per_s=1e-9) for name, c in CRACKLES.items()}
-    monkeypatch.setattr(materials, "CRACKLES", silent)
+    monkeypatch.setattr(recorded_takes, "CRACKLES", silent)
     still = SimulatedMaterials(rate_hz=5000, samples=2500)
-    take = still.crinkle_take("copy paper", speed_mm_s=200, rng=np.random.default_rng(1))
+    take = still.take("copy paper", speed_mm_s=200, rng=np.random.default_rng(1))
     assert not take[:250].any() or np.abs(take[:250]).max() < 1e-12
     loudest = np.abs(take).max()
     assert loudest == pytest.approx(
-        np.abs(still.panel_take(speed_mm_s=200, rng=np.random.default_rng(2))).max(), rel=0.5
+        np.abs(still.take(None, speed_mm_s=200, rng=np.random.default_rng(2))).max(), rel=0.5
     )
 
 
@@ -163,17 +171,69 @@ def test_no_pulse_is_silence() -> None:
 @pytest.mark.parametrize("speed", [1e-300, 1.0, 19.9, 55.0, 390.0, 10_000.0])
 def test_any_speed_of_a_leg_gives_finite_takes(speed: float) -> None:
     rng = np.random.default_rng(6)
-    assert np.all(np.isfinite(MATERIALS.crinkle_take("typing paper", speed_mm_s=speed, rng=rng)))
-    assert np.all(np.isfinite(MATERIALS.panel_take(speed_mm_s=speed, rng=rng)))
+    assert np.all(np.isfinite(MATERIALS.take("typing paper", speed_mm_s=speed, rng=rng)))
+    assert np.all(np.isfinite(MATERIALS.take(None, speed_mm_s=speed, rng=rng)))
 
 
 @pytest.mark.parametrize("speed", [0.0, -1.0, np.nan, np.inf])
 def test_other_speeds_are_refused(speed: float) -> None:
-    for take in (lambda **k: MATERIALS.crinkle_take("copy paper", **k), MATERIALS.panel_take):
+    for material in ("copy paper", None):
         with pytest.raises(SynthesisError, match="speed_mm_s: got"):
-            take(speed_mm_s=speed, rng=np.random.default_rng(0))
+            MATERIALS.take(material, speed_mm_s=speed, rng=np.random.default_rng(0))
 
 
 def test_an_unknown_material_is_refused() -> None:
     with pytest.raises(RecordingError, match="'cork'"):
-        MATERIALS.crinkle_take("cork", speed_mm_s=100, rng=np.random.default_rng(0))
+        MATERIALS.take("cork", speed_mm_s=100, rng=np.random.default_rng(0))
+
+
+@pytest.fixture(scope="module")
+def planned(protocol: Protocol) -> Plan:
+    return plan(protocol, source=recorded_takes.source(1), simulated=True)
+
+
+@pytest.mark.parametrize("seed", range(1, 21))
+def test_at_least_half_of_the_takes_are_close_for_every_material(planned: Plan, seed: int) -> None:
+    """Okamoto et al., section 3.3: "the same or close speed levels", "for all types of materials"."""
+    recorded = recorded_takes.session(planned, seed=seed).recordings()
+    found = validate.compute(recorded, fresh_takes(recorded, seed=seed))
+    assert {one.material: 2 * int(one.close.sum()) >= one.takes for one in found.classified} == dict.fromkeys(
+        planned.materials, True
+    )
+
+
+def test_attempts_are_the_same_in_whatever_order_they_are_asked_for(planned: Plan) -> None:
+    one, other = (recorded_takes.RecordingSession(planned, seed=3, number=2) for _ in range(2))
+    conditions = planned.conditions()[:3]
+    there = [one.attempt(c, 2).samples_m_s2 for c in conditions]
+    back = [other.attempt(c, 2).samples_m_s2 for c in reversed(conditions)]
+    np.testing.assert_array_equal(there, back[::-1])
+
+
+def test_no_two_attempts_sessions_seeds_or_plans_share_a_draw(planned: Plan) -> None:
+    condition = Condition("copy paper", 100.0, 1)
+    longer = Plan(**{**vars(planned), "takes": planned.takes + 1})
+    drawn = [
+        recorded_takes.RecordingSession(p, seed=seed, number=number).attempt(condition, attempt).speed_mm_s
+        for p in (planned, longer)
+        for seed in (1, 2)
+        for number in (0, 1)
+        for attempt in (1, 2)
+    ]
+    assert len(set(drawn)) == 16
+
+
+def test_speeds_are_those_of_a_foot_that_aims(planned: Plan) -> None:
+    """Log-normal about the target: of 1000 attempts the mean log is within 4 standard errors of it."""
+    drawn = recorded_takes.RecordingSession(planned, seed=1, number=0)
+    target = Condition(None, 200.0, 1)
+    logs = np.log([drawn.attempt(target, n).speed_mm_s / 200 for n in range(1, 1001)])
+    assert logs.mean() == pytest.approx(0, abs=4 * recorded_takes.AIM_SIGMA / np.sqrt(1000))
+    assert logs.std() == pytest.approx(recorded_takes.AIM_SIGMA, rel=0.1)
+
+
+def test_recordings_on_disk_are_the_sessions_kept_takes(tmp_path: Path, planned: Plan, protocol: Protocol) -> None:
+    recorded_takes.make_recordings(tmp_path, protocol=protocol, seed=1)
+    drawn = recorded_takes.session(planned, seed=1).recordings()
+    for on_disk, kept in zip(load_all(tmp_path).objects.values(), drawn.objects.values(), strict=True):
+        np.testing.assert_array_equal(on_disk, kept.astype(np.float32))
