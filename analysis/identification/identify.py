@@ -26,7 +26,7 @@ from analysis.identification.maps import (
     similarity_choice,
 )
 from analysis.statistics.exact import NotDefined
-from analysis.statistics.intervals import (
+from analysis.statistics.inference import (
     CONFIDENCE,
     RESAMPLES,
     ConfidenceInterval,

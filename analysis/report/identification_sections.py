@@ -15,7 +15,7 @@ from analysis.identification.results import Results
 from analysis.identification.time_course import WINDOW, TimeCourse
 from analysis.identification.trial_models import TrialLevel, TrialModel
 from analysis.reading.study import Study
-from analysis.statistics.intervals import RESAMPLES, ConfidenceInterval
+from analysis.statistics.inference import RESAMPLES, ConfidenceInterval
 
 ARBITRARY = (
     "In a reconstruction it is arbitrary which rows of a participant belong together: values by participant, and "

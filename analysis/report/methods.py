@@ -5,7 +5,7 @@ from __future__ import annotations
 from analysis.identification.identify import CHOICE_RESAMPLES, INFORMATION_RESAMPLES
 from analysis.identification.results import SEED
 from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
-from analysis.statistics.intervals import RESAMPLES
+from analysis.statistics.inference import RESAMPLES
 
 METHODS: tuple[tuple[str, str], ...] = (
     (

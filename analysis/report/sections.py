@@ -22,7 +22,7 @@ from analysis.reading.study import Study, sentences
 from analysis.report.identification_sections import course_section, identification_sections, trials_section
 from analysis.statistics.anova import Anova, Effect
 from analysis.statistics.icc import NAMES
-from analysis.statistics.t_tests import EffectSize
+from analysis.statistics.inference import EffectSize
 from experiment.records.events import NO_ANSWER
 
 FEW = 10
