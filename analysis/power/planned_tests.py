@@ -14,19 +14,10 @@ from analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way
 from analysis.statistics.exact import Floats, Integers, Ratios, of_counts
 from analysis.statistics.icc import NAMES, icc_tests
 from analysis.statistics.inference import holm, t_tests
-from experiment.protocol.models import PlannedTest, Protocol
+from experiment.protocol.models import PlannedTest, Protocol, Task
 
 ADJUSTED = "Holm"
 VARIANCE_COMPONENTS = "variance components"
-
-
-@dataclass(frozen=True)
-class PlannedTask:
-    """A task as it is simulated; the protocol plans it for `of` participants of the study."""
-
-    id: str
-    repetitions: int
-    of: int
 
 
 @dataclass(frozen=True)
@@ -37,7 +28,7 @@ class Design:
     """
 
     materials: tuple[str, ...]
-    tasks: tuple[PlannedTask, ...]
+    tasks: tuple[Task, ...]
     participants: int
     tests: tuple[PlannedTest, ...]
     pairs: Mapping[str, tuple[str, str]]
@@ -45,7 +36,8 @@ class Design:
     def sizes(self, participants: int) -> tuple[int, ...]:
         """Return the participants of each task in a study of this size: in the plan's proportion, at least one."""
         return tuple(
-            max(1, (2 * participants * t.of + self.participants) // (2 * self.participants)) for t in self.tasks
+            max(1, (2 * participants * task.participants + self.participants) // (2 * self.participants))
+            for task in self.tasks
         )
 
 
@@ -91,7 +83,7 @@ def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: floa
     changed = {} if alpha is None else {"alpha": alpha}
     return Design(
         materials=materials,
-        tasks=tuple(PlannedTask(task.id, task.repetitions, task.participants) for task in protocol.tasks),
+        tasks=protocol.tasks,
         participants=protocol.study.participants,
         tests=tuple(test.model_copy(update=changed) for test in protocol.analysis),
         pairs={task: pair for task, pair in pairs.items() if set(pair) <= set(materials)},

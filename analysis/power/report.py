@@ -58,7 +58,7 @@ def title(question: Question) -> str:
 
 
 def _studies(result: Power) -> Section:
-    shares = [f"{task.id} {task.of} of {result.design.participants}" for task in result.design.tasks]
+    shares = [f"{task.id} {task.participants} of {result.design.participants}" for task in result.design.tasks]
     trials = [f"{task.id} {task.repetitions}" for task in result.design.tasks]
     paragraphs = (
         f"{result.studies} SIMULATED studies of {result.study} were drawn of each size, with seed {result.seed}. "
@@ -175,8 +175,8 @@ def _estimates(result: Power) -> tuple[Section, ...]:
         name = f"{subject(row.question)}, {' and '.join(row.question.tasks)}"
         shown.append((name, row.kind, str(row.participants), number(middle), limits))
         records.append(
-            {**_named(row.question), "answers": row.kind, "participants": row.participants,
-             "studies": row.tally.studies, "undefined": row.tally.undefined, "median": middle, "low": low, "high": high}
+            {**_simulated(row), "studies": row.tally.studies, "undefined": row.tally.undefined, "median": middle,
+             "low": low, "high": high}
         )  # fmt: skip
     header = ("form", "answers", "n", "median", "95 % of studies")
     about = "A coefficient without a test has no power; the table shows how far its estimates lie apart instead."
@@ -191,8 +191,8 @@ def _undefined(result: Power) -> Section:
     if not rows:
         return Section("undefined", "Not defined", ("Every test of every study is defined.",))
     records = tuple(
-        {**_named(row.question), "answers": row.kind, "participants": row.participants,
-         "undefined": row.tally.undefined, "studies": row.tally.studies, "reason": _reason(result, row)}
+        {**_simulated(row), "undefined": row.tally.undefined, "studies": row.tally.studies,
+         "reason": _reason(result, row)}
         for row in rows
     )  # fmt: skip
     header = ("test", "of", "answers", "n", "studies", "share", "because")
@@ -226,18 +226,15 @@ def _undefined_line(result: Power, row: Row) -> tuple[str, ...]:
 
 
 def _reason(result: Power, row: Row) -> str:
-    sizes = dict(zip((task.id for task in result.design.tasks), result.design.sizes(row.participants), strict=True))
-    if all(sizes[task] < 2 for task in row.question.tasks):
-        return "one participant"
-    return "no variance"
+    sizes = zip(result.design.tasks, result.design.sizes(row.participants), strict=True)
+    alone = all(size < 2 for task, size in sizes if task.id in row.question.tasks)
+    return "one participant" if alone else "no variance"
 
 
 def _record(row: Row) -> Mapping[str, object]:
     low, high = row.interval or (None, None)
     return {
-        **_named(row.question),
-        "answers": row.kind,
-        "participants": row.participants,
+        **_simulated(row),
         "studies": row.tally.studies,
         "significant": row.tally.significant,
         "of_these_above_chance": row.tally.above,
@@ -246,6 +243,10 @@ def _record(row: Row) -> Mapping[str, object]:
         "low": low,
         "high": high,
     }
+
+
+def _simulated(row: Row) -> dict[str, object]:
+    return {**_named(row.question), "answers": row.kind, "participants": row.participants}
 
 
 def _named(question: Question) -> dict[str, object]:
