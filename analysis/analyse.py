@@ -17,8 +17,8 @@ from analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
 from analysis.documents.tables import WIDTH, Section, text
 from analysis.identification.results import Results, TaskResult, compute
 from analysis.identification.time_course import TimeCourse
+from analysis.reading.dataset import read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
-from analysis.reading.pooling import read_pooled
 from analysis.reading.study import Study, nothing_left
 from analysis.report.sections import METHODS, sections
 from analysis.statistics.anova import Anova

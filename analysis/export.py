@@ -15,8 +15,7 @@ import pandas as pd
 
 from analysis.documents.output import check, publish
 from analysis.identification.confusion import confusion_of
-from analysis.reading.dataset import MISSING
-from analysis.reading.pooling import read_pooled
+from analysis.reading.dataset import MISSING, read_pooled
 from analysis.reading.study import Study
 from experiment.records.events import NO_ANSWER
 

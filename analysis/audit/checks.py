@@ -19,7 +19,7 @@ from analysis.audit.mistakes import AGREES, Citation, Layout, Line, Mistake, Ver
 from analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
 from analysis.published.numbers import PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
 from analysis.published.printed import Interval, Printed, image
-from analysis.statistics.t_tests import stars
+from analysis.statistics.inference import stars
 
 
 def stars_of(p: Printed, levels: Sequence[PrintedLevel]) -> str:

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 from analysis.audit.granularity import Moments
 from analysis.published.printed import Interval, hull, image, outward, point, sum_of
-from analysis.statistics.t_tests import p_two_tailed
+from analysis.statistics.inference import p_two_tailed
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from analysis.identification import maps
 from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
 from analysis.identification.maps import Choice, Mantel, Scaling
 from analysis.statistics.exact import NotDefined
-from analysis.statistics.intervals import (
+from analysis.statistics.inference import (
     CONFIDENCE,
     RESAMPLES,
     ConfidenceInterval,

@@ -28,7 +28,7 @@ from analysis.statistics.anova import (
 )
 from analysis.statistics.exact import NotDefined
 from analysis.statistics.icc import Icc, icc
-from analysis.statistics.t_tests import EffectSize, TTest, cohens_d, holm, log_bayes_factor, t_against_chance
+from analysis.statistics.inference import EffectSize, TTest, cohens_d, holm, log_bayes_factor, t_against_chance
 
 TASK, MATERIAL = "task", "material"
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from analysis.documents.tables import plural
 from analysis.reading.study import Study
 from analysis.statistics.exact import NotDefined
-from analysis.statistics.intervals import RESAMPLES, ConfidenceInterval, bca, leave_one_out, resamples, wilson
+from analysis.statistics.inference import RESAMPLES, ConfidenceInterval, bca, leave_one_out, resamples, wilson
 
 QUANTITIES = {
     "contact, predicted minus actual": "prediction_error_s",

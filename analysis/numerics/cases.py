@@ -232,26 +232,17 @@ def cases() -> list[Case]:
 def _speeds() -> list[Case]:
     spectra = material(some())
     claims = "every way keeps the error it claims, and counts floored and dropped bins"
-    extremes = [Case("speed", f"{v:g} mm/s", claims, partial(within_claims, spectra, (v,))) for v in (0.0, 1e-6, 1e4)]
-    exactly = [
-        Case(
-            "speed",
-            f"exactly {v:g} mm/s",
-            "the measured spectrum bit for bit, nothing floored; every way keeps the error it claims",
-            partial(_measured, spectra, i),
-        )
-        for i, v in enumerate(SPEEDS_MM_S)
+    exact = "the measured spectrum bit for bit, nothing floored; every way keeps the error it claims"
+    near = "the same spectrum to 1e-13 of it; every way keeps the error it claims"
+    places = list(enumerate(SPEEDS_MM_S))
+    return [
+        *(Case("speed", f"{v:g} mm/s", claims, partial(within_claims, spectra, (v,))) for v in (0.0, 1e-6, 1e4)),
+        *(Case("speed", f"exactly {v:g} mm/s", exact, partial(_measured, spectra, i)) for i, v in places),
+        *(
+            Case("speed", f"{v:g} mm/s, one rounding below and above", near, partial(_beside, spectra, i))
+            for i, v in places
+        ),
     ]
-    nearly = [
-        Case(
-            "speed",
-            f"{v:g} mm/s, one rounding below and above",
-            "the same spectrum to 1e-13 of it; every way keeps the error it claims",
-            partial(_beside, spectra, i),
-        )
-        for i, v in enumerate(SPEEDS_MM_S)
-    ]
-    return [*extremes, *exactly, *nearly]
 
 
 def _measured(spectra: CrinkleSpectra, i: int) -> Seen:
@@ -280,6 +271,8 @@ def _spectra() -> list[Case]:
     loud *= 1e300
     mixed = np.outer([1e300, 1e-300, 1e300, 1e-300], some()[0])
     denormals = np.asarray(np.random.default_rng(5).integers(0, 50, size=(4, BINS)) * oracle.LEAST, dtype=np.float64)
+    falls = "on its line to 0, counted as floored beyond; every way keeps the error it claims"
+    nothing = "nothing is left: every sample is 0 at every speed"
     keeps = "finite; every way keeps the error it claims at every speed"
     tiny = f"{keeps}, apart from the rounding of denormals"
     return [
@@ -289,18 +282,8 @@ def _spectra() -> list[Case]:
         Case("spectrum", "1e300 m/s^2", keeps, partial(within_claims, material(loud))),
         Case("spectrum", "1e300 beside 1e-300 m/s^2", tiny, partial(within_claims, material(mixed))),
         Case("spectrum", "1.7e308 m/s^2 in every bin", "refused with SynthesisError", _overflowing),
-        Case(
-            "spectrum",
-            "a bin that falls to zero",
-            "on its line to 0, counted as floored beyond; every way keeps the error it claims",
-            partial(_falls, material(falling)),
-        ),
-        Case(
-            "spectrum",
-            "panel louder than object everywhere",
-            "nothing is left: every sample is 0 at every speed",
-            _louder_panel,
-        ),
+        Case("spectrum", "a bin that falls to zero", falls, partial(_falls, material(falling))),
+        Case("spectrum", "panel louder than object everywhere", nothing, _louder_panel),
     ]
 
 

@@ -352,7 +352,7 @@ def run(
     total: Callable[[int], None] = lambda _: None,
     tick: Callable[[], None] = lambda: None,
 ) -> Numerics:
-    """Measure everything and settle every case; `total` is told the number of steps, and `tick` is called after each."""
+    """Measure everything and settle every case; `total` is told the number of steps, `tick` is called after each."""
     wanted, extremes = measurements(extent), cases.cases()
     total(len(wanted) + len(extremes))
     measured, outcomes = [], []

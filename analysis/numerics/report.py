@@ -218,8 +218,8 @@ def _cases(outcomes: tuple[Outcome, ...]) -> Section:
         slug="cases",
         title="Extreme cases",
         paragraphs=(
-            "The cases test every way at every output rate, what a stimulus states about itself, and the oracle against "
-            "itself.",
+            "The cases test every way at every output rate, what a stimulus states about itself, and the oracle "
+            "against itself.",
         ),
         tables=tuple(full),
         records=tuple(map(asdict, outcomes)),

@@ -1,23 +1,22 @@
 """How participants answer: the probabilities that simulated studies are drawn from, and the drawing.
 
 A choice model holds, for each task and presented material, the mean share of each answer and how much participants
-differ around it. They differ as a Dirichlet distribution says, so that counts are Dirichlet-multinomial: its one
-parameter a material, the intraclass correlation of a participant's answers, follows from the standard deviations that
-a paper prints, in closed form and without a guess at anything it does not print (a logit-normal would need the
-correlations between answers). Participants' answers to different materials, and in different tasks, are independent
-given these shares. Counts of many participants at once are drawn from uniform numbers alone.
+differ around it. Participants differ by a Dirichlet distribution, so that counts are Dirichlet-multinomial. Its one
+parameter for each material, the intraclass correlation of a participant's answers, follows in closed form from the
+standard deviations that a paper prints (a logit-normal would also need the correlations between answers, which no
+paper prints). Given these shares, a participant's answers to different materials and in different tasks are
+independent. Counts of many participants at once are drawn from uniform numbers alone.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from analysis import published
@@ -25,18 +24,17 @@ from analysis.documents.tables import plural
 from analysis.identification.confusion import confusion
 from analysis.published.numbers import Published
 from analysis.reading import dataset
+from analysis.statistics.exact import Floats, Integers
 from experiment.errors import PowerError
 from experiment.protocol.models import Protocol
 from experiment.settings import load
 from experiment.settings.load import Broken, Confined, Label, Name, Rules, Text
 
-Floats = NDArray[np.float64]
-
 MOST_SPREAD = 0.999
-"""Intraclass correlation at which fitting stops: beyond it every participant gives one answer for ever."""
+"""The largest intraclass correlation that is fitted; beyond it every participant always gives the same answer."""
 
 OWN = "published"
-"""Names the model of the study that the protocol's id names."""
+"""The name of the model of the study whose id the protocol has."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +43,10 @@ class Answers:
 
     Args:
         task: id.
-        shares: mean share of each answer, shape (M, M + 1): presented, answered; the last is "no material named".
-            Rows add up to 1.
+        shares: mean share of each answer, shape (M, M + 1): presented, answered; the last answer is "no material
+            named". Rows add up to 1.
         spread: intraclass correlation of one participant's answers to a material, shape (M,): 0 when all
-            participants are alike, towards 1 when each always gives the same answer.
+            participants are alike, near 1 when each always gives the same answer.
     """
 
     task: str
@@ -58,7 +56,7 @@ class Answers:
 
 @dataclass(frozen=True)
 class ChoiceModel:
-    """How participants answer in every task; `source` says where from, `notes` what was decided on the way."""
+    """How participants answer in every task, where this comes from (`source`), and what was decided (`notes`)."""
 
     source: str
     tasks: tuple[Answers, ...]
@@ -66,11 +64,9 @@ class ChoiceModel:
 
 
 def find(name: str, protocol: Protocol) -> ChoiceModel:
-    """The choice model called `name`, for the tasks and materials of `protocol`.
+    """Return the choice model called `name`, for the tasks and materials of `protocol`.
 
-    Args:
-        name: `published`, the id of a published study, the folder of a dataset, or a TOML file.
-        protocol: the study that is planned.
+    The name is `published`, the id of a published study, the folder of a dataset, or a TOML file.
 
     Raises:
         PowerError: there is no such model, or it lacks a task or a material.
@@ -85,12 +81,12 @@ def find(name: str, protocol: Protocol) -> ChoiceModel:
         return stated(path, protocol)
     raise PowerError(
         f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study whose "
-        "printed tables are held, the folder of a dataset, a TOML file; give one of these"
+        "printed tables palpate holds, the folder of a dataset, or a TOML file; give one of these"
     )
 
 
 def guessing(protocol: Protocol) -> ChoiceModel:
-    """Nobody can tell anything: the correct answer at the rate of chance, the others equally often, no spread."""
+    """Return the model in which everybody guesses: answers are correct at chance, and there is no spread."""
     count = len(protocol.materials)
     tasks = []
     for task in protocol.tasks:
@@ -104,17 +100,18 @@ def guessing(protocol: Protocol) -> ChoiceModel:
 
 
 def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
-    """Means and standard deviations of a paper's tables as they stand there.
+    """Return the model with the means and standard deviations of a paper's tables.
 
-    A row whose printed means miss 1 by no more than their rounding can explain is scaled to 1; a larger gap is the
-    share of trials in which no material was named, and a larger surplus, which no answers give, is scaled and noted.
+    A row whose printed means miss 1 by no more than their rounding explains is scaled to 1. A larger gap is the share
+    of trials in which no material was named. A larger surplus is impossible; it is scaled and noted.
 
     Raises:
         PowerError: the tables lack a task or a material of the protocol.
     """
     ids = [material.id for material in protocol.materials]
     cells = {cell.key: cell for table in printed.table for cell in printed.cells_of(table)}
-    tasks, notes = [], []
+    tasks: list[Answers] = []
+    notes: list[str] = []
     for task in protocol.tasks:
         did = printed.task_named(task.id)
         if did is None or did.trials is None:
@@ -127,27 +124,27 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
             try:
                 row = [cells[task.id, shown, said] for said in ids]
             except KeyError as missing:
-                raise _lacking(
-                    f"the tables of {printed.study}", task.id, " answered ".join(missing.args[0][1:])
-                ) from None
+                lacking = " answered ".join(missing.args[0][1:])
+                raise _lacking(f"the tables of {printed.study}", task.id, lacking) from None
             means = np.array([cell.mean.value for cell in row])
             gap = 1 - float(means.sum())
             rounding = sum(cell.mean.unit for cell in row) / 2
             if gap < -rounding:
                 notes.append(
-                    f"{task.id}, {shown}: printed ratios add up to {1 - gap:.3f}, more than rounding explains; one of "
-                    "them is wrong in print, and all are scaled to add up to 1"
+                    f"{task.id}, {shown}: the printed ratios add up to {1 - gap:.3f}, more than rounding explains; one "
+                    "of them is wrong in print, and all are scaled to add up to 1"
                 )
             if gap > rounding:
-                notes.append(f"{task.id}, {shown}: printed ratios leave {gap:.3g}, taken as no material named")
+                notes.append(
+                    f"{task.id}, {shown}: the printed ratios leave {gap:.3g}, which is taken as no material named"
+                )
                 shares = np.array([*means, gap])
             else:
                 shares = np.array([*means / means.sum(), 0.0])
             variance = sum((cell.sd.value if cell.sd else 0.0) ** 2 for cell in row)
-            fit = _spread(shares[:-1], variance, 1 / did.trials, did.participants)
-            notes += _clipped(f"{task.id}, {shown}", fit)
             rows.append(shares)
-            spreads.append(min(max(fit, 0.0), MOST_SPREAD))
+            fit = _spread(shares[:-1], variance, 1 / did.trials, did.participants)
+            spreads.append(_clipped(fit, f"{task.id}, {shown}", notes))
         tasks.append(Answers(task.id, np.array(rows), np.array(spreads)))
     where = " and ".join(dict.fromkeys(table.where for table in printed.table))
     source = f"means and standard deviations of {where} of {printed.source}"
@@ -155,17 +152,18 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
 
 
 def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
-    """Mean shares of a dataset's answers, and the spread that its participants' standard deviations tell.
+    """Return the model with the mean shares of a dataset's answers, and the spread of its participants.
 
     Raises:
-        PowerError: the dataset lacks a task or a material, or has one participant where spread needs two.
-        DatasetError, ProtocolError: it cannot be read.
+        PowerError: the dataset lacks a task or a material, or has one participant where the spread needs two.
+        DatasetError, ProtocolError: the dataset cannot be read.
     """
     study = dataset.read(folder)
     ids = [material.id for material in protocol.materials]
     if missing := set(ids) - set(study.materials):
-        raise _lacking(str(folder), "every task", sorted(missing))
-    tasks, notes = [], []
+        raise _lacking(str(folder), "every task", ", ".join(sorted(missing)))
+    tasks: list[Answers] = []
+    notes: list[str] = []
     for task in protocol.tasks:
         trials = study.trials(task.id)
         trials = trials[trials["presented"].isin(ids)]
@@ -177,28 +175,27 @@ def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
             if people < 2:
                 raise PowerError(
                     f"{folder}: task {task.id}, {shown}: got {plural(people, 'participant')}; allowed: at least "
-                    "2, whose spread can be fitted; state the model in a TOML file instead"
+                    "2, so that their spread can be fitted; state the model in a TOML file instead"
                 )
-            ratios = answers.counts[:, i] / answers.trials[:, i, None].clip(min=1)
-            ratios = ratios[answers.trials[:, i] > 0]
+            present = answers.trials[:, i] > 0
+            done = answers.trials[present, i]
+            ratios = answers.counts[present, i] / done[:, None]
             shares = ratios.mean(axis=0)
-            shortness = float(np.mean(1 / answers.trials[:, i][answers.trials[:, i] > 0]))
             variance = float(ratios[:, :-1].var(axis=0, ddof=1).sum())
-            fit = _spread(shares[:-1], variance, shortness, people)
-            notes += _clipped(f"{task.id}, {shown}", fit)
             rows.append(shares / shares.sum())
-            spreads.append(min(max(fit, 0.0), MOST_SPREAD))
+            fit = _spread(shares[:-1], variance, float(np.mean(1 / done)), people)
+            spreads.append(_clipped(fit, f"{task.id}, {shown}", notes))
         tasks.append(Answers(task.id, np.array(rows), np.array(spreads)))
     label = f" ({study.label})" if study.label else ""
     return ChoiceModel(f"fitted to the answers in {folder.name}{label}", tuple(tasks), tuple(notes))
 
 
 def stated(file: Path, protocol: Protocol) -> ChoiceModel:
-    """The model that a TOML file states, one table `[[rows]]` a task and presented material.
+    """Return the model that a TOML file states, with one table `[[rows]]` for each task and presented material.
 
     Raises:
-        PowerError: it lacks a task or a material, or has one that the protocol has not, or one twice.
-        ProtocolError: with every other problem of the file.
+        PowerError: the file lacks a task or a material, holds one twice, or one that the protocol lacks.
+        ProtocolError: every other problem of the file.
     """
     model = load.read(file, Stated)
     ids = [material.id for material in protocol.materials]
@@ -228,20 +225,20 @@ def stated(file: Path, protocol: Protocol) -> ChoiceModel:
 
 
 ROUNDING = 1e-9
-"""Shares that add up to 1 within this add up to 1."""
+"""Shares add up to 1 where their sum differs from it by no more than this."""
 
 
 def _shares_add_up(table: Mapping[str, Any]) -> Iterator[Broken]:
     answers = table.get("answers")
     numbers = answers if isinstance(answers, tuple) else ()
     if all(isinstance(share, int | float) for share in numbers) and sum(numbers) > 1 + ROUNDING:
-        yield Broken(("answers",), "shares that add up to 1 at most; what is missing to 1 is no material named")
+        yield Broken(("answers",), "shares that add up to 1 at most; the rest up to 1 is no material named")
 
 
 class StatedRow(Confined):
     """Answers to one material in one task.
 
-    `answers` are mean shares in the order of the protocol's materials; what is missing to 1 is no material named.
+    `answers` are mean shares in the order of the protocol's materials; the rest up to 1 is no material named.
     `spread` is the intraclass correlation of a participant's answers: 0 when all participants are alike.
     """
 
@@ -262,7 +259,7 @@ class Stated(Confined):
 
 
 def _spread(shares: Floats, variance: float, shortness: float, people: int) -> float:
-    """Intraclass correlation by moments; below 0 where participants differ less than trials alone make them.
+    """Return the intraclass correlation by moments; below 0 where participants differ less than by chance alone.
 
     The variance of a ratio of m trials is p (1 - p) (rho + (1 - rho) / m). Both sides are added up over the answers,
     which weights them by their variance; a mean of n participants makes p (1 - p) too small by variance / n.
@@ -279,41 +276,39 @@ def _spread(shares: Floats, variance: float, shortness: float, people: int) -> f
     return (variance / largest - shortness) / (1 - shortness)
 
 
-def _clipped(where: str, fit: float) -> list[str]:
+def _clipped(fit: float, where: str, notes: list[str]) -> float:
+    """Return a spread that can be drawn from, and note where it is not the one that was fitted."""
     if fit < 0:
-        return [f"{where}: participants differ less than trials alone would make them; spread taken as 0"]
-    if fit > MOST_SPREAD:
-        return [f"{where}: each participant gives one answer only; spread taken as {MOST_SPREAD}"]
-    return []
+        notes.append(f"{where}: participants differ less than by chance alone; their spread is taken as 0")
+    elif fit > MOST_SPREAD:
+        notes.append(f"{where}: each participant gives one answer only; their spread is taken as {MOST_SPREAD}")
+    return min(max(fit, 0.0), MOST_SPREAD)
 
 
-def _lacking(what: str, task: str, materials: Sequence[str] | str) -> PowerError:
-    names = materials if isinstance(materials, str) else ", ".join(materials)
+def _lacking(what: str, task: str, materials: str) -> PowerError:
     return PowerError(
-        f"{what}: got nothing for task {task}, {names}; allowed: every task and material of the protocol; add it, or "
-        "choose another --model"
+        f"{what}: got nothing for task {task}, {materials}; allowed: every task and material of the protocol; add it, "
+        "or choose another --model"
     )
 
-
-Counts = NDArray[np.int64]
 
 GUIDE = 1024
 """Cells of the unit interval; a power of 2, so that a number is put into its cell without rounding."""
 
 MOST_GUIDED = 40
-"""Trials up to which a guide, which is kept, is of less than 350 kB; more are searched."""
+"""The most trials for which a guide is kept, of less than 350 kB; the counts of more trials are searched for."""
 
 
-def draw(answers: Answers, *, trials: int, participants: int, studies: int, random: np.random.Generator) -> Counts:
-    """Counts of every answer, Dirichlet-multinomial (multinomial without spread).
+def draw(answers: Answers, *, trials: int, participants: int, studies: int, random: np.random.Generator) -> Integers:
+    """Return counts of every answer, Dirichlet-multinomial (multinomial without spread).
 
-    One answer after the other is beta-binomial given those before it, and is found from a uniform number in the table
-    of its distribution: the same counts wherever the generator's uniform numbers are the same.
+    Each answer is beta-binomial given those before it, and is found from a uniform number in the table of its
+    distribution, so that the same uniform numbers give the same counts.
 
     Args:
-        answers: of one task.
-        trials: of each material, for each participant.
-        participants: in a study.
+        answers: how participants answer in the task.
+        trials: number for each material and participant.
+        participants: number in a study.
         studies: how many.
         random: source of uniform numbers.
 
@@ -338,14 +333,14 @@ def draw(answers: Answers, *, trials: int, participants: int, studies: int, rand
 
 
 class Inverse:
-    """Finds the counts that uniform numbers stand for, by search in the table of `distribution`."""
+    """Finds the counts of uniform numbers by a search in the table of `distribution`."""
 
     def __init__(self, trials: int, share: float, rest: float, spread: float) -> None:
         self._row = trials + 1
         self._table = distribution(trials, share, rest, spread)
 
-    def counts(self, left: Counts, uniform: Floats) -> Counts:
-        """Of this answer, in `left` remaining trials; same shape."""
+    def counts(self, left: Integers, uniform: Floats) -> Integers:
+        """Return the counts of this answer in `left` remaining trials, of the same shape."""
         # Row r of the table begins at r (trials + 1) and its values lie from r to r + 1.
         places = np.searchsorted(self._table, left + uniform, side="right")
         return np.asarray(np.minimum(places - left * self._row, left), dtype=np.int64)
@@ -355,8 +350,8 @@ class Guided(Inverse):
     """The same counts, most of them without a search (Chen and Asau 1974, On generating random variates from an
     empirical distribution, AIIE Transactions 6, 163-166).
 
-    The unit interval is cut into cells for every number of remaining trials. Where both ends of a cell stand for one
-    count, so does every number between them; only the others are searched.
+    The unit interval is cut into cells for every number of remaining trials. Where both ends of a cell have the same
+    count, so has every number between them; only numbers in the other cells are searched for.
     """
 
     def __init__(self, trials: int, share: float, rest: float, spread: float) -> None:
@@ -365,8 +360,8 @@ class Guided(Inverse):
         ends = super().counts(left, np.arange(GUIDE + 1) / GUIDE)
         self._guide = np.where(ends[:, :-1] == ends[:, 1:], ends[:, :-1], -1).ravel()
 
-    def counts(self, left: Counts, uniform: Floats) -> Counts:
-        """Of this answer, in `left` remaining trials; same shape."""
+    def counts(self, left: Integers, uniform: Floats) -> Integers:
+        """Return the counts of this answer in `left` remaining trials, of the same shape."""
         cells = (uniform * GUIDE).astype(np.int64)
         cells += left * GUIDE
         found = self._guide.take(cells)
@@ -378,17 +373,11 @@ class Guided(Inverse):
 _guided = lru_cache(maxsize=256)(Guided)
 
 
-def distribution(trials: int, share: float, rest: float, spread: float) -> NDArray[np.float64]:
-    """Cumulative distribution of the count of one answer in 0..`trials` remaining trials, row after row.
+def distribution(trials: int, share: float, rest: float, spread: float) -> Floats:
+    """Return the cumulative distribution of the count of one answer in 0..`trials` remaining trials, row after row.
 
-    Args:
-        trials: most trials that may remain.
-        share: of this answer.
-        rest: of all answers after it.
-        spread: intraclass correlation; 0 makes it binomial.
-
-    Returns:
-        Shape ((trials + 1)^2,), rising: place r (trials + 1) + k holds r + P(count <= k | r remain).
+    Shape ((trials + 1)^2,), rising: place r (trials + 1) + k holds r + P(count <= k | r remain). `share` is that of the
+    answer, `rest` that of all answers after it; without `spread`, the intraclass correlation, counts are binomial.
     """
     from scipy.special import betaln, xlog1py, xlogy
 

@@ -13,44 +13,31 @@ from analysis.identification.confusion import most_confused
 from analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests, variance_component_icc
 from analysis.statistics.exact import Floats, Integers, Ratios, of_counts
 from analysis.statistics.icc import NAMES, icc_tests
-from analysis.statistics.t_tests import holm, t_tests
-from experiment.protocol.models import PlannedTest, Protocol
+from analysis.statistics.inference import holm, t_tests
+from experiment.protocol.models import PlannedTest, Protocol, Task
 
 ADJUSTED = "Holm"
 VARIANCE_COMPONENTS = "variance components"
 
 
 @dataclass(frozen=True)
-class PlannedTask:
-    """A task as it is simulated; `of` participants of the study's do it as planned."""
-
-    id: str
-    repetitions: int
-    of: int
-
-
-@dataclass(frozen=True)
 class Design:
-    """What a study consists of and what it tests.
+    """What a study consists of and what it tests, as planned and in the order of the protocol.
 
-    Args:
-        materials: in the order of the protocol.
-        tasks: in the order of the protocol.
-        participants: as planned.
-        tests: as planned.
-        pairs: task -> the pair of materials that was published for it.
+    `pairs` maps a task to the pair of materials that was published for it.
     """
 
     materials: tuple[str, ...]
-    tasks: tuple[PlannedTask, ...]
+    tasks: tuple[Task, ...]
     participants: int
     tests: tuple[PlannedTest, ...]
     pairs: Mapping[str, tuple[str, str]]
 
     def sizes(self, participants: int) -> tuple[int, ...]:
-        """Participants of each task in a study of so many: in the plan's proportion, rounded, at least one."""
+        """Return the participants of each task in a study of this size: in the plan's proportion, at least one."""
         return tuple(
-            max(1, (2 * participants * t.of + self.participants) // (2 * self.participants)) for t in self.tasks
+            max(1, (2 * participants * task.participants + self.participants) // (2 * self.participants))
+            for task in self.tasks
         )
 
 
@@ -61,10 +48,10 @@ class Question:
     Args:
         plan: number of the test in the protocol, from 0.
         test: its name.
-        tasks: whose answers it takes.
+        tasks: the tasks whose answers it takes.
         subject: the material, the pair, the effect or the form.
-        adjusted: P is adjusted by Holm.
-        alpha: level of P, None where there is no P and the estimate itself is asked for.
+        alpha: level of P; None where there is no P and the estimate itself is wanted.
+        adjusted: whether P is adjusted by Holm's method.
     """
 
     plan: int
@@ -77,12 +64,9 @@ class Question:
 
 @dataclass(frozen=True)
 class Answer:
-    """What every study says to one question, each of shape (studies,); NaN where the values do not define it.
+    """Every study's answer to one question: arrays of shape (studies,), or None where the question has no such value.
 
-    Args:
-        p: P, or None where there is none.
-        above: whether the mean lies above chance, or None.
-        estimate: the estimate, or None.
+    `above` says whether the mean lies above chance. P and the estimate are NaN where a study does not define them.
     """
 
     p: Floats | None = None
@@ -91,18 +75,15 @@ class Answer:
 
 
 def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: float | None = None) -> Design:
-    """What a protocol plans.
+    """Return what a protocol plans, with `alpha` as the level of every test where it is given.
 
-    Args:
-        protocol: the study.
-        pairs: task -> the pair of materials that was published for it.
-        alpha: level of every test, instead of the protocol's.
+    `pairs` maps a task to the pair of materials that was published for it.
     """
     materials = tuple(material.id for material in protocol.materials)
     changed = {} if alpha is None else {"alpha": alpha}
     return Design(
         materials=materials,
-        tasks=tuple(PlannedTask(task.id, task.repetitions, task.participants) for task in protocol.tasks),
+        tasks=protocol.tasks,
         participants=protocol.study.participants,
         tests=tuple(test.model_copy(update=changed) for test in protocol.analysis),
         pairs={task: pair for task, pair in pairs.items() if set(pair) <= set(materials)},
@@ -110,22 +91,17 @@ def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: floa
 
 
 def not_simulated(planned: Design) -> tuple[str, ...]:
-    """One sentence for each planned test that no question stands for."""
+    """Return one sentence for each planned test that cannot be simulated."""
     return tuple(
-        f"Not simulated: {test.test}, form '{test.form}': it names neither variance components nor a form of Shrout "
-        "and Fleiss or of McGraw and Wong."
+        f"The planned {test.test} of the form '{test.form}' is not simulated: its form names neither variance "
+        "components nor a form of Shrout and Fleiss or of McGraw and Wong."
         for test in planned.tests
         if test.test == "ICC" and _form(test) is None
     )
 
 
 def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Answer]:
-    """Every planned test of every study.
-
-    Args:
-        planned: see `design`.
-        drawn: task -> counts, shape (M, M + 1, studies, participants).
-    """
+    """Return every planned test of every study; `drawn` holds each task's counts from `choice_models.draw`."""
     trials = {task.id: task.repetitions for task in planned.tasks}
     every = {task: of_counts(counts, trials[task]) for task, counts in drawn.items()}
     found: dict[Question, Answer] = {}
@@ -169,7 +145,7 @@ def _one_way(
         one, other = most_confused(answers.means)
         studies = np.arange(len(one))
         groups = answers[np.stack([one, other, one, other]), np.stack([one, other, other, one]), studies]
-        # As `Confusion.most_confused`: where nothing was ever confused there is no pair to test.
+        # As in `Confusion.most_confused`, there is no pair to test where nothing was ever confused.
         p = np.where(one == other, np.nan, one_way_tests(groups).p)
         yield Question(number, test.test, (task,), "most confused in each study", test.alpha), Answer(p=p)
 
@@ -207,7 +183,7 @@ def _icc(
 
 
 def _form(test: PlannedTest) -> str | None:
-    """What a planned ICC asks for: a Shrout-Fleiss name, `VARIANCE_COMPONENTS`, or nothing that is known."""
+    """Return what a planned ICC asks for: a Shrout-Fleiss name, `VARIANCE_COMPONENTS`, or None for neither."""
     text = test.form or ""
     for name, (also, _) in NAMES.items():
         if name in text or also in text:

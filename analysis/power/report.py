@@ -1,4 +1,4 @@
-"""What `palpate power` prints and writes: its tables, and a plot with a panel for each planned test and task."""
+"""What `palpate power` prints and writes: tables, and a plot with a panel for each planned test and task."""
 
 from __future__ import annotations
 
@@ -21,23 +21,22 @@ from analysis.power.planned_tests import ADJUSTED, Question
 from analysis.power.simulate import LABEL, Kind, Power, Row, software
 
 ABOUT_POWER = (
-    "Power: the share of SIMULATED studies in which P lies below alpha, two-tailed. A study whose values define no P "
-    "counts as one that finds nothing."
+    "Power is the share of SIMULATED studies in which the two-tailed P lies below alpha. A study whose values define "
+    "no P counts as one that finds nothing."
 )
 IN_BRACKETS = (
-    "In brackets after a share: Wilson's 95 % interval, the Monte Carlo error, which says nothing of what the choice "
-    "model leaves open."
+    "In brackets after a share stands Wilson's 95 % interval, its Monte Carlo error, which does not cover the "
+    "uncertainty of the choice model."
 )
 ABOUT_GUESSING = (
-    "The same when nobody can tell anything: each answer equally likely, no participant unlike another. Every null "
-    "hypothesis holds then, and the share with P below alpha is the type I error. A pair chosen after looking at the "
-    "answers is tested more often wrongly than alpha says, and ratios of one presented material are no independent "
-    "values."
+    "The same studies when everybody guesses: each answer is equally likely, and all participants are alike. Every "
+    "null hypothesis then holds, and the share with P below alpha is the type I error. It exceeds alpha for a pair "
+    "that is chosen after looking at the answers, and the ratios of one presented material are not independent values."
 )
 
 
 def sections(result: Power) -> tuple[Section, ...]:
-    """What was simulated, what is needed, then every number."""
+    """Return what was simulated, the participants needed, then every number."""
     return (
         _studies(result),
         _needed(result),
@@ -49,25 +48,25 @@ def sections(result: Power) -> tuple[Section, ...]:
 
 
 def subject(question: Question) -> str:
-    """What a question asks about, in a few words."""
+    """Return what a question asks about, in a few words."""
     return f"{question.subject} ({ADJUSTED})" if question.adjusted else question.subject
 
 
 def title(question: Question) -> str:
-    """The planned test and its tasks."""
+    """Return the planned test and its tasks."""
     return f"{question.test}, {' and '.join(question.tasks)}"
 
 
 def _studies(result: Power) -> Section:
-    shares = [f"{task.id} {task.of} of {result.design.participants}" for task in result.design.tasks]
+    shares = [f"{task.id} {task.participants} of {result.design.participants}" for task in result.design.tasks]
     trials = [f"{task.id} {task.repetitions}" for task in result.design.tasks]
     paragraphs = (
-        f"{result.studies} SIMULATED studies of each size, seed {result.seed}. Study {result.study}; answers from: "
-        f"{result.model.source}.",
-        f"Participants of a task in the proportion of the protocol ({', '.join(shares)}), rounded; repetitions of each "
-        f"material: {', '.join(trials)}. Participants are those whose answers are analysed: nobody withdraws, and no "
-        "exclusion rule is applied. One participant's answers to two materials, or in two tasks, are independent given "
-        "the model.",
+        f"{result.studies} SIMULATED studies of {result.study} were drawn of each size, with seed {result.seed}. "
+        f"Answers are from: {result.model.source}.",
+        f"The tasks share the participants in the proportion of the protocol ({', '.join(shares)}), rounded; each "
+        f"material is repeated: {', '.join(trials)}. Participants are those whose answers are analysed: nobody "
+        "withdraws, and no exclusion rule is applied. One participant's answers to two materials, or in two tasks, are "
+        "independent given the model.",
         *(f"{note[0].upper()}{note[1:]}." if not note.endswith(".") else note for note in result.notes),
     )
     header = ("task", "presented", *result.design.materials, "none", "spread")
@@ -77,7 +76,7 @@ def _studies(result: Power) -> Section:
             rows.append((task.task, material, *(f"{share:.3f}" for share in shares_of), f"{spread:.3f}"))
             named = dict(zip((*result.design.materials, "none"), shares_of.tolist(), strict=True))
             records.append({"task": task.task, "presented": material, **named, "spread": float(spread)})
-    note = "Mean share of each answer; spread: intraclass correlation of one participant's answers to a material."
+    note = "Mean share of each answer; spread is the intraclass correlation of one participant's answers to a material."
     table = Table("Choice model", header, tuple(rows), left=frozenset({0, 1}), notes=(note,))
     return Section("model", "Simulated studies", paragraphs, (table,), tuple(records))
 
@@ -102,9 +101,10 @@ def _needed(result: Power) -> Section:
         )  # fmt: skip
     alphas = ", ".join(dict.fromkeys(f"{question.alpha:g}" for question in result.questions if question.alpha))
     notes = (
-        f"Power and type I error at n = {plan}, alpha {alphas}. n for {result.target:g}: the smallest of the numbers "
-        f"tried ({_listed(result.participants)}) from which on the power is at least so large, and the same for the "
-        "upper and the lower limit of its Monte Carlo error; -: none of them.",
+        f"Power and type I error are those at n = {plan}, alpha {alphas}. n for {result.target:g} is the smallest of "
+        f"the numbers tried ({_listed(result.participants)}) from which on the power is at least {result.target:g}; in "
+        "brackets stands the same for the upper and the lower limit of its Monte Carlo error. A dash means that no "
+        "number tried suffices.",
     )
     wanted = f"n for {result.target:g}"
     left = frozenset({0, 1})
@@ -144,12 +144,12 @@ def _sizes_table(
     )
     of_tasks = ", ".join(task.id for task in result.design.tasks)
     apart = any(len(set(result.design.sizes(size))) > 1 for size in result.participants)
-    sizes = (f"n: of the study ({of_tasks}).",) if apart else ()
+    sizes = (f"n is the number of participants of the study ({of_tasks}).",) if apart else ()
     return Table(title(questions[0]), ("n", *map(subject, questions)), rows, notes=(*sizes, *notes))
 
 
 def _error(rows: Sequence[Row]) -> tuple[str, ...]:
-    """The Monte Carlo error of shares that stand without their intervals; nothing where there is none."""
+    """Return the Monte Carlo error of shares that are shown without their intervals."""
     reaches = [
         reach
         for row in rows
@@ -160,7 +160,7 @@ def _error(rows: Sequence[Row]) -> tuple[str, ...]:
         return ()
     return (
         f"Monte Carlo error: Wilson's 95 % intervals reach at most {ceil(max(reaches) * 1000) / 1000:.3f} to either "
-        "side, and say nothing of what the choice model leaves open; --out and --json give each.",
+        "side; they do not cover the uncertainty of the choice model. --out and --json give each interval.",
     )
 
 
@@ -175,11 +175,11 @@ def _estimates(result: Power) -> tuple[Section, ...]:
         name = f"{subject(row.question)}, {' and '.join(row.question.tasks)}"
         shown.append((name, row.kind, str(row.participants), number(middle), limits))
         records.append(
-            {**_named(row.question), "answers": row.kind, "participants": row.participants,
-             "studies": row.tally.studies, "undefined": row.tally.undefined, "median": middle, "low": low, "high": high}
+            {**_simulated(row), "studies": row.tally.studies, "undefined": row.tally.undefined, "median": middle,
+             "low": low, "high": high}
         )  # fmt: skip
     header = ("form", "answers", "n", "median", "95 % of studies")
-    about = "How far estimates lie apart, which a coefficient without a test of its own has in the place of power."
+    about = "A coefficient without a test has no power; the table shows how far its estimates lie apart instead."
     left = frozenset({0, 1})
     few = tuple(line for line, row in zip(shown, rows, strict=True) if row.participants == _as_planned(result))
     tables = Table("", header, tuple(shown), left=left), Table("", header, few, left=left)
@@ -191,8 +191,8 @@ def _undefined(result: Power) -> Section:
     if not rows:
         return Section("undefined", "Not defined", ("Every test of every study is defined.",))
     records = tuple(
-        {**_named(row.question), "answers": row.kind, "participants": row.participants,
-         "undefined": row.tally.undefined, "studies": row.tally.studies, "reason": _reason(result, row)}
+        {**_simulated(row), "undefined": row.tally.undefined, "studies": row.tally.studies,
+         "reason": _reason(result, row)}
         for row in rows
     )  # fmt: skip
     header = ("test", "of", "answers", "n", "studies", "share", "because")
@@ -207,8 +207,8 @@ def _undefined(result: Power) -> Section:
         Table("", header, tuple(_undefined_line(result, row) for row in some), left=left)
         for some in (every, [row for row in worst.values() if row.kind == "model"])
     ]
-    about = "Studies whose values define no statistic, of all that were simulated; they count as finding nothing."
-    say = "Below, where that was most often." if len(every) > len(worst) else ""
+    about = "The values of these simulated studies define no statistic; the studies count as finding nothing."
+    say = "The sizes at which that was most frequent" if len(every) > len(worst) else ""
     brief = replace(tables[1], title=say)
     return Section("undefined", "Not defined", (about,), (tables[0],), records, (brief,))
 
@@ -226,18 +226,15 @@ def _undefined_line(result: Power, row: Row) -> tuple[str, ...]:
 
 
 def _reason(result: Power, row: Row) -> str:
-    sizes = dict(zip((task.id for task in result.design.tasks), result.design.sizes(row.participants), strict=True))
-    if all(sizes[task] < 2 for task in row.question.tasks):
-        return "one participant"
-    return "no variance"
+    sizes = zip(result.design.tasks, result.design.sizes(row.participants), strict=True)
+    alone = all(size < 2 for task, size in sizes if task.id in row.question.tasks)
+    return "one participant" if alone else "no variance"
 
 
 def _record(row: Row) -> Mapping[str, object]:
     low, high = row.interval or (None, None)
     return {
-        **_named(row.question),
-        "answers": row.kind,
-        "participants": row.participants,
+        **_simulated(row),
         "studies": row.tally.studies,
         "significant": row.tally.significant,
         "of_these_above_chance": row.tally.above,
@@ -246,6 +243,10 @@ def _record(row: Row) -> Mapping[str, object]:
         "low": low,
         "high": high,
     }
+
+
+def _simulated(row: Row) -> dict[str, object]:
+    return {**_named(row.question), "answers": row.kind, "participants": row.participants}
 
 
 def _named(question: Question) -> dict[str, object]:
@@ -270,13 +271,13 @@ def _size(size: int | None) -> str:
 
 
 def _sizes(result: Power, size: int) -> str:
-    """A size, with those of the tasks where they differ."""
+    """Return a size, with the sizes of the tasks where they differ."""
     of_tasks = result.design.sizes(size)
     return str(size) if set(of_tasks) == {size} else f"{size} ({', '.join(map(str, of_tasks))})"
 
 
 def _as_planned(result: Power) -> int:
-    """The protocol's number of participants, or of those tried the one that is nearest to it."""
+    """Return the size tried that is nearest to the protocol's number of participants."""
     return min(result.participants, key=lambda size: (abs(size - result.design.participants), size))
 
 
@@ -287,17 +288,17 @@ def _listed(sizes: tuple[int, ...]) -> str:
 
 
 PANEL_IN = 1.75
-"""Height of a panel without its legend."""
+"""The height of a panel without its legend."""
 
 LINE_IN = 0.13
 LETTERS = 24
-"""Of a line of a legend of two columns."""
+"""The length of a line in a legend of two columns."""
 
 QUIET = "#57606a"
 
 
 def plot(result: Power) -> Sheet:
-    """Power against participants with its Monte Carlo interval, and how far estimates of reliability lie apart."""
+    """Return the plot of power and of the estimates of reliability by number of participants."""
     panels: dict[tuple[int, tuple[str, ...]], list[Question]] = {}
     for question in result.questions:
         if not question.adjusted:
@@ -307,12 +308,12 @@ def plot(result: Power) -> Sheet:
         drawn, every = sheet(heights, "Power, with its Monte Carlo interval", LABEL)
         for axes, questions in zip(every, panels.values(), strict=True):
             (estimates if questions[0].alpha is None else powers)(axes, result, questions)
-        said = "Power of each planned test by number of participants; bands: Wilson's 95 % interval."
+        said = "Power of each planned test by number of participants; the bands are Wilson's 95 % intervals."
         return Sheet("power", "power", said, drawn)
 
 
 def powers(axes: Axes, result: Power, questions: Sequence[Question]) -> None:
-    """Power of each question by number of participants, the band its Monte Carlo interval."""
+    """Draw the power of each question by number of participants, with its Monte Carlo interval as a band."""
     for i, question in enumerate(questions):
         rows = _rows(result, question)
         limits = [row.interval or (0.0, 0.0) for row in rows]
@@ -327,7 +328,7 @@ def powers(axes: Axes, result: Power, questions: Sequence[Question]) -> None:
 
 
 def estimates(axes: Axes, result: Power, questions: Sequence[Question]) -> None:
-    """Median of the estimates of each question by number of participants, the band 95 % of the studies."""
+    """Draw the median of the estimates by number of participants, with a band that holds 95 % of the studies."""
     for i, question in enumerate(questions):
         rows = [row for row in _rows(result, question) if row.quantiles]
         values = [row.quantiles or (0.0, 0.0, 0.0) for row in rows]
@@ -338,16 +339,8 @@ def estimates(axes: Axes, result: Power, questions: Sequence[Question]) -> None:
 
 def _curve(axes: Axes, i: int, sizes: Sequence[int], values: Sequence[tuple[float, float, float]], label: str) -> None:
     axes.fill_between(sizes, [v[0] for v in values], [v[2] for v in values], color=colour(i), alpha=0.25, linewidth=0)
-    axes.plot(
-        sizes,
-        [v[1] for v in values],
-        LINES[i % len(LINES)],
-        color=colour(i),
-        marker=marker(i),
-        markersize=3.5,
-        clip_on=False,
-        label=label,
-    )
+    style: Any = {"color": colour(i), "marker": marker(i), "markersize": 3.5, "clip_on": False}
+    axes.plot(sizes, [v[1] for v in values], LINES[i % len(LINES)], label=label, **style)
 
 
 def _frame(axes: Axes, result: Power, questions: Sequence[Question], what: str) -> None:
@@ -362,7 +355,7 @@ def _name(question: Question) -> str:
 
 
 def _legend_in(questions: Sequence[Question]) -> float:
-    """Height of the legend: its title, and rows as high as their longest name."""
+    """Return the height of the legend: its title, and rows as high as their longest name."""
     lines = [_name(question).count("\n") + 1 for question in questions]
     half = ceil(len(lines) / 2)
     return LINE_IN * (2 + max(sum(lines[:half]), sum(lines[half:])))
@@ -373,14 +366,14 @@ def _rows(result: Power, question: Question) -> list[Row]:
 
 
 def text(result: Power, width: int = WIDTH) -> str:
-    """Everything for a terminal; what is needed stands last."""
+    """Return everything for a terminal; the participants needed stand last."""
     parts = sorted(sections(result), key=lambda section: section.slug == "needed")
     shown = [in_terminal(section, width) for section in parts if section.slug != "control"]
     return "\n\n\n".join([LABEL, *shown, LABEL])
 
 
 def as_dict(result: Power) -> dict[str, Any]:
-    """Every number, for JSON: None where something is not defined."""
+    """Return every number, for JSON; None where it is not defined."""
     return {
         "label": LABEL,
         "study": result.study,
@@ -396,13 +389,10 @@ def as_dict(result: Power) -> dict[str, Any]:
 
 
 def write(result: Power, out: Path) -> tuple[Path, ...]:
-    """Write tables (CSV, Markdown, LaTeX) and the plot (PNG, SVG) into a folder.
-
-    Returns:
-        The files.
+    """Write tables (CSV, Markdown, LaTeX) and the plot (PNG, SVG) into a folder, and return the files.
 
     Raises:
-        DatasetError: a folder within a dataset, a file in the way, or the file system refuses.
+        DatasetError: the folder is within a dataset, a file is in the way, or the file system refuses.
     """
     files = page.tables(sections(result), LABEL) | page.drawings([plot(result)])
     return publish(out, files, LABEL, "power")

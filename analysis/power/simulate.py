@@ -1,9 +1,9 @@
 """How many participants a study needs: the power of each planned test, from whole simulated studies.
 
-Every chunk of studies draws from a stream of its own, named by the seed, the model, the number of participants and the
-chunk's number. Power at a number of participants is therefore the same whatever other numbers are tried beside it,
-however many cores work, and on which machine. Chunks are done on this machine's cores (joblib) or on a Dask cluster;
-results come back in any order, each with its chunk's place.
+Every chunk of studies draws from its own random stream, which the seed, the model, the number of participants and the
+chunk's number determine. Power at a number of participants is therefore the same whatever other numbers are tried, on
+any machine and any number of cores. Chunks run on this machine's cores (joblib) or on a Dask cluster; results come back
+in any order, each with its chunk's place.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ import numpy as np
 
 from analysis.power.choice_models import ChoiceModel, draw, guessing
 from analysis.power.planned_tests import Answer, Design, Question, answer, not_simulated
-from analysis.statistics.intervals import wilson
+from analysis.statistics.inference import wilson
 from experiment.errors import PowerError
 from experiment.protocol.models import Protocol
 
 LABEL = "SIMULATED studies"
-"""No participant took part in any of these; stands on everything."""
+"""The label on everything: no participant took part in any of these studies."""
 
 Kind = Literal["model", "guessing"]
 KINDS: tuple[Kind, ...] = ("model", "guessing")
-"""Answers as the choice model says, and the control under which every null hypothesis holds."""
+"""Answers from the choice model, and the control under which every null hypothesis holds."""
 
 CHUNK_STUDIES = 1000
 CHUNK_CELLS = 2_000_000
-"""A chunk holds so many studies, fewer where their counts would be more than these."""
+"""A chunk holds `CHUNK_STUDIES` studies, or fewer where their counts would be more than `CHUNK_CELLS`."""
 
 MOST_PARTICIPANTS = 1000
 MOST_STUDIES = 1_000_000
@@ -42,7 +42,7 @@ MOST_STUDIES = 1_000_000
 
 @dataclass(frozen=True)
 class Chunk:
-    """Studies of one size under one model, to be simulated in one go."""
+    """Studies of one size under one model that are simulated in one go."""
 
     design: Design
     model: ChoiceModel
@@ -55,14 +55,14 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Tally:
-    """What studies said to one question.
+    """The studies' answers to one question, counted.
 
     Args:
-        studies: how many.
-        significant: P below alpha; 0 where there is no P.
-        above: of these, with a mean above chance; None where chance has no part in it.
-        undefined: P, or without one the estimate, is not defined. They count as not significant.
-        estimates: in the order of the studies, those that are defined; None where nothing is estimated.
+        studies: how many there are.
+        significant: how many have P below alpha; 0 where there is no P.
+        above: how many of these have a mean above chance; None where the question has no chance.
+        undefined: how many define no P, or no estimate where there is no P; they count as not significant.
+        estimates: the defined estimates in the order of the studies; None where nothing is estimated.
     """
 
     studies: int
@@ -83,7 +83,7 @@ class Row:
 
     @property
     def power(self) -> float | None:
-        """Share of all studies with P below alpha; None where there is no P."""
+        """The share of all studies with P below alpha; None where there is no P."""
         return None if self.question.alpha is None else self.tally.significant / self.tally.studies
 
     @cached_property
@@ -96,7 +96,7 @@ class Row:
 
     @cached_property
     def quantiles(self) -> tuple[float, float, float] | None:
-        """2.5 %, 50 % and 97.5 % of the estimates; None where there is none."""
+        """The 2.5 %, 50 % and 97.5 % quantiles of the estimates; None without estimates."""
         if not self.tally.estimates:
             return None
         low, middle, high = np.quantile(self.tally.estimates, (0.025, 0.5, 0.975)).tolist()
@@ -105,16 +105,11 @@ class Row:
 
 @dataclass(frozen=True)
 class Needed:
-    """Smallest of the numbers tried at which a question's power reaches the target, and stays there; None: none does.
+    """The smallest of the sizes tried from which on a question's power reaches the target; None where none does.
 
-    Args:
-        question: whose.
-        likely: where the estimate does.
-        earliest: where the upper Monte Carlo limit does.
-        surely: where the lower one does.
+    `likely` judges by the estimate, `earliest` by its upper Monte Carlo limit, and `surely` by the lower one.
     """
 
-    question: Question
     likely: int | None
     earliest: int | None
     surely: int | None
@@ -122,7 +117,7 @@ class Needed:
 
 @dataclass(frozen=True)
 class Power:
-    """What was simulated, and what came out."""
+    """What was simulated, and its results."""
 
     study: str
     design: Design
@@ -136,11 +131,11 @@ class Power:
 
     @property
     def questions(self) -> tuple[Question, ...]:
-        """In the order of the protocol."""
+        """Every question, in the order of the protocol."""
         return tuple(dict.fromkeys(row.question for row in self.rows))
 
     def row(self, question: Question, participants: int, kind: Kind = "model") -> Row | None:
-        """One row; None where this question is not asked at this number of participants."""
+        """Return one row, or None where this question is not asked at this number of participants."""
         return self._places.get((question, participants, kind))
 
     @cached_property
@@ -148,18 +143,18 @@ class Power:
         return {(row.question, row.participants, row.kind): row for row in self.rows}
 
     def needed(self, question: Question) -> Needed:
-        """How many participants reach the target."""
+        """Return how many participants reach the target."""
         rows = [row for size in self.participants if (row := self.row(question, size))]
         low = {row.participants: row.interval[0] for row in rows if row.interval}
         high = {row.participants: row.interval[1] for row in rows if row.interval}
         likely = {row.participants: row.power for row in rows if row.power is not None}
-        return Needed(question, *(_reached(values, self.target) for values in (likely, high, low)))
+        return Needed(*(_reached(values, self.target) for values in (likely, high, low)))
 
 
 Runner = Callable[
     [Callable[[Chunk], dict[Question, Tally]], Sequence[Chunk]], Iterator[tuple[int, dict[Question, Tally]]]
 ]
-"""Does chunks somewhere, and gives back results with their places, in any order."""
+"""Runs chunks somewhere, and returns the results with their places, in any order."""
 
 
 def run(
@@ -175,22 +170,13 @@ def run(
     total: Callable[[int], None] = lambda _: None,
     tick: Callable[[], None] = lambda: None,
 ) -> Power:
-    """Simulate studies of every size, and test each as planned.
+    """Simulate `studies` studies of every size under each model, and test each as planned.
 
-    Args:
-        protocol: the study.
-        planned: what it tests.
-        model: how participants answer.
-        participants: of the study, each a size to try.
-        studies: of each size, under each model.
-        seed: names every draw.
-        target: power wanted.
-        runner: does the chunks.
-        total: told how many chunks there are.
-        tick: called after each.
+    `participants` are the sizes to try, `seed` determines every draw, and `target` is the power wanted. `runner` runs
+    the chunks; `total` is told how many there are, and `tick` is called after each.
 
     Raises:
-        PowerError: a size or a number of studies beyond what is allowed; or what `runner` raises.
+        PowerError: a size or the number of studies is not allowed; or what `runner` raises.
     """
     sizes = tuple(sorted(set(participants)))
     _check(sizes, studies, planned)
@@ -223,7 +209,7 @@ def run(
 
 
 def simulate(chunk: Chunk) -> dict[Question, Tally]:
-    """Draw the studies of one chunk and count what their tests say."""
+    """Draw the studies of one chunk, and return the tally of each question."""
     key = (KINDS.index(chunk.kind), chunk.participants, chunk.number)
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(chunk.seed, spawn_key=key)))
     drawn = {
@@ -272,7 +258,7 @@ def _together(tallies: Sequence[Tally]) -> Tally:
 
 
 def _reached(values: dict[int, float], target: float) -> int | None:
-    """The smallest size from which on every larger one reaches the target too."""
+    """Return the smallest size that reaches the target, as does every larger one."""
     found = None
     for size in sorted(values, reverse=True):
         if values[size] < target:
@@ -288,7 +274,7 @@ def _check(sizes: Sequence[int], studies: int, planned: Design) -> None:
             f"--participants: got {got}; allowed: numbers from 1 to {MOST_PARTICIPANTS}; give some of these"
         )
     if not 1 <= studies <= MOST_STUDIES:
-        raise PowerError(f"--studies {studies}: allowed: 1 to {MOST_STUDIES}; give a number between them")
+        raise PowerError(f"--studies: got {studies}; allowed: 1 to {MOST_STUDIES}; give a number between them")
     for task in planned.tasks:
         answers = len(planned.materials) ** 2 * sizes[-1] * task.repetitions
         if answers >= 2**31:
@@ -302,14 +288,14 @@ Work = TypeVar("Work")
 Result = TypeVar("Result")
 
 PATIENCE = "10s"
-"""How long a scheduler may take to answer."""
+"""The time that a scheduler may take to answer."""
 
 
 def on_cores(work: Callable[[Work], Result], chunks: Sequence[Work], jobs: int = 0) -> Iterator[tuple[int, Result]]:
-    """Results of `work` on this machine; `jobs` at a time, 0 for one a core.
+    """Yield the results of `work` on this machine, `jobs` at a time, with 0 for one on each core.
 
     Raises:
-        PowerError: the system ended a process that worked.
+        PowerError: the operating system ended a worker process.
     """
     from joblib import Parallel, cpu_count, delayed
 
@@ -322,16 +308,17 @@ def on_cores(work: Callable[[Work], Result], chunks: Sequence[Work], jobs: int =
         yield from parallel(delayed(_placed)(work, place, chunk) for place, chunk in enumerate(chunks))
     except BrokenProcessPool as error:
         raise PowerError(
-            f"--jobs {jobs}: the system ended a process that worked, perhaps for want of memory; call again with fewer"
+            f"--jobs {jobs}: the operating system ended a worker process, perhaps because memory ran out; call again "
+            "with fewer jobs"
         ) from error
 
 
 def on_cluster(work: Callable[[Work], Result], chunks: Sequence[Work], address: str) -> Iterator[tuple[int, Result]]:
-    """Results of `work` on the Dask cluster whose scheduler has this address.
+    """Yield the results of `work` on the Dask cluster whose scheduler has this address.
 
     Raises:
-        PowerError: Dask is not installed, nothing answers there, no worker is there, a worker's software differs from
-            ours, or a worker is lost.
+        PowerError: Dask is not installed, nothing answers at the address, the cluster has no worker, a worker's
+            software differs from ours, or a worker is lost.
     """
     try:
         from distributed import Client, as_completed
@@ -339,7 +326,7 @@ def on_cluster(work: Callable[[Work], Result], chunks: Sequence[Work], address: 
         from distributed.comm.core import CommClosedError
         from distributed.scheduler import KilledWorker
     except ImportError:
-        raise PowerError("--scheduler: got no Dask here; install palpate[cluster], then call again") from None
+        raise PowerError("--scheduler: Dask is not installed here; install palpate[cluster], then call again") from None
     try:
         client = Client(address, timeout=PATIENCE)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
@@ -360,12 +347,12 @@ def on_cluster(work: Callable[[Work], Result], chunks: Sequence[Work], address: 
 
 
 def software() -> dict[str, str]:
-    """What numbers depend on, name -> version."""
+    """Return the versions of what the numbers depend on, name -> version."""
     return {name: metadata.version(name) for name in ("palpate", "numpy", "scipy")}
 
 
 def _versions_of(names: tuple[str, ...]) -> Callable[[], dict[str, str]]:
-    """What finds the versions of packages on a worker; it travels whole, so that the worker needs none of them."""
+    """Return a function that finds versions on a worker; it is sent whole, so the worker needs none of the packages."""
 
     def versions() -> dict[str, str]:
         from importlib import metadata

@@ -1,14 +1,21 @@
-"""Dataset on disk -> tidy frame; lists every attempt and participant that the analysis leaves out, and why.
+"""A dataset on disk, or several pooled, as a `Study` that lists every attempt and participant left out, and why.
 
-Reads only the BIDS files: `dataset_description.json`, `participants.tsv`, `sub-*/beh/*_events.tsv` with their
+Only the BIDS files are read: `dataset_description.json`, `participants.tsv`, `sub-*/beh/*_events.tsv` with their
 sidecars, and `sourcedata/protocol.toml` where there is one. Nothing here knows of journals.
+
+Pooled datasets have the same materials and one origin, and every participant gets the dataset's name. Nobody may be in
+two of them, because the same answers would count as those of two people. Each session has an id, which its copies keep
+under any name. A session without one (of printed counts, or from before there were ids) is taken for a copy where the
+same participant has the same trials, answers and times there, with a mistake among them; sessions without a mistake
+are alike anyway.
 """
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from analysis.documents.tables import plural
-from analysis.reading.study import Part, Study, Task, exclude
+from analysis.reading.study import Part, Study, Task, check_chances, exclude
 from experiment.errors import DatasetError
 from experiment.records.events import EVENT_COLUMNS, NO_ANSWER
 
@@ -28,7 +35,7 @@ FURTHER = {
     "masker_db_a": "masker_level",
     **{f"{column}_s": column for column in ("prediction_error", "delivery_error", "gate_to_scheduled", "dead_time")},
 }
-"""Name of each further column here, and in the table."""
+"""The name of each further column in the frame, and in the events file."""
 
 ORIGINS = ("PARTICIPANT", "REHEARSAL", "RECONSTRUCTION")
 
@@ -37,13 +44,13 @@ def read(root: Path) -> Study:
     """Read the dataset in the folder `root`.
 
     Raises:
-        DatasetError: for a file that is missing, broken or truncated; it names the file and what to do.
-        ProtocolError: for a broken copy of the protocol.
+        DatasetError: a file is missing, broken or truncated; the message names the file and what to do.
+        ProtocolError: the copy of the protocol is broken.
     """
     description = _json(root / "dataset_description.json", "give the folder of a dataset made by palpate")
     facts = _facts(description, root / "dataset_description.json")
     withdrawn, first_tasks = _participants(root / "participants.tsv")
-    _no_strangers(root, set(withdrawn), tuple(facts["Tasks"]))
+    _refuse_strangers(root, set(withdrawn), facts["Tasks"])
     rows: list[dict[str, object]] = []
     session_ids: dict[tuple[str, str], str] = {}
     tasks: dict[str, Task] = {}
@@ -52,27 +59,33 @@ def read(root: Path) -> Study:
         for task in facts["Tasks"]:
             path = root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_events.tsv"
             if not path.exists():
-                _never_begun(path, f"sub-{participant}_task-{task}_")
+                if left := sorted(path.parent.glob(f"{escape(path.name.removesuffix('events.tsv'))}*")):
+                    raise DatasetError(
+                        f"{path} is missing, though {left[0].name} stands there; restore it or make the dataset again"
+                    )
                 continue
-            sidecar = _sidecar(path.with_suffix(".json"))
+            beside = path.with_suffix(".json")
+            sidecar = _sidecar(beside)
             if materials and materials != tuple(sidecar["Materials"]):
-                raise DatasetError(
-                    f"{path.with_suffix('.json')}: Materials differ from those of other files; mend one of them"
-                )
+                raise DatasetError(f"{beside}: Materials differ from those of other files; mend one of them")
             materials = tuple(sidecar["Materials"])
             tasks[task] = Task(task, str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", "")))
             if (session_id := sidecar.get("SessionId")) is not None:
                 for (who, other), known in session_ids.items():
                     if known == session_id:
                         raise DatasetError(
-                            f"{path.with_suffix('.json')}: SessionId {known} is that of participant {who}, task "
-                            f"{other}, too; keep one of them"
+                            f"{beside}: SessionId {known} is that of participant {who}, task {other}, too; keep one of "
+                            "them"
                         )
                 session_ids[participant, task] = str(session_id)
             rows += _events(path, participant, task, materials, facts["Origin"], sidecar["Rows"])
     if not rows:
         raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
-    protocol = _protocol(root / "sourcedata" / "protocol.toml")
+    protocol: Protocol | None = None
+    if (plan := root / "sourcedata" / "protocol.toml").exists():
+        from experiment.protocol import files
+
+        protocol = files.load(plan)
     attempts = pd.DataFrame(rows)
     rules = protocol.exclusion if protocol else ()
     with_objects = [task.id for task in protocol.tasks if task.stimulus == "real"] if protocol else []
@@ -98,7 +111,9 @@ def read(root: Path) -> Study:
 def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
     facts = description.get("Palpate")
     if not isinstance(facts, dict) or not {"Study", "Origin", "Label", "Tasks"} <= set(facts):
-        raise DatasetError(f"{path}: key Palpate lacks Study, Origin, Label or Tasks; give a dataset made by palpate")
+        raise DatasetError(
+            f"{path}: the key Palpate lacks Study, Origin, Label or Tasks; give a dataset made by palpate"
+        )
     if facts["Origin"] not in ORIGINS:
         raise DatasetError(f"{path}: Origin is {facts['Origin']!r}; allowed: {', '.join(ORIGINS)}; mend it")
     tasks = facts["Tasks"]
@@ -120,14 +135,14 @@ def _json(path: Path, remedy: str) -> dict[str, Any]:
     try:
         content = json.loads(_text(path, remedy))
     except json.JSONDecodeError as error:
-        raise DatasetError(f"{path}: line {error.lineno}: no JSON ({error.msg}); make the dataset again") from error
+        raise DatasetError(f"{path}: line {error.lineno} is not JSON ({error.msg}); make the dataset again") from error
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: got {type(content).__name__}; allowed: a JSON object; make the dataset again")
     return content
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
-    sidecar = _json(path, "make the dataset again, every events file has its sidecar")
+    sidecar = _json(path, "make the dataset again, because every events file has its sidecar")
     materials, rows = sidecar.get("Materials"), sidecar.get("Rows")
     if not (isinstance(materials, list) and len(materials) > 1 and all(isinstance(m, str) for m in materials)):
         raise DatasetError(
@@ -150,46 +165,34 @@ def _table(path: Path) -> tuple[list[str], list[list[str]]]:
 
 
 def _participants(path: Path) -> tuple[dict[str, bool], dict[str, str]]:
-    """Whether each participant withdrew, and the task done first of those of whom it is known."""
+    """Return whether each participant withdrew, and the first task of those participants whose first task is known."""
     columns, rows = _table(path)
     if "participant_id" not in columns:
-        raise DatasetError(f"{path}: no column participant_id; got {columns}; make the dataset again")
+        raise DatasetError(f"{path}: the column participant_id is missing; got {columns}; make the dataset again")
     found: dict[str, bool] = {}
     first: dict[str, str] = {}
     for number, row in enumerate(rows, start=2):
         cells = dict(zip(columns, row, strict=True))
         label = cells["participant_id"].removeprefix("sub-")
         if label in found:
-            raise DatasetError(f"{path}: line {number}: participant {label} stands twice; keep one line")
+            raise DatasetError(f"{path}: line {number}: participant {label} is listed twice; keep one line")
         found[label] = cells.get("withdrawn", MISSING) == "1"
         if (task := cells.get("first_task", MISSING)) != MISSING:
             first[label] = task
     return found, first
 
 
-def _protocol(path: Path) -> Protocol | None:
-    if not path.exists():
-        return None
-    from experiment.protocol import files
-
-    return files.load(path)
-
-
-def _no_strangers(root: Path, participants: set[str], tasks: tuple[str, ...]) -> None:
+def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) -> None:
     for path in sorted(root.glob("sub-*/beh/*_events.tsv")):
         label = path.parent.parent.name.removeprefix("sub-")
         if label not in participants:
-            raise DatasetError(f"{path}: participant {label} is not in participants.tsv; add the line or remove it")
+            raise DatasetError(
+                f"{path}: participant {label} is not in participants.tsv; add the line or remove the file"
+            )
         if path.name not in {f"sub-{label}_task-{task}_events.tsv" for task in tasks}:
-            raise DatasetError(f"{path}: task not in dataset_description.json, which has {list(tasks)}; add it there")
-
-
-def _never_begun(events: Path, prefix: str) -> None:
-    """Refuse a session of which there are other files, but no events."""
-    if left := next(iter(sorted(events.parent.glob(f"{escape(prefix)}*"))), None):
-        raise DatasetError(
-            f"{events} is missing, though {left.name} stands there; restore it or make the dataset again"
-        )
+            raise DatasetError(
+                f"{path}: its task is not in dataset_description.json, which has {list(tasks)}; add it there"
+            )
 
 
 def _events(
@@ -197,7 +200,7 @@ def _events(
 ) -> list[dict[str, object]]:
     columns, lines = _table(path)
     if missing := [column for column in EVENT_COLUMNS if column not in columns]:
-        raise DatasetError(f"{path}: no column {', '.join(missing)}; make the dataset again")
+        raise DatasetError(f"{path}: missing columns: {', '.join(missing)}; make the dataset again")
     if len(lines) != count:
         raise DatasetError(f"{path}: {plural(len(lines), 'row')}, its sidecar says {count}; make the dataset again")
     rows: list[dict[str, object]] = []
@@ -215,12 +218,8 @@ def _events(
 def _event(cells: Mapping[str, str], where: str, materials: tuple[str, ...], origin: str) -> dict[str, object]:
     counted = cells["counted"]
     answers = (*materials, NO_ANSWER) if counted == "1" else (*materials, NO_ANSWER, MISSING)
-    for column, allowed in (
-        ("counted", ("0", "1")),
-        ("presented", materials),
-        ("answered", answers),
-        ("origin", (origin,)),
-    ):
+    choices = {"counted": ("0", "1"), "presented": materials, "answered": answers, "origin": (origin,)}
+    for column, allowed in choices.items():
         if cells[column] not in allowed:
             raise DatasetError(f"{where}: {column}: got {cells[column]!r}; allowed: {', '.join(allowed)}; mend the row")
     return {
@@ -252,7 +251,7 @@ ALLOWED: Mapping[str, Callable[[float], bool]] = {
     "a whole number from 0": lambda value: 0 <= value < math.inf and value.is_integer(),
     "0, 1": lambda value: value in (0, 1),
 }
-"""In words -> whether a value is so."""
+"""The words of an error -> the check of a value."""
 
 
 def _number(cell: str, where: str, allowed: str = "a number") -> float:
@@ -265,3 +264,124 @@ def _number(cell: str, where: str, allowed: str = "a number") -> float:
     if not ALLOWED[allowed](value):
         raise DatasetError(f"{where}: got {cell!r}; allowed: {allowed}, or {MISSING}; mend the row")
     return value
+
+
+NAMED = 5
+"""The most participants who are named where several are in two datasets."""
+
+
+def read_pooled(roots: Sequence[Path]) -> Study:
+    """Read the datasets in these folders, and pool them where there are several.
+
+    Participant 03 of dataset `lab` becomes `lab-03`. The exclusions, plans and trials of each dataset are those of its
+    own protocol. The study's id is kept where it is the same.
+
+    Raises:
+        DatasetError: see `read`; also for a folder named twice, different origins or materials, tasks of one id with
+            different titles or chances, and the same trials of the same people.
+        ProtocolError: the copy of a protocol is broken.
+    """
+    if len({root.resolve() for root in roots}) < len(roots):
+        raise DatasetError(f"got a dataset twice among {', '.join(map(str, roots))}; name each once")
+    studies = [read(root) for root in roots]
+    return studies[0] if len(studies) == 1 else _pool(studies, _names(roots))
+
+
+def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
+    first = studies[0]
+    origins = {study.origin for study in studies}
+    if len(origins) > 1:
+        raise DatasetError(
+            f"got datasets of {', '.join(sorted(origins))}; allowed: those of one origin; pool each origin alone"
+        )
+    for study, name in zip(studies, names, strict=True):
+        if study.materials != first.materials:
+            raise DatasetError(
+                f"{name}: got the materials {', '.join(study.materials)}; allowed: {', '.join(first.materials)}, as in "
+                f"{names[0]}; analyse it apart"
+            )
+    for index, study in enumerate(studies):
+        for other in range(index):
+            _check_apart(studies[other], study, (names[other], names[index]))
+    ids = list(dict.fromkeys(study.id for study in studies))
+    renamed = [_renamed(study, name) for study, name in zip(studies, names, strict=True)]
+    parts = tuple(part for study in renamed for part in study.parts)
+    check_chances(parts, len(first.materials))
+    return Study(
+        id="+".join(ids),
+        name=f"Pooled: {'; '.join(f'{s.name} ({name})' for s, name in zip(studies, names, strict=True))}",
+        origin=first.origin,
+        label=first.label,
+        materials=first.materials,
+        tasks=_tasks(studies),
+        participants=tuple(label for study in renamed for label in study.participants),
+        first_tasks={label: task for study in renamed for label, task in study.first_tasks.items()},
+        session_ids={session: one for study in renamed for session, one in study.session_ids.items()},
+        attempts=pd.concat([study.attempts for study in renamed], ignore_index=True),
+        exclusions=tuple(exclusion for study in renamed for exclusion in study.exclusions),
+        unasked=tuple(one for study in renamed for one in study.unasked),
+        parts=parts,
+    )
+
+
+def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
+    """Refuse two datasets that hold a session of one person."""
+    there = {session_id: who for (who, _), session_id in second.session_ids.items()}
+    copies = {who: there[one] for (who, _), one in first.session_ids.items() if one in there}
+    people = [who if who == name else f"{who} (there {name})" for who, name in copies.items()]
+    told = "judging by the ids of their sessions"
+    if not people:
+        old, new = _trials(first), _trials(second)
+        alike = [key for key in old if key in new and not (key in first.session_ids and key in second.session_ids)]
+        people = list(dict.fromkeys(who for who, task in alike if old[who, task] == new[who, task]))
+        told = "every one of a session is the same, and no id tells these sessions apart"
+    if people:
+        more = f" and {len(people) - NAMED} more" if len(people) > NAMED else ""
+        raise DatasetError(
+            f"{names[0]} and {names[1]} hold the same trials of {', '.join(people[:NAMED])}{more} ({told}); give each "
+            "participant once"
+        )
+
+
+def _trials(study: Study) -> dict[tuple[str, str], str]:
+    """Return participant and task -> the attempts of the session as text, of sessions with a mistake."""
+    columns = ["trial", "attempt", "presented", "answered", "response_time_s", "foot_speed_mm_s"]
+    return {
+        (str(who), str(task)): held[columns].to_csv(index=False)
+        for (who, task), held in study.attempts.groupby(["participant", "task"], sort=False)
+        if (held["presented"] != held["answered"]).any()
+    }
+
+
+def _names(roots: Sequence[Path]) -> list[str]:
+    """Return the folders' names, numbered where two are the same."""
+    plain = [root.resolve().name for root in roots]
+    return [name if plain.count(name) == 1 else f"{name}{index}" for index, name in enumerate(plain, start=1)]
+
+
+def _renamed(study: Study, name: str) -> Study:
+    return replace(
+        study,
+        participants=tuple(f"{name}-{label}" for label in study.participants),
+        first_tasks={f"{name}-{label}": task for label, task in study.first_tasks.items()},
+        session_ids={(f"{name}-{who}", task): one for (who, task), one in study.session_ids.items()},
+        attempts=study.attempts.assign(participant=[f"{name}-{who}" for who in study.attempts["participant"]]),
+        exclusions=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.exclusions),
+        unasked=tuple(replace(one, participant=f"{name}-{one.participant}") for one in study.unasked),
+        parts=tuple(
+            replace(part, name=name, participants=tuple(f"{name}-{label}" for label in part.participants))
+            for part in study.parts
+        ),
+    )
+
+
+def _tasks(studies: Sequence[Study]) -> tuple[Task, ...]:
+    found: dict[str, Task] = {}
+    for study in studies:
+        for task in study.tasks:
+            if found.setdefault(task.id, task).title != task.title:
+                raise DatasetError(
+                    f"task {task.id}: got the titles '{found[task.id].title}' and '{task.title}'; allowed: one; "
+                    "analyse the datasets apart"
+                )
+    return tuple(found.values())

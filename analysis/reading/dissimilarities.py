@@ -1,4 +1,4 @@
-"""Dissimilarities of materials to compare confusions with: those that a paper prints, or those of recordings."""
+"""Dissimilarities of materials, from a paper or from recordings, to compare confusions with."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from experiment.errors import DatasetError
 
 @dataclass(frozen=True)
 class PrintedSpectra:
-    """Attributes:
-    speed_mm_s: of the spectra that `pairs` compares, mm/s.
-    pairs: normalised dissimilarity of two materials.
-    counts: (material, observed mm/s, chosen mm/s, takes of ten), as far as the text gives numbers.
+    """What a paper prints about its spectra.
+
+    `pairs` holds the normalised dissimilarities of spectra at `speed_mm_s`; `counts` holds (material, observed mm/s,
+    chosen mm/s, takes of ten) as far as the text gives numbers.
     """
 
     speed_mm_s: float
@@ -32,7 +32,7 @@ class PrintedSpectra:
 
 
 def load() -> PrintedSpectra:
-    """The numbers of Okamoto et al., Table 3 and section 3.3."""
+    """Return the numbers of Okamoto et al., Table 3 and section 3.3."""
     file = resources.files("analysis.published").joinpath("okamoto2012_spectra.toml")
     content = tomllib.loads(file.read_text(encoding="utf-8"))
     return PrintedSpectra(
@@ -43,18 +43,18 @@ def load() -> PrintedSpectra:
 
 
 COLUMNS = ("material_a", "material_b", "dissimilarity")
-"""Of the file; `palpate validate` writes them into tables/dissimilarity.csv."""
+"""The columns of the file; `palpate validate` writes them into tables/dissimilarity.csv."""
 
 
 @dataclass(frozen=True)
 class Dissimilarities:
-    """One value a pair of materials, and where they come from."""
+    """One value for each pair of materials, and where the values come from."""
 
     pairs: Mapping[frozenset[str], float]
     source: str
 
     def table(self, materials: Sequence[str]) -> NDArray[np.float64] | None:
-        """Symmetric, shape (M, M), diagonal 0; None where a pair is missing."""
+        """Return them symmetric, shape (M, M), with diagonal 0; None where a pair is missing."""
         if any(frozenset(pair) not in self.pairs for pair in combinations(materials, 2)):
             return None
         return np.array([[self.pairs[frozenset((a, b))] if a != b else 0.0 for b in materials] for a in materials])
@@ -64,27 +64,32 @@ NO_DISSIMILARITIES = Dissimilarities({}, "")
 
 
 def printed_dissimilarities() -> Dissimilarities:
-    """Those of Okamoto et al., Table 3."""
+    """Return those of Okamoto et al., Table 3."""
     return Dissimilarities({pair: value.value for pair, value in load().pairs.items()}, "Table 3 of the paper")
 
 
 def from_file(path: Path, materials: Sequence[str]) -> Dissimilarities:
-    """Read a CSV file with the columns material_a, material_b and dissimilarity, one row a pair of `materials`.
+    """Read a CSV file with the columns material_a, material_b and dissimilarity, one row for each pair of `materials`.
 
     Raises:
-        DatasetError: for a file that cannot be read, a pair that is missing, twice there, or no number from 0.
+        DatasetError: the file cannot be read, a pair is missing or there twice, or a value is not a number from 0.
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
             rows = list(csv.DictReader(file))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise DatasetError(f"{path} cannot be read ({error}); give a CSV file with {', '.join(COLUMNS)}") from error
+        raise DatasetError(
+            f"{path} cannot be read ({error}); give a CSV file with the columns {', '.join(COLUMNS)}"
+        ) from error
     pairs: dict[frozenset[str], float] = {}
     for number, row in enumerate(rows, start=2):
         first, second, text = (row.get(column) for column in COLUMNS)
         pair = frozenset((first or "", second or ""))
-        value = _number(text)
-        if value is None or len(pair) < 2 or pair in pairs:
+        try:
+            value = float(text or "")
+        except ValueError:
+            value = math.nan
+        if not 0 <= value < math.inf or len(pair) < 2 or pair in pairs:
             raise DatasetError(
                 f"{path}: line {number}: got {first!r}, {second!r}, {text!r}; allowed: two materials, each pair once, "
                 "and a number from 0; mend the line"
@@ -92,14 +97,6 @@ def from_file(path: Path, materials: Sequence[str]) -> Dissimilarities:
         pairs[pair] = value
     for pair in map(frozenset, combinations(materials, 2)):
         if pair not in pairs:
-            raise DatasetError(f"{path}: no dissimilarity of {' and '.join(sorted(pair))}; add the line")
+            raise DatasetError(f"{path}: got no dissimilarity of {' and '.join(sorted(pair))}; add the line")
     labels = sorted({label for row in rows if (label := row.get("dataset")) and label != "measured"})
     return Dissimilarities(pairs, " - ".join([path.name, *labels]))
-
-
-def _number(text: str | None) -> float | None:
-    try:
-        value = float(text or "")
-    except ValueError:
-        return None
-    return value if math.isfinite(value) and value >= 0 else None

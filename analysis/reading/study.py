@@ -1,8 +1,8 @@
 """A study as it was read: its facts, its attempts, what its protocols plan, and what the analysis leaves out and why.
 
-Left out always are attempts that were done again, and participants who withdrew. The protocol's rules leave out trials
+Attempts that were repeated and participants who withdrew are always left out. The protocol's rules leave out trials
 (`exclude-trial`) and participants (`exclude-participant`); rules with `repeat-trial` were acted on in the session.
-Nothing is left out in silence, and nothing kept in silence where a rule could not be asked.
+Everything left out is reported, and so is everything kept because a rule could not be applied.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ ALL_TASKS = "all"
 
 @dataclass(frozen=True)
 class Exclusion:
-    """One attempt left out, or with `trial` None a participant, in `task` or in every one (`ALL_TASKS`)."""
+    """An attempt that is left out, or a participant (`trial` is None), in `task` or in every task (`ALL_TASKS`)."""
 
     participant: str
     task: str
@@ -40,7 +40,7 @@ class Exclusion:
 
 @dataclass(frozen=True)
 class Unasked:
-    """A rule that could not be asked of `trials` of the `of` trials that a session had left, which stay in."""
+    """A rule that could not be applied to `trials` of the `of` remaining trials of a session; these trials stay in."""
 
     participant: str
     task: str
@@ -57,18 +57,18 @@ def exclude(
     *,
     with_objects: Collection[str] = (),
 ) -> tuple[tuple[Exclusion, ...], tuple[Unasked, ...]]:
-    """Set the column `included` of `attempts` to False wherever a rule says so, and list why.
+    """Set the column `included` of `attempts` to False wherever a rule says so, and return why.
 
-    Second come the sessions of which a rule could not be asked, for want of the value that it judges.
+    The second value lists the sessions to which a rule could not be applied because the value it judges is missing.
 
-    The order is: attempts done again, withdrawals, rules on trials, rules on participants; the last count only
-    what the others left. A participant left out by a rule is left out of every task.
+    The order is: repeated attempts, withdrawals, rules on trials, rules on participants; the last count only what the
+    others left. A participant left out by a rule is left out of every task.
 
     Args:
-        attempts: one row an attempt, columns as in `analysis.reading.dataset.Study`; changed in place.
+        attempts: one row for each attempt, columns as in `Study`; changed in place.
         withdrawn: every participant of the dataset, and whether they withdrew.
         rules: the protocol's exclusion rules.
-        with_objects: tasks with real objects, of which nobody asks whether a stimulus was delivered.
+        with_objects: tasks with real objects, in which no stimulus is delivered.
     """
     rules = tuple(rules)
     found = [
@@ -95,7 +95,7 @@ def exclude(
 
 
 def nothing_left(dataset: str, exclusions: Iterable[Exclusion]) -> DatasetError:
-    """The error for a dataset of which every trial is left out: each rule, how often, and a reason that it gave."""
+    """Return the error for a dataset without a trial left: each rule, how often it acted, and a reason that it gave."""
     by_rule: dict[str, list[str]] = {}
     for one in exclusions:
         by_rule.setdefault(one.rule, []).append(one.reason)
@@ -115,7 +115,7 @@ def _whole_participant(label: str, rule: str, reason: str) -> Exclusion:
 
 
 def _judged(rule: ExclusionRule) -> tuple[str, str]:
-    """The column that a rule on trials judges, and words for it."""
+    """Return the column that a rule on trials judges, and words for it."""
     if rule.when == "undelivered":
         return "delivered", "whether the stimulus was delivered"
     return ("frames_lost", "frames lost") if rule.when == "frames-lost" else ("foot_speed_mm_s", "the foot's speed")
@@ -136,20 +136,19 @@ def _unasked(attempts: pd.DataFrame, rule: ExclusionRule, with_objects: Collecti
 
 def _trials(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]:
     column, _ = _judged(rule)
-    if rule.when == "undelivered":
-        hit = attempts["included"] & (attempts[column] == 0)
-        found = [_attempt(row, rule.id, rule.reason) for _, row in attempts[hit].iterrows()]
-        attempts.loc[hit, "included"] = False
-        return found
     unit = "frames lost" if rule.when == "frames-lost" else "mm/s"
-    beyond = attempts[column] < rule.limit if rule.when == "speed-below" else attempts[column] > rule.limit
+    if rule.when == "undelivered":
+        beyond = attempts[column] == 0
+    else:
+        beyond = attempts[column] < rule.limit if rule.when == "speed-below" else attempts[column] > rule.limit
     hit = attempts["included"] & beyond
-    found = [
-        _attempt(row, rule.id, f"{rule.reason} ({row[column]:.4g} {unit}, limit {rule.limit:g})")
-        for _, row in attempts[hit].iterrows()
-    ]
     attempts.loc[hit, "included"] = False
-    return found
+
+    def reason(row: pd.Series[Any]) -> str:
+        judged = "" if rule.when == "undelivered" else f" ({row[column]:.4g} {unit}, limit {rule.limit:g})"
+        return rule.reason + judged
+
+    return [_attempt(row, rule.id, reason(row)) for _, row in attempts[hit].iterrows()]
 
 
 def _few_answers(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]:
@@ -193,19 +192,18 @@ class Study:
         id: the study's id.
         name: the dataset's title.
         origin: PARTICIPANT, REHEARSAL or RECONSTRUCTION.
-        label: what must stand at the head of everything made from it; empty for a study's own data.
-        materials: in the order in which tables show them.
-        tasks: in the order in which tables show them.
+        label: the label at the head of everything made from the study; empty for a study's own data.
+        materials: in the order of the tables.
+        tasks: in the order of the tables.
         participants: every participant of `participants.tsv`.
-        first_tasks: the task that a participant did first, of those of whom it is known.
-        session_ids: participant and task -> the id of the session, of those that have one.
-        attempts: one row an attempt: participant, task, trial, attempt, counted, presented, answered,
+        first_tasks: the first task of each participant whose first task is known.
+        session_ids: participant and task -> the id of the session, for sessions that have one.
+        attempts: one row for each attempt: participant, task, trial, attempt, counted, presented, answered,
             response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, redo_reason,
-            included; and of `event_columns.FURTHER_COLUMNS` masker_db_a, prediction_error_s, delivery_error_s,
-            gate_to_scheduled_s, dead_time_s.
+            included, masker_db_a, prediction_error_s, delivery_error_s, gate_to_scheduled_s, dead_time_s.
         exclusions: the reason for every row that is not included, and for participants without rows.
-        unasked: sessions with trials of which a rule of exclusion could not be asked.
-        parts: the datasets that it is of.
+        unasked: sessions with trials to which an exclusion rule could not be applied.
+        parts: the datasets of the study.
     """
 
     id: str
@@ -223,12 +221,12 @@ class Study:
     parts: tuple[Part, ...]
 
     def trials(self, task: str) -> pd.DataFrame:
-        """The trials of one task that the analysis counts."""
+        """Return the trials of one task that the analysis counts."""
         return self.attempts[self.attempts["included"] & (self.attempts["task"] == task)]
 
 
 def chance(study: Study, task: str) -> Fraction:
-    """Chance in a task: the same in every part of a study, see `check_chances`."""
+    """Return chance in a task, which is the same in every part of a study; see `check_chances`."""
     return next(_chance(part, task, len(study.materials)) for part in study.parts if task in part.tasks)
 
 
@@ -236,7 +234,7 @@ def check_chances(parts: Sequence[Part], materials: int) -> None:
     """Refuse to pool answers that are tested against different chances.
 
     Raises:
-        DatasetError: naming the task, the chances and where each stands.
+        DatasetError: the chances differ; the message names the task, and the dataset of each chance.
     """
     for task in dict.fromkeys(task for part in parts for task in part.tasks):
         found = {part.name: _chance(part, task, materials) for part in parts if task in part.tasks}
@@ -246,7 +244,7 @@ def check_chances(parts: Sequence[Part], materials: int) -> None:
 
 
 def sentences(study: Study) -> tuple[str, ...]:
-    """In what the parts differ, the planned tests, and who did fewer trials than planned."""
+    """Return sentences on how the parts differ, the planned tests, and who did fewer trials than planned."""
     return (*_differences(study), *_planned(study), *_incomplete(study))
 
 
@@ -267,12 +265,12 @@ def _differences(study: Study) -> list[str]:
         if keys := [key for key in type(first).model_fields if getattr(protocol, key) != getattr(first, key)]:
             said.append(f"The protocols of {name} and {other} differ in: {', '.join(keys)}.")
     said += [
-        f"{part.name} holds no copy of its protocol: no rule excludes anything there, and its plans are not known."
+        f"{part.name} holds no copy of its protocol, so that no rule excludes anything there and its plans are unknown."
         for part in study.parts
         if not part.protocol and len(study.parts) > 1
     ]
     if said:
-        said.append("The exclusions of each dataset are those of its own protocol.")
+        said.append("The exclusions of each dataset follow its own protocol.")
     return said
 
 
@@ -287,7 +285,7 @@ def _planned(study: Study) -> list[str]:
 
 
 def _incomplete(study: Study) -> list[str]:
-    """A sentence on sessions with fewer counted trials than their protocol plans."""
+    """Return a sentence on sessions with fewer counted trials than their protocol plans, if there are any."""
     rows = study.attempts[study.attempts["counted"]]
     counted = Counter(zip(rows["participant"].tolist(), rows["task"].tolist(), strict=True))
     planned = {
@@ -302,4 +300,4 @@ def _incomplete(study: Study) -> list[str]:
         for (participant, task), count in counted.items()
         if count < planned.get((participant, task), 0)
     ]
-    return [f"Fewer trials than planned, ratios taken over those there are: {', '.join(short)}."] if short else []
+    return [f"Fewer trials than planned were done; ratios are over those done: {', '.join(short)}."] if short else []

@@ -14,7 +14,7 @@ from analysis.identification.identify import CHOICE_RESAMPLES, INFORMATION_RESAM
 from analysis.identification.results import Results
 from analysis.identification.time_course import WINDOW, TimeCourse
 from analysis.identification.trial_models import TrialLevel, TrialModel
-from analysis.statistics.intervals import RESAMPLES, ConfidenceInterval
+from analysis.statistics.inference import RESAMPLES, ConfidenceInterval
 
 ARBITRARY = (
     "In a reconstruction it is arbitrary which rows form one participant. Values by participant, and intervals that "

@@ -22,8 +22,7 @@ from analysis.report.identification_sections import (
 )
 from analysis.statistics.anova import Anova, Effect
 from analysis.statistics.icc import NAMES
-from analysis.statistics.intervals import RESAMPLES
-from analysis.statistics.t_tests import EffectSize
+from analysis.statistics.inference import RESAMPLES, EffectSize
 from experiment.records.events import NO_ANSWER
 
 FEW = 10

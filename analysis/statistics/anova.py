@@ -1,12 +1,12 @@
 """Analysis of variance of answer ratios, one-way, and two-way with unequal numbers in types I, II and III.
 
-Types after SAS: I adjusts an effect for those before it, II for every effect that does not contain it, III for every
-other effect with sum-to-zero contrasts. A sum of squares is taken along contrasts that are orthogonal in the numbers of
-participants; they are integers, so one study's sums are exact until F is formed.
+The types are those of SAS: I adjusts an effect for those before it, II for every effect that does not contain it, III
+for every other effect with sum-to-zero contrasts. A sum of squares is taken along contrasts that are orthogonal in the
+numbers of participants; they are integers, so that one study's sums are exact until F is formed.
 
 The variance components of the same two factors, both random, follow by Henderson's method III: sums of squares of type
 II are set equal to their expectations. Okamoto (section 5.2) prints an intraclass correlation of 0.97 "based on the
-results of this two-way ANOVA" without a formula; `icc_of_mean` is one reading of those words, not the only one.
+results of this two-way ANOVA" without a formula; `icc_of_mean` is one of several readings of those words.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from analysis.statistics.exact import (
     ratio,
     undefined,
 )
-from analysis.statistics.t_tests import EffectSize, partial_eta_squared
+from analysis.statistics.inference import EffectSize, partial_eta_squared
 
 SumsOfSquares = Literal["I", "II", "III"]
 TYPES: tuple[SumsOfSquares, ...] = ("I", "II", "III")
@@ -45,12 +45,12 @@ BEFORE: dict[SumsOfSquares, tuple[str, str, str]] = {
     "II": ("B", "A", "AB"),
     "III": ("BX", "AX", "AB"),
 }
-"""Effects that "A", "B" and "X", the interaction, are adjusted for in each type."""
+"""The effects that "A", "B" and "X", the interaction, are adjusted for in each type."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One line of the table; `f` and `p` are None for the residual, and where F is not defined."""
+    """One line of the table; `f` and `p` are None for the residual and where F is not defined."""
 
     name: str
     ss: float
@@ -66,7 +66,7 @@ class Effect:
 
 @dataclass(frozen=True)
 class Anova:
-    """A table of variance; `statement` says why F is missing, where it is."""
+    """A table of variance; `statement` says why F is missing where it is."""
 
     kind: str
     effects: tuple[Effect, ...]
@@ -86,7 +86,7 @@ def one_way(groups: Sequence[Sequence[Number]], name: str = "group") -> Anova:
     """Return the one-way ANOVA of independent groups, each of shape (n_i,).
 
     Raises:
-        NotDefined: with fewer than two groups, an empty group, or one value in each.
+        NotDefined: there are fewer than two groups, a group is empty, or each has one value.
     """
     sizes = [len(group) for group in groups]
     if len(sizes) < 2 or not all(sizes):
@@ -94,12 +94,11 @@ def one_way(groups: Sequence[Sequence[Number]], name: str = "group") -> Anova:
     if sum(sizes) == len(sizes):
         raise NotDefined("one-way ANOVA needs two values in a group, got one in each: nothing is left for error")
     cells = of_groups(groups)
-    within, df = cells.within, sum(sizes) - len(sizes)
-    return _table("one-way", [(name, between(cells), len(sizes) - 1)], within, df)
+    return _table("one-way", [(name, between(cells), len(sizes) - 1)], cells.within, sum(sizes) - len(sizes))
 
 
 def one_way_tests(groups: Ratios) -> Tested:
-    """Return the F of many studies' groups of equally many participants, which lie along the first axis."""
+    """Return F and P of many studies' groups of equally many participants, which lie along the first axis."""
     count = len(groups.sums)
     return f_test(between(groups), groups.within, count - 1, count * (groups.participants - 1))
 
@@ -118,11 +117,11 @@ def between(groups: Ratios) -> Values:
 
 @dataclass(frozen=True)
 class Crossed:
-    """What a two-way design is for every study: made once, of its numbers of participants alone.
+    """A two-way design, made once for all studies from its numbers of participants alone.
 
     Args:
-        weights: participants in each cell, first factor slowest.
-        levels: of the first and of the second factor.
+        weights: participants in each cell, the first factor slowest.
+        levels: numbers of levels of the first and of the second factor.
     """
 
     weights: tuple[int, ...]
@@ -144,13 +143,15 @@ class Crossed:
         Args:
             effect: "A", "B" or "X".
             kind: its type.
-            sums: over the values of each cell, shape (cells, studies).
-            denominator: of these, in all or in each cell, shape (cells, 1).
+            sums: sums of the values of each cell, shape (cells, studies).
+            denominator: denominator of the values, one for all or one for each cell, shape (cells, 1).
         """
-        contrasts, sizes = self._contrasts[effect, BEFORE[kind]["ABX".index(effect)]]
+        key = effect, BEFORE[kind]["ABX".index(effect)]
         if sums.dtype == object:
-            return np.asarray(over((contrasts @ sums) ** 2, sizes * denominator**2).sum(axis=0))
-        along = self._directions[effect, BEFORE[kind]["ABX".index(effect)]] @ (sums / denominator)
+            contrasts, sizes = self._contrasts[key]
+            common = math.lcm(*sizes[:, 0].tolist())
+            return over((common // sizes * (contrasts @ sums) ** 2).sum(axis=0), common * denominator**2)
+        along = self._directions[key] @ (sums / denominator)
         return np.asarray(np.einsum("ds,ds->s", along, along))
 
     def same(self, effect: str) -> list[list[SumsOfSquares]]:
@@ -175,9 +176,9 @@ class Crossed:
 
     @cached_property
     def coefficients(self) -> dict[str, Fraction]:
-        """How often a component enters the expectation of a sum of squares of type II: effect and component -> times.
+        """Effect and component -> how often the component enters the expectation of the sum of squares of type II.
 
-        It is the sum, over the component's levels, of that sum of squares for the level's indicator as the response.
+        It is the sum of that sum of squares over the component's levels, with a level's indicator as the response.
         """
         first, second = np.divmod(np.arange(len(self.weights)), self.levels[1])
         of = {"A": first, "B": second, "X": np.arange(len(self.weights))}
@@ -198,7 +199,7 @@ class Crossed:
         return {(effect, before): self._orthogonal(columns, ("", *before, effect)) for effect, before in sorted(wanted)}
 
     def _orthogonal(self, columns: dict[str, Values], order: tuple[str, ...]) -> tuple[Values, Values]:
-        """Gram and Schmidt's orthogonal form of the last of these blocks, in integers."""
+        """Return Gram and Schmidt's orthogonal form of the last of these blocks, in integers."""
         weights = np.array(self.weights, dtype=object)
         found: list[tuple[Values, Values, int]] = []
         for column in np.hstack([columns[name] for name in order]).T:
@@ -212,10 +213,10 @@ class Crossed:
 
 @lru_cache(maxsize=128)
 def crossed(weights: tuple[int, ...], levels: tuple[int, int]) -> Crossed:
-    """Return the design of so many participants in each cell, first factor slowest.
+    """Return the design with these participants in each cell, the first factor slowest.
 
     Raises:
-        NotDefined: fewer than two levels of a factor.
+        NotDefined: a factor has fewer than two levels.
     """
     if min(levels) < 2:
         raise NotDefined(f"got {levels[0]} and {levels[1]} levels of two factors; allowed: at least 2 of each")
@@ -224,7 +225,7 @@ def crossed(weights: tuple[int, ...], levels: tuple[int, int]) -> Crossed:
 
 @dataclass(frozen=True)
 class Cells:
-    """One study's values in the cells of two crossed factors, whose `names` these are."""
+    """One study's values in the cells of two crossed factors with these names."""
 
     names: tuple[str, str]
     design: Crossed
@@ -234,10 +235,10 @@ class Cells:
 def cells(
     values: Sequence[Number], first: Sequence[Hashable], second: Sequence[Hashable], names: tuple[str, str]
 ) -> Cells:
-    """Sort values, shape (n,), by the levels of two factors, each of shape (n,).
+    """Return values, shape (n,), sorted by the levels of two factors, each of shape (n,).
 
     Raises:
-        NotDefined: when a factor has fewer than two levels, a cell is empty, or no cell holds two values.
+        NotDefined: a factor has fewer than two levels, a cell is empty, or no cell holds two values.
     """
     levels = tuple(dict.fromkeys(first)), tuple(dict.fromkeys(second))
     for name, found in zip(names, levels, strict=True):
@@ -266,7 +267,7 @@ def tasks_by_materials(correct: Sequence[Ratios]) -> tuple[Crossed, Ratios]:
 
 
 def two_way(data: Cells, kind: SumsOfSquares) -> Anova:
-    """Return the two-way ANOVA with interaction; of type I, the first factor enters first."""
+    """Return the two-way ANOVA with interaction; in type I the first factor enters first."""
     a, b = data.names
     lines = [
         (name, data.design.squares(effect, kind, data.ratios.sums, data.ratios.denominator), data.design.df_of(effect))
@@ -276,7 +277,7 @@ def two_way(data: Cells, kind: SumsOfSquares) -> Anova:
 
 
 def two_way_tests(design: Crossed, cells: Ratios, effect: str, kind: SumsOfSquares) -> Tested:
-    """Return the F of an effect, "A", "B" or "X", in many studies; see `tasks_by_materials`."""
+    """Return F and P of an effect, "A", "B" or "X", in many studies; see `tasks_by_materials`."""
     return f_test(
         design.squares(effect, kind, cells.sums, cells.denominator), cells.within, design.df_of(effect), design.df
     )
@@ -288,14 +289,14 @@ def _table(kind: str, lines: Sequence[tuple[str, Values, int]], within: Values, 
     residual = Effect("residual", float(within[0]), df)
     if not within[0]:
         bare = tuple(Effect(name, float(ss[0]), own) for name, ss, own in lines)
-        return Anova(kind, bare, residual, "no variance within the groups: F and P are not defined")
+        return Anova(kind, bare, residual, "there is no variance within the groups, so F and P are not defined")
     columns = names, map(float, np.concatenate(sums)), dfs, tested.statistic.tolist(), tested.p.tolist()
     return Anova(kind, tuple(Effect(*line) for line in zip(*columns, strict=True)), residual)
 
 
 @dataclass(frozen=True)
 class VarianceComponents:
-    """Estimates as they come out, negative ones included; squared units of the values."""
+    """Estimates in the squared unit of the values; they may be negative."""
 
     names: tuple[str, str, str]
     first: float
@@ -320,8 +321,8 @@ def variance_components(data: Cells) -> VarianceComponents:
 def icc_of_mean(components: VarianceComponents, k: int) -> float | None:
     """Return the variance-component ICC of the mean of `k` participants.
 
-    ICC = S / (S + residual / k), where S is the sum of the components of both factors and their interaction,
-    each taken as zero where it is negative. None when there is no variance at all.
+    ICC = S / (S + residual / k), where S is the sum of the components of both factors and their interaction, each taken
+    as zero where it is negative. It is None when there is no variance at all.
     """
     parts = [[components.first], [components.second], [components.interaction], [components.residual]]
     value = float(_share(floats(parts), k)[0])
@@ -338,7 +339,7 @@ def variance_component_icc(design: Crossed, cells: Ratios, k: int) -> Floats:
 
 
 def _components(design: Crossed, cells: Ratios) -> Values:
-    """Both factors', their interaction's and the residual's, shape (4, studies)."""
+    """Return the components of both factors, their interaction and the residual, shape (4, studies)."""
     residual = cells.within / design.df
     times: Mapping[str, Any] = design.coefficients
     if not cells.exact:

@@ -1,9 +1,9 @@
 """Answer ratios without rounding, for one study or for many at once.
 
-A ratio is an integer over an integer, so over one common denominator a sum of squares loses no digit, and no variance
-is exactly zero. One study holds Python's integers, which have any size (as NIST's SmLs07 to SmLs09 need), and all that
-is made of them is a fraction until its last step; many studies hold integers of 64 bits, and what follows is float64.
-The same functions take both: studies lie along the last axis.
+A ratio is an integer over an integer, so that over one common denominator a sum of squares loses no digit, and the
+variance of equal ratios is exactly zero. One study holds Python's integers, which have any size (as NIST's SmLs07 to
+SmLs09 need), and everything made of them is a fraction until its last step. Many studies hold integers of 64 bits, and
+what follows is float64. The same functions take both: studies lie along the last axis.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtrc
 
 Number = int | float | Fraction
 Floats = NDArray[np.float64]
@@ -26,15 +27,18 @@ Values = NDArray[Any]
 """Fractions or Python's integers of one study, or float64 or int64 of many; shape (..., studies)."""
 
 
+_fractions = np.frompyfunc(Fraction, 2, 1)
+
+
 class NotDefined(ValueError):
-    """A statistic that these values do not define; the text says why."""
+    """These values do not define the statistic; the text says why."""
 
 
 def integers(values: Sequence[Number]) -> tuple[list[int], int]:
-    """Return the same values as integers over one common denominator; a float stands for exactly what it holds.
+    """Return the same values as integers over one common denominator; a float counts as exactly what it holds.
 
     Raises:
-        ValueError: for a value that is not finite.
+        ValueError: a value is not finite.
     """
     try:
         ratios = [value.as_integer_ratio() for value in values]
@@ -48,11 +52,11 @@ def mean(values: Sequence[Number]) -> Fraction:
     """Return the arithmetic mean.
 
     Raises:
-        NotDefined: when there is no value.
-        ValueError: for a value that is not finite.
+        NotDefined: there is no value.
+        ValueError: a value is not finite.
     """
     if not values:
-        raise NotDefined("no value, no mean")
+        raise NotDefined("there is no value, so there is no mean")
     whole, common = integers(values)
     return Fraction(sum(whole), common * len(whole))
 
@@ -60,7 +64,7 @@ def mean(values: Sequence[Number]) -> Fraction:
 def sum_of_squares(values: Sequence[Number]) -> Fraction:
     """Return the sum of the squared differences from the mean; errors as `mean`."""
     if not values:
-        raise NotDefined("no value, no sum of squares")
+        raise NotDefined("there is no value, so there is no sum of squares")
     whole, common = integers(values)
     total = sum(whole)
     return Fraction(len(whole) * sum(map(mul, whole, whole)) - total * total, len(whole) * common * common)
@@ -73,9 +77,6 @@ def over(above: Any, below: Any) -> Values:
     return np.asarray(above / below)
 
 
-_fractions = np.frompyfunc(Fraction, 2, 1)
-
-
 def floats(values: Any) -> Floats:
     """Return the values as float64, each rounded once."""
     return np.asarray(values, dtype=np.float64)
@@ -83,13 +84,10 @@ def floats(values: Any) -> Floats:
 
 @dataclass(frozen=True)
 class Ratios:
-    """The ratios in every cell of a table, by the sums of their numerators.
+    """The ratios in every cell of a table, by the sums of their numerators and of their squared numerators.
 
-    Args:
-        denominator: of every ratio, or of those of each cell, shape (cells, 1).
-        participants: in every cell, or in each, shape (cells, 1).
-        sums: of the numerators, shape (..., studies).
-        squares: sums of the squared numerators, the same shape.
+    Both sums have the shape (..., studies). The denominator of the ratios and the participants are one number, or one
+    for each cell, shape (cells, 1).
     """
 
     denominator: Any
@@ -98,12 +96,12 @@ class Ratios:
     squares: Values
 
     def __getitem__(self, cells: Any) -> Ratios:
-        """Return some of the cells, where all have the same participants and denominator."""
+        """Return some of the cells of a table in which all have the same participants and denominator."""
         return Ratios(self.denominator, self.participants, self.sums[cells], self.squares[cells])
 
     @property
     def exact(self) -> bool:
-        """Whether these are one study's, without rounding."""
+        """Whether these are the ratios of one study, without rounding."""
         return self.sums.dtype == object
 
     @property
@@ -119,14 +117,17 @@ class Ratios:
     @cached_property
     def within(self) -> Values:
         """Squared differences of the ratios from the mean of their cell, summed over the first axis."""
+        if self.exact:
+            common = math.lcm(*self.participants.ravel().tolist())
+            return over((common // self.participants * self.scatter).sum(axis=0), common * self.denominator**2)
         return np.asarray(over(self.scatter, self.participants * self.denominator**2).sum(axis=0))
 
 
 def of_groups(groups: Sequence[Sequence[Number]]) -> Ratios:
-    """Return the exact ratios of one study, a cell for each group, shape (groups, 1).
+    """Return the exact ratios of one study, with a cell for each group, shape (groups, 1).
 
     Raises:
-        ValueError: for a value that is not finite.
+        ValueError: a value is not finite.
     """
     whole, common = integers([value for group in groups for value in group])
     ends = np.cumsum([len(group) for group in groups]).tolist()
@@ -144,9 +145,9 @@ def of_counts(counts: Integers, trials: int) -> Ratios:
 
 @dataclass(frozen=True)
 class Tested:
-    """A statistic of each study and its P, shape (..., studies); NaN where the values do not define it.
+    """A statistic of each study and its P, shape (..., studies).
 
-    NaN is there on purpose: no comparison with a level is ever true of it. Whoever asks counts it.
+    They are NaN where the values do not define them, because no comparison of NaN with a level is true.
     """
 
     statistic: Floats
@@ -154,21 +155,26 @@ class Tested:
 
 
 def undefined(shape: tuple[int, ...]) -> Tested:
-    """Return a statistic that no study defines."""
+    """Return a statistic that no study defines, and its P."""
     return Tested(np.full(shape, np.nan), np.full(shape, np.nan))
 
 
 def ratio(above: Any, below: Any) -> Any:
-    """Return each quotient, rounded once; NaN where the denominator is not above zero. A float of two integers."""
+    """Return each quotient, rounded once; NaN where the denominator is not above zero. Two integers give a float."""
     if isinstance(below, int):
         return above / below if below > 0 else math.nan
-    defined = np.asarray(below > 0, dtype=np.bool_)
-    return np.where(defined, floats(above / np.where(defined, below, 1)), np.nan)
+    if below.dtype == object:
+        return floats(_quotients(above, below))
+    defined = below > 0
+    return np.where(defined, above / np.where(defined, below, 1), np.nan)
+
+
+_quotients = np.frompyfunc(
+    lambda a, b: a.numerator * b.denominator / (a.denominator * b.numerator) if b > 0 else math.nan, 2, 1
+)
 
 
 def f_test(effect: Values, within: Values, df1: Any, df2: int) -> Tested:
-    """Return F and P of an effect's sum of squares beside that within cells; NaN where that is zero."""
-    from scipy.special import fdtrc
-
+    """Return F and P of an effect's sum of squares against that within cells; NaN where that is zero."""
     f = ratio(effect * df2, within * df1)
     return Tested(f, fdtrc(df1, max(df2, 1), f))

@@ -1,4 +1,4 @@
-"""Intraclass correlations of a complete targets x raters matrix: every form under its names.
+"""Intraclass correlations of a complete targets x raters matrix, in every form.
 
 Six formulas carry the names of Shrout and Fleiss (1979, Psychol. Bull. 86, 420-428) and of McGraw and Wong (1996,
 Psychol. Methods 1, 30-46, Tables 4, 7 and 8). McGraw and Wong's two-way random and two-way mixed forms share formulas
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import fdtri
 
 from analysis.statistics.exact import (
     Floats,
@@ -30,15 +31,10 @@ from analysis.statistics.exact import (
 
 @dataclass(frozen=True)
 class IccForm:
-    """One form; what the mean squares do not define is None, and `statement` says why.
+    """One form under both of its names, the test of ICC = 0 and the confidence interval.
 
-    Args:
-        shrout_fleiss: name in Shrout and Fleiss.
-        mcgraw_wong: name in McGraw and Wong.
-        model: model, type and unit in words.
-        value: the estimate; may be negative.
-        f, df1, df2, p: test of ICC = 0.
-        low, high: confidence interval.
+    `model` names model, type and unit in words; `value` may be negative. What the mean squares do not define is None,
+    and `statement` says why.
     """
 
     shrout_fleiss: str
@@ -56,7 +52,7 @@ class IccForm:
 
 @dataclass(frozen=True)
 class Icc:
-    """All forms for one matrix of `targets` x `raters`, with the mean squares that they come from."""
+    """All forms for one matrix of `targets` x `raters`, and the mean squares that they are made of."""
 
     targets: int
     raters: int
@@ -68,7 +64,7 @@ class Icc:
     forms: tuple[IccForm, ...]
 
     def form(self, shrout_fleiss: str) -> IccForm:
-        """The form with this Shrout-Fleiss name; `KeyError` when there is none."""
+        """Return the form with this Shrout-Fleiss name; `KeyError` when there is none."""
         return {form.shrout_fleiss: form for form in self.forms}[shrout_fleiss]
 
 
@@ -83,11 +79,11 @@ NAMES = {
 
 
 def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
-    """Every form for `ratings`, shape (targets, raters), without gaps.
+    """Return every form for `ratings`, shape (targets, raters), without gaps.
 
     Raises:
-        NotDefined: with fewer than two targets or raters, or when all ratings are the same.
-        ValueError: for rows of unequal length or values that are not finite.
+        NotDefined: there are fewer than two targets or raters, or all ratings are the same.
+        ValueError: rows have unequal lengths, or a value is not finite.
     """
     n, k = len(ratings), len(ratings[0]) if ratings else 0
     if any(len(row) != k for row in ratings):
@@ -120,11 +116,9 @@ def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
 
 
 def icc_tests(counts: Integers, form: str) -> tuple[Floats, Tested]:
-    """Return one form for each of many studies, and its test; ratios to one number of trials have the same ICC.
+    """Return one form for each of many studies, and its test, from counts of shape (targets, studies, raters).
 
-    Args:
-        counts: shape (targets, studies, raters).
-        form: its name in Shrout and Fleiss.
+    Ratios over one number of trials have the same ICC as the counts. `form` is the name in Shrout and Fleiss.
     """
     n, studies, k = counts.shape
     if n < 2 or k < 2:
@@ -137,9 +131,9 @@ def icc_tests(counts: Integers, form: str) -> tuple[Floats, Tested]:
 
 @dataclass(frozen=True)
 class _Spreads:
-    """Mean squares of studies, shape (studies,), all in one unit: n k n (n - 1) (k - 1) to the unit of the ratings.
+    """Mean squares of studies, shape (studies,), all multiplied by n k n (n - 1) (k - 1).
 
-    They are Python's integers of one study, and float64 of many.
+    Those of one study are Python's integers, and those of many studies are float64.
     """
 
     n: int
@@ -151,7 +145,7 @@ class _Spreads:
     total: Any
 
     def value(self, kind: str, size: str) -> Any:
-        """The estimate; NaN where the variance that it is a share of is not above zero."""
+        """Return the estimate; NaN where the variance that it is a share of is not above zero."""
         t, n, k = self.targets, self.n, self.k
         noise = self.within if kind == "1" else self.error
         rest = 1 if size == "k" else k
@@ -161,14 +155,14 @@ class _Spreads:
         return ratio(t - noise, t + (rest - 1) * noise)
 
     def test(self, kind: str) -> tuple[Tested, int]:
-        """The test of ICC = 0, and its residual degrees of freedom."""
+        """Return the test of ICC = 0, and its residual degrees of freedom."""
         df2 = self.n * (self.k - 1) if kind == "1" else (self.n - 1) * (self.k - 1)
         noise = self.within if kind == "1" else self.error
         return f_test(self.targets * (self.n - 1), noise * df2, self.n - 1, df2), df2
 
 
 def _spreads(ratings: Any) -> _Spreads:
-    """Mean squares of whole ratings, shape (targets, studies, raters)."""
+    """Return the mean squares of whole ratings, shape (targets, studies, raters)."""
     n, _, k = ratings.shape
     total = ratings.sum(axis=(0, 2))
     everything = n * k * np.einsum("isk,isk->s", ratings, ratings) - total**2
@@ -188,13 +182,13 @@ Limits = tuple[float | None, ...]
 
 
 def _why(kind: str, value: float | None, f: float | None, single: Limits, ends: Limits) -> str:
-    """Why a form lacks its value, its test or its interval; empty where it has all."""
+    """Return why a form lacks its value, its test or its interval; empty where it has all of them."""
     said = []
     if value is None:
         said.append("the variance that it is a share of is estimated as zero or less, so it is not defined")
     if f is None:
         what = "within targets" if kind == "1" else "beside that of targets and raters"
-        said.append(f"no variance {what}, so F and P are not defined")
+        said.append(f"there is no variance {what}, so F and P are not defined")
     if None not in ends:
         return "; ".join(said)
     if said:
@@ -202,34 +196,26 @@ def _why(kind: str, value: float | None, f: float | None, single: Limits, ends: 
     elif None in single:
         said.append("the degrees of freedom of its interval come near zero, so the interval is not defined")
     else:
-        said.append(
-            "a limit for one rater is too low to be stepped up to the mean of k, so the interval is not defined"
-        )
+        said.append("a limit for one rater is too low for the step to the mean of k, so the interval is not defined")
     return "; ".join(said)
 
 
-def _quantile(probability: float, df1: float, df2: float) -> float:
-    from scipy.special import fdtri
-
-    return float(fdtri(df1, df2, probability))
-
-
 def _limits_of_f(f: float | None, df1: int, df2: int, k: int, confidence: float) -> Limits:
-    """Limits of the forms that depend on one F alone (Shrout and Fleiss, p. 424)."""
+    """Return the limits of the forms that depend on one F alone (Shrout and Fleiss, p. 424)."""
     if f is None:
         return None, None
     tail = 1 - (1 - confidence) / 2
-    low, high = f / _quantile(tail, df1, df2), f * _quantile(tail, df2, df1)
+    low, high = f / float(fdtri(df1, df2, tail)), f * float(fdtri(df2, df1, tail))
     return (low - 1) / (low + k - 1), (high - 1) / (high + k - 1)
 
 
 def _limits_agreement(
     ms_r: float, ms_c: float, ms_e: float, value: float | None, n: int, k: int, confidence: float
 ) -> Limits:
-    """Limits of ICC(A,1) with Satterthwaite's degrees of freedom (McGraw and Wong, Table 7).
+    """Return the limits of ICC(A,1) with Satterthwaite's degrees of freedom (McGraw and Wong, Table 7).
 
-    None where those come near zero, as for estimates far below zero: the two limits then fall together beside the
-    estimate.
+    They are None where those come near zero, as for estimates far below zero, because both limits then fall on one
+    side of the estimate.
     """
     if value is None or value >= 1 or (ms_c == 0 and ms_e == 0):
         return None, None
@@ -240,7 +226,7 @@ def _limits_agreement(
         return None, None
     v = (a * ms_c + b * ms_e) ** 2 / spread
     tail = 1 - (1 - confidence) / 2
-    f_low, f_high = _quantile(tail, n - 1, v), _quantile(tail, v, n - 1)
+    f_low, f_high = float(fdtri(n - 1, v, tail)), float(fdtri(v, n - 1, tail))
     if not (math.isfinite(f_low) and math.isfinite(f_high)):
         return None, None
     mixed = k * ms_c + (k * n - k - n) * ms_e

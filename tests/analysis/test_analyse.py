@@ -216,7 +216,7 @@ def test_one_task(tmp_path: Path) -> None:
 
 def test_one_participant(tmp_path: Path) -> None:
     shown = _no_nan(analyse([write_dataset(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})]))
-    assert "one participant: SD, t and P are not defined" in shown
+    assert "with one participant, SD, t and P are not defined" in shown
     assert "an ICC needs two targets and two raters" in shown
     assert "There is no two-way ANOVA: two-way ANOVA needs two participants in a cell" in shown
 
@@ -225,8 +225,8 @@ def test_constant_answers(tmp_path: Path) -> None:
     rows = trials([(material, MATERIALS[0]) for material in MATERIALS for _ in range(3)])
     sessions = {str(k): {"virtual": rows, "real": rows} for k in range(1, 4)}
     shown = _no_nan(analyse([write_dataset(tmp_path, sessions)]))
-    assert "no variance, t and P are not defined" in shown
-    assert "The two-way ANOVA of type III is not defined: no variance within the groups" in shown
+    assert "there is no variance, so t and P are not defined" in shown
+    assert "The two-way ANOVA of type III is not defined: there is no variance within the groups" in shown
 
 
 def test_the_same_answer_to_everything_by_everyone(tmp_path: Path) -> None:

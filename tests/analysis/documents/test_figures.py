@@ -12,9 +12,8 @@ from matplotlib.colors import to_rgb
 
 from analysis.documents.drawing import COLOURS, Sheet, told_apart
 from analysis.identification.results import compute
-from analysis.reading.dataset import read
+from analysis.reading.dataset import read, read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities
-from analysis.reading.pooling import read_pooled
 from analysis.report.figures import sheets
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
 from tests.analysis.legible import check

@@ -54,7 +54,9 @@ def test_print_gives_back_its_means_and_standard_deviations(protocol: Protocol) 
             # A sample's p (1 - p) is too small by variance / n, so that its variance is printed a little too large.
             printed_variance = sum(c.sd.value**2 for c in row if c.sd)
             assert (p * (1 - p)).sum() * q == pytest.approx(printed_variance * (1 - q / people), rel=1e-9)
-    assert model.notes == ("virtual, polypropylene: printed ratios leave 0.027, taken as no material named",)
+    assert model.notes == (
+        "virtual, polypropylene: the printed ratios leave 0.027, which is taken as no material named",
+    )
     assert "Table 1 and Table 2" in model.source
 
 
@@ -98,7 +100,7 @@ def test_participants_less_apart_than_trials_make_them_have_no_spread(tmp_path: 
     )
     model = choice_models.find(str(root), protocol)
     assert not np.concatenate([answers.spread for answers in model.tasks]).any()
-    assert "virtual, copy paper: participants differ less than trials alone would make them" in model.notes[0]
+    assert "virtual, copy paper: participants differ less than by chance alone" in model.notes[0]
 
 
 def test_a_file_is_taken_as_stated(tmp_path: Path, protocol: Protocol) -> None:
@@ -170,8 +172,8 @@ def test_print_that_adds_up_to_more_than_one_is_noted(tmp_path: Path, protocol: 
     file.write_text(text.replace(old, 'mean = "0.85", sd = "0.27"', 1), encoding="utf-8")
     model = choice_models.from_print(published.read(file), protocol)
     assert [note for note in model.notes if "add up to" in note] == [
-        "virtual, polypropylene: printed ratios add up to 1.173, more than rounding explains; one of them is wrong in "
-        "print, and all are scaled to add up to 1"
+        "virtual, polypropylene: the printed ratios add up to 1.173, more than rounding explains; one of them is wrong "
+        "in print, and all are scaled to add up to 1"
     ]
     assert model.tasks[0].shares[2, 2] == pytest.approx(0.85 / 1.173)
 

@@ -23,7 +23,7 @@ from statsmodels.stats.proportion import proportion_confint
 from analysis.power import planned_tests, report, simulate
 from analysis.power.choice_models import Answers, ChoiceModel
 from analysis.power.simulate import Chunk, Power
-from analysis.statistics.t_tests import t_against_chance
+from analysis.statistics.inference import t_against_chance
 from experiment.errors import DatasetError, PowerError
 from experiment.protocol import files
 from experiment.protocol.files import shipped
@@ -169,7 +169,7 @@ def _die(_: int) -> None:
 
 
 def test_a_process_that_is_killed_is_an_error_in_a_line() -> None:
-    with pytest.raises(PowerError, match="--jobs 2: the system ended a process that worked"):
+    with pytest.raises(PowerError, match="--jobs 2: the operating system ended a worker process"):
         list(simulate.on_cores(_die, [1, 2], jobs=2))
 
 
@@ -245,7 +245,7 @@ def test_the_smallest_number_is_stated_with_its_uncertainty() -> None:
         ({"participants": ()}, r"--participants: got none; allowed: numbers from 1 to 1000"),
         ({"participants": (0, 3)}, r"--participants: got 0, 3; allowed"),
         ({"participants": (1001,)}, r"--participants: got 1001; allowed"),
-        ({"studies": 0}, r"--studies 0: allowed: 1 to 1000000"),
+        ({"studies": 0}, r"--studies: got 0; allowed: 1 to 1000000"),
     ],
 )
 def test_sizes_beyond_what_is_allowed_are_refused(changed: dict[str, Any], message: str) -> None:
@@ -298,7 +298,7 @@ def test_the_monte_carlo_error_stands_where_the_shares_do(tmp_path: Path) -> Non
     assert [float(one) for one in said] == [math.ceil(by_size * 1000) / 1000, math.ceil(planned * 1000) / 1000]
     report.write(result, tmp_path / "out")
     for name in ("power.md", "needed.md"):
-        assert "In brackets after a share: Wilson's 95 % interval" in (tmp_path / "out" / name).read_text("utf-8")
+        assert "In brackets after a share stands Wilson's 95 % interval" in (tmp_path / "out" / name).read_text("utf-8")
 
 
 def test_what_a_terminal_shows() -> None:

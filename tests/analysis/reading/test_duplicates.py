@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from analysis.reading.pooling import read_pooled
+from analysis.reading.dataset import read_pooled
 from experiment.errors import DatasetError
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 

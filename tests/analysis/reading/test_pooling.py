@@ -9,8 +9,7 @@ import pytest
 from analysis.analyse import analyse
 from analysis.identification.confusion import confusion
 from analysis.identification.results import compute
-from analysis.reading.dataset import read
-from analysis.reading.pooling import read_pooled
+from analysis.reading.dataset import read, read_pooled
 from analysis.reading.study import Study
 from analysis.report.sections import overview
 from experiment.dataset.bids import Origin

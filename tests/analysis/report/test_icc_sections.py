@@ -47,9 +47,12 @@ def test_forms_without_a_test_or_a_value_say_why(tmp_path: Path) -> None:
     alike = {str(k): {"virtual": balanced(1, 9)} for k in range(1, 4)}
     notes = _section(tmp_path / "alike", alike).tables[0].notes
     assert (
-        notes[0] == "ICC(1,1), ICC(1,k): no variance within targets, so F and P are not defined; nor is the interval."
+        notes[0]
+        == "ICC(1,1), ICC(1,k): there is no variance within targets, so F and P are not defined; nor is the interval."
     )
-    assert notes[1].startswith("ICC(2,1), ICC(3,1), ICC(2,k), ICC(3,k): no variance beside that of targets and raters")
+    assert notes[1].startswith(
+        "ICC(2,1), ICC(3,1), ICC(2,k), ICC(3,k): there is no variance beside that of targets and raters"
+    )
     # Correct ratios 1/2, 1/2, 0; 0, 1/2, 1/2; 1/2, 0, 1/2: the materials' means are the same, so that MS targets is 0.
     right = [trials([(m, m if k != i else "sand" if m != "sand" else "snow") for i, m in enumerate(MATERIALS)]
                     + [(m, "sand" if m != "sand" else "snow") for m in MATERIALS]) for k in range(3)]  # fmt: skip

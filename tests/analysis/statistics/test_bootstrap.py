@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 from analysis.statistics.exact import NotDefined
-from analysis.statistics.intervals import LEAST, RESAMPLES, bca, leave_one_out, mean_interval, resamples
+from analysis.statistics.inference import LEAST, RESAMPLES, bca, leave_one_out, mean_interval, resamples
 
 RATIOS = np.array([2, 2, 5, 4, 5, 3, 0, 3, 3, 3, 3, 5, 1, 2, 9]) / 10
 

@@ -124,8 +124,16 @@ def test_a_form_says_why_exactly_when_it_lacks_something(table: list[list[int]])
     [
         ([[0, 1, 0], [1, 0, 1], [0, 1, 0], [1, 0, 1]], "ICC(1,1)", ""),
         ([[0, 1], [1, 0]], "ICC(1,k)", "the variance that it is a share of is estimated as zero or less"),
-        ([[1, 1], [2, 2], [3, 3]], "ICC(1,1)", "no variance within targets, so F and P are not defined; nor is the"),
-        ([[1, 2], [2, 3], [3, 4]], "ICC(3,1)", "no variance beside that of targets and raters, so F and P are not"),
+        (
+            [[1, 1], [2, 2], [3, 3]],
+            "ICC(1,1)",
+            "there is no variance within targets, so F and P are not defined; nor is the",
+        ),
+        (
+            [[1, 2], [2, 3], [3, 4]],
+            "ICC(3,1)",
+            "there is no variance beside that of targets and raters, so F and P are not",
+        ),
     ],
 )
 def test_the_reason_is_that_of_the_mean_squares(table: list[list[int]], name: str, why: str) -> None:

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from analysis.identification.confusion import Confusion, most_confused
-from analysis.statistics import anova, icc, t_tests
+from analysis.statistics import anova, icc, inference
 from analysis.statistics.anova import icc_of_mean, variance_components
 from analysis.statistics.exact import NotDefined, of_counts
 
@@ -45,11 +45,11 @@ def fractions(row: np.ndarray) -> list[Fraction]:
 def test_t_and_holm(seed: int, materials: int, people: int) -> None:
     made = counts(seed, materials, people)
     every = np.arange(materials)
-    result = t_tests.t_tests(of_counts(made, TRIALS)[every, every], Fraction(1, 4))
-    adjusted = t_tests.holm(result.p)
+    result = inference.t_tests(of_counts(made, TRIALS)[every, every], Fraction(1, 4))
+    adjusted = inference.holm(result.p)
     for study in range(made.shape[2]):
-        tests = [t_tests.t_against_chance(fractions(made[i, i, study]), Fraction(1, 4)) for i in every]
-        family = t_tests.holm(np.array([1.0 if test.p is None else test.p for test in tests]))
+        tests = [inference.t_against_chance(fractions(made[i, i, study]), Fraction(1, 4)) for i in every]
+        family = inference.holm(np.array([1.0 if test.p is None else test.p for test in tests]))
         for i, test in enumerate(tests):
             same(result.statistic[i, study], test.t)
             same(result.p[i, study], test.p)

@@ -52,7 +52,7 @@ def test_power_from_a_dataset_tests_the_published_pair(palpate: Palpate, reposit
         (("--alpha", "1"), "--alpha 1.0: allowed: a number between 0 and 1"),
         (("--alpha", "nan"), "--alpha nan: allowed"),
         (("--target", "0"), "--target 0.0: allowed"),
-        (("--studies", "0"), "--studies 0: allowed"),
+        (("--studies", "0"), "--studies: got 0; allowed"),
         (("--model", "nobody"), "--model nobody: got no model of that name"),
         (("--model", "no.toml"), "no such file"),
     ],

@@ -1,0 +1,318 @@
+"""What a sample of answer ratios tells: tests of its mean against chance, effect sizes, a Bayes factor, and intervals.
+
+Wilson's interval and the exact one of Clopper and Pearson take every trial as independent of the others, which trials
+of one participant are not. The bootstrap resamples whole participants, never single trials; its intervals are BCa,
+bias-corrected and accelerated (Efron 1987, J. Am. Stat. Assoc. 82, 171-185), with the acceleration from leaving out one
+participant at a time.
+
+Intervals of effect sizes invert the noncentral distribution of the statistic (Steiger and Fouladi 1997; Steiger 2004,
+Psychol. Methods 9, 164-182): a limit is the noncentrality at which the observed value lies at a tail of the interval.
+The Bayes factor has the JZS prior: a Cauchy distribution of the effect size, Jeffreys's of the variance (Rouder,
+Speckman, Sun, Morey and Iverson 2009, Psychon. Bull. Rev. 16, 225-237, equation (1)).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from scipy.special import betaincinv, ncfdtr, nctdtr, ndtr, ndtri, stdtr
+
+from analysis.statistics.exact import (
+    Floats,
+    Integers,
+    NotDefined,
+    Number,
+    Ratios,
+    Tested,
+    floats,
+    of_groups,
+    over,
+    undefined,
+)
+
+CONFIDENCE = 0.95
+
+STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
+"""The levels of P for stars (note under Okamoto's Table 1)."""
+
+
+@dataclass(frozen=True)
+class TTest:
+    """The t-test of `n` participants' mean ratio against chance; what the values do not define is None.
+
+    `sd` is that of a sample (n - 1), t is (mean - chance) / (sd / sqrt(n)), P is two-tailed, and d is Cohen's,
+    (mean - chance) / sd. `statement` says why something is not defined; it is empty when everything is.
+    """
+
+    n: int
+    mean: float | None
+    sd: float | None
+    chance: float
+    df: int
+    t: float | None
+    p: float | None
+    d: float | None
+    statement: str = ""
+
+    @property
+    def stars(self) -> str:
+        """The stars of the unadjusted P for a mean above chance; empty otherwise."""
+        above = self.mean is not None and self.mean > self.chance
+        return stars(self.p) if above and self.p is not None else ""
+
+
+def stars(p: float, levels: Sequence[tuple[float, str]] = STARS) -> str:
+    """Return the stars of the first level that P is below; empty where there is none."""
+    return next((mark for level, mark in levels if p < level), "")
+
+
+def p_two_tailed(t: float, df: int) -> float:
+    """Return the probability of a Student t at least as far from 0 as `t`, at `df` degrees of freedom."""
+    return float(2 * stdtr(df, -abs(t)))
+
+
+def t_against_chance(values: Sequence[Number], chance: Number) -> TTest:
+    """Return the one-sample, two-tailed t-test of `values`, shape (participants,), against `chance`.
+
+    Raises:
+        ValueError: a value is not finite.
+    """
+    null = Fraction(chance)
+    n = len(values)
+    if n == 0:
+        return TTest(0, None, None, float(null), 0, None, None, None, "nobody was presented this material")
+    cells = of_groups([values])
+    mean = float(cells.means[0, 0])
+    if n == 1:
+        statement = "with one participant, SD, t and P are not defined"
+        return TTest(1, mean, None, float(null), 0, None, None, None, statement)
+    if not cells.scatter[0, 0]:
+        statement = f"every participant's ratio is {mean:.3g}: there is no variance, so t and P are not defined"
+        return TTest(n, mean, 0.0, float(null), n - 1, None, None, None, statement)
+    sd, d, tested = _sizes(cells, n, null)
+    t, p = float(tested.statistic[0, 0]), float(tested.p[0, 0])
+    return TTest(n, mean, float(sd[0, 0]), float(null), n - 1, t, p, float(d[0, 0]))
+
+
+def t_tests(cells: Ratios, chance: Fraction) -> Tested:
+    """Return t and P of each cell of many studies against `chance`; they are undefined where nothing varies."""
+    return undefined(cells.sums.shape) if cells.participants < 2 else _sizes(cells, cells.participants, chance)[2]
+
+
+def _sizes(cells: Ratios, n: int, chance: Fraction) -> tuple[Floats, Floats, Tested]:
+    """Return SD, d and t of each cell of `n` participants."""
+    variance = floats(over(cells.scatter, n * (n - 1) * cells.denominator**2))
+    sd = np.sqrt(np.where(variance > 0, variance, np.nan))
+    d = floats(cells.means - (chance if cells.exact else float(chance))) / sd
+    t = d * math.sqrt(n)
+    return sd, d, Tested(t, 2 * stdtr(n - 1, -np.abs(t)))
+
+
+def holm(p: Floats) -> Floats:
+    """Return P adjusted for the tests of a family (Holm 1979), which lie along the first axis.
+
+    The i-th smallest of m values is multiplied by m - i + 1; no adjusted value is below that of a smaller P or above 1.
+    NaN, a test that is not defined, counts as 1 in its family, because it was planned; it stays NaN.
+    """
+    family = np.where(np.isnan(p), 1.0, p)
+    order = np.argsort(family, axis=0, kind="stable")
+    factors = np.arange(len(p), 0, -1).reshape(-1, *[1] * (p.ndim - 1))
+    stepped = np.maximum.accumulate(np.minimum(1.0, np.take_along_axis(family, order, axis=0) * factors), axis=0)
+    adjusted = np.empty_like(stepped)
+    np.put_along_axis(adjusted, order, stepped, axis=0)
+    return np.where(np.isnan(p), np.nan, adjusted)
+
+
+ETA_CONFIDENCE = 0.90
+"""The interval of 90 % excludes 0 exactly when P < 0.05, because an F test uses one tail (Steiger 2004)."""
+
+SMALLEST = 1e-100
+"""A t nearer to 0 is taken as 0, because scipy's noncentral t has no value there."""
+
+
+@dataclass(frozen=True)
+class EffectSize:
+    """An estimate with its limits at `confidence`; a limit that cannot be computed is None."""
+
+    value: float
+    low: float | None
+    high: float | None
+    confidence: float
+
+
+def partial_eta_squared(f: float, df1: int, df2: int, confidence: float = ETA_CONFIDENCE) -> EffectSize:
+    """Return the share of the variance left by the other effects that this one takes: df1 F / (df1 F + df2).
+
+    `f` is not negative. The interval's limits are those of the noncentrality L, mapped to L / (L + df1 + df2 + 1).
+    """
+    found = _noncentralities(lambda nc: float(ncfdtr(df1, df2, nc, f)), confidence, least=0.0)
+    low, high = (None if limit is None else limit / (limit + df1 + df2 + 1) for limit in found)
+    return EffectSize(df1 * f / (df1 * f + df2), low, high, confidence)
+
+
+def cohens_d(t: float, df: int, confidence: float = CONFIDENCE) -> EffectSize:
+    """Return Cohen's d of a one-sample t, t / sqrt(n) at n = df + 1, with the limits of noncentral t."""
+    root = math.sqrt(df + 1)
+    observed = 0.0 if abs(t) < SMALLEST else t
+    found = _noncentralities(lambda nc: float(nctdtr(df, nc, observed)), confidence)
+    low, high = (None if limit is None else limit / root for limit in found)
+    return EffectSize(t / root, low, high, confidence)
+
+
+def _noncentralities(
+    below: Callable[[float], float], confidence: float, least: float = -math.inf
+) -> tuple[float | None, float | None]:
+    """Return where `below`, which falls with the noncentrality, leaves each tail; None where it cannot be computed."""
+    tail = (1 - confidence) / 2
+    return _bisected(below, 1 - tail, least), _bisected(below, tail, least)
+
+
+def _bisected(below: Callable[[float], float], probability: float, least: float) -> float | None:
+    """Return where `below` is `probability`, or `least` where it is less already there, by bisection."""
+
+    def gap(noncentrality: float) -> float:
+        if math.isnan(value := below(noncentrality)):
+            raise NotDefined("the distribution cannot be computed")
+        return value - probability
+
+    low, high = max(least, -1.0), 1.0
+    try:
+        if low == least and gap(least) <= 0:
+            return least
+        while gap(low) < 0 and low > -(2.0**60):
+            low *= 2
+        while gap(high) > 0 and high < 2.0**60:
+            high *= 2
+        if gap(low) < 0 or gap(high) > 0:
+            return None
+        while low < (middle := (low + high) / 2) < high:
+            low, high = (middle, high) if gap(middle) >= 0 else (low, middle)
+    except NotDefined:
+        return None
+    return middle
+
+
+SCALE = math.sqrt(0.5)
+"""The scale of the Cauchy prior, the default of the R package BayesFactor and of JASP; Rouder et al. (2009) took 1."""
+
+STEP = 0.05
+LOWEST, HIGHEST = -30.0, 90.0
+"""The range of log g: below it the integrand is less than e^(-10^12), above it less than 10^-38 of its mass."""
+
+
+def log_bayes_factor(t: float, n: int, scale: float = SCALE) -> float:
+    """Return the natural logarithm of BF10, the evidence for an effect over that for none, of a two-tailed t.
+
+    The integral over g is the sum at equal steps of log g, which converges exponentially for such integrands (Trefethen
+    and Weideman 2014). `n` is at least 2; `scale` is that of the Cauchy prior on the effect size.
+    """
+    df = n - 1
+    log_g = np.arange(LOWEST, HIGHEST, STEP) + 2 * math.log(scale)
+    spread = np.log1p(n * np.exp(log_g))
+    likelihood = -spread / 2 - n / 2 * np.log1p(t * t / df * np.exp(-spread))
+    prior = math.log(scale) - math.log(2 * math.pi) / 2 - log_g / 2 - scale * scale / 2 * np.exp(-log_g)
+    logs = likelihood + prior
+    largest = float(logs.max())
+    integral = largest + math.log(STEP * float(np.exp(logs - largest).sum()))
+    return integral + n / 2 * math.log1p(t * t / df)
+
+
+@dataclass(frozen=True)
+class ConfidenceInterval:
+    """An interval's limits at `confidence`."""
+
+    low: float
+    high: float
+    confidence: float
+
+
+def wilson(count: int, trials: int, confidence: float = CONFIDENCE) -> ConfidenceInterval:
+    """Return the score interval without continuity correction (Wilson 1927).
+
+    Raises:
+        ValueError: there are no trials, or more successes than trials.
+    """
+    _check(count, trials)
+    z = float(ndtri((1 + confidence) / 2))
+    centre = count + z * z / 2
+    half = z * math.sqrt(count * (trials - count) / trials + z * z / 4)
+    low, high = (centre - half) / (trials + z * z), (centre + half) / (trials + z * z)
+    return ConfidenceInterval(low if count else 0.0, high if count < trials else 1.0, confidence)
+
+
+def clopper_pearson(count: int, trials: int, confidence: float = CONFIDENCE) -> ConfidenceInterval:
+    """Return the exact interval: neither tail of the binomial exceeds half of 1 - `confidence` (1934).
+
+    Raises:
+        ValueError: there are no trials, or more successes than trials.
+    """
+    _check(count, trials)
+    tail = (1 - confidence) / 2
+    low = float(betaincinv(count, trials - count + 1, tail)) if count else 0.0
+    high = float(betaincinv(count + 1, trials - count, 1 - tail)) if count < trials else 1.0
+    return ConfidenceInterval(low, high, confidence)
+
+
+def _check(count: int, trials: int) -> None:
+    if not 0 <= count <= trials or not trials:
+        raise ValueError(f"got {count} of {trials}; allowed: a count from 0 to the trials, of at least one trial")
+
+
+RESAMPLES = 4999
+LEAST = 3
+"""The fewest participants that can be resampled."""
+
+
+def resamples(participants: int, count: int, rng: np.random.Generator) -> Integers:
+    """Return how often each participant is in each resample, shape (count, participants).
+
+    Raises:
+        NotDefined: there are too few participants.
+    """
+    if participants < LEAST:
+        raise NotDefined(f"a bootstrap needs {LEAST} participants, got {participants}")
+    return np.asarray(
+        rng.multinomial(participants, np.full(participants, 1 / participants), size=count), dtype=np.int64
+    )
+
+
+def leave_one_out(participants: int) -> Integers:
+    """Return the same for leaving out each participant in turn, shape (participants, participants)."""
+    return np.ones((participants, participants), dtype=np.int64) - np.eye(participants, dtype=np.int64)
+
+
+def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CONFIDENCE) -> ConfidenceInterval:
+    """Return the BCa interval of a statistic.
+
+    Args:
+        observed: its value in the sample.
+        drawn: its values in the resamples, shape (B,).
+        left_out: its values with each participant left out, shape (P,).
+        confidence: level of the interval.
+
+    Raises:
+        NotDefined: the resamples do not vary, or all lie on one side of the observed value.
+    """
+    if np.ptp(drawn) <= 1e-12 * np.abs(drawn).max():
+        raise NotDefined("no variance among participants: the bootstrap has no interval")
+    below = (np.count_nonzero(drawn < observed) + np.count_nonzero(drawn <= observed)) / (2 * drawn.size)
+    if not 0 < below < 1:
+        raise NotDefined("every resample lies on one side of the value: the bootstrap has no BCa interval")
+    differences = left_out.mean() - left_out
+    scale = float((differences**2).sum()) ** 1.5
+    acceleration = float((differences**3).sum()) / (6 * scale) if scale else 0.0
+    bias = float(ndtri(below))
+    normal = bias + ndtri(np.array([(1 - confidence) / 2, (1 + confidence) / 2]))
+    shares = ndtr(bias + normal / (1 - acceleration * normal))
+    low, high = np.quantile(drawn, shares)
+    return ConfidenceInterval(float(low), float(high), confidence)
+
+
+def mean_interval(values: Floats, weights: Integers, confidence: float = CONFIDENCE) -> ConfidenceInterval:
+    """Return the BCa interval of the mean of values, shape (P,), from resamples of shape (B, P); errors as `bca`."""
+    left_out = leave_one_out(values.size) @ values / (values.size - 1)
+    return bca(float(values.mean()), weights @ values / values.size, left_out, confidence)
