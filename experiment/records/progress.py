@@ -52,7 +52,7 @@ class Progress:
         return self.put_off.index(trial) + 1 if trial in self.put_off else 0
 
     def after(self, entry: AnyEntry) -> Progress:
-        """Where the session stands after one more entry."""
+        """Return where the session stands after one more entry."""
         done = replace(self, footer=entry if isinstance(entry, Footer) else None)
         if isinstance(entry, FootStep):
             return replace(done._begun(entry), unanswered=(entry.trial, entry.attempt))
@@ -79,11 +79,7 @@ class Progress:
 
 
 def progress(entries: Sequence[AnyEntry]) -> Progress:
-    """Replay a journal's entries.
-
-    Args:
-        entries: all entries, the header first.
-    """
+    """Return where a session stands after all entries of its journal, the header first."""
     header = entries[0]
     if not isinstance(header, Header):
         raise TypeError("the first entry of a journal is its header")
@@ -91,7 +87,7 @@ def progress(entries: Sequence[AnyEntry]) -> Progress:
 
 
 def spent_ns(contents: Contents) -> int:
-    """How long the session has lasted so far, pauses between its runners left out, ns."""
+    """Return how long the session has lasted so far, without the pauses between its runners, ns."""
     spent, begun = 0, contents.lines[0].t_ns if contents.lines else 0
     for before, line in pairwise(contents.lines):
         if isinstance(line.entry, Resumed):

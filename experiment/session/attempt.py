@@ -1,6 +1,6 @@
 """One attempt at one trial of any kind: make it ready, watch it, put it on disk, ask, and put the answer on disk.
 
-The states of a session, and the one table of what may follow what, stand here too.
+The states of a session and the one table of their transitions stand here too.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ TRANSITIONS: dict[tuple[State, Event], State] = {
 
 
 def follow(state: State, event: Event) -> State:
-    """The state after `event`. Raises `SessionError` for a transition that the table does not hold."""
+    """Return the state after `event`. Raises `SessionError` for a transition that the table does not hold."""
     try:
         return TRANSITIONS[state, event]
     except KeyError:
@@ -110,15 +110,7 @@ class Attempts:
     def __init__(
         self, *, protocol: Protocol, header: Header, devices: Devices, log: Log, masking: Masking | None
     ) -> None:
-        """Set up before the first attempt.
-
-        Args:
-            protocol: the study.
-            header: what the session is.
-            devices: the opened parts.
-            log: puts entries and raw frames on disk.
-            masking: the session's masker, if it has one.
-        """
+        """Set up before the first attempt; `masking` is None for a session without a masker."""
         self._spoken = protocol.answers
         self._console, self._clock = devices.console, devices.clock
         self._log = log
@@ -131,17 +123,10 @@ class Attempts:
         self._undelivered = 0
 
     def run(self, planned: PlannedTrial, attempt: int) -> Event:
-        """Run one attempt.
+        """Run one attempt at a trial; `attempt` is its number, from 1.
 
-        Args:
-            planned: the trial.
-            attempt: its number, from 1.
-
-        Returns:
-            `ANSWERED`, `REDONE`, `BROKEN_OFF`, `LOST` (a device fell silent; see `outage`), or `PAUSE`.
-
-        Raises:
-            PalpateError: a part failed.
+        Return `ANSWERED`, `REDONE`, `BROKEN_OFF`, `LOST` (a device fell silent; see `outage`) or `PAUSE`. Raises
+        `PalpateError` if a part failed.
         """
         answered_ns, self._answered_ns = self._answered_ns, None
         try:
@@ -163,7 +148,7 @@ class Attempts:
             self._undelivered = 0 if seen.delivered else self._undelivered + 1
         if seen.repeat:
             self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=seen.repeat, put_off=True))
-            self._console.show(f"Trial {planned.trial} comes again at the end of its block: {seen.repeat}.")
+            self._console.show(f"Trial {planned.trial} is repeated at the end of its block: {seen.repeat}.")
             return Event.REDONE
         return self._ask(planned, attempt, seen.answerable_ns)
 

@@ -84,7 +84,7 @@ def test_a_session_from_the_experimenters_chair(
     where = ["--rig", "rig.toml", "--dataset", "dataset", "--recordings", recordings]
     if task == "virtual":
         code, _, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
-        assert (code, "the recordings are simulated; participants feel real ones" in err) == (2, True)
+        assert (code, "the recordings are simulated; record real ones" in err) == (2, True)
         assert not (tmp_path / "dataset" / "stimuli").exists()
     # From here on they stand in for a laboratory's own.
     manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")

@@ -1,1 +1,1 @@
-"""experiment/session/footstep"""
+"""Trials of the kind footstep: arm, watch the foot, have the stimulus sound at contact, and put the step on record."""

@@ -72,17 +72,16 @@ def open_footsteps(
     ends: FarEnds,
     opened: ExitStack,
 ) -> FootstepDevices:
-    """Open what a task of footsteps needs; arguments and errors as in `laboratory.open_laboratory`.
+    """Open what a task of footsteps needs; arguments and errors are those of `laboratory.open_laboratory`.
 
-    Args:
-        stream: the session's audio stream, for an actuator that is a channel of it.
-        opened: closes what is opened here.
+    `stream` is the session's audio stream, for an actuator that is a channel of it. `opened` closes what is opened
+    here.
     """
     planned = scene.plan(protocol=protocol, task_id=task_id)
     materials: Mapping[str, Basis] | None = None
     if planned.synthesis:
         if recordings is None:
-            raise RecordingError(f"task '{task_id}': got no recordings; allowed: a folder of them; name it")
+            raise RecordingError(f"task '{task_id}': got no recordings; allowed: a folder of recordings; name it")
         rate_hz = rig.actuator.rate_hz
         materials = ends.presented(
             scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
@@ -106,14 +105,7 @@ def open_footsteps(
 
 @dataclass(frozen=True)
 class Armed:
-    """An attempt that was armed.
-
-    Attributes:
-        planned: the trial.
-        attempt: its number, from 1.
-        dead_time_ms: since the answer just before, ms, without the time in which an object was laid out; None where no
-            answer came just before, and in simulated time.
-    """
+    """An attempt that was armed; `dead_time_ms` as in `FootStep`."""
 
     planned: PlannedTrial
     attempt: int
@@ -122,7 +114,7 @@ class Armed:
 
 @dataclass(frozen=True)
 class _Parted:
-    """The tracker's clock has parted from the session's: the one to go by, and why the session cannot go on."""
+    """The clock to use instead of a tracker's that parted from the session's, and why the session cannot continue."""
 
     clock: ClockMap
     error: TrackerError

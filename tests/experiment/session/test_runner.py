@@ -238,5 +238,5 @@ def test_a_torn_line_is_reported_on_screen_and_in_the_journal(protocol: Protocol
     path.write_bytes(path.read_bytes() + b'{"n":9,"t_')
     second = bench("pt")
     second.run(protocol, header("real"), tmp_path)
-    assert second.console.shown == ['A torn last line of the journal was dropped: \'{"n":9,"t_\'']
+    assert second.console.shown == ['The last line of the journal was torn and has been dropped: \'{"n":9,"t_\'']
     assert [e.torn for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == ['{"n":9,"t_']
