@@ -20,14 +20,10 @@ from experiment.records.journal import AnyEntry, Contents
 class Progress:
     """Where a session stands.
 
-    Attributes:
-        header: what the session is.
-        answered: trials with an answer that counts, in the order they were answered.
-        put_off: trials that were put off to the end of their blocks, in that order.
-        attempts: attempts begun so far, by trial.
-        unanswered: the trial and attempt whose step is on disk but whose answer is not, if any.
-        footer: the last footer, if the session has ended since it was last resumed.
-        masker_db_a: level that was chosen last, dB(A), if any.
+    `answered` are the trials with an answer that counts, and `put_off` those that were put off to the end of their
+    blocks, both in that order. `attempts` counts the attempts begun by trial. `unanswered` is the trial and attempt
+    whose step is on disk but whose answer is not, and `footer` the last one, if the session has ended since it was last
+    resumed. `masker_db_a` is the level chosen last, dB(A).
     """
 
     header: Header

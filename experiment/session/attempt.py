@@ -49,27 +49,21 @@ class Event(StrEnum):
     FAIL = "fail"
 
 
+UNDER_WAY = (State.READY, State.FAMILIARISING, State.ARMED, State.WAITING, State.ANSWERING)
+
 TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.READY, Event.BEGIN): State.FAMILIARISING,
     (State.READY, Event.RESUME): State.ARMED,
-    (State.READY, Event.PAUSE): State.PAUSED,
-    (State.READY, Event.FAIL): State.FAILED,
     (State.FAMILIARISING, Event.FAMILIARISED): State.ARMED,
-    (State.FAMILIARISING, Event.PAUSE): State.PAUSED,
-    (State.FAMILIARISING, Event.FAIL): State.FAILED,
     (State.ARMED, Event.STEPPED): State.ANSWERING,
     (State.ARMED, Event.BROKEN_OFF): State.ARMED,
     (State.ARMED, Event.LOST): State.WAITING,
     (State.ARMED, Event.EXHAUSTED): State.COMPLETE,
-    (State.ARMED, Event.PAUSE): State.PAUSED,
-    (State.ARMED, Event.FAIL): State.FAILED,
     (State.WAITING, Event.FOUND): State.ARMED,
-    (State.WAITING, Event.PAUSE): State.PAUSED,
-    (State.WAITING, Event.FAIL): State.FAILED,
     (State.ANSWERING, Event.ANSWERED): State.ARMED,
     (State.ANSWERING, Event.REDONE): State.ARMED,
-    (State.ANSWERING, Event.PAUSE): State.PAUSED,
-    (State.ANSWERING, Event.FAIL): State.FAILED,
+    **{(state, Event.PAUSE): State.PAUSED for state in UNDER_WAY},
+    **{(state, Event.FAIL): State.FAILED for state in UNDER_WAY},
 }
 """Every transition there is; `COMPLETE`, `PAUSED` and `FAILED` end a runner."""
 
@@ -85,15 +79,10 @@ def follow(state: State, event: Event) -> State:
 
 @dataclass(frozen=True)
 class Devices:
-    """The opened parts of a session.
+    """The opened parts of a session; `masker` is None if the rig has no sound.
 
-    Attributes:
-        trials: the devices of the task's kind of trial.
-        console: the experimenter's screen.
-        clock: the session's.
-        masker: noise on the headphones; None where the rig has no sound.
-        reconnect_s: how long a session waits for a device that fell silent, s; then it is paused.
-        priority: of the session's threads, in words; empty where it does not matter, in simulated time.
+    `trials` are the devices of the task's kind of trial. A session waits `reconnect_s` for a device that fell silent,
+    then pauses. `priority` is that of its threads in words, and is empty in simulated time.
     """
 
     trials: KindDevices

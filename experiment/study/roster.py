@@ -122,10 +122,8 @@ _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
 class Roster:
     """The roster file of a study: one JSON line for each event, only ever appended to.
 
-    Attributes:
-        path: the file.
-        consent_on: participant -> day of consent, None while there is none; in the order of enrolment.
-        withdrawn: participant -> reason.
+    `consent_on` holds each participant's day of consent, or None without consent, in the order of enrolment;
+    `withdrawn` holds the reasons of those who withdrew.
     """
 
     path: Path

@@ -97,12 +97,10 @@ class CrinkleSpectra:
 
 @dataclass(frozen=True)
 class SpectrumAtSpeed:
-    """C'_k(v).
+    """C'_k(v) with its sign, m/s^2, shape (N,).
 
-    Attributes:
-        coefficients: with sign, m/s^2, shape (N,).
-        floored_bins: bins that extrapolation would have made negative, set to zero.
-        extrapolated: whether v lies outside the measured speeds.
+    `floored_bins` counts the bins that extrapolation would have made negative and that are zero; `extrapolated` says
+    whether v lies outside the measured speeds.
     """
 
     coefficients: NDArray[np.float64]

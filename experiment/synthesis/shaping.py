@@ -92,10 +92,8 @@ def not_rising(accelerations_m_s2: NDArray[np.float64]) -> tuple[int, int] | Non
 class AtBins:
     """What a response says of some bins.
 
-    Attributes:
-        known: the bins within the table, K of N.
-        levels_v: 0 V and each level, shape (1 + L,).
-        curves: A(f, e) at these for each known bin, shape (1 + L, K).
+    `known` are the bins within the table, K of N. `levels_v` are 0 V and each level, shape (1 + L,), and `curves` is
+    A(f, e) at these for each known bin, shape (1 + L, K).
     """
 
     known: NDArray[np.intp] | slice

@@ -133,12 +133,9 @@ def rms(amplitudes: NDArray[np.float64], on: Grid) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Bins:
-    """What a waveform is the sum of, by equation (5).
+    """What a waveform is the sum of, by equation (5), of recordings of `samples` N at `rate_hz` F.
 
-    Attributes:
-        coefficients: C_k with its sign, m/s^2, shape (K,).
-        samples: N of the recordings, at least K.
-        rate_hz: F of the recordings, Hz.
+    The `coefficients` are C_k with its sign, m/s^2, shape (K,), K being at most N.
     """
 
     coefficients: NDArray[np.float64]

@@ -63,10 +63,9 @@ MOST_BYTES = 2**25
 class Knot(NamedTuple):
     """A speed at which a bin bends, or a piece ends.
 
-    Attributes:
-        part: of the way from a piece's lower end to its upper one.
-        scale: 1 / o, what the whole stimulus is taken down to; 1 where the limits let it pass.
-        waveform_v: V, shape (n,); None where no weighted sum with it holds.
+    `part` is the part of the way from a piece's lower end to its upper one. `scale` is 1 / o, what the whole stimulus
+    is taken down to; 1 if the limits let it pass. `waveform_v`, V, shape (n,), is None if no weighted sum with it
+    holds.
     """
 
     part: float
@@ -76,13 +75,9 @@ class Knot(NamedTuple):
 
 @dataclass(frozen=True)
 class Piece:
-    """The speeds with the same two measured speeds around them, or beside them, and the same nearer one.
+    """The speeds with the same two measured speeds around or beside them, and the same nearer one.
 
-    Attributes:
-        from_mm_s: its lower end.
-        to_mm_s: its upper end.
-        knots: by their parts, which rise from 0 to 1.
-        parts: of the knots.
+    The `knots` are in the order of their `parts`, which rise from 0 to 1 between the two ends.
     """
 
     from_mm_s: float

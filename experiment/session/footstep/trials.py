@@ -42,12 +42,9 @@ CLOCKS_DRIFT = 0.01
 class FootstepDevices:
     """Implements `KindDevices`; what the task's scene leaves out is None.
 
-    Attributes:
-        tracker: where the foot is; a `ZeroedTracker` is zeroed before the first attempt, and when it has come back.
-        tracker_port: what the journal calls its port.
-        noise_mm: of the tracker's sensor, mm rms; None where the rig file does not state it.
-        actuator: what shakes the panel.
-        materials: what stimuli are made of, by the ids of the materials.
+    A `ZeroedTracker` is zeroed before the first attempt, and after it was reconnected. `tracker_port` is what the
+    journal calls its port, and `noise_mm` the noise of its sensor, mm rms, if the rig file states it. `materials` are
+    prepared, by their ids.
     """
 
     tracker: Tracker
