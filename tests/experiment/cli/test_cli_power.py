@@ -49,7 +49,7 @@ def test_power_from_a_dataset_tests_the_published_pair(palpate: Palpate, reposit
         (("--participants", "5-3"), "--participants: got '5-3'; allowed: whole numbers and rising ranges"),
         (("--participants", "many"), "--participants: got 'many'; allowed"),
         (("--participants", ""), "--participants: got ''; allowed"),
-        (("--alpha", "1"), "--alpha 1.0: allowed: a number between 0 and 1"),
+        (("--alpha", "1"), "--alpha: got 1.0; allowed: a number between 0 and 1"),
         (("--alpha", "nan"), "--alpha nan: allowed"),
         (("--target", "0"), "--target 0.0: allowed"),
         (("--studies", "0"), "--studies 0: allowed"),
