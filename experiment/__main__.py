@@ -17,7 +17,7 @@ def main() -> None:
 
         command()
     except KeyboardInterrupt:
-        print("palpate: interrupted; call it again to go on or begin anew", file=sys.stderr)  # noqa: T201
+        print("palpate: interrupted; run the same command to continue or to begin again", file=sys.stderr)  # noqa: T201
         raise SystemExit(130) from None
 
 

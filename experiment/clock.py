@@ -15,7 +15,7 @@ class Clock(Protocol):
     """What the session needs of time."""
 
     def now_ns(self) -> int:
-        """Nanoseconds since 1970-01-01T00:00Z, monotonic within a process."""
+        """Return nanoseconds since 1970-01-01T00:00Z; they never go back within a process."""
         ...
 
     def sleep_ns(self, duration_ns: int) -> None:
@@ -59,33 +59,20 @@ class ManualClock:
 
 
 def lasted_ms(clock: Clock, since_ns: int) -> float | None:
-    """How long something took this machine, ms; None in simulated time, which cannot tell.
-
-    Args:
-        clock: the session's.
-        since_ns: when it began, session time.
-    """
+    """Return how long ago the session time `since_ns` was, ms; None in simulated time, which cannot tell."""
     return None if clock.simulated else (clock.now_ns() - since_ns) / 1e6
 
 
 def wall_ns() -> int:
-    """The machine's wall clock, ns since 1970-01-01T00:00Z; unlike a `Clock` it may be set meanwhile."""
+    """Return the machine's wall clock, ns since 1970-01-01T00:00Z; unlike a `Clock` it may be set meanwhile."""
     return time.time_ns()
 
 
 def day(now_ns: int) -> date:
-    """The day of a clock reading, where this machine stands.
-
-    Args:
-        now_ns: reading of a `Clock`, ns.
-    """
+    """Return the day of a clock reading, in the time zone of this machine."""
     return datetime.fromtimestamp(now_ns / 1e9, tz=UTC).astimezone().date()
 
 
 def utc(now_ns: int) -> str:
-    """ISO 8601 text of a clock reading, to the second.
-
-    Args:
-        now_ns: reading of a `Clock`, ns.
-    """
+    """Return a clock reading as ISO 8601 text, to the second."""
     return datetime.fromtimestamp(now_ns // 1_000_000_000, tz=UTC).isoformat()

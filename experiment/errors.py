@@ -47,12 +47,7 @@ class Problem:
 
 
 class ProtocolError(PalpateError):
-    """A protocol file that cannot be used.
-
-    Args:
-        file: the protocol file, as the user named it.
-        problems: every problem found, in the order of their lines.
-    """
+    """A protocol file that cannot be used: `file` as the user named it, and every problem by line."""
 
     def __init__(self, file: str, problems: Sequence[Problem]) -> None:
         self.file = file
@@ -62,7 +57,7 @@ class ProtocolError(PalpateError):
         super().__init__("\n".join([head, *(f"  {p}" for p in self.problems)]))
 
     def __reduce__(self) -> tuple[type[ProtocolError], tuple[str, tuple[Problem, ...]]]:
-        """So that it passes whole from a process to another."""
+        """Let the error pass whole from one process to another."""
         return ProtocolError, (self.file, self.problems)
 
 

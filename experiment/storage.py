@@ -17,8 +17,7 @@ RECORDINGS = Path("stimuli") / "recordings"
 def write(path: Path, content: bytes) -> None:
     """Put `content` at `path`, on disk when this returns: a reader finds the old file or the new one, never a part.
 
-    Raises:
-        OSError: the file system refuses; nothing is left behind.
+    Raises `OSError` if the file system refuses; nothing is left behind.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
@@ -37,7 +36,7 @@ def write(path: Path, content: bytes) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Have a folder's entries on disk, and its own in the folders above, where the system can say so."""
+    """Have the entries of a folder and of the folders above it on disk, where the system can say so."""
     if not hasattr(os, "O_DIRECTORY"):
         return
     for one in (folder, *list(folder.resolve().parents)[:3]):
@@ -49,11 +48,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Put `content` at `path`, whole and on disk.
-
-    Raises:
-        DatasetError: when the file system refuses.
-    """
+    """Put `content` at `path`, whole and on disk. Raises `DatasetError` if the file system refuses."""
     try:
         write(path, content)
     except OSError as error:
@@ -66,7 +61,7 @@ def write_json(path: Path, content: Mapping[str, object]) -> None:
 
 
 def roster_path(dataset: Path) -> Path:
-    """Where the roster of a study stands inside its dataset."""
+    """Return where the roster of a study stands inside its dataset."""
     return dataset / "sourcedata" / "roster.jsonl"
 
 
@@ -76,20 +71,20 @@ def journals(dataset: Path) -> list[Path]:
 
 
 def participant_folder(dataset: Path, participant: str) -> Path:
-    """Where everything of a participant's sessions stands inside a dataset."""
+    """Return where everything of a participant's sessions stands inside a dataset."""
     return dataset / "sourcedata" / f"sub-{participant}"
 
 
 def journal_path(dataset: Path, participant: str, task: str) -> Path:
-    """Where the journal of a session stands inside a dataset."""
+    """Return where the journal of a session stands inside a dataset."""
     return participant_folder(dataset, participant) / f"sub-{participant}_task-{task}_journal.jsonl"
 
 
 def rig_path(journal_file: Path) -> Path:
-    """Where the rig file of a session stands, beside its journal."""
+    """Return where the rig file of a session stands, beside its journal."""
     return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_rig.toml"))
 
 
 def foot_path(journal_file: Path) -> Path:
-    """Where the raw tracker frames of a session stand, beside its journal."""
+    """Return where the raw tracker frames of a session stand, beside its journal."""
     return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_foot.cobs"))

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
-from experiment.settings.model import Confined, none
+from experiment.settings.load import Confined, none
 
 from experiment.apparatus.rig import Rig
 from experiment.protocol.models import Protocol

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from experiment.settings.model import Confined
+from experiment.settings.load import Confined
 
 from experiment.apparatus.rig import Rig
 from experiment.protocol import rules

@@ -10,7 +10,7 @@ from __future__ import annotations
 COMMANDS = {
     "Plan a study": {
         "check": ("laboratory", "Show a protocol to an ethics board."),
-        "power": ("analysis", "Say how many participants a study needs."),
+        "power": ("analysis", "Estimate how many participants a study needs."),
         "plan": ("recordings", "Print what a task needs and what it leaves out."),
         "rehearse": ("laboratory", "Run a whole study with simulated participants."),
         "seal": ("laboratory", "Record the board's approval of a protocol."),
@@ -29,20 +29,20 @@ COMMANDS = {
         "enrol": ("laboratory", "Enrol the next participant of a study."),
         "consent": ("laboratory", "Record the consent of an enrolled participant."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),
-        "run": ("laboratory", "Run one session with a participant, or what remains of it."),
-        "journal": ("laboratory", "Verify a journal and tell its story."),
+        "run": ("laboratory", "Run one session with a participant, or the rest of one."),
+        "journal": ("laboratory", "Verify a journal and print it as text."),
         "withdraw": ("laboratory", "Record that a participant withdrew."),
-        "build": ("laboratory", "Make a dataset's tables anew from its journals."),
+        "build": ("laboratory", "Rebuild a dataset's tables from its journals."),
     },
     "Analyse": {
         "analyse": ("analysis", "Make the tables and the report of a dataset."),
         "export": ("analysis", "Write tables for R, JASP and PsychoPy users."),
-        "audit": ("analysis", "Do printed numbers agree with one another, or with a dataset?"),
+        "audit": ("analysis", "Check whether printed numbers agree with one another or a dataset."),
         "import-counts": ("analysis", "Make a dataset from printed counts."),
         "numerics": ("analysis", "Measure error against run time of every way to compute a stimulus."),
     },
 }
-"""What each command is for, in the order of a study: its module in this folder, and the first sentence of its help."""
+"""For each command, in the order of a study: its module in this folder, and the first sentence of its help."""
 
 
 def overview() -> str:
@@ -54,7 +54,7 @@ def overview() -> str:
         "",
         "Options:",
         "  --version   Print the version.",
-        "  -h, --help  Show this message; after a command, what that command takes.",
+        "  -h, --help  Show this message, or the options of the command that it follows.",
     ]
     for heading, part in COMMANDS.items():
         lines += ["", f"{heading}:", *(f"  {name:13}  {purpose}" for name, (_, purpose) in part.items())]

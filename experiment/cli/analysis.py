@@ -19,21 +19,24 @@ PARTICIPANTS = "4,5,6,7,8,10,12,15,20,25,30,40"
 @commands.command(epilog="Example: palpate analyse participants/okamoto2012 --out tables")
 def analyse(
     datasets: Annotated[
-        list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several: pooled.")
+        list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several are pooled.")
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for tables, figures and report; inside DATASET by default.")
+        Path | None, typer.Option("--out", help="Folder for tables, figures and report [default: inside DATASET].")
     ] = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
     dissimilarities: Annotated[
-        Path | None, typer.Option("--dissimilarities", help="CSV of pairs of materials, as `palpate validate` writes.")
+        Path | None,
+        typer.Option(
+            "--dissimilarities", help="CSV file of the dissimilarities of materials, as `palpate validate` writes it."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Make the tables and the report of a dataset.
 
-    Confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs, ICCs, models of single
-    trials, figures and one HTML report; a study that was published is compared with its paper, value by value.
+    The results are confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs, ICCs,
+    models of single trials, figures and one HTML report. A published study is compared with its paper, value by value.
     """
     tell_analysis(datasets, out, as_json=as_json, figures=figures, dissimilarities=dissimilarities)
 
@@ -41,14 +44,16 @@ def analyse(
 @commands.command(epilog="Example: palpate export participants/okamoto2012 --out okamoto2012-tables")
 def export(
     datasets: Annotated[
-        list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several: pooled.")
+        list[Path], typer.Argument(metavar="DATASET...", help="Folders of BIDS datasets; several are pooled.")
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder of the tables; in a dataset, below its derivatives.")],
+    out: Annotated[
+        Path, typer.Option("--out", help="Folder for the tables; inside a dataset it must lie below derivatives.")
+    ],
 ) -> None:
     """Write tables for R, JASP and PsychoPy users.
 
-    Tidy trials, counts in the long layout, one row a participant in the wide one, PsychoPy's columns, what was left
-    out, and a dictionary of every column.
+    The tables are tidy trials, counts in the long layout, one row a participant in the wide layout, trials with
+    PsychoPy's columns, everything that was left out, and a dictionary of every column.
     """
     from analysis import export as exports
 
@@ -60,18 +65,23 @@ def export(
 def audit(
     target: Annotated[
         str,
-        typer.Argument(metavar="STUDY|FILE|DATASET", help="Id of a shipped study, TOML of printed numbers, or folder."),
+        typer.Argument(
+            metavar="STUDY|FILE|DATASET", help="Id of a shipped study, TOML file of printed numbers, or dataset folder."
+        ),
     ],
     against: Annotated[
-        Path | None, typer.Option("--against", help="For a dataset: TOML of its paper; by default by its study's id.")
+        Path | None,
+        typer.Option(
+            "--against", help="TOML file of the paper to compare a dataset with [default: that of its study's id]."
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Do printed numbers agree with one another, or with a dataset?
+    """Check whether printed numbers agree with one another or a dataset.
 
-    Recomputes every statistic as the interval that rounding or truncation of the other numbers allows, asks whether
-    whole counts can stand behind means, SDs and rows, and names the simplest mistake that gives a number that
-    disagrees. A disagreement is a finding, not an error: the exit code is 0.
+    The audit recomputes every statistic as the interval that rounding or truncation of the other numbers allows, asks
+    whether whole counts can stand behind means, SDs and rows, and names the simplest mistake that explains a number
+    that disagrees. A disagreement is a finding and not an error, so the exit code is 0.
     """
     from analysis.audit import audit as audits
 
@@ -89,33 +99,36 @@ def power(
         str,
         typer.Option(
             "--model",
-            help="How participants answer: 'published' tables of this study, the id of another published study, the "
-            "folder of a dataset, or a TOML file.",
+            help="How simulated participants answer: as in the 'published' tables of this study, as in another "
+            "published study (its id), as in a dataset (its folder), or as a TOML file says.",
         ),
     ] = "published",
     participants: Annotated[
-        str, typer.Option("--participants", help="Sizes to try, such as 5,10,15 or 5-30.")
+        str, typer.Option("--participants", help="Numbers of participants to try, such as 5,10,15 or 5-30.")
     ] = PARTICIPANTS,
-    studies: Annotated[int, typer.Option("--studies", help="Simulated studies of each size.")] = 10_000,
+    studies: Annotated[int, typer.Option("--studies", help="How many studies to simulate of each size.")] = 10_000,
     alpha: Annotated[
-        float | None, typer.Option("--alpha", help="Level of every test; each test's own by default.")
+        float | None, typer.Option("--alpha", help="Level of every test [default: each test's own].")
     ] = None,
-    target: Annotated[float, typer.Option("--target", help="Power wanted.")] = 0.8,
+    target: Annotated[float, typer.Option("--target", help="The power to reach.")] = 0.8,
     seed: Annotated[int, typer.Option("--seed", min=0, help="Names every random draw.")] = 1,
-    jobs: Annotated[int, typer.Option("--jobs", min=0, help="Chunks of studies at a time; 0: one a core.")] = 0,
+    jobs: Annotated[
+        int, typer.Option("--jobs", min=0, help="How many processes simulate at a time; 0 means one for each core.")
+    ] = 0,
     scheduler: Annotated[
-        str | None, typer.Option("--scheduler", metavar="ADDRESS", help="Dask scheduler to work on instead.")
+        str | None,
+        typer.Option("--scheduler", metavar="ADDRESS", help="Simulate on the cluster of this Dask scheduler instead."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown, LaTeX) and plot.")
+        Path | None, typer.Option("--out", help="Folder for the tables (CSV, Markdown, LaTeX) and the plot.")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Say how many participants a study needs.
+    """Estimate how many participants a study needs.
 
-    Simulates whole studies from a choice model, and tests each as the protocol plans: power by number of participants,
-    with its Monte Carlo error, and the type I error when everybody guesses. The same seed gives the same result on any
-    number of cores or machines.
+    Whole studies are simulated from a choice model, and each is tested as the protocol plans. The result is the power
+    by number of participants, with its Monte Carlo error, and the type I error when everybody guesses. The same seed
+    gives the same result on any number of cores or machines.
     """
     from analysis import published
     from analysis.documents import output
@@ -124,7 +137,7 @@ def power(
 
     for name, share in (("--alpha", alpha), ("--target", target)):
         if share is not None and not 0 < share < 1:
-            raise PowerError(f"{name} {share}: allowed: a number between 0 and 1; give one")
+            raise PowerError(f"{name}: got {share}; allowed: a number between 0 and 1; give one")
     sizes = _sizes(participants)
     if out is not None:
         output.check(out, (), "power")
@@ -161,13 +174,16 @@ def power(
 
 @commands.command(epilog="Example: palpate numerics --quick --out numerics")
 def numerics(
-    quick: Annotated[bool, typer.Option("--quick", help="Fewer sizes and repeats.")] = False,
-    out: Annotated[Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown) and plot.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="Try fewer sizes and repeats.")] = False,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Folder for the tables (CSV, Markdown) and the plot.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure error against run time of every way to compute a stimulus.
+    """Measure error against run time of every method.
 
-    And try the extreme cases, each with the invariant that must hold. Ends with exit code 1 if one does not.
+    Every way to compute a stimulus is measured, and the extreme cases are tried, each with the invariant that must
+    hold. The exit code is 1 if an invariant does not hold.
     """
     from analysis.numerics import numerics as measured
     from analysis.numerics import report
@@ -192,14 +208,17 @@ def numerics(
     "--out again",
 )
 def import_counts(
-    task: Annotated[list[str], typer.Option("--task", help="TASK=CSV: participant,presented,answered,count.")],
+    task: Annotated[
+        list[str],
+        typer.Option("--task", help="TASK=CSV, a file with the columns participant,presented,answered,count."),
+    ],
     study: Annotated[str, typer.Option("--study", help="Id of the study.")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the new dataset.")],
     source: Annotated[str | None, typer.Option("--source", help="Where the counts come from.")] = None,
 ) -> None:
     """Make a dataset from printed counts.
 
-    The dataset is labelled a reconstruction: no original data.
+    The dataset is labelled as a reconstruction that holds no original data.
     """
     from experiment.dataset import reconstruction
 
@@ -222,7 +241,7 @@ def tell_analysis(
 
 
 def _sizes(text: str) -> list[int]:
-    """`5,10,15`, `5-30`, or both."""
+    """Return the sizes that `5,10,15`, `5-30` or both together name."""
     found: list[int] = []
     for part in text.split(","):
         match = re.fullmatch(r"\s*([0-9]{1,6})(?:\s*-\s*([0-9]{1,6}))?\s*", part)

@@ -66,11 +66,7 @@ def palpate(
 
 
 def main() -> None:
-    """Run the command: an error is one line (every line of it useful) and exit code 2.
-
-    Raises:
-        KeyboardInterrupt: Ctrl-C that no part made an `Interrupted` of.
-    """
+    """Run the command. An error becomes its message and exit code 2; raises `KeyboardInterrupt` on Ctrl-C."""
     try:
         app()
     except SystemExit as end:
@@ -87,7 +83,7 @@ def main() -> None:
         raise SystemExit(1) from None
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
-        print(f"palpate: {where}{error.strerror or error}; mend that, then call again", file=sys.stderr)  # noqa: T201
+        print(f"palpate: {where}{error.strerror or error}; mend that, then run the command again", file=sys.stderr)  # noqa: T201
         raise SystemExit(2) from None
     except Exception as error:
         print(f"palpate: {_reported(error)}", file=sys.stderr)  # noqa: T201

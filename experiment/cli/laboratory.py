@@ -19,8 +19,8 @@ DAY = ["%Y-%m-%d"]
 def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
     """Show a protocol to an ethics board.
 
-    Prints a page that states the whole study, or every error at once with path, line, what was got and what is
-    allowed.
+    The page states the whole study. If the file has errors, all of them are printed instead, each with its path, its
+    line, what was got and what is allowed.
     """
     from experiment.errors import ProtocolError
     from experiment.protocol import approval, files, page
@@ -50,17 +50,21 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
 )
 def seal(
     protocol_file: ProtocolFile,
-    approval_number: Annotated[str, typer.Option("--approval-number", help="As on the board's letter.")],
+    approval_number: Annotated[str, typer.Option("--approval-number", help="The number on the board's letter.")],
     approved_on: Annotated[
         datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="First day on which the study may run.")
     ],
-    expires_on: Annotated[datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Last day on which it may.")],
-    replace: Annotated[bool, typer.Option("--replace", help="Take the place of the seal of an earlier form.")] = False,
+    expires_on: Annotated[
+        datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Last day on which the study may run.")
+    ],
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Replace the seal of an earlier version of the protocol.")
+    ] = False,
 ) -> None:
     """Record the board's approval of a protocol.
 
-    Writes STUDY.seal.toml beside the protocol, with the SHA-256 of what was approved. `palpate run` refuses a
-    protocol that is not sealed, was changed since, or whose approval has expired.
+    The record is written to STUDY.seal.toml beside the protocol, with the SHA-256 of what was approved. `palpate run`
+    refuses a protocol that is not sealed, that has changed since, or whose approval has expired.
     """
     from experiment.protocol import approval, files
 
@@ -82,10 +86,12 @@ def enrol(
     protocol_file: ProtocolFile,
     participant: Participant,
     consent_on: Annotated[
-        datetime | None, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day of consent.")
+        datetime | None, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day on which consent was given.")
     ] = None,
     dataset: StudyFolder = None,
-    seed: Annotated[int | None, typer.Option("--seed", min=0, help="Seed of the study; drawn if left out.")] = None,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, help="Seed of the study's random draws [default: a random one].")
+    ] = None,
 ) -> None:
     """Enrol the next participant of a study."""
     from experiment.study import roster
@@ -98,7 +104,9 @@ def enrol(
 def consent(
     protocol_file: ProtocolFile,
     participant: Participant,
-    consent_on: Annotated[datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day of consent.")],
+    consent_on: Annotated[
+        datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day on which consent was given.")
+    ],
     dataset: StudyFolder = None,
 ) -> None:
     """Record the consent of an enrolled participant."""
@@ -136,28 +144,32 @@ def schedule(protocol_file: ProtocolFile, participant: Participant, seed: Seed =
 )
 def rehearse(
     protocol_file: Annotated[
-        Path | None, typer.Argument(metavar="[PROTOCOL]", help="Protocol file; the footstep study by default.")
+        Path | None, typer.Argument(metavar="[PROTOCOL]", help="Protocol file [default: the shipped footstep study].")
     ] = None,
     participants: Annotated[
-        int | None, typer.Option("--participants", min=1, help="How many; all of the study's by default.")
+        int | None, typer.Option("--participants", min=1, help="How many participants [default: all of the study].")
     ] = None,
     seed: Seed = 1,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder of the dataset; participants/rehearsal-... by default.")
+        Path | None, typer.Option("--out", help="Folder of the dataset [default: participants/rehearsal-...].")
     ] = None,
-    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file of a simulated rig.")] = None,
+    rig: Annotated[
+        Path | None, typer.Option("--rig", help="Rig file of a simulated rig [default: the shipped one].")
+    ] = None,
     control: Annotated[
-        Literal["none", "silence"], typer.Option("--control", help="'silence' replaces every stimulus by zeros.")
+        Literal["none", "silence"], typer.Option("--control", help="'silence' replaces every stimulus with zeros.")
     ] = "none",
-    jobs: Annotated[int, typer.Option("--jobs", min=0, help="Participants at a time; 0: one a core.")] = 0,
-    real_time: Annotated[bool, typer.Option("--real-time", help="Pace it by the wall clock, and show it.")] = False,
+    jobs: Annotated[
+        int, typer.Option("--jobs", min=0, help="How many participants at a time; 0 means one for each core.")
+    ] = 0,
+    real_time: Annotated[bool, typer.Option("--real-time", help="Run by the wall clock, and show each trial.")] = False,
     as_json: Json = False,
 ) -> None:
     """Run a whole study with simulated participants.
 
-    REHEARSAL: a simulated foot speaks through a real serial port, a simulated observer judges what the actuator
-    was sent, answers pass the journal, and the tables come from the dataset on disk. The same command goes on with a
-    rehearsal that was interrupted.
+    In a REHEARSAL a simulated foot is measured through a real serial port, and a simulated observer judges what the
+    actuator was sent. The answers go into the journal, and the tables are made from the dataset on disk. To continue a
+    rehearsal that was interrupted, run the same command again.
     """
     from experiment.cli.analysis import tell_analysis
     from experiment.desk.terminal import TerminalConsole
@@ -186,17 +198,18 @@ def rehearse(
 def run(
     protocol_file: ProtocolFile,
     participant: Participant,
-    task: Annotated[str, typer.Option("--task", help="One of the participant's tasks.")],
+    task: Annotated[str, typer.Option("--task", help="Id of one of the participant's tasks.")],
     rig: Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")],
     recordings: Annotated[
-        Path | None, typer.Option("--recordings", help="Folder of recordings; stimuli/recordings in the dataset.")
+        Path | None,
+        typer.Option("--recordings", help="Folder of recordings [default: stimuli/recordings in the dataset]."),
     ] = None,
     dataset: StudyFolder = None,
 ) -> None:
-    """Run one session with a participant, or what remains of it.
+    """Run one session with a participant, or the rest of one.
 
-    The protocol must be sealed and the participant enrolled. Ctrl-C pauses; the same command goes on. Where the rig
-    file has the tracker zeroed, the participant's foot first rests on the panel.
+    The protocol must be sealed and the participant enrolled. Ctrl-C pauses the session, and the same command continues
+    it. If the rig file asks for the tracker to be zeroed, the participant first rests the foot on the panel.
     """
     from experiment.desk.terminal import TerminalConsole
     from experiment.session import run as study
@@ -221,7 +234,7 @@ def journal(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Journal of a session (.jsonl).")],
     as_json: Json = False,
 ) -> None:
-    """Verify a journal and tell its story."""
+    """Verify a journal and print it as text."""
     from experiment.records import journal as journals
     from experiment.records import transcript
 
@@ -237,7 +250,9 @@ def journal(
 def withdraw(
     protocol_file: ProtocolFile,
     participant: Participant,
-    reason: Annotated[str, typer.Option("--reason", help="One line that names no person and no state of health.")],
+    reason: Annotated[
+        str, typer.Option("--reason", help="One line of text; it must name no person and no state of health.")
+    ],
     dataset: StudyFolder = None,
 ) -> None:
     """Record that a participant withdrew."""
@@ -252,7 +267,7 @@ def withdraw(
 def build(
     dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")],
 ) -> None:
-    """Make a dataset's tables anew from its journals."""
+    """Rebuild a dataset's tables from its journals."""
     from experiment.dataset import build as datasets
 
     datasets.build(dataset)

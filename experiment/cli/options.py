@@ -1,7 +1,6 @@
-"""What commands share: options and arguments, JSON for programs, the progress bar, and what makes a room's commands.
+"""What commands share: options and arguments, JSON for programs, the progress bar, and what registers commands.
 
-Typer reads the annotations of a command when it builds it: in modules of commands they are objects, as they would have
-to be compiled otherwise, and such modules have no `from __future__ import annotations`.
+Modules of commands have no `from __future__ import annotations`, so that Typer need not compile the annotations.
 """
 
 from collections.abc import Callable, Iterator
@@ -14,9 +13,9 @@ import typer
 ProtocolFile = Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML).")]
 Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")]
 StudyFolder = Annotated[
-    Path | None, typer.Option("--dataset", help="Folder of the study's dataset; participants/STUDY by default.")
+    Path | None, typer.Option("--dataset", help="Folder of the study's dataset [default: participants/STUDY].")
 ]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Names every random draw.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of every random draw.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 
 
@@ -26,7 +25,7 @@ def room() -> typer.Typer:
 
 
 def put(document: object) -> None:
-    """Print a document."""
+    """Print a document as JSON."""
     import json
 
     typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
@@ -34,10 +33,7 @@ def put(document: object) -> None:
 
 @contextmanager
 def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
-    """Show a progress bar on standard error; gives what sets its total, and what moves it on.
-
-    It is not drawn before its total is set: what is refused until then leaves one line.
-    """
+    """Show a progress bar on standard error; yield what sets its total and draws it, and what advances it."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -57,6 +53,6 @@ def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None]
 
 
 def free(path: Path) -> Path:
-    """Return `path`, or the first of path-2, path-3, ... that is not there yet."""
+    """Return `path`, or the first of path-2, path-3, ... that does not exist yet."""
     names = (path, *(path.with_stem(f"{path.stem}-{n}") for n in range(2, 10_000)))
     return next((name for name in names if not name.exists()), path)

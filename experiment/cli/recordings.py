@@ -16,24 +16,25 @@ commands = options.room()
 @commands.command(epilog="Example: palpate record study.toml --rig our-rig.toml --out recordings")
 def record(
     protocol_file: ProtocolFile,
-    out: Annotated[Path, typer.Option("--out", help="Folder of the recordings; new or empty.")],
-    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file, with a table [accelerometer].")] = None,
+    out: Annotated[Path, typer.Option("--out", help="Folder for the recordings; it must be new or empty.")],
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file with a table [accelerometer].")] = None,
     simulated: Annotated[
-        bool, typer.Option("--simulated", help="Unattended, with simulated foot and objects.")
+        bool, typer.Option("--simulated", help="Record unattended, with a simulated foot and simulated objects.")
     ] = False,
     speeds: Annotated[
-        str | None, typer.Option("--speeds", help="Targets in mm/s, such as 150,250,400; the protocol's by default.")
+        str | None,
+        typer.Option("--speeds", help="Target speeds in mm/s, such as 150,250,400 [default: the protocol's]."),
     ] = None,
     takes: Annotated[
-        int | None, typer.Option("--takes", help="Takes of each condition; the protocol's by default.")
+        int | None, typer.Option("--takes", help="How many takes of each condition [default: as the protocol says].")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Names every random draw of --simulated.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of every random draw of --simulated.")] = 1,
 ) -> None:
     """Record a protocol's materials and the bare panel.
 
-    Walks through materials, speeds and takes, shows the achieved speed of each step beside its target, and keeps or
-    repeats a take at a key. A knock before the foot's contact is left out. Ctrl-C stops; the same command goes on.
-    The rig's actuator is not used, so its response table is not read.
+    The command goes through materials, speeds and takes and shows the achieved speed of each step beside its target; a
+    key keeps or repeats the take. A knock before the foot's contact is left out. Ctrl-C stops, and the same command
+    continues. The rig's actuator is not used, so its response table is not read.
     """
     from experiment.recordings import workflow
 
@@ -67,7 +68,7 @@ def record(
                 takes=takes,
             )
     except KeyboardInterrupt:
-        raise Interrupted("the recording was interrupted; the same command goes on with it") from None
+        raise Interrupted("the recording was interrupted; run the same command to continue it") from None
     typer.echo(f"{'SIMULATED recordings' if simulated else 'Recordings'}: {manifest.parent}")
 
 
@@ -75,24 +76,24 @@ def record(
 def validate(
     folder: Annotated[Path, typer.Argument(metavar="RECORDINGS", help="Folder of recordings.")],
     fresh: Annotated[
-        Path | None, typer.Option("--fresh", help="Folder of fresh takes; simulated ones are made if left out.")
+        Path | None, typer.Option("--fresh", help="Folder of fresh takes [default: simulated takes].")
     ] = None,
     protocol_file: Annotated[
         Path | None,
-        typer.Option("--protocol", help="Protocol whose average over takes is used; magnitudes are if left out."),
+        typer.Option("--protocol", help="Protocol that says how takes are averaged [default: by magnitude]."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder of results; RECORDINGS/validation by default.")
+        Path | None, typer.Option("--out", help="Folder for the results [default: RECORDINGS/validation].")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Names the draws of simulated fresh takes.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulated fresh takes.")] = 1,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
     as_json: Json = False,
 ) -> None:
     """Validate the synthesis on recordings, as published.
 
-    Puts each fresh take on the speed whose synthesised spectrum is most like it, counts how many are on their own or a
-    neighbouring speed, and compares the materials with one another. Takes are averaged as the protocol says; what the
-    other way to average would give stands beside it.
+    Each fresh take is assigned to the speed whose synthesised spectrum is most like it; takes assigned to their own or
+    a neighbouring speed are counted, and the materials are compared with one another. Takes are averaged as the
+    protocol says, and the result of the other way to average is given beside it.
     """
     from analysis.validation import report
     from experiment.protocol import files
@@ -118,20 +119,24 @@ def validate(
 
 @commands.command(epilog="Example: palpate spectrum recording.lvm --plot spectrum.svg")
 def spectrum(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="WAV, text columns with time, or LabVIEW .lvm.")],
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="WAV file, text file with a time column, or LabVIEW file (.lvm).")
+    ],
     channel: Annotated[str | None, typer.Option("--channel", help="Name or number (from 1) of the channel.")] = None,
-    plot: Annotated[Path | None, typer.Option("--plot", help="Where to draw it (.png or .svg).")] = None,
+    plot: Annotated[
+        Path | None, typer.Option("--plot", help="File for the plot (.png or .svg) [default: FILE_spectrum.png].")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Print and plot the spectrum of a recording.
 
-    Lists the peaks of the amplitude spectrum. The sampling rate of text and LabVIEW columns is that of their time
-    column, not that of a header.
+    The peaks of the amplitude spectrum are listed. The sampling rate of text and LabVIEW columns is taken from their
+    time column and not from a header.
     """
     from experiment.recordings import spectrum as spectra
 
     if plot is not None and plot.exists() and file.exists() and plot.samefile(file):
-        raise PalpateError(f"--plot {plot}: is the recording itself; give another file")
+        raise PalpateError(f"--plot {plot}: this is the recording itself; name another file")
     result = spectra.of_file(file, channel=channel)
     drawn = spectra.plot(result, plot or options.free(Path(f"{file.stem}_spectrum.png")))
     if as_json:
@@ -143,16 +148,19 @@ def spectrum(
 @commands.command(epilog="Example: palpate plan protocols/okamoto2012.toml --task real")
 def plan(
     protocol_file: ProtocolFile,
-    task: Annotated[str | None, typer.Option("--task", help="One task; all of the protocol's by default.")] = None,
-    recordings: Annotated[
-        Path | None, typer.Option("--recordings", help="Folder of recordings; simulated ones by default.")
+    task: Annotated[
+        str | None, typer.Option("--task", help="Id of one task [default: every task of the protocol].")
     ] = None,
-    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file; the rehearsal's by default.")] = None,
+    recordings: Annotated[
+        Path | None, typer.Option("--recordings", help="Folder of recordings [default: simulated recordings].")
+    ] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file [default: the rehearsal's].")] = None,
     as_json: Json = False,
 ) -> None:
     """Print what a task needs and what it leaves out.
 
-    With the time and memory that each omission saves and the error it makes, measured on this machine while you wait.
+    Each omission is printed with the time and memory that it saves and the error that it causes, measured on this
+    machine while you wait.
     """
     import tempfile
 

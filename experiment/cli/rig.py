@@ -35,7 +35,7 @@ def devices(
 ) -> None:
     """List the devices of this machine.
 
-    As a rig file names them: serial ports, who holds them, and audio devices.
+    Serial ports, with the programs that hold them, and audio devices are listed under the names that a rig file uses.
     """
     from experiment.apparatus.audio import stream
     from experiment.apparatus.tracker import serial_port
@@ -51,7 +51,7 @@ def devices(
         typer.echo(f"  {device.port}  {device.description}  {device.identity}".rstrip() + held)
     if not serial:
         typer.echo("  none")
-    typer.echo("Audio devices, as audio.host_api and audio.device name them (a held one shows fewer channels):")
+    typer.echo("Audio devices, as audio.host_api and audio.device name them (a device in use shows fewer channels):")
     for card in audio:
         typer.echo(
             f'  host_api = "{card.host_api}"  device = "{card.name}"  inputs {card.inputs}, outputs {card.outputs}, '
@@ -65,23 +65,23 @@ def devices(
 def doctor(
     rig: RigFile,
     protocol: Annotated[
-        Path | None, typer.Option("--protocol", help="Protocol file of the study that comes next.")
+        Path | None, typer.Option("--protocol", help="Protocol file of the study that is about to run.")
     ] = None,
     dataset: Annotated[
-        Path | None, typer.Option("--dataset", help="Folder of the study's dataset; participants/STUDY by default.")
+        Path | None, typer.Option("--dataset", help="Folder of the study's dataset [default: participants/STUDY].")
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Check a rig before a session.
 
-    Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback,
-    actuator, disk and clocks, each green or red with the remedy, through the drivers that sessions use. The exit code
-    is 2 if anything is red.
+    Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback, actuator,
+    disk and clocks are checked through the drivers that sessions use. Each check is green, or red with its remedy. The
+    exit code is 2 if any check is red.
     """
     from experiment.apparatus.doctor import doctor as doctors
     from experiment.clock import MonotonicClock
 
-    typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
+    typer.echo("Keep feet and hands off the panel: the check of the loopback moves it.", err=True)
     found = []
     for check in doctors.examine(
         rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends
@@ -131,7 +131,7 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "FarEnds":
 
 
 def _lines(check: "Check") -> Iterator[str]:
-    """A check for the terminal, in colour where it has some: one line, and the remedy under it."""
+    """Yield a check for the terminal: one line, and the remedy under it."""
     word = typer.style(f"{check.verdict:11}", fg=COLOURS[check.verdict])
     allowed = f" (allowed: {check.allowed})" if check.allowed else ""
     yield f"{word}  {check.name:19}  {check.measured}{allowed}"
@@ -142,17 +142,17 @@ def _lines(check: "Check") -> Iterator[str]:
 @calibrate.command("tracker", epilog="Example: palpate calibrate tracker --rig our-rig.toml --out new-rig.toml")
 def calibrate_tracker(
     rig: RigFile,
-    points: Annotated[str, typer.Option("--points", help="Heights above the panel, mm.")] = "-2,0,10,20,50",
-    days: Annotated[int, typer.Option("--days", min=1, max=3650, help="For how many days it will hold.")] = 90,
+    points: Annotated[str, typer.Option("--points", help="Heights above the panel, in mm.")] = "-2,0,10,20,50",
+    days: Annotated[int, typer.Option("--days", min=1, max=3650, help="For how many days the calibration holds.")] = 90,
     protocol: Annotated[
-        Path | None, typer.Option("--protocol", help="Protocol file whose gate the calibration must reach past.")
+        Path | None, typer.Option("--protocol", help="Protocol file whose gate the calibration must cover.")
     ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="New rig file; by default the table is printed.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="New rig file [default: print the table].")] = None,
 ) -> None:
     """Calibrate the tracker at known heights.
 
-    Walks through the heights, reads the sensor at each, and prints points, residuals and noise. The rig file itself is
-    never changed: --out writes a new one, or the printed lines replace the old ones under [tracker].
+    The command goes through the heights, reads the sensor at each, and prints points, residuals and noise. It never
+    changes the rig file itself: write a new one with --out, or replace the lines under [tracker] with those printed.
     """
     from experiment import storage
     from experiment.apparatus import opening
@@ -165,7 +165,7 @@ def calibrate_tracker(
     heights_mm = calibrating.heights_asked(points)
     step = files.load(protocol).footstep.step if protocol is not None else None
     if out is not None and out.exists():
-        raise RigError(f"{out}: exists; allowed: a new file; name another")
+        raise RigError(f"{out}: got a file that exists; allowed: a new file; name another")
     before, clock = rigs.load(rig), MonotonicClock()
     try:
         with closing(opening.open_tracker(calibrating.raw(before), clock=clock)) as tracker:
@@ -185,17 +185,19 @@ def calibrate_tracker(
 @calibrate.command("audio", epilog="Example: palpate calibrate audio --rig our-rig.toml --out our-new-rig.toml")
 def calibrate_audio(
     rig_file: RigFile,
-    out: Annotated[Path | None, typer.Option("--out", help="Write the rig file with the result to here.")] = None,
-    probes: Annotated[int, typer.Option("--probes", min=2, max=1000, help="How many sweeps are played.")] = 20,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="New rig file with the result [default: print the table only].")
+    ] = None,
+    probes: Annotated[int, typer.Option("--probes", min=2, max=1000, help="How many sweeps to play.")] = 20,
     peak: Annotated[
         float, typer.Option("--peak", min=0.001, max=1.0, help="Peak of a sweep; 1.0 is full scale.")
     ] = 0.1,
 ) -> None:
     """Measure latency and level of the audio device by loopback.
 
-    Plays sweeps on the actuator's channel and listens on the loopback: disconnect the actuator's amplifier, or keep
-    the peak low. Where sweeps come back otherwise than [audio.delivered] allows, or in xruns, all are played again,
-    three times at most; then the measurement is refused. Prints the table [audio.latency] of the rig file.
+    Sweeps are played on the actuator's channel and heard on the loopback: disconnect the actuator's amplifier, or keep
+    the peak low. If there are xruns, or sweeps come back otherwise than [audio.delivered] allows, all are played again;
+    after three times the measurement is refused. The result is printed as the table [audio.latency] of the rig file.
     """
     from datetime import UTC, datetime
 
@@ -209,9 +211,9 @@ def calibrate_audio(
     audio = opening.audio_of(loaded)
     entry = audio.channels.loopback
     if entry is None:
-        raise RigError(f"{rig_file}: got no audio.channels.loopback; allowed: an input that is cabled to the actuator")
+        raise RigError(f"{rig_file}: got no audio.channels.loopback; allowed: an input cabled to the actuator; name it")
     if out is not None and out.exists():
-        raise RigError(f"{out}: is there already; name a new file")
+        raise RigError(f"{out}: got a file that exists; allowed: a new file; name another")
     device = None
     with ExitStack() as opened:
         opened.enter_context(host.raised())
@@ -219,7 +221,7 @@ def calibrate_audio(
         if loaded.rig.simulated:
             from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 
-            typer.echo("SIMULATED: a sound card of software, not a device", err=True)
+            typer.echo("SIMULATED: this sound card is software and not a device", err=True)
             card = SoundCard(
                 rate_hz=audio.rate_hz,
                 block=audio.block,
@@ -240,11 +242,11 @@ def calibrate_audio(
         )
     today = datetime.now(tz=UTC).astimezone().date()
     days = audio.latency.calibration_days
-    divided = "as the driver reports them" if found.as_reported else "in halves, for the driver does not report both"
+    divided = "as the driver reports them" if found.as_reported else "equally, for the driver does not report both"
     typer.echo(
         f"# {found.probes} probes: round trip {found.round_trip_frames:g} frames, spread {found.spread_frames}; "
         f"gain {found.gain:.4g}, spread {found.spread_db:.2f} dB; residual {found.residual_db:.0f} dB; "
-        f"{found.xruns} xruns\n# output and input divided {divided}"
+        f"{found.xruns} xruns\n# the round trip is divided between output and input {divided}"
     )
     typer.echo(found.table(today, days), nl=False)
     if out is not None:

@@ -1,7 +1,4 @@
-"""The experimenter's screen as lines of text; works over any terminal, and in a pipe.
-
-What the experimenter sees and keys while takes are recorded, as lines of text.
-"""
+"""The experimenter's screen as lines of text, on any terminal or in a pipe: for sessions and for recordings."""
 
 from __future__ import annotations
 
@@ -23,13 +20,7 @@ class TerminalConsole:
     """
 
     def __init__(self, *, write: TextIO, ask: Callable[[str], str], heading: str) -> None:
-        """Set up the screen.
-
-        Args:
-            write: where lines go.
-            ask: shows a prompt and returns the line that was typed; `input` on a terminal.
-            heading: stands at the start of every trial's line, and says REHEARSAL where it is one.
-        """
+        """Write lines to `write`, each trial's after `heading`; `ask` shows a prompt and returns the line typed."""
         self._write = write
         self._read = ask
         self._heading = heading
@@ -51,8 +42,8 @@ class TerminalConsole:
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         self.show(f"{self._heading}  Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
         offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
-        while (key := self._ask(f"{offered}  Enter keeps it\nKey: ").strip()) and key not in keys:
-            self.show(f"'{key}' does not change the level; use one of: {' '.join(keys)}, or Enter")
+        while (key := self._ask(f"{offered}  [Enter] keep the level\nKey: ").strip()) and key not in keys:
+            self.show(f"'{key}' does not change the level; press one of {' '.join(keys)}, or Enter")
         return key
 
     def rest(self, *, why: str) -> None:
@@ -61,7 +52,7 @@ class TerminalConsole:
         self._ask(f"{self._heading}  {RESTS}")
 
     def place(self, *, trial: int, material: str) -> None:
-        self._ask(f"{self._heading}  Trial {trial}. Lay out: {material}. Press Enter when it lies: ")
+        self._ask(f"{self._heading}  Trial {trial}. Lay out {material}, then press Enter: ")
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> None:
         again = f", attempt {attempt}" if attempt > 1 else ""
@@ -78,15 +69,15 @@ class TerminalConsole:
         while True:
             key = self._ask(f"Trial {trial}, the participant said:  {offered}\nKey: ").strip().lower()
             if key not in keys:
-                self.show(f"'{key}' is no key of this protocol; use one of: {' '.join(keys)}")
+                self.show(f"'{key}' is not a key of this protocol; press one of {' '.join(keys)}")
                 continue
             if key in (LOUDER_KEY, SOFTER_KEY):
                 return key
-            if not self._ask(f"{keys[key]} - Enter confirms, anything else asks again: ").strip():
+            if not self._ask(f"{keys[key]} - press Enter to confirm, or type anything else to ask again: ").strip():
                 return key
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self.show(f"{self._heading}  Trial {trial}: {answer or 'no answer'} is on disk.")
+        self.show(f"{self._heading}  Trial {trial}: the answer is on disk: {answer or 'no answer'}.")
 
 
 KEEP, REPEAT = "k", "r"
@@ -100,12 +91,7 @@ class TerminalTakes:
     """Implements `TakesConsole` on a text stream; nothing is kept without a key."""
 
     def __init__(self, *, write: TextIO, ask: Callable[[str], str]) -> None:
-        """Set up the screen.
-
-        Args:
-            write: where lines go.
-            ask: shows a prompt and returns the line that was typed; `input` on a terminal.
-        """
+        """Write lines to `write`; `ask` shows a prompt and returns the line typed."""
         self._write = write
         self._ask = ask
 
@@ -115,7 +101,7 @@ class TerminalTakes:
         self._ask(RESTS)
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
-        self._ask(f"Take {done + 1} of {total}. {_made_ready(condition)}. Press Enter when the panel is ready: ")
+        self._ask(f"Take {done + 1} of {total}. {_made_ready(condition)}, then press Enter: ")
 
     def arm(self, condition: Condition, *, attempt: int) -> None:
         again = f", attempt {attempt}" if attempt > 1 else ""
@@ -125,23 +111,23 @@ class TerminalTakes:
     def keeps(self, step: Step) -> bool:
         target = step.condition.speed_mm_s
         self._show(
-            f"Achieved {step.achieved_mm_s:.0f} mm/s, target {target:g} mm/s ({step.deviation:+.1%}): {step.verdict}."
+            f"The speed was {step.achieved_mm_s:.0f} mm/s; the target is {target:g} mm/s ({step.deviation:+.1%}): "
+            f"{step.verdict}."
         )
-        again = f"{_made_ready(step.condition)}. Press Enter when the panel is ready again: "
+        again = f"{_made_ready(step.condition)}, then press Enter: "
         if step.window is None:
-            self._ask(f"No take to keep. {again}")
+            self._ask(f"There is no take to keep. {again}")
             return False
-        kept = self._key(f"[{KEEP}] keep  [{REPEAT}] repeat: ")
+        kept = self._key(f"[{KEEP}] keep the take  [{REPEAT}] repeat it: ")
         if kept and step.problems:
-            kept = self._key(f"It has the problems above. [{KEEP}] keep it all the same  [{REPEAT}] repeat: ")
+            kept = self._key(f"The take has the problems above. [{KEEP}] keep it all the same  [{REPEAT}] repeat it: ")
         if not kept:
             self._ask(again)
         return kept
 
     def _key(self, prompt: str) -> bool:
-        """Whether the take is kept, by one of the two keys."""
         while (key := self._ask(prompt).strip().lower()) not in (KEEP, REPEAT):
-            self._show(f"'{key}' is no key here; use {KEEP} or {REPEAT}")
+            self._show(f"'{key}' is not a key here; press {KEEP} or {REPEAT}")
         return key == KEEP
 
     def _show(self, text: str) -> None:

@@ -29,12 +29,12 @@ from experiment.settings.load import Confined, Rules, Text
 
 
 def canonical(protocol: Protocol) -> bytes:
-    """RFC 8785 JSON of `protocol`, UTF-8; dates as ISO 8601 text."""
+    """Return the RFC 8785 JSON of `protocol`, UTF-8; dates are ISO 8601 text."""
     return rfc8785.dumps(protocol.model_dump(mode="json"))
 
 
 def sha256(protocol: Protocol) -> str:
-    """SHA-256 of the canonical form, 64 hexadecimal digits."""
+    """Return the SHA-256 of the canonical form, 64 hexadecimal digits."""
     return hashlib.sha256(canonical(protocol)).hexdigest()
 
 
@@ -64,7 +64,7 @@ class Seal(Confined):
 
 
 def seal_path(protocol_path: Path) -> Path:
-    """Where the seal of a protocol file stands: `study.toml` -> `study.seal.toml`."""
+    """Return where the seal of a protocol file stands: `study.toml` -> `study.seal.toml`."""
     return protocol_path.with_name(f"{protocol_path.stem}.seal.toml")
 
 
@@ -80,17 +80,8 @@ def write(
 ) -> Seal:
     """Record the approval of `protocol`, as loaded from `protocol_path`, beside it.
 
-    Args:
-        protocol_path: the protocol's file.
-        protocol: what was approved.
-        approval_number: as on the board's letter.
-        board: who approved.
-        approved_on: first day on which the study may run.
-        expires_on: last day on which it may.
-        replace: put the seal in the place of one for another form of the protocol.
-
-    Raises:
-        ProtocolError: a field is empty or contradicts the protocol's own ethics block, or a seal is in the way.
+    `replace` lets the seal take the place of one for another version of the protocol. Raises `ProtocolError` if a field
+    is empty or contradicts the protocol's own ethics block, or if a seal exists already.
     """
     path = seal_path(protocol_path)
     stated = {
@@ -109,10 +100,9 @@ def write(
 
 
 def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
-    """The seal under which `protocol`, as loaded from `protocol_path`, may run `today`.
+    """Return the seal under which `protocol`, as loaded from `protocol_path`, may run `today`.
 
-    Raises:
-        ProtocolError: the protocol is not sealed, was changed since, or is not approved on this day.
+    Raises `ProtocolError` if the protocol is not sealed, was changed since, or is not approved on this day.
     """
     path = seal_path(protocol_path)
     if not path.exists():
@@ -124,7 +114,7 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
     if seal.protocol_sha256 != found:
         allowed = (
             f"the hash of {protocol_path.name} ({found[:12]}...): the protocol was changed after its approval; "
-            "take the change back, or have it approved and seal it again"
+            "undo the change, or have it approved and seal it again"
         )
         problems.append(Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
     if today < seal.approved_on:
@@ -151,10 +141,10 @@ def _contradictions(protocol: Protocol, seal: Seal) -> list[Problem]:
 
 def _in_the_way(path: Path, seal: Seal, replace: bool) -> list[Problem]:
     if load.read(path, Seal).protocol_sha256 == seal.protocol_sha256:
-        allowed = "no seal: this very protocol is sealed already; to seal it anew, move that file away first"
+        allowed = "no seal: this version of the protocol is sealed already; to seal it anew, move that file away"
         return [Problem("seal", None, "an existing seal", allowed)]
     if not replace:
-        allowed = "no seal: one of another form of this protocol stands there; replace it (--replace), or move it away"
+        allowed = "no seal: there is one for another version of this protocol; replace it (--replace), or move it away"
         return [Problem("seal", None, "an existing seal", allowed)]
     return []
 
@@ -164,7 +154,7 @@ def _write(path: Path, seal: Seal) -> None:
 
 
 def _toml(value: str | date) -> str:
-    """A TOML value: JSON's escapes are TOML's, but TOML has DEL escaped too."""
+    """Return a TOML value: JSON's escapes are TOML's, but TOML escapes DEL too."""
     if isinstance(value, date):
         return value.isoformat()
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

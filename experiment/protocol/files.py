@@ -21,8 +21,8 @@ FORMAT_1_MOVES = (
 def load(path: Path) -> Protocol:
     """Read the protocol file at `path`.
 
-    Raises:
-        ProtocolError: with every problem of the file; of its syntax, the first; of an older format, what to move where.
+    Raises `ProtocolError` with every problem of the file, or with the first of its syntax. For an older format it says
+    what to move where.
     """
     document, lines = parsed(path)
     if document.get("format") == 1:
@@ -31,15 +31,11 @@ def load(path: Path) -> Protocol:
 
 
 def shipped(name: str) -> Path:
-    """Return a file under protocols/: of the working folder, of the checkout, or the installed package's copy.
+    """Return the file `name` under protocols/: of the working folder, of the checkout, or the installed package's copy.
 
-    Args:
-        name: path below protocols/, such as `okamoto2012.toml` or `rigs/rehearsal.toml`.
-
-    Raises:
-        PalpateError: none of them has it.
+    Raises `PalpateError` if none of them has it.
     """
     for folder in (Path("protocols"), PACKAGE.parent / "protocols", PACKAGE / "shipped"):
         if (folder / name).is_file():
             return folder / name
-    raise PalpateError(f"protocols/{name} is nowhere to be found; name a file on the command line")
+    raise PalpateError(f"protocols/{name}: the shipped file was not found; name a file on the command line")

@@ -384,7 +384,7 @@ class Protocol(Confined):
     analysis: Annotated[tuple[PlannedTest, ...], Field(min_length=1)]
 
     def task(self, task_id: str) -> Task:
-        """The task with this id; `KeyError` when there is none."""
+        """Return the task with this id. Raises `KeyError` if there is none."""
         for task in self.tasks:
             if task.id == task_id:
                 return task

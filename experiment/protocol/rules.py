@@ -39,7 +39,7 @@ def duration(table: Table) -> Iterator[Broken]:
 def material(table: Table) -> Iterator[Broken]:
     """No material is called `(none)` or `n/a`, which stand in tables for a missing answer or value."""
     if table.get("id") in (NO_ANSWER, "n/a"):
-        yield Broken(("id",), f"any name but '{NO_ANSWER}' and 'n/a', which stand for what is missing")
+        yield Broken(("id",), f"any name but '{NO_ANSWER}' and 'n/a', which stand for missing values in tables")
 
 
 def synthesis(table: Table) -> Iterator[Broken]:
@@ -167,7 +167,7 @@ def _participants(table: Table) -> Iterator[Broken]:
         if count is not None and count > enrolled:
             yield Broken(("tasks", i, "participants"), f"at most study.participants ({enrolled})")
     if len(counts) == len(wanted) and max(counts) < enrolled:
-        allowed = f"{max(counts)}, as many as the largest task has: the others would do nothing"
+        allowed = f"{max(counts)}, as many as the largest task has; other participants would do nothing"
         yield Broken(("study", "participants"), allowed)
 
 

@@ -1,6 +1,6 @@
-"""What is on record of a session: the models of its entries, and the journal that holds them.
+"""What is on record of a session: the entries of a journal, the journal itself, and what it says is done.
 
-Entries come in, one by one, and are on disk before the session moves on; they go out again verified, as what is done
-and what remains, or as lines that people read. Two things may go wrong with a journal and both are decided here: a torn
-last line is dropped and reported, anything else is refused. This room knows no device and no protocol file.
+Values of a session come in and lines on disk go out, each kept before the session moves on. `entries`, `footstep` and
+`stimulus` are the models, `events` the columns that tables make of them, `progress` replays a journal, and `transcript`
+prints one. This room knows no device and no protocol.
 """

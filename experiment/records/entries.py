@@ -113,10 +113,7 @@ class Answer(Entry):
 
 
 class Redo(Entry):
-    """An attempt that does not count, and why; the trial is run again as the next attempt.
-
-    `put_off`: at the end of its block; else at once.
-    """
+    """An attempt that does not count, and why; the trial is run again, at the end of its block if `put_off`."""
 
     kind: Literal["redo"] = "redo"
     trial: int
@@ -126,7 +123,7 @@ class Redo(Entry):
 
 
 class Resumed(Entry):
-    """A runner took the session up again; `torn` is what stood after the last whole line."""
+    """A runner continued the session; `torn` is what stood after the last whole line."""
 
     kind: Literal["resumed"] = "resumed"
     torn: str

@@ -70,7 +70,7 @@ class BrokenOff(Entry):
 
     `gate_top_us`, `gate_bottom_us` and `speed_mm_s` are None where the foot had not passed the gate, `at_us` (device
     time of the newest sample) and `clock` where none had come. `felt`: something may have been felt, so the trial is
-    put off to the end of its block; else it is armed again at once. `dead_time_ms`: as in `FootStep`.
+    put off to the end of its block; otherwise it is armed again at once. `dead_time_ms`: as in `FootStep`.
     """
 
     kind: Literal["broken-off"] = "broken-off"

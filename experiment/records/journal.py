@@ -50,11 +50,9 @@ class Line:
 class Contents:
     """A journal as read from disk.
 
-    Attributes:
-        lines: the whole lines, oldest first; empty when not even the header was finished.
-        torn: the bytes after the last newline.
-        size: bytes up to and including the last newline.
-        last_hash: SHA-256 of the last whole line, the `prev` of the next one.
+    `lines` are the whole lines, oldest first; there are none when not even the header was finished. `torn` are the
+    bytes after the last newline, and `size` those up to and including it. `last_hash` is the SHA-256 of the last whole
+    line, the `prev` of the next.
     """
 
     lines: tuple[Line, ...]
@@ -69,20 +67,16 @@ class Contents:
 
     @property
     def header(self) -> Header:
-        """The header. Raises `JournalError` when there is none."""
+        """The header. Raises `JournalError` if there is none."""
         if not self.lines or not isinstance(self.lines[0].entry, Header):
-            raise JournalError("a journal has no header: its session never started; run the session again")
+            raise JournalError("the journal has no header: its session never started; run the session again")
         return self.lines[0].entry
 
 
 def read(path: Path) -> Contents:
     """Read and verify a journal.
 
-    Args:
-        path: the journal file.
-
-    Raises:
-        JournalError: the file cannot be read, or a whole line is broken, missing or changed.
+    Raises `JournalError` if the file cannot be read, or if a whole line is broken, missing or changed.
     """
     # The head first: read the other way round, a journal that is being written would seem cut off.
     head = _head(path)
@@ -101,10 +95,9 @@ def read(path: Path) -> Contents:
 
 
 def read_if_begun(path: Path) -> Contents:
-    """As `read`; `EMPTY` where the session has not begun.
+    """Return what `read` returns, or `EMPTY` if the session has not begun.
 
-    Raises:
-        JournalError: as `read`, or the journal is gone although its head is there.
+    Raises `JournalError` as `read`, and if the journal is gone although its head is there.
     """
     if path.exists():
         return read(path)
@@ -115,12 +108,12 @@ def read_if_begun(path: Path) -> Contents:
 
 
 def head_path(path: Path) -> Path:
-    """Where the number and hash of a journal's last line stand."""
+    """Return where the number and hash of a journal's last line stand."""
     return path.with_suffix(".head")
 
 
 def _head(path: Path) -> tuple[int, str]:
-    """How many lines the head says the journal has, and the hash of the last; 0 before the first line."""
+    """Return how many lines the head says the journal has, and the hash of the last; 0 before the first line."""
     try:
         head = head_path(path).read_text("ascii")
         count, last_hash = head.split() if head else ("0", GENESIS)
@@ -160,7 +153,7 @@ def _verified(path: Path, n: int, line: bytes, last_hash: str) -> Line:
 
 
 def _check_format(where: str, entry: dict[str, object]) -> None:
-    """Say that a journal is of another form before its models say so in their own words."""
+    """Refuse a journal of another format in plain words, before its models refuse it in theirs."""
     if entry["kind"] == "header" and entry.get("format", 1) != FORMAT:
         raise JournalError(
             f"{where}: got a journal of format {entry.get('format', 1)}; allowed: {FORMAT}; read it with the palpate "
@@ -172,13 +165,7 @@ class Journal:
     """A journal open for appending; `append` returns when the entry is on disk."""
 
     def __init__(self, path: Path, clock: Clock, contents: Contents) -> None:
-        """Continue `path` after `contents`, dropping its torn end.
-
-        Args:
-            path: the journal file; created with its folder when it does not exist.
-            clock: gives the time of each entry.
-            contents: what `read` returned, or `EMPTY` for a new journal.
-        """
+        """Continue `path` after what `read` returned, dropping its torn end, or begin it after `EMPTY`."""
         self._clock = clock
         self._count = len(contents.lines)
         self._last_hash = contents.last_hash
@@ -198,11 +185,7 @@ class Journal:
         return self._whole and self._count > 0
 
     def append(self, entry: AnyEntry) -> int:
-        """Write one entry and wait until it is on disk.
-
-        Returns:
-            The session time written with it, ns.
-        """
+        """Write one entry, wait until it is on disk, and return the session time written with it, ns."""
         t_ns = self._clock.now_ns()
         document = {
             "n": self._count,
@@ -228,22 +211,21 @@ class Journal:
         os.close(self._head)
 
     def _write_head(self) -> None:
-        """In place and always as long, so that a kill leaves the old head or the new one."""
+        """Write in place and always equally long, so that a kill leaves the old head or the new one."""
         os.lseek(self._head, 0, os.SEEK_SET)
         os.write(self._head, f"{self._count:012d} {self._last_hash}\n".encode("ascii"))
         os.fsync(self._head)
 
 
 EMPTY = Contents((), b"", 0, GENESIS)
-"""A journal of which nothing is written yet."""
+"""A journal in which nothing is written yet."""
 
 
 @contextmanager
 def locked(folder: Path, participant: str) -> Iterator[None]:
     """Hold a participant for this runner; the operating system lets go when the process ends, however it ends.
 
-    Raises:
-        SessionLocked: another runner holds the participant.
+    Raises `SessionLocked` if another runner holds the participant.
     """
     folder.mkdir(parents=True, exist_ok=True)
     lock = FileLock(folder / f".sub-{participant}.lock")

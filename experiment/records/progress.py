@@ -20,14 +20,10 @@ from experiment.records.journal import AnyEntry, Contents
 class Progress:
     """Where a session stands.
 
-    Attributes:
-        header: what the session is.
-        answered: trials with an answer that counts, in the order they were answered.
-        put_off: trials that were put off to the end of their blocks, in that order.
-        attempts: attempts begun so far, by trial.
-        unanswered: the trial and attempt whose step is on disk but whose answer is not, if any.
-        footer: the last footer, if the session has ended since it was last resumed.
-        masker_db_a: level that was chosen last, dB(A), if any.
+    `answered` are the trials with an answer that counts, and `put_off` those that were put off to the end of their
+    blocks, both in that order. `attempts` counts the attempts begun by trial. `unanswered` is the trial and attempt
+    whose step is on disk but whose answer is not, and `footer` the last one, if the session has ended since it was last
+    resumed. `masker_db_a` is the level chosen last, dB(A).
     """
 
     header: Header
@@ -52,7 +48,7 @@ class Progress:
         return self.put_off.index(trial) + 1 if trial in self.put_off else 0
 
     def after(self, entry: AnyEntry) -> Progress:
-        """Where the session stands after one more entry."""
+        """Return where the session stands after one more entry."""
         done = replace(self, footer=entry if isinstance(entry, Footer) else None)
         if isinstance(entry, FootStep):
             return replace(done._begun(entry), unanswered=(entry.trial, entry.attempt))
@@ -79,11 +75,7 @@ class Progress:
 
 
 def progress(entries: Sequence[AnyEntry]) -> Progress:
-    """Replay a journal's entries.
-
-    Args:
-        entries: all entries, the header first.
-    """
+    """Return where a session stands after all entries of its journal, the header first."""
     header = entries[0]
     if not isinstance(header, Header):
         raise TypeError("the first entry of a journal is its header")
@@ -91,7 +83,7 @@ def progress(entries: Sequence[AnyEntry]) -> Progress:
 
 
 def spent_ns(contents: Contents) -> int:
-    """How long the session has lasted so far, pauses between its runners left out, ns."""
+    """Return how long the session has lasted so far, without the pauses between its runners, ns."""
     spent, begun = 0, contents.lines[0].t_ns if contents.lines else 0
     for before, line in pairwise(contents.lines):
         if isinstance(line.entry, Resumed):

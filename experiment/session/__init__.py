@@ -1,7 +1,7 @@
-"""One participant doing one task: everything opened, trial after trial, and each thing on disk before the next.
+"""One session: one participant who does one task.
 
-A protocol, a rig and a participant come in; a journal and the raw frames of the tracker go out. What every kind of
-trial shares stands here, each kind in a folder of its own behind the seam in `kind.py`; no kind imports another. A
-session opens devices by `apparatus` alone and shows itself by the desk's port. It knows nothing of rehearsals: what
-stands at the far ends of its ports is an argument.
+`run` holds the gates of a real session and `runner` its trials, `attempt` by `attempt`; `laboratory` opens everything
+that the task needs, as `scene` decides, and `masker` the sound. `kind` is the seam to a kind of trial, of which
+`footstep/` is one. A protocol, a rig and a participant come in; a journal with its file of raw frames goes out. This
+room does not know whether the far ends of its ports are simulated.
 """

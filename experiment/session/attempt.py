@@ -1,6 +1,6 @@
 """One attempt at one trial of any kind: make it ready, watch it, put it on disk, ask, and put the answer on disk.
 
-The states of a session, and the one table of what may follow what, stand here too.
+The states of a session and the one table of their transitions stand here too.
 """
 
 from __future__ import annotations
@@ -49,33 +49,27 @@ class Event(StrEnum):
     FAIL = "fail"
 
 
+UNDER_WAY = (State.READY, State.FAMILIARISING, State.ARMED, State.WAITING, State.ANSWERING)
+
 TRANSITIONS: dict[tuple[State, Event], State] = {
     (State.READY, Event.BEGIN): State.FAMILIARISING,
     (State.READY, Event.RESUME): State.ARMED,
-    (State.READY, Event.PAUSE): State.PAUSED,
-    (State.READY, Event.FAIL): State.FAILED,
     (State.FAMILIARISING, Event.FAMILIARISED): State.ARMED,
-    (State.FAMILIARISING, Event.PAUSE): State.PAUSED,
-    (State.FAMILIARISING, Event.FAIL): State.FAILED,
     (State.ARMED, Event.STEPPED): State.ANSWERING,
     (State.ARMED, Event.BROKEN_OFF): State.ARMED,
     (State.ARMED, Event.LOST): State.WAITING,
     (State.ARMED, Event.EXHAUSTED): State.COMPLETE,
-    (State.ARMED, Event.PAUSE): State.PAUSED,
-    (State.ARMED, Event.FAIL): State.FAILED,
     (State.WAITING, Event.FOUND): State.ARMED,
-    (State.WAITING, Event.PAUSE): State.PAUSED,
-    (State.WAITING, Event.FAIL): State.FAILED,
     (State.ANSWERING, Event.ANSWERED): State.ARMED,
     (State.ANSWERING, Event.REDONE): State.ARMED,
-    (State.ANSWERING, Event.PAUSE): State.PAUSED,
-    (State.ANSWERING, Event.FAIL): State.FAILED,
+    **{(state, Event.PAUSE): State.PAUSED for state in UNDER_WAY},
+    **{(state, Event.FAIL): State.FAILED for state in UNDER_WAY},
 }
 """Every transition there is; `COMPLETE`, `PAUSED` and `FAILED` end a runner."""
 
 
 def follow(state: State, event: Event) -> State:
-    """The state after `event`. Raises `SessionError` for a transition that the table does not hold."""
+    """Return the state after `event`. Raises `SessionError` for a transition that the table does not hold."""
     try:
         return TRANSITIONS[state, event]
     except KeyError:
@@ -85,15 +79,10 @@ def follow(state: State, event: Event) -> State:
 
 @dataclass(frozen=True)
 class Devices:
-    """The opened parts of a session.
+    """The opened parts of a session; `masker` is None if the rig has no sound.
 
-    Attributes:
-        trials: the devices of the task's kind of trial.
-        console: the experimenter's screen.
-        clock: the session's.
-        masker: noise on the headphones; None where the rig has no sound.
-        reconnect_s: how long a session waits for a device that fell silent, s; then it is paused.
-        priority: of the session's threads, in words; empty where it does not matter, in simulated time.
+    `trials` are the devices of the task's kind of trial. A session waits `reconnect_s` for a device that fell silent,
+    then pauses. `priority` is that of its threads in words, and is empty in simulated time.
     """
 
     trials: KindDevices
@@ -110,15 +99,7 @@ class Attempts:
     def __init__(
         self, *, protocol: Protocol, header: Header, devices: Devices, log: Log, masking: Masking | None
     ) -> None:
-        """Set up before the first attempt.
-
-        Args:
-            protocol: the study.
-            header: what the session is.
-            devices: the opened parts.
-            log: puts entries and raw frames on disk.
-            masking: the session's masker, if it has one.
-        """
+        """Set up before the first attempt; `masking` is None for a session without a masker."""
         self._spoken = protocol.answers
         self._console, self._clock = devices.console, devices.clock
         self._log = log
@@ -131,17 +112,10 @@ class Attempts:
         self._undelivered = 0
 
     def run(self, planned: PlannedTrial, attempt: int) -> Event:
-        """Run one attempt.
+        """Run one attempt at a trial; `attempt` is its number, from 1.
 
-        Args:
-            planned: the trial.
-            attempt: its number, from 1.
-
-        Returns:
-            `ANSWERED`, `REDONE`, `BROKEN_OFF`, `LOST` (a device fell silent; see `outage`), or `PAUSE`.
-
-        Raises:
-            PalpateError: a part failed.
+        Return `ANSWERED`, `REDONE`, `BROKEN_OFF`, `LOST` (a device fell silent; see `outage`) or `PAUSE`. Raises
+        `PalpateError` if a part failed.
         """
         answered_ns, self._answered_ns = self._answered_ns, None
         try:
@@ -163,7 +137,7 @@ class Attempts:
             self._undelivered = 0 if seen.delivered else self._undelivered + 1
         if seen.repeat:
             self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=seen.repeat, put_off=True))
-            self._console.show(f"Trial {planned.trial} comes again at the end of its block: {seen.repeat}.")
+            self._console.show(f"Trial {planned.trial} is repeated at the end of its block: {seen.repeat}.")
             return Event.REDONE
         return self._ask(planned, attempt, seen.answerable_ns)
 

@@ -29,7 +29,7 @@ class Held:
 
     @contextmanager
     def let_through(self) -> Iterator[None]:
-        """One that comes meanwhile, or waits already, is raised at once; a second one waits again."""
+        """Raise at once an interrupt that comes meanwhile, or waits already; a second one waits again."""
         self._through = True
         try:
             if self.pressed:
@@ -39,7 +39,7 @@ class Held:
             self._through = False
 
     def come(self, *_: object) -> None:
-        """The key was pressed."""
+        """Take note that the key was pressed."""
         now_s = time.monotonic()
         if self._pressed_s is None:
             self._pressed_s = now_s
@@ -53,12 +53,10 @@ class Held:
 
 @contextmanager
 def held() -> Iterator[Held]:
-    """Interrupts wait until the end, and are raised then, unless something else was.
+    """Have interrupts wait until the end; one that came is raised then, unless something else was.
 
-    Only where Ctrl-C is Python's own `KeyboardInterrupt`: in the main thread, and with no handler of somebody else's.
-
-    Raises:
-        KeyboardInterrupt: the key was pressed meanwhile.
+    This holds only where Ctrl-C is Python's own `KeyboardInterrupt`: in the main thread, and with nobody else's
+    handler.
     """
     waits = Held()
     ours = threading.current_thread() is threading.main_thread()

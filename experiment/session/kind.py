@@ -38,12 +38,7 @@ class Log(Protocol):
 
 @dataclass(frozen=True)
 class Meaning:
-    """What an answer key stands for.
-
-    Attributes:
-        answer: what goes on record: one of the kind's answers.
-        words: how the experimenter reads it.
-    """
+    """What an answer key stands for: what goes on record, and the words for the experimenter."""
 
     answer: str
     words: str
@@ -55,12 +50,12 @@ class Seen:
 
     Attributes:
         entry: what goes on record of the attempt.
-        answerable_ns: session time from which the participant could answer; None where the attempt broke off.
-        reason: why it broke off; empty where it did not.
-        lost: whether it broke off because a device fell silent; `Kind.reconnect` waits for that one.
-        failed: what has to be raised once the entry is on file; None where nothing has.
-        delivered: whether the stimulus was measured to be as intended; None where nothing measured it.
-        repeat: the rule of the protocol that has the attempt done again, and why; empty where none has.
+        answerable_ns: session time from which the participant could answer; None if the attempt broke off.
+        reason: why it broke off, if it did.
+        lost: whether it broke off because a device fell silent; `Kind.reconnect` waits for that device.
+        failed: what has to be raised once the entry is on file, if anything.
+        delivered: whether the stimulus was measured to be as intended; None if nothing measured it.
+        repeat: the rule of the protocol that has the attempt repeated, and why, if one does.
     """
 
     entry: AnyEntry
@@ -76,26 +71,17 @@ class Kind(Protocol):
     """The trials of one session, one attempt after the other."""
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
-        """Lay out and arm an attempt.
+        """Lay out and arm an attempt; `answered_ns` is the session time of the answer just before, None without one.
 
-        Args:
-            planned: the trial.
-            attempt: its number, from 1.
-            answered_ns: session time of the answer just before; None without one.
-
-        Raises:
-            TrackerStopped: the device fell silent; nothing had begun, and the same attempt is armed again later.
+        Raises `TrackerStopped` if the device fell silent; nothing had begun, and the same attempt is armed again later.
         """
         ...
 
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:
-        """Follow the attempt that is ready to its end, with its stimulus.
+        """Follow the attempt that is ready to its end; `waiting` is entered while nothing can have been felt.
 
-        Args:
-            waiting: entered while nothing can have been felt.
-
-        Raises:
-            PalpateError: a part failed before anything can have been felt; later failures come with what was seen.
+        Raises `PalpateError` if a part failed before anything can have been felt; later failures come with what was
+        seen.
         """
         ...
 
@@ -104,7 +90,7 @@ class Kind(Protocol):
         ...
 
     def reconnect(self, timeout_s: float) -> None:
-        """Wait until the device that fell silent is back. Raises `TrackerStopped` when it is not back in time."""
+        """Wait until the device that fell silent is back. Raises `TrackerStopped` if it is not back in time."""
         ...
 
 
@@ -112,15 +98,7 @@ class KindDevices(Protocol):
     """The opened devices of one kind."""
 
     def begin(self, *, protocol: StudyProtocol, header: Header, console: Console, clock: Clock, log: Log) -> Kind:
-        """Begin a session with them.
-
-        Args:
-            protocol: the study.
-            header: what the session is.
-            console: the experimenter's screen.
-            clock: the session's.
-            log: where the session's entries and frames go.
-        """
+        """Begin a session with them; its entries and frames go to `log`."""
         ...
 
 

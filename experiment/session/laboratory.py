@@ -40,24 +40,11 @@ def open_laboratory(
     clock: Clock,
     ends: FarEnds,
 ) -> Iterator[Devices]:
-    """Open what a task needs.
+    """Open what a task needs, and yield the opened parts; they are closed when this is left.
 
-    Args:
-        protocol: the study.
-        rig: the rig.
-        rig_folder: the folder that holds the rig file, from which the files that it names are found.
-        participant: label; what their sessions of the day used up of the masker's dose counts.
-        task_id: one of the study's tasks.
-        dataset: folder of the study's dataset.
-        recordings: folder of the recordings that stimuli are made from; None where the task needs none.
-        clock: the session's.
-        ends: what stands at the far ends of the ports.
-
-    Yields:
-        The opened parts; they are closed when this is left.
-
-    Raises:
-        PalpateError: a part cannot be opened; what was opened before it is closed again.
+    Files that the rig names are found from `rig_folder`. Earlier sessions of the participant in `dataset` count towards
+    the masker's dose of the day. `recordings` is None if the task needs none; `ends` is what stands at the far ends of
+    the ports. Raises `PalpateError` if a part cannot be opened; what was opened before it is closed again.
     """
     with ExitStack() as opened:
         priority = opened.enter_context(host.raised()) if ends.real_time else ""
@@ -83,8 +70,9 @@ def open_laboratory(
             console.show(f"Priority: {priority}.")
         if sound is None:
             console.show(
-                f"Masker: the rig has no audio device. Play {protocol.masker.noise} noise by other means. "
-                f"{protocol.masker.criterion} At most {protocol.exposure.masker_level_db_a:g} dB(A)."
+                f"The rig has no audio device for the masker. Play {protocol.masker.noise} noise by other means, "
+                f"at no more than {protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: "
+                f"{protocol.masker.criterion}"
             )
         yield Devices(
             trials=trials,
@@ -110,16 +98,7 @@ def header(
 ) -> Header:
     """Return what a session is, with its trials in order.
 
-    Args:
-        protocol: the study.
-        rig: the rig it runs on.
-        participant: label.
-        task_id: id of the task.
-        position: which of the participant's tasks this is, from 1.
-        seed: of the study's draws.
-        recordings: folder of the recordings that stimuli are made from; None where there are none.
-        rehearsal: whether the participant is simulated.
-        clock: says when it begins.
+    `position` says which of the participant's tasks this is, from 1. `recordings` is None if the task needs none.
     """
     protocol_sha256 = approval.sha256(protocol)
     # A real session is unlike any other; a rehearsed one is the same whenever it is rehearsed again.

@@ -1,9 +1,8 @@
-"""The masker of one session: the participant's level is chosen before the first trial and journaled with every change.
+"""The sound of one session: one audio stream, opened once and kept, with the masker on its headphones.
 
-It plays from then to the session's end, pauses between trials included. `+` and `-` change it whenever an answer is
-asked for; no protocol has these keys for anything else.
-
-The sound of one session: one audio stream, opened once and kept, with the masker on its headphones.
+The participant's level is chosen before the first trial and journaled with every change. The masker plays from then to
+the session's end, pauses between trials included. `+` and `-` change it whenever an answer is asked for; no protocol
+has these keys for anything else.
 """
 
 from __future__ import annotations
@@ -42,26 +41,15 @@ class Masking:
     """Drives a masker and puts its levels on disk."""
 
     def __init__(self, masker: Masker, console: Console, write: Callable[[MaskerSet], None]) -> None:
-        """Silence, so far.
-
-        Args:
-            masker: noise on the headphones.
-            console: where the level is chosen.
-            write: puts an entry into the journal and returns when it is on disk.
-        """
+        """Begin in silence; `write` puts an entry into the journal and returns when it is on disk."""
         self._masker = masker
         self._console = console
         self._write = write
 
     def choose(self, criterion: str, begin_db_a: float | None) -> None:
-        """Start the noise and have its level set until the participant is content.
+        """Start the noise at `begin_db_a`, or at the first level if None, and have it set until `criterion` holds.
 
-        Args:
-            criterion: what must hold at the level chosen.
-            begin_db_a: level to begin with; None for the first choice of a session.
-
-        Raises:
-            AudioError: the dose of the day is used up.
+        Raises `AudioError` if the dose of the day is used up.
         """
         self._masker.start(FIRST_DB_A if begin_db_a is None else begin_db_a)
         self._note()
@@ -77,10 +65,9 @@ class Masking:
                 return
 
     def change(self, key: str) -> bool:
-        """Whether `key` was one of the masker's; then the level has changed by a step, within the limit.
+        """Return whether `key` was one of the masker's; then the level has changed by a step, within the limit.
 
-        Raises:
-            AudioError: the dose of the day is used up.
+        Raises `AudioError` if the dose of the day is used up.
         """
         level_db_a = self._masker.level_db_a
         if key not in KEYS or level_db_a is None:
@@ -92,14 +79,14 @@ class Masking:
         return True
 
     def spent(self) -> str:
-        """Why no further trial may begin: the dose of the day is used up; nothing while it is not."""
+        """Return why no further trial may begin: the dose of the day is used up; nothing while it is not."""
         exposure = self._masker.exposure()
         if exposure.dose < 1:
             return ""
         return f"the masker's dose of the day is used up ({exposure.dose:.2f} of 1); go on another day"
 
     def end(self, *, note: bool) -> None:
-        """Silence; `note` puts what it came to on disk."""
+        """Fall silent; `note` journals the dose."""
         self._masker.stop()
         if note:
             self._note()
@@ -112,19 +99,14 @@ class Masking:
 
 
 def dose_today(journals: Iterable[Contents], now_ns: int) -> float:
-    """What a participant's sessions used up of the dose of the day so far.
-
-    Args:
-        journals: of the participant.
-        now_ns: session time, ns.
-    """
+    """Return what the sessions of a participant's journals have used up of the dose of the day of `now_ns`."""
     today = day(now_ns)
     spent = [_spent(contents, today) for contents in journals]
     return max(spent, default=(0, 0.0))[1]
 
 
 def _spent(contents: Contents, today: date) -> tuple[int, float]:
-    """When a journal last told of today's dose, ns, and what it was by the journal's last line.
+    """Return when a journal last told of today's dose, ns, and what the dose was by the journal's last line.
 
     A session that was killed has no last word of its masker: it counts as playing until its last line.
     """
@@ -142,12 +124,7 @@ def _spent(contents: Contents, today: date) -> tuple[int, float]:
 
 @dataclass(frozen=True)
 class Sound:
-    """What plays during a session.
-
-    Attributes:
-        stream: masker, stimulus, microphone and loopback share its sample clock.
-        masker: silent until the session starts it.
-    """
+    """The stream of a session, whose sample clock masker, stimulus, microphone and loopback share, and its masker."""
 
     stream: AudioStream
     masker: AudioMasker
@@ -156,19 +133,11 @@ class Sound:
 def open_sound(
     rig: Rig, protocol: Protocol, *, clock: Clock, dose_before: float, opened: ExitStack, device: str | None = None
 ) -> Sound:
-    """Open the rig's audio device for a session.
+    """Open the rig's audio device for a session; `opened` closes the stream.
 
-    Args:
-        rig: a rig with an audio device.
-        protocol: says which noise masks, and the limits.
-        clock: the session's clock; it must go by itself.
-        dose_before: of noise, what the participant's sessions of the day used up.
-        opened: closes the stream.
-        device: used instead of the one that the rig names.
-
-    Raises:
-        RigError: a calibration is too old, or the device exists in simulation alone.
-        AudioError: the device cannot be opened.
+    `dose_before` is the dose of the participant's earlier sessions of the day; `device` replaces the one that the rig
+    names. Raises `RigError` if a calibration is too old or the device exists in simulation alone, and `AudioError` if
+    the device cannot be opened.
     """
     audio = opening.audio_of(rig)
     samples = scene.masker_samples(protocol=protocol, rate_hz=audio.rate_hz, seconds=ROUND_S)
@@ -186,16 +155,9 @@ def open_sound(
 
 
 def dose_before(dataset: Path, protocol: Protocol, participant: str, clock: Clock) -> float:
-    """What a participant's sessions of today used up of the dose of the day.
+    """Return what a participant's sessions of today used up of the dose of the day.
 
-    Args:
-        dataset: folder of the study's dataset.
-        protocol: the study.
-        participant: label.
-        clock: the session's.
-
-    Raises:
-        JournalError: a journal cannot be trusted.
+    Raises `JournalError` if a journal cannot be trusted.
     """
     paths = (storage.journal_path(dataset, participant, task.id) for task in protocol.tasks)
     return dose_today([journal.read(path) for path in paths if path.exists()], clock.now_ns())

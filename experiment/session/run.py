@@ -36,7 +36,6 @@ class RealEnds:
     reconnect_s = 300.0
 
     def __init__(self, console: Console) -> None:
-        """Take the experimenter's console."""
         self._console = console
 
     def sound_device(self, opened: ExitStack) -> None:  # noqa: ARG002
@@ -71,31 +70,25 @@ def run(
     recordings: Path | None,
     console: Console,
 ) -> Footer:
-    """Run one session of a participant in the room, or what remains of it, and bring the dataset up to date.
+    """Run one session of a participant in the room, or the rest of one, and bring the dataset up to date.
 
-    Args:
-        protocol_file: the study's protocol, sealed.
-        rig_file: the rig.
-        participant: label of an enrolled participant.
-        task_id: one of the participant's tasks.
-        root: folder of the study's dataset; None for `participants/STUDY`.
-        recordings: folder of the recordings that stimuli are made from; None for those in the dataset.
-        console: the experimenter's screen.
-
-    Raises:
-        PalpateError: anything that forbids or ends the session, before a participant is on the panel where possible.
+    The protocol must be sealed, the participant enrolled, and the task one of theirs. `root` None stands for
+    `participants/STUDY`, and `recordings` None for those in the dataset. Raises `PalpateError` for anything that
+    forbids or ends the session, before a participant is on the panel where possible.
     """
     clock = MonotonicClock()
     protocol = files.load(protocol_file)
     if protocol.consent.voice_recordings:
-        raise SessionError(f"{protocol_file}: asks for voice recordings, which palpate cannot make yet; leave them out")
+        raise SessionError(
+            f"{protocol_file}: got consent.voice_recordings = true; allowed: false; palpate cannot record voices yet"
+        )
     today = day(clock.now_ns())
     approval.verify(protocol_file, protocol, today)
     root = root or roster.default_root(protocol)
     roster.Roster.load(storage.roster_path(root)).may_run(participant, protocol)
     rig = rigs.load(rig_file)
     if rig.rig.simulated:
-        raise RigError(f"{rig_file}: the rig is simulated; give a rig file of real devices, or use palpate rehearse")
+        raise RigError(f"{rig_file}: the rig is simulated; name a rig file of real devices, or use palpate rehearse")
     rigs.check(rig, protocol.footstep.step)
     calibration.check_age(rig, today)
     seed = roster.settle(root, protocol_file, protocol, None)
@@ -147,7 +140,9 @@ def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None
     """Refuse a task that is not the participant's, or whose turn has not come."""
     who, tasks = allocation.participant, allocation.tasks
     if task_id not in tasks:
-        raise RosterError(f"participant {who} does not do task '{task_id}'; theirs are: {', '.join(tasks)}")
+        raise RosterError(
+            f"participant {who} does not do task '{task_id}'; allowed: {', '.join(tasks)}; name one of these"
+        )
     for earlier in tasks[: tasks.index(task_id)]:
         path = storage.journal_path(root, who, earlier)
         entries = journal.read(path).entries if path.exists() else ()
@@ -157,14 +152,14 @@ def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None
 
 
 def _keep_recordings(root: Path, given: Path | None, protocol: Protocol, planned: scene.Scene) -> Path:
-    """The recordings in the dataset; put there at the first session that names them."""
+    """Return the recordings in the dataset; they are copied there at the first session that names them."""
     from experiment.recordings import manifest
 
     kept = root / storage.RECORDINGS
     folder = given or kept
     if manifest.is_simulated(folder):
         raise RecordingError(
-            f"{folder}: the recordings are simulated; participants feel real ones: record them, or use palpate rehearse"
+            f"{folder}: the recordings are simulated; record real ones (palpate record), or use palpate rehearse"
         )
     if kept.exists():
         if manifest.sha256(folder) != manifest.sha256(kept):
@@ -194,5 +189,5 @@ def _wait_for_break(
         lines = journal.read(path).lines
         left_ns = lines[-1].t_ns + int(protocol.task_order.break_min_s * 1e9) - clock.now_ns() if lines else 0
         if left_ns > 0:
-            console.show(f"Break after task {other}: {left_ns / 60e9:.1f} min are left; the session starts then.")
+            console.show(f"The break after task {other} lasts {left_ns / 60e9:.1f} min more; then the session starts.")
             clock.sleep_ns(left_ns)

@@ -26,27 +26,18 @@ MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
 
 MOST_UNDELIVERED = 8
-"""Attempts in a row of which the loopback did not hear the stimulus as intended: no trial's bad luck but the rig."""
+"""After so many attempts in a row whose stimulus the loopback did not hear as intended, the rig must be at fault."""
 
 
 def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path, dataset: Path) -> Footer:
-    """Run a session, or what remains of it.
+    """Run a session, or the rest of one, and return the footer that ended it.
 
-    Args:
-        protocol: the study.
-        header: what this session is. Where a journal exists its own header rules, and must be of the same session.
-        devices: the opened parts.
-        rig_file: the rig's file, kept beside the journal.
-        dataset: folder of the study's dataset.
+    If a journal exists, its own header rules and must be of the same session; a session that is complete is not
+    touched. The rig's file is kept beside the journal.
 
-    Returns:
-        The footer that ended the session; that of a session which was already complete, without touching it.
-
-    Raises:
-        SessionLocked: another runner holds the participant.
-        JournalError: the journal is broken, or belongs to another session.
-        PalpateError: a part failed; the footer says so, and the session can be resumed.
-        KeyboardInterrupt: Ctrl-C while the footer was written; it is on disk.
+    Raises `SessionLocked` if another runner holds the participant; `JournalError` if the journal is broken or belongs
+    to another session; `PalpateError` if a part failed (the footer says so, and the session can be resumed); and
+    `KeyboardInterrupt` on Ctrl-C while the footer was written (it is on disk).
     """
     path = journal_path(dataset, header.participant, header.task)
     with journal.locked(path.parent, header.participant):
@@ -71,7 +62,7 @@ def _check_same_session(path: Path, found: Header, asked: Header) -> None:
             shown = "" if name == "order" else f" ({was} then, {now} now)"
             raise JournalError(
                 f"{path}: the session was begun with another {name}{shown}; "
-                "go on with what it was begun with, or write to another folder"
+                "continue with the earlier one, or choose another dataset folder"
             )
 
 
@@ -139,7 +130,7 @@ class _Session:
         return self._end("paused" if pause else "complete", pause)
 
     def _trials(self) -> str:
-        """Attempt after attempt until every trial is answered; returns why the session pauses, or nothing."""
+        """Run attempt after attempt until every trial is answered; return why the session pauses, or nothing."""
         begun: Counter[int] = Counter()
         while self._log.done.remaining:
             planned = self._log.done.remaining[0]
@@ -157,7 +148,7 @@ class _Session:
         return ""
 
     def _why_not(self, trial: int, begun: Counter[int]) -> str:
-        """Why no further attempt is begun, or nothing."""
+        """Return why no further attempt is begun, or nothing."""
         if self._devices.clock.now_ns() > self._ends_ns:
             return f"the protocol's {self._protocol.exposure.session_min:g} min of a session are over"
         if self._masking is not None and (spent := self._masking.spent()):
@@ -169,7 +160,7 @@ class _Session:
         return ""
 
     def _wait_for_tracker(self) -> str:
-        """Have the tracker plugged in again; returns why the session pauses instead, or nothing."""
+        """Wait for the tracker to be plugged in again; return why the session pauses instead, or nothing."""
         console, lost, wait_s = self._devices.console, self._attempts.outage, self._devices.reconnect_s
         self._log.write(Phase(state=self._state, detail=lost))
         console.show(f"{lost}. The session waits for {wait_s:g} s; nothing is lost.")
@@ -203,7 +194,7 @@ class _Session:
             torn = contents.torn.decode("utf-8", "backslashreplace")
             self._log.write(Resumed(torn=torn, remaining=remaining))
             if torn:
-                self._devices.console.show(f"A torn last line of the journal was dropped: {torn[:60]!r}")
+                self._devices.console.show(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")
             if done.unanswered is not None:
                 trial, attempt = done.unanswered
                 reason = "the session was interrupted before the answer"

@@ -21,15 +21,10 @@ if TYPE_CHECKING:
 class Scene:
     """What a task needs.
 
-    Attributes:
-        task: id of the task.
-        synthesis: whether stimuli are synthesised; a task with real objects opens no spectra.
-        actuator: whether the panel is driven.
-        place: whether the experimenter lays out a real object before each step.
-        materials: the materials whose spectra are held.
+    Stimuli are synthesised (`synthesis`), from the spectra of `materials`, and drive the panel (`actuator`); or the
+    experimenter lays out a real object before each trial (`place`), and no spectra are opened.
     """
 
-    task: str
     synthesis: bool
     actuator: bool
     place: bool
@@ -40,19 +35,13 @@ def plan(*, protocol: Protocol, task_id: str) -> Scene:
     """Decide what task `task_id` needs."""
     virtual = protocol.task(task_id).stimulus == "virtual"
     materials = tuple(m.id for m in protocol.materials) if virtual else ()
-    return Scene(task_id, synthesis=virtual, actuator=virtual, place=not virtual, materials=materials)
+    return Scene(synthesis=virtual, actuator=virtual, place=not virtual, materials=materials)
 
 
 def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
-    """The spectra of the materials that `scene` holds, and of no others.
+    """Return the spectra of the materials that `scene` holds, and of no others, from the folder of their recordings.
 
-    Args:
-        scene: a scene that needs synthesis.
-        protocol: its protocol.
-        recordings: folder with the recordings' manifest.
-
-    Raises:
-        RecordingError: a recording is missing or unusable.
+    Raises `RecordingError` if a recording is missing or unusable.
     """
     from experiment.recordings import manifest
     from experiment.synthesis import crinkle
@@ -71,23 +60,16 @@ def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[
 
 
 def fastest_mm_s(protocol: Protocol) -> float:
-    """The fastest foot whose trial a protocol counts, mm/s; infinity where it names none."""
+    """Return the speed of the fastest foot whose trial a protocol counts, mm/s; infinity if it names none."""
     limits = [rule.limit for rule in protocol.exclusion if rule.when == "speed-above" and rule.limit is not None]
     return min(limits, default=float("inf"))
 
 
 def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> tuple[str, float]:
-    """The material of which most lies outside the tactile band at a speed that the protocol counts.
+    """Return the material with most outside the tactile band at a speed that the protocol counts, and how much.
 
-    Args:
-        spectra: of each material of a task.
-        protocol: its tactile band, and its fastest foot.
-
-    Returns:
-        The material, and the largest rms of what lies outside, m/s^2; infinity where any speed counts.
-
-    Raises:
-        SynthesisError: a speed that counts and has no spectrum.
+    That is the largest rms of what lies outside, m/s^2; infinity if any speed counts. Raises `SynthesisError` if a
+    speed that counts has no spectrum.
     """
     from experiment.synthesis.crinkle import rms_outside
 
@@ -100,17 +82,10 @@ def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> t
 
 
 def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_rate_hz: int) -> dict[str, Basis]:
-    """Return the materials that `scene` holds, by their ids, prepared from their recordings.
+    """Return the materials that `scene` holds, by their ids, prepared from the folder of their recordings.
 
-    Args:
-        scene: a scene that needs synthesis.
-        protocol: its protocol.
-        recordings: folder with the recordings' manifest.
-        output_rate_hz: samples a second that the actuator expects, Hz.
-
-    Raises:
-        RecordingError: a recording is missing or unusable.
-        SynthesisError: no waveform can be made of the recordings at this rate.
+    `output_rate_hz` is what the actuator expects, Hz. Raises `RecordingError` if a recording is missing or unusable,
+    and `SynthesisError` if no waveform can be made of the recordings at this rate.
     """
     spectra = load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     return prepare_stimuli(spectra, protocol=protocol, output_rate_hz=output_rate_hz)
@@ -121,14 +96,9 @@ def prepare_stimuli(
 ) -> dict[str, Basis]:
     """Return the materials of a task, prepared: with all their bins, or with those of the tactile band.
 
-    Bins outside the band are left out where of no material what lies outside reaches the floor (`felt_outside`). That
-    is decided for all materials together: were some filtered and others not, participants could tell them apart by
-    that. Arguments and errors are otherwise as in `open_stimuli`.
-
-    Args:
-        spectra: of each material.
-        protocol: its tactile band and floor, and its fastest foot.
-        output_rate_hz: as in `open_stimuli`.
+    Bins outside the band are left out if what lies outside stays below the floor in every material (`felt_outside`).
+    That is decided for all materials together: if some were filtered and others not, participants could tell them apart
+    by that. Errors are those of `open_stimuli`.
     """
     from experiment.synthesis import crinkle, waveforms
 
@@ -142,18 +112,10 @@ def prepare_stimuli(
 
 
 def masker_samples(*, protocol: Protocol, rate_hz: int, seconds: float) -> NDArray[np.float64]:
-    """One round of the masker's noise: the same in every session, for a masker is no random draw of a study.
+    """Return one round of the masker's noise at the audio device's rate, rms 1, shape (n,).
 
-    Args:
-        protocol: says which noise.
-        rate_hz: of the audio device, Hz.
-        seconds: length of a round, s.
-
-    Returns:
-        Rms 1, shape (n,).
-
-    Raises:
-        SynthesisError: no noise can be made at this rate.
+    It is the same in every session, for a masker is no random draw of a study. Raises `SynthesisError` if no noise can
+    be made at this rate.
     """
     import numpy as np
 

@@ -1,4 +1,4 @@
-"""What a task needs and leaves out, and what each omission saves and costs: measured here and now, on this machine."""
+"""What a task needs and leaves out, and what each omission saves and costs, as measured on this machine."""
 
 from __future__ import annotations
 
@@ -30,26 +30,22 @@ REPEATS = 5
 
 @dataclass(frozen=True)
 class Timing:
-    """A time, as the median of repeats, and how far these spread.
-
-    Attributes:
-        ms: median, ms.
-        spread_ms: from the lower to the upper quartile, ms.
-    """
+    """A time as the median of repeats, ms, and how far these spread from the lower to the upper quartile, ms."""
 
     ms: float
     spread_ms: float
 
     @property
     def measurable(self) -> bool:
-        """Whether it is more than the spread of the repeats; what is not is no saving."""
+        """Return whether the time is more than the spread of the repeats; a smaller one is no saving."""
         return abs(self.ms) > self.spread_ms
 
 
 def import_cost(modules: tuple[str, ...]) -> tuple[Timing, float | None]:
-    """Time, and the median of resident memory, kB, that importing `modules` adds to a session without them.
+    """Return the time, and the median of resident memory, kB, that importing `modules` adds to a session without them.
 
-    Each time a new interpreter first imports what every session needs. No memory where the system does not tell it.
+    Each time a new interpreter first imports what every session needs. The memory is None if the system does not tell
+    it.
     """
     code = (
         "import importlib, json, sys, time\n"
@@ -75,7 +71,7 @@ def import_cost(modules: tuple[str, ...]) -> tuple[Timing, float | None]:
 
 
 def measured(call: Callable[[], object]) -> tuple[Timing, float]:
-    """What a call takes, and the memory that its result holds, kB."""
+    """Return the time that a call takes, and the memory that its result holds, kB."""
     times = taken([ms(call) for _ in range(REPEATS)])
     tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
@@ -87,13 +83,13 @@ def measured(call: Callable[[], object]) -> tuple[Timing, float]:
 
 
 def taken(ms: list[float]) -> Timing:
-    """Median and spread of repeats, ms."""
+    """Return median and spread of repeats, ms."""
     lower, median, upper = np.quantile(ms, [0.25, 0.5, 0.75]).tolist()
     return Timing(median, upper - lower)
 
 
 def ms(call: Callable[[], object]) -> float:
-    """What one call takes, ms."""
+    """Return the time that one call takes, ms."""
     begun = time.perf_counter()
     call()
     return (time.perf_counter() - begun) * 1e3
@@ -120,22 +116,19 @@ TURNS = 51
 """Rounds over all speeds where single steps are timed, for what a step takes more or less may be below 1 us."""
 
 ERROR = (
-    "each waveform is an inverse DCT; a stimulus is the weighted sum of two of them, of at most 3 times its own rms "
-    "between measured speeds, and beyond them of 8 times the rms at the nearest; or else an inverse DCT of its own"
+    "each waveform is an inverse DCT; a stimulus is an inverse DCT of its own, or the weighted sum of two waveforms, "
+    "which together have at most 3 times the rms of the sum between measured speeds, and beyond them 8 times that at "
+    "the nearest"
 )
 """What the bound on the relative error of a stimulus rests on; `synthesis/waveforms.py` derives it."""
 
 
 @dataclass(frozen=True)
 class Omission:
-    """One thing that a task leaves out.
+    """One thing that a task leaves out: its kind, what it is, what that saves, and the error that it costs.
 
-    Attributes:
-        kind: what sort of thing.
-        what: in words.
-        saves: time saved, negative where leaving it out takes longer; None where there is none to measure.
-        saves_kb: memory saved, kB (1000 bytes); None as above.
-        costs: the error that leaving it out makes, in words and figures.
+    `saves` is negative if leaving it out takes longer. `saves` and `saves_kb` (1 kB is 1000 bytes) are None if not
+    measured.
     """
 
     kind: Kind
@@ -145,7 +138,7 @@ class Omission:
     costs: str
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON; `saves_ms` is null where no difference could be measured."""
+        """Return the omission for JSON; `saves_ms` is null if no difference could be measured."""
         time = self.saves
         return {
             "kind": self.kind,
@@ -157,13 +150,13 @@ class Omission:
         }
 
     def saved(self) -> str:
-        """In words."""
+        """Return in words what it saves."""
         time, parts = self.saves, []
         if time is not None and time.measurable:
             parts.append(f"{_time(time.ms)} (repeats spread over {_time(time.spread_ms)})")
         if self.saves_kb is not None:
             parts.append(f"{self.saves_kb:.0f} kB")
-        saved = f"saves {' and '.join(parts)}" if parts else "what it saves is not measured"
+        saved = f"saves {' and '.join(parts)}" if parts else "what it saves was not measured"
         if time is None or time.measurable:
             return saved
         seen = f"no measurable difference in time ({_time(time.ms)}, repeats spread over {_time(time.spread_ms)})"
@@ -180,7 +173,6 @@ class TaskPlan:
     left_out: tuple[Omission, ...]
 
     def as_dict(self) -> dict[str, object]:
-        """For JSON."""
         return {
             "task": self.task,
             "needs": list(self.needs),
@@ -189,7 +181,6 @@ class TaskPlan:
         }
 
     def text(self) -> str:
-        """For a terminal."""
         lines = [
             f"Task {self.task}: {self.title}",
             "",
@@ -208,18 +199,9 @@ def _time(ms: float) -> str:
 
 
 def plan(*, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, recordings: Path) -> TaskPlan:
-    """Plan a task, and measure what it leaves out.
+    """Plan a task, and measure what it leaves out; the rig's response table is found from `rig_folder`.
 
-    Args:
-        protocol: the study.
-        rig: gives the actuator's rate and its response table.
-        rig_folder: of the rig file, from which the table is found.
-        task_id: one of its tasks.
-        recordings: folder of the recordings of its materials.
-
-    Raises:
-        RecordingError: a recording is missing or unusable.
-        RigError: the response table is.
+    Raises `RecordingError` if a recording is missing or unusable, and `RigError` if the response table is.
     """
     scene = scenes.plan(protocol=protocol, task_id=task_id)
     title = protocol.task(task_id).title
@@ -232,7 +214,7 @@ def plan(*, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, record
 def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> tuple[Omission, ...]:
     from experiment.apparatus.panel.conditioning import open_drive
 
-    virtual = scenes.Scene("", True, True, False, tuple(material.id for material in protocol.materials))
+    virtual = scenes.Scene(True, True, False, tuple(material.id for material in protocol.materials))
     load = partial(scenes.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
     imported, imported_kb = import_cost(STIMULUS_MODULES)
     loaded, loaded_kb = measured(load)
@@ -282,7 +264,7 @@ def _virtual(
             left_out.append(_bins(held[material], basis, protocol))
         dropped = basis.spectra.dropped(basis.on)
         if dropped:
-            lost = "all that they would add: no actuator at this rate can play them"
+            lost = "all that they would add, for no actuator at this rate can play them"
             what = f"{dropped} of {basis.spectra.samples} bins of {material}, at or above half of {rate_hz} Hz"
             left_out.append(Omission("bins", what, None, None, lost))
     needs += [f"error     {ERROR}", f"bins      {_felt(held, protocol)}"]
@@ -290,11 +272,11 @@ def _virtual(
 
 
 def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
-    """Whether what lies outside the tactile band may be left out, and why."""
+    """Return whether what lies outside the tactile band may be left out, and why."""
     tactile, fastest = protocol.footstep.tactile, scenes.fastest_mm_s(protocol)
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     if fastest == float("inf"):
-        return "all: the protocol counts a foot of any speed, so nothing is known to stay below the floor"
+        return "all: the protocol counts trials at any speed, so nothing is known to stay below the floor"
     loudest, level = scenes.felt_outside(held, protocol)
     reached = f"reaches {level:.2g} m/s^2 rms at up to {fastest:g} mm/s ({loudest})"
     if level >= tactile.floor_m_s2:
@@ -303,7 +285,7 @@ def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
 
 
 def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol) -> Omission:
-    """What leaving out the bins beyond the tactile band of one material saves and costs."""
+    """Return what leaving out the bins beyond the tactile band of one material saves and costs."""
     from experiment.synthesis import crinkle, waveforms
 
     tactile, fastest = protocol.footstep.tactile, scenes.fastest_mm_s(protocol)
@@ -312,8 +294,8 @@ def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol) -> Omission:
     saves = taken([_summed_ms(whole) - _summed_ms(held) for _ in range(TURNS)])
     loudest = crinkle.rms_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
     lost = (
-        f"a relative error (rms) of {max(errors):.2g} at {SPEEDS_MM_S[0]:g} to {SPEEDS_MM_S[-1]:g} mm/s; all of it "
-        f"together reaches {loudest:.2g} m/s^2 rms at up to {fastest:g} mm/s, below the floor {tactile.floor_m_s2:g}"
+        f"a relative error (rms) of {max(errors):.2g} at {SPEEDS_MM_S[0]:g} to {SPEEDS_MM_S[-1]:g} mm/s; what is left "
+        f"out reaches {loudest:.2g} m/s^2 rms at up to {fastest:g} mm/s, below the floor {tactile.floor_m_s2:g}"
     )
     bins = spectra.samples - held.spectra.amplitudes.shape[1]
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
@@ -322,16 +304,16 @@ def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol) -> Omission:
 
 
 def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> float:
-    """Rms of the difference as a part of the rms of what is right; 0 where both are silent."""
+    """Return the rms of the difference as a part of the rms of what is right; 0 if both are silent."""
     rms = float(np.sqrt(np.mean(right**2)))
     return float(np.sqrt(np.mean((found - right) ** 2))) / rms if rms else 0.0
 
 
 def _summed_ms(basis: Basis) -> float:
-    """Time of one step to its waveform, ms."""
+    """Return the time of one step to its waveform, ms."""
     return _step_ms(lambda speed_mm_s: basis.at(speed_mm_s).waveform_m_s2)
 
 
 def _step_ms(render: Callable[[float], object]) -> float:
-    """Time of one step, the mean over `SPEEDS_MM_S`, ms."""
+    """Return the time of one step, the mean over `SPEEDS_MM_S`, ms."""
     return sum(ms(partial(render, v)) for v in SPEEDS_MM_S) / len(SPEEDS_MM_S)

@@ -67,7 +67,7 @@ Rules = Callable[[Table], Iterable[Broken]]
 
 
 def none(_table: Table) -> Iterable[Broken]:
-    """No rule."""
+    """Return no broken rule."""
     return ()
 
 
@@ -120,8 +120,7 @@ _BARE_VALUE = re.compile(r"[^,\]}#\n]+")
 def read(path: Path, model: type[Model]) -> Model:
     """Read the TOML file at `path` as a `model`.
 
-    Raises:
-        ProtocolError: with every problem of the file; of its syntax, the first.
+    Raises `ProtocolError` with every problem of the file, or with the first of its syntax.
     """
     return checked(path, model, *parsed(path))
 
@@ -129,8 +128,7 @@ def read(path: Path, model: type[Model]) -> Model:
 def parsed(path: Path) -> tuple[dict[str, Any], Mapping[Place, int]]:
     """Return the document of the TOML file at `path`, and the line of each path in it.
 
-    Raises:
-        ProtocolError: with the first problem of its syntax.
+    Raises `ProtocolError` with the first problem of its syntax.
     """
     text = _text(path)
     return _document(path, text), locate(text)
@@ -139,16 +137,9 @@ def parsed(path: Path) -> tuple[dict[str, Any], Mapping[Place, int]]:
 def checked(
     path: Path, model: type[Model], document: Mapping[str, Any], lines: Mapping[Place, int] = MappingProxyType({})
 ) -> Model:
-    """Return `document` as a `model`.
+    """Return a document, as a TOML parser returns it, as a `model`. `path` is the file that holds it, or will.
 
-    Args:
-        path: the file that holds it, or will.
-        model: what it should be.
-        document: tables, arrays and values as a TOML parser returns them.
-        lines: the line of each path in the file, as far as known.
-
-    Raises:
-        ProtocolError: with every problem of the document.
+    `lines` gives the line of each path in the file, as far as known. Raises `ProtocolError` with every problem.
     """
     frozen = _frozen(document)
     found = find(model, frozen, lines)
@@ -178,7 +169,7 @@ def _text(path: Path) -> str:
                 Problem(
                     f"byte {column} of the line",
                     before.count(b"\n") + 1,
-                    f"the byte 0x{data[error.start]:02x}, which is no UTF-8",
+                    f"the byte 0x{data[error.start]:02x}, which is not UTF-8",
                     "UTF-8 text; save the file in that encoding",
                 )
             ],
@@ -208,7 +199,7 @@ def _document(path: Path, text: str) -> dict[str, Any]:
 
 
 def _frozen(value: Any) -> Any:
-    """Arrays as tuples, which strict models ask for; every other type stays what TOML says it is."""
+    """Return arrays as tuples, which strict models ask for; every other type stays what TOML says it is."""
     if isinstance(value, dict):
         return {key: _frozen(held) for key, held in value.items()}
     if isinstance(value, list):
@@ -217,13 +208,13 @@ def _frozen(value: Any) -> Any:
 
 
 def field(model: type[BaseModel], path: Place) -> str:
-    """What the field at `path` inside a document of `model` may hold."""
+    """Return what the field at `path` inside a document of `model` may hold, in words."""
     root = _schema(model)
     return _in_words(root, _follow(root, path))
 
 
 def unknown_key(model: type[BaseModel], path: Place) -> str:
-    """What may stand instead of the unknown key at the end of `path`."""
+    """Return what may stand instead of the unknown key at the end of `path`, in words."""
     root = _schema(model)
     known = sorted(_follow(root, path[:-1]).get("properties", {}))
     near = difflib.get_close_matches(str(path[-1]), known, n=1)
@@ -294,13 +285,7 @@ def _required_first(schema: Schema, properties: Iterable[str]) -> list[str]:
 
 
 def find(model: type[Confined], document: Table, lines: Mapping[Place, int]) -> tuple[Problem, ...]:
-    """Every problem of `document` as a `model`, in the order of their lines.
-
-    Args:
-        model: what the document should be.
-        document: tables, tuples and values, as the file states them.
-        lines: line of each path in the file, as `locate` returns it.
-    """
+    """Return every problem of `document` as a `model`, in the order of their lines as `locate` returns them."""
     found = {**dict(_broken_rules(model, document)), **dict(_invalid_fields(model, document))}
     problems = (
         Problem(written(path), _nearest(lines, path), _shown(_value(document, path)), words)
@@ -342,7 +327,7 @@ def _broken_rules(model: type[Confined], value: object, at: Place = ()) -> Itera
 
 
 def _model_in(annotation: Any) -> type[Confined] | None:
-    """The model of a field's table or tables, if it holds any."""
+    """Return the model of a field's table or tables, if it holds any."""
     if isinstance(annotation, type) and issubclass(annotation, Confined):
         return annotation
     return next((model for argument in get_args(annotation) if (model := _model_in(argument))), None)
@@ -382,13 +367,11 @@ def _shown(value: object) -> str:
 
 
 def locate(text: str) -> dict[Place, int]:
-    """The line, from 1, on which each key, table and array element of a TOML text begins.
+    """Return the line, from 1, on which each key, table and array element of a TOML text begins.
 
-    A table has the line of its header, or of the first key that mentions it; an element of an array of tables the
-    line of its own header. Keys are those of the parsed document, elements are numbered from 0.
-
-    Args:
-        text: a TOML text that `tomllib.loads` accepts.
+    A table has the line of its header, or of the first key that mentions it; an element of an array of tables has the
+    line of its own header. Keys are those of the parsed document, and elements are numbered from 0. `tomllib.loads`
+    must accept the text.
     """
     return _Locator(text.replace("\r\n", "\n")).run()
 
@@ -463,7 +446,7 @@ class _Locator:
         return path
 
     def _last_element(self, path: Place, line: int) -> Place:
-        """The table that a header's parent names: of an array of tables, its latest element."""
+        """Return the table that a header's parent names: for an array of tables, its latest element."""
         self._lines.setdefault(path, line)
         return (*path, self._elements[path] - 1) if path in self._elements else path
 

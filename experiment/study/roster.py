@@ -35,37 +35,28 @@ from experiment.study.schedule import Draws
 LOCK = ".study.lock"
 
 SEED = "seed.json"
-"""Beside the journals: the one seed that names every draw of a study."""
+"""The file beside the journals with the one seed that names every draw of a study."""
 
 
 @dataclass(frozen=True)
 class Allocation:
-    """What one participant does.
-
-    Attributes:
-        participant: label.
-        tasks: ids of the tasks, in the order in which the participant does them.
-    """
+    """What one participant does: their label, and the ids of their tasks in the order in which they do them."""
 
     participant: str
     tasks: tuple[str, ...]
 
 
 def labels(protocol: Protocol) -> tuple[str, ...]:
-    """Labels of a study's participants, all equally wide, at least two digits."""
+    """Return the labels of a study's participants, all equally wide, with at least two digits."""
     count = protocol.study.participants
     width = max(2, len(str(count)))
     return tuple(f"{number:0{width}d}" for number in range(1, count + 1))
 
 
 def allocate(protocol: Protocol, seed: int) -> tuple[Allocation, ...]:
-    """What every participant of a study does, in the order of enrolment.
+    """Return what every participant of a study does, in the order of enrolment.
 
-    A function of the arguments alone, on any machine: of the protocol, by `approval.names_draws`.
-
-    Args:
-        protocol: the study.
-        seed: names the draw.
+    It depends on the arguments alone, on any machine: on the protocol by `approval.names_draws`, and on the seed.
     """
     blocks: dict[tuple[str, ...], Iterator[tuple[str, ...]]] = {}
     allocations = []
@@ -86,11 +77,7 @@ def _permuted_blocks(tasks: tuple[str, ...], study: str, seed: int) -> Iterator[
 
 
 def find(allocations: Sequence[Allocation], participant: str) -> Allocation:
-    """The allocation of one participant.
-
-    Raises:
-        RosterError: the study has no such participant.
-    """
+    """Return the allocation of one participant. Raises `RosterError` if the study has no such participant."""
     for allocation in allocations:
         if allocation.participant == participant:
             return allocation
@@ -135,10 +122,8 @@ _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
 class Roster:
     """The roster file of a study: one JSON line for each event, only ever appended to.
 
-    Attributes:
-        path: the file.
-        consent_on: participant -> day of consent, None while there is none; in the order of enrolment.
-        withdrawn: participant -> reason.
+    `consent_on` holds each participant's day of consent, or None without consent, in the order of enrolment;
+    `withdrawn` holds the reasons of those who withdrew.
     """
 
     path: Path
@@ -149,54 +134,45 @@ class Roster:
     def load(cls, path: Path) -> Roster:
         """Read a roster; one without a file has nobody enrolled.
 
-        Raises:
-            RosterError: the file cannot be read, or a line of it cannot be trusted.
+        Raises `RosterError` if the file cannot be read, or if a line of it cannot be trusted.
         """
         roster = cls(path)
         roster._read()
         return roster
 
     def enrol(self, participant: str, consent_on: date | None) -> None:
-        """Give the next place to a participant, on disk when this returns.
+        """Give the next place to a participant, on disk when this returns; `consent_on` is None without consent.
 
-        Args:
-            participant: label; participants enrol in the order of their labels, which keeps tasks balanced.
-            consent_on: day on which consent was given; None while it is not.
-
-        Raises:
-            RosterError: the label is taken, or not the next one.
+        Participants enrol in the order of their labels, which keeps tasks balanced. Raises `RosterError` if the label
+        is taken, or is not the next one.
         """
         self._append(Enrolled(participant=participant, consent_on=consent_on))
 
     def consent(self, participant: str, consent_on: date) -> None:
         """Record the consent of a participant who enrolled without it.
 
-        Raises:
-            RosterError: the participant is not enrolled, has consented already, or has withdrawn.
+        Raises `RosterError` if the participant is not enrolled, has consented already, or has withdrawn.
         """
         self._append(Consented(participant=participant, consent_on=consent_on))
 
     def withdraw(self, participant: str, reason: str) -> None:
-        """Record that a participant withdrew.
+        """Record that a participant withdrew; the reason is one line that names no person and no state of health.
 
-        Args:
-            participant: label.
-            reason: one line of at most 200 characters that names no person and no state of health.
-
-        Raises:
-            RosterError: the participant is not enrolled, or has withdrawn already.
+        Raises `RosterError` if the participant is not enrolled or has withdrawn already, or if the reason is no such
+        line.
         """
         try:
             entry = Withdrawn(participant=participant, reason=reason)
         except ValidationError as error:
-            raise RosterError(f"got the reason {reason[:40]!r}; allowed: one line of 1 to 200 characters") from error
+            raise RosterError(
+                f"got the reason {reason[:40]!r}; allowed: one line of 1 to 200 characters; shorten it"
+            ) from error
         self._append(entry)
 
     def may_run(self, participant: str, protocol: Protocol) -> None:
         """Return when `participant` may be run in the study of `protocol`.
 
-        Raises:
-            RosterError: saying why not: not of this study, not enrolled, without consent, or withdrawn.
+        Raises `RosterError` that says why not: not of this study, not enrolled, without consent, or withdrawn.
         """
         if participant not in labels(protocol):
             raise _stranger(participant, labels(protocol))
@@ -211,22 +187,22 @@ class Roster:
             raise RosterError(f"participant {participant} has not consented; record their consent before the session")
 
     def _read(self) -> int:
-        """Replay the file; returns the size of its whole lines."""
+        """Replay the file; return the size of its whole lines."""
         try:
             data = self.path.read_bytes()
         except FileNotFoundError:
             return 0
         except OSError as error:
-            raise RosterError(f"{self.path}: cannot read the roster ({error.strerror}); give a file") from error
+            raise RosterError(f"{self.path}: cannot read the roster ({error.strerror}); make it readable") from error
         # What stands after the last newline is a write that never finished, so nothing that was confirmed.
         size = data.rfind(b"\n") + 1
         for number, line in enumerate(data[:size].splitlines(), start=1):
             try:
                 self._apply(_ENTRY.validate_json(line))
             except (ValidationError, RosterError) as error:
-                why = "no roster entry" if isinstance(error, ValidationError) else str(error)
+                why = "this is no roster entry" if isinstance(error, ValidationError) else str(error)
                 raise RosterError(
-                    f"{self.path}: line {number}: {why}; restore the roster from a backup, nothing was changed"
+                    f"{self.path}: line {number}: {why}; restore the roster from a backup (nothing was changed)"
                 ) from error
         return size
 
@@ -254,7 +230,7 @@ class Roster:
             return
         self.check_enrolled(participant)
         if participant in self.withdrawn:
-            raise RosterError(f"participant {participant} has withdrawn already")
+            raise RosterError(f"participant {participant} has withdrawn already; enrol another participant")
         if isinstance(entry, Consented):
             if self.consent_on[participant] is not None:
                 raise RosterError(f"participant {participant} consented on {self.consent_on[participant]} already")
@@ -275,34 +251,24 @@ class Roster:
             raise RosterError(f"got the label '{participant}'; allowed: {self._next(2)}, the next one in order")
 
     def _next(self, width: int) -> str:
-        """The next label; as wide as those enrolled, or as `width` while there is none."""
+        """Return the next label; as wide as those enrolled, or as `width` while nobody is."""
         width = len(next(iter(self.consent_on), "0" * width))
         return f"{len(self.consent_on) + 1:0{width}d}"
 
 
 def default_root(protocol: Protocol) -> Path:
-    """Where the dataset of a study stands unless another folder is named."""
+    """Return where the dataset of a study stands unless another folder is named."""
     return Path("participants") / protocol.study.id
 
 
 def enrol(
     protocol_file: Path, participant: str, consent_on: date | None, *, root: Path | None, seed: int | None
 ) -> Path:
-    """Enrol the next participant; the first one begins the study's dataset and settles its seed.
+    """Enrol the next participant, and return the roster's file; the first one begins the dataset and settles its seed.
 
-    Args:
-        protocol_file: the study's protocol.
-        participant: the next label.
-        consent_on: day of consent; None while there is none.
-        root: folder of the dataset; None for `participants/STUDY`.
-        seed: of the study's draws; None for the settled one, or a new one.
-
-    Returns:
-        The roster's file.
-
-    Raises:
-        RosterError: not the next label, or one that the study does not have.
-        DatasetError: the folder is that of something else.
+    `root` None stands for `participants/STUDY`, and `seed` None for the settled seed or a new one. Raises `RosterError`
+    if the label is not the next one or the study does not have it, and `DatasetError` if the folder belongs to
+    something else.
     """
     protocol = files.load(protocol_file)
     root = root or default_root(protocol)
@@ -315,23 +281,23 @@ def enrol(
 
 
 def seed_of(root: Path) -> int:
-    """The seed that names every draw of the study with this dataset.
+    """Return the seed that names every draw of the study with this dataset.
 
-    Raises:
-        DatasetError: the study has none, or its file is broken.
+    Raises `DatasetError` if the study has none, or if its file is broken.
     """
     file = root / "sourcedata" / SEED
     try:
         return int(json.loads(file.read_text("utf-8"))["seed"])
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DatasetError(f"{file}: holds no seed; restore it from a backup or from a journal's header") from error
+        raise DatasetError(
+            f"{file}: the seed cannot be read; restore it from a backup, or from a journal's header"
+        ) from error
 
 
 def consent(protocol_file: Path, participant: str, consent_on: date, *, root: Path | None) -> Path:
-    """Record the consent of a participant who enrolled without it.
+    """Record the consent of a participant who enrolled without it, and return the roster's file.
 
-    Raises:
-        RosterError: the participant is not enrolled, has consented already, or has withdrawn.
+    Raises `RosterError` if the participant is not enrolled, has consented already, or has withdrawn.
     """
     path = storage.roster_path(root or default_root(files.load(protocol_file)))
     Roster.load(path).consent(participant, consent_on)
@@ -341,18 +307,10 @@ def consent(protocol_file: Path, participant: str, consent_on: date, *, root: Pa
 def withdraw(
     protocol_file: Path, participant: str, reason: str, *, root: Path | None, rebuild: Callable[[Path], None]
 ) -> Path:
-    """Record that a participant withdrew; the dataset says so, and analysis leaves them out.
+    """Record that a participant withdrew, and return the roster's file; analysis leaves them out.
 
-    Args:
-        protocol_file: the study's protocol.
-        participant: who withdrew.
-        reason: why, one line.
-        root: folder of the dataset; None for `participants/STUDY`.
-        rebuild: makes the dataset's tables anew, from its folder.
-
-    Raises:
-        RosterError: the participant is not enrolled, or the reason is no line of text.
-        SessionLocked: a session of theirs is running.
+    `rebuild` makes the tables of the dataset in a folder anew. Raises `RosterError` if the participant is not enrolled
+    or the reason is no line of text, and `SessionLocked` if a session of theirs is running.
     """
     root = root or default_root(files.load(protocol_file))
     path = storage.roster_path(root)
@@ -374,9 +332,9 @@ def settle(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None
     kept, file = source / "protocol.toml", source / SEED
     begun = {"sourcedata", f"sourcedata/{SEED}", f"sourcedata/{LOCK}"}
     if not kept.exists() and root.exists() and {p.relative_to(root).as_posix() for p in root.rglob("*")} - begun:
-        raise DatasetError(f"{root}: is no dataset that palpate run began; choose another folder with --dataset")
+        raise DatasetError(f"{root}: this folder holds something else; choose another folder with --dataset")
     if (source / "rehearsal.json").exists():
-        raise DatasetError(f"{root}: is a rehearsal's; choose another folder with --dataset")
+        raise DatasetError(f"{root}: this is the dataset of a rehearsal; choose another folder with --dataset")
     source.mkdir(parents=True, exist_ok=True)
     with FileLock(source / LOCK):
         if not kept.exists():
@@ -385,9 +343,10 @@ def settle(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None
             storage.write_bytes(kept, protocol_file.read_bytes())
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
             raise DatasetError(
-                f"{root}: was begun with another form of the protocol; run {kept}, or choose another --dataset"
+                f"{root}: the study was begun with another version of the protocol; run {kept}, or choose another "
+                "folder with --dataset"
             )
     settled = seed_of(root)
     if seed not in (None, settled):
-        raise DatasetError(f"{root}: its draws are named by seed {settled}, not {seed}; leave out --seed")
+        raise DatasetError(f"{root}: the study has the seed {settled}, not {seed}; leave out --seed")
     return settled

@@ -40,10 +40,9 @@ class Draws:
         self._left = b""
 
     def below(self, bound: int) -> int:
-        """A whole number from 0 to `bound` - 1, each equally likely, however large `bound` is.
+        """Return a whole number from 0 to `bound` - 1, each equally likely, however large `bound` is.
 
-        Raises:
-            ValueError: `bound` is below 1.
+        Raises `ValueError` if `bound` is below 1.
         """
         if bound < 1:
             raise ValueError(f"got bound {bound}; allowed: at least 1")
@@ -54,7 +53,7 @@ class Draws:
         return drawn
 
     def shuffled(self, items: Sequence[Item]) -> list[Item]:
-        """`items` in a random order, every order of their places equally likely (Fisher and Yates)."""
+        """Return `items` in a random order, every order of their places equally likely (Fisher and Yates)."""
         order = list(items)
         for last in range(len(order) - 1, 0, -1):
             other = self.below(last + 1)
@@ -71,18 +70,10 @@ class Draws:
 
 
 def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -> tuple[PlannedTrial, ...]:
-    """The trials of one participant in one task, in order.
+    """Return the trials of one participant in one task, in order.
 
-    The order is a function of the arguments alone, on any machine: of the protocol, by `approval.names_draws`.
-
-    Args:
-        protocol: the study.
-        participant: label, as the roster has it.
-        task_id: id of the task.
-        seed: names the draw.
-
-    Raises:
-        ScheduleError: there is no such task, or no order that satisfies it.
+    The order depends on the arguments alone, on any machine: on the protocol by `approval.names_draws`, on the label,
+    the task and the seed. Raises `ScheduleError` if there is no such task, or no order that satisfies it.
     """
     known = {task.id: task for task in protocol.tasks}
     if task_id not in known:
@@ -103,22 +94,16 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
 
 
 def block_trials(protocol: Protocol, task_id: str) -> int:
-    """How many trials make a block of a task: each material once where the order is blocked, else the whole task."""
+    """Return the trials in a block of a task: each material once if the order is blocked, else the whole task."""
     task = protocol.task(task_id)
     blocks = task.repetitions if task.order.kind == "blocked-random" else 1
     return len(protocol.materials) * task.repetitions // blocks
 
 
 def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> list[str]:
-    """One of all orders in which no material stands more than `max_run` times in a row, each equally likely.
+    """Return one of all orders with no material more than `max_run` times in a row, each equally likely.
 
-    Args:
-        counts: material -> how often it is presented.
-        max_run: longest run allowed.
-        draws: where the rank of the order is drawn from.
-
-    Raises:
-        ScheduleError: there is no such order.
+    `counts` says how often each material is presented. Raises `ScheduleError` if there is no such order.
     """
     total = count_orders(tuple(counts.values()), max_run=max_run)
     if total == 0:
@@ -129,22 +114,19 @@ def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> lis
 
 
 def count_orders(counts: Sequence[int], *, max_run: int) -> int:
-    """How many orders have `counts[i]` trials of material i and no run longer than `max_run`.
+    """Return how many orders have `counts[i]` trials of material i and no run longer than `max_run`.
 
-    Raises:
-        ScheduleError: a count is negative, or `max_run` is below 1.
+    Raises `ScheduleError` if a count is negative, or if `max_run` is below 1.
     """
     _check(counts, max_run)
     return _Orders(max_run).count(tuple(counts))
 
 
 def nth_order(counts: Sequence[int], *, max_run: int, rank: int) -> tuple[int, ...]:
-    """The order of rank `rank`, from 0, of those that `count_orders` counts; as indices into `counts`.
+    """Return the order of rank `rank`, from 0, of those that `count_orders` counts, as indices into `counts`.
 
-    Orders are ranked by their first run: its material, then its length, then what follows.
-
-    Raises:
-        ScheduleError: the counts are no counts, or there are not so many orders.
+    Orders are ranked by their first run: its material, then its length, then what follows. Raises `ScheduleError` if
+    there are not so many orders, or as `count_orders`.
     """
     _check(counts, max_run)
     orders = _Orders(max_run)
@@ -161,7 +143,7 @@ def nth_order(counts: Sequence[int], *, max_run: int, rank: int) -> tuple[int, .
 
 
 def _first_run(orders: _Orders, left: Sequence[int], last: int | None, rank: int) -> tuple[int, int, int]:
-    """Material and length of the run with which the rest of rank `rank` begins, and the rank of what follows."""
+    """Return material and length of the run with which the rest of rank `rank` begins, and the rank of what follows."""
     for material in range(len(left)):
         if material == last:
             continue
@@ -176,13 +158,13 @@ def _first_run(orders: _Orders, left: Sequence[int], last: int | None, rank: int
 
 def _check(counts: Sequence[int], max_run: int) -> None:
     if max_run < 1:
-        raise ScheduleError(f"runs of at most {max_run} trials: allowed is a whole number, at least 1")
+        raise ScheduleError(f"got runs of at most {max_run} trials; allowed: at least 1; correct max_run")
     if any(count < 0 for count in counts):
         raise ScheduleError(f"got the numbers of trials {list(counts)}; allowed: none below 0")
 
 
 def _why_impossible(counts: Mapping[str, int], max_run: int) -> str:
-    """Only a material that outnumbers the gaps between the others can make an order impossible."""
+    """Say why: only a material that outnumbers the gaps between the others can make an order impossible."""
     name, most = max(counts.items(), key=lambda item: item[1])
     others = sum(counts.values()) - most
     return (
@@ -192,7 +174,7 @@ def _why_impossible(counts: Mapping[str, int], max_run: int) -> str:
 
 
 class _Orders:
-    """Counts of orders with runs of at most `max_run`; each kept once, for all arrangements of the same counts."""
+    """Counts of orders with runs of at most `max_run`; each count is kept for all arrangements of the same counts."""
 
     def __init__(self, max_run: int) -> None:
         self.max_run = max_run
@@ -201,11 +183,11 @@ class _Orders:
         self._counts: dict[tuple[tuple[int, ...], int], list[int]] = {}
 
     def count(self, counts: tuple[int, ...]) -> int:
-        """How many orders of these counts there are."""
+        """Return how many orders of these counts there are."""
         return self._counts_up_to(counts[:-1], counts[-1])[-1] if counts else 1
 
     def not_starting_with(self, left: Sequence[int], material: int) -> list[int]:
-        """For n from 0 to `left[material]`: the orders with n of it beside all others, that begin with another.
+        """For n from 0 to `left[material]`, return how many orders of n of it with all others begin with another.
 
         An order that begins with it is a run of it and then an order that does not.
         """
@@ -216,11 +198,11 @@ class _Orders:
         return found
 
     def _counts_up_to(self, others: tuple[int, ...], most: int) -> list[int]:
-        """For n from 0 to `most`: how many orders have `others` and n of one more material."""
+        """For n from 0 to `most`, return how many orders have `others` and n of one more material."""
         key = tuple(sorted(others)), most
         if key not in self._counts:
             product = self._product(key[0])
-            # Orders of all chunks when those of the one more material are k.
+            # By the number k of chunks of the additional material: the orders of all chunks.
             with_chunks = [
                 sum(weight * comb(placed + k, k) for placed, weight in enumerate(product) if weight)
                 for k in range(most + 1)
@@ -232,7 +214,7 @@ class _Orders:
         return self._counts[key]
 
     def _product(self, counts: tuple[int, ...]) -> list[int]:
-        """By total number of chunks: weighted orders of the chunks of all these materials."""
+        """Return the weighted orders of the chunks of all these materials, by total number of chunks."""
         if counts not in self._products:
             before = self._product(counts[:-1])
             own = self._chunks(counts[-1])
@@ -245,7 +227,7 @@ class _Orders:
         return self._products[counts]
 
     def _chunks(self, trials: int) -> list[int]:
-        """By number of chunks k: coefficient of z^trials in u(z)^k, the weighted ways to cut `trials` into k."""
+        """Return the coefficients of z^trials in u(z)^k, the weighted ways to cut `trials` into k chunks, by k."""
         while len(self._powers) <= trials:
             n = len(self._powers)
             row = [0] * (n + 1)
@@ -257,7 +239,7 @@ class _Orders:
         return self._powers[trials]
 
     def _weight(self, length: int) -> int:
-        """u_length, where u = (z - z^(r+1)) / (1 - z^(r+1)) and r is the longest run."""
+        """Return u_length, where u = (z - z^(r+1)) / (1 - z^(r+1)) and r is the longest run."""
         match length % (self.max_run + 1):
             case 1:
                 return 1

@@ -31,7 +31,7 @@ FARTHEST = 1e3
 
 @dataclass(frozen=True)
 class CrinkleSpectra:
-    """What is known of one material: its spectra without the panel, at the measured speeds.
+    """The spectra of one material without the panel, at the measured speeds.
 
     Attributes:
         speeds_mm_s: v_i, strictly rising, shape (S,), S >= 2.
@@ -76,17 +76,17 @@ class CrinkleSpectra:
             )
 
     def grid(self, output_rate_hz: int) -> Grid:
-        """The times of a stimulus at an output rate, Hz. Raises as `spectra.grid`."""
+        """Return the times of a stimulus at an output rate, Hz. Errors are those of `spectra.grid`."""
         bins = self.amplitudes.shape[1]
         return grid(samples=self.samples, bins=bins, rate_hz=self.rate_hz, output_rate_hz=output_rate_hz)
 
     def dropped(self, on: Grid) -> int:
-        """Bins of the recordings that a grid cannot carry."""
+        """Return how many bins of the recordings a grid cannot carry."""
         return max(0, self.samples - ceil(on.p / on.q))
 
     @property
     def samples(self) -> int:
-        """N of the recordings."""
+        """N, the samples of a recording."""
         return self.amplitudes.shape[1] if self.recorded is None else self.recorded
 
     @property
@@ -97,12 +97,10 @@ class CrinkleSpectra:
 
 @dataclass(frozen=True)
 class SpectrumAtSpeed:
-    """C'_k(v).
+    """C'_k(v) with its sign, m/s^2, shape (N,).
 
-    Attributes:
-        coefficients: with sign, m/s^2, shape (N,).
-        floored_bins: bins that extrapolation would have made negative, set to zero.
-        extrapolated: whether v lies outside the measured speeds.
+    `floored_bins` counts the bins that extrapolation would have made negative and that are zero; `extrapolated` says
+    whether v lies outside the measured speeds.
     """
 
     coefficients: NDArray[np.float64]
@@ -111,7 +109,7 @@ class SpectrumAtSpeed:
 
 
 def rising(speeds_mm_s: ArrayLike) -> NDArray[np.float64]:
-    """Measured speeds, mm/s, shape (S,). Raises `SynthesisError` unless at least two, finite and strictly rising."""
+    """Return speeds, mm/s, shape (S,). Raises `SynthesisError` unless there are two or more that rise strictly."""
     speeds = finite(speeds_mm_s, what="speeds_mm_s")
     if speeds.ndim != 1 or speeds.size < 2 or np.any(np.diff(speeds) <= 0):
         raise SynthesisError(
@@ -121,7 +119,7 @@ def rising(speeds_mm_s: ArrayLike) -> NDArray[np.float64]:
 
 
 def foot_speed(speed_mm_s: float) -> float:
-    """A foot's speed, mm/s. Raises `SynthesisError` unless it is finite and zero or more."""
+    """Return a foot's speed, mm/s. Raises `SynthesisError` unless it is finite and zero or more."""
     v = float(speed_mm_s)
     if not 0 <= v < inf:
         raise SynthesisError(f"speed_mm_s: got {v}; allowed: a finite speed of zero or more; check the tracker")
@@ -136,7 +134,7 @@ def subtract(
     panel_takes: ArrayLike,
     average: Average = "magnitude",
 ) -> CrinkleSpectra:
-    """Spectra of the object alone: C'_k = max(|C_k,panel+object| - |C_k,panel|, 0) at each measured speed.
+    """Return the spectra of the object alone: C'_k = max(|C_k,panel+object| - |C_k,panel|, 0) at each measured speed.
 
     Args:
         speeds_mm_s: measured speeds, strictly rising, at least two, shape (S,).
@@ -175,22 +173,17 @@ def subtract(
 
 
 def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = False) -> SpectrumAtSpeed:
-    """C'_k(v): linear in speed between neighbouring measured speeds, sign from the nearer one (tie: the lower).
+    """Return C'_k(v): linear in speed between neighbouring measured speeds, sign from the nearer one (tie: the lower).
 
     Beyond the measured speeds the outermost line goes on, floored at zero. At a measured speed the measured spectrum
-    comes back exactly: (3) is printed for speeds strictly between two measured ones.
+    comes back exactly: (3) is printed for speeds strictly between two measured ones. `literal` uses |C'(v_i+1) -
+    C'(v_i)| as printed (see the module's erratum).
 
-    Args:
-        spectra: of one material, from `subtract`.
-        speed_mm_s: foot speed v, mm/s, zero or more.
-        literal: use |C'(v_i+1) - C'(v_i)| as printed (see the module's erratum).
+    The tie is settled in float64, as the session computes: the sign is that of v_i+1 if the rounded difference v - v_i
+    is above the rounded v_i+1 - v, and that of v_i otherwise. Speeds within a rounding of the middle may take either
+    sign, and every method takes the same one.
 
-    Raises:
-        SynthesisError: a speed that is negative, not finite, or so high that the spectrum overflows.
-
-    The tie is settled in float64, as the session computes: the sign is that of v_i+1 where the rounded difference
-    v - v_i is above the rounded v_i+1 - v, and that of v_i otherwise. Speeds within a rounding of the middle may so
-    take either sign's side, and every method takes the same one.
+    Raises `SynthesisError` if the speed, mm/s, is negative, not finite, or so high that the spectrum overflows.
 
     Source: Okamoto et al., equations (3) and (4).
     """
@@ -225,14 +218,10 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
 
 
 def leave_out(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> CrinkleSpectra:
-    """Return spectra without the bins above a band, and silent below it; so they take less memory, and no less time.
+    """Return spectra without the bins above a band, and silent below it; they take less memory, and no less time.
 
-    Args:
-        spectra: of one material.
-        band_hz: lowest and highest frequency that count, both included, Hz.
-
-    Raises:
-        SynthesisError: a band that is none.
+    `band_hz` are the lowest and highest frequency that count, both included, Hz. Raises `SynthesisError` unless they
+    rise.
     """
     inside = ~_outside(spectra, band_hz)
     bins = int(np.flatnonzero(inside)[-1]) + 1 if inside.any() else 1
@@ -249,20 +238,15 @@ def leave_out(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> Crink
 def rms_outside(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], fastest_mm_s: float) -> float:
     """Return the largest rms of all that lies outside a band together, at any speed up to `fastest_mm_s`, m/s^2.
 
-    All together, for skin does not feel bins: how much of a vibration falls into one bin depends on the length of the
-    take. The rms of the whole does not, as long as the material sounds throughout; and no third octave, nor any other
-    part, has more. Rms, for so thresholds of vibration are stated.
+    It is taken of all bins together, for skin does not feel bins: how much of a vibration falls into one bin depends on
+    the length of the take. The rms of the whole does not, as long as the material sounds throughout, and no third
+    octave, nor any other part, has more. Thresholds of vibration are stated as rms.
 
     Each bin is convex in speed from one measured speed to the next, and beyond them with the floor, and so is their
     rms: it is largest at a measured speed, at 0 mm/s, or at the fastest.
 
-    Args:
-        spectra: of one material.
-        band_hz: lowest and highest frequency that count, both included, Hz.
-        fastest_mm_s: fastest speed of a foot, mm/s.
-
-    Raises:
-        SynthesisError: a band that is none, or a speed at which there is no spectrum.
+    `band_hz` are the lowest and highest frequency that count, both included, Hz. Raises `SynthesisError` unless they
+    rise, or for a speed at which there is no spectrum.
     """
     measured = spectra.amplitudes[spectra.speeds_mm_s <= fastest_mm_s]
     ends = [np.abs(at_speed(spectra, speed_mm_s=v).coefficients) for v in (0.0, fastest_mm_s)]

@@ -1,8 +1,8 @@
-"""Noise with an exact spectrum: what masks the sound of the stimuli.
+"""Noise with an exact spectrum, which masks the sound of the stimuli.
 
-Each bin of an inverse FFT gets the amplitude that the colour asks for and a phase drawn at random, so the spectrum of
-the whole is no estimate but the colour itself, and the samples are near to normal in distribution, as a sum of many
-sinusoids is. The end goes over into the beginning: played in a loop, it has no seam.
+Each bin of an inverse FFT gets the amplitude that the colour asks for and a random phase. So the spectrum is exactly
+that of the colour, and the samples are nearly normal in distribution, as a sum of many sinusoids is. The end runs into
+the beginning: played in a loop, the noise has no seam.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ CLAIMED_DB, CLAIMED_FROM_S = 0.5, 0.5
 
 
 def noise(*, colour: Colour, samples: int, rate_hz: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Noise of rms 1 from `LOWEST_HZ` to half the sampling rate.
+    """Return noise of mean 0 and rms 1 from `LOWEST_HZ` to half the sampling rate, shape (n,).
 
     Args:
         colour: `pink` or `white`.
@@ -36,9 +36,6 @@ def noise(*, colour: Colour, samples: int, rate_hz: int, rng: np.random.Generato
             `CLAIMED_DB` of their colour from `CLAIMED_FROM_S` on; shorter, the lowest bands hold too few bins.
         rate_hz: sampling rate, Hz.
         rng: draws the phases.
-
-    Returns:
-        Mean 0, rms 1, shape (n,).
 
     Raises:
         SynthesisError: a colour that is neither, a rate below four times `LOWEST_HZ`, or fewer samples than a period.

@@ -77,16 +77,10 @@ class Response:
 
 
 def not_rising(accelerations_m_s2: NDArray[np.float64]) -> tuple[int, int] | None:
-    """Where a response does not rise strictly with the level from above zero; rows of zeros are nulls and allowed.
+    """Return the first (row, column) where a response does not rise strictly with the level from above zero, if any.
 
-    Args:
-        accelerations_m_s2: one row a frequency, one column a level, shape (F, L).
-
-    Returns:
-        The first such place (row, column); None if there is none.
-
-    Raises:
-        SynthesisError: values that are not finite.
+    The accelerations have one row a frequency and one column a level, shape (F, L). Rows of zeros are nulls and
+    allowed. Raises `SynthesisError` if a value is not finite.
     """
     a = finite(accelerations_m_s2, what="accelerations_m_s2 of the response")
     before = np.insert(a[:, :-1], 0, 0.0, axis=1)
@@ -98,10 +92,8 @@ def not_rising(accelerations_m_s2: NDArray[np.float64]) -> tuple[int, int] | Non
 class AtBins:
     """What a response says of some bins.
 
-    Attributes:
-        known: the bins within the table, K of N; nothing is known of the others.
-        levels_v: 0 V and each level, shape (1 + L,).
-        curves: A(f, e) at these for each known bin, shape (1 + L, K).
+    `known` are the bins within the table, K of N. `levels_v` are 0 V and each level, shape (1 + L,), and `curves` is
+    A(f, e) at these for each known bin, shape (1 + L, K).
     """
 
     known: NDArray[np.intp] | slice
@@ -109,21 +101,21 @@ class AtBins:
     curves: NDArray[np.float64]
 
     def voltages_v(self, amplitudes_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
-        """W(f, a) of each known bin, at most the highest level; amplitudes and voltages of shape (K,), none below 0."""
+        """Return W(f, a) of each known bin, at most the highest level; both of shape (K,), and none below 0."""
         segment = (self.curves[1:-1] < amplitudes_m_s2).sum(axis=0)
         return _between(amplitudes_m_s2, *self._ends(segment, slice(None)), *self._levels(segment))
 
     def amplitudes_m_s2(
         self, voltages_v: NDArray[np.float64], some: NDArray[np.intp] | slice = slice(None)
     ) -> NDArray[np.float64]:
-        """A(f, e) of some of the known bins, all by default; voltages and amplitudes one a bin, none below 0."""
+        """Return A(f, e) of some of the known bins, all by default; one voltage and amplitude a bin, none below 0."""
         segment = np.searchsorted(self.levels_v[1:-1], voltages_v)
         return _between(voltages_v, *self._levels(segment), *self._ends(segment, some))
 
     def _ends(
         self, segment: NDArray[np.intp], some: NDArray[np.intp] | slice
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Amplitudes at both ends of a segment of some bins' curves."""
+        """Return the amplitudes at both ends of a segment of some bins' curves."""
         at = segment * self.curves.shape[1] + np.arange(self.curves.shape[1])[some]
         return self.curves.take(at), self.curves.take(at + self.curves.shape[1])
 
@@ -132,14 +124,9 @@ class AtBins:
 
 
 def at_bins(response: Response, frequencies_hz: NDArray[np.float64]) -> AtBins:
-    """Look a response up, once for all spectra of the same bins.
+    """Look a rig's response up, once for all spectra of the same bins, at the frequency of each, Hz, shape (N,).
 
-    Args:
-        response: of the rig.
-        frequencies_hz: of each bin, Hz, shape (N,); one at 0 Hz is no oscillation, and counts as unknown.
-
-    Raises:
-        SynthesisError: a frequency that is not finite.
+    A bin at 0 Hz is no oscillation and counts as unknown. Raises `SynthesisError` if a frequency is not finite.
     """
     f, at = finite(frequencies_hz, what="frequencies_hz"), response.frequencies_hz
     within = (f >= at[0]) & (f <= at[-1]) & (f > 0)
@@ -159,12 +146,7 @@ def at_bins(response: Response, frequencies_hz: NDArray[np.float64]) -> AtBins:
 
 @dataclass(frozen=True)
 class Loss:
-    """Bins that one cause kept below what was asked for.
-
-    Attributes:
-        bins: how many.
-        cost_m_s2: sum over them of the amplitude asked for minus the one reached, m/s^2.
-    """
+    """Bins that one cause kept below what was asked for: how many, and the sum of what they fell short, m/s^2."""
 
     bins: int
     cost_m_s2: float
@@ -205,7 +187,7 @@ def shape(
     gain_limit_v_per_m_s2: float,
     scale: float = 1.0,
 ) -> Shaped:
-    """Weight each bin of a spectrum by W(f, a), the inverse of the measured response.
+    """Return each bin of a spectrum weighted by W(f, a), the inverse of the measured response.
 
     Bin k = 0 is no oscillation; (5) and (7) leave it out, and so does this where the table reaches to 0 Hz.
 
@@ -233,7 +215,7 @@ def shape(
 def shape_at(
     coefficients: NDArray[np.float64], at: AtBins, *, gain_limit_v_per_m_s2: float, scale: float = 1.0
 ) -> Shaped:
-    """As `shape`, at bins where the response has been looked up."""
+    """Return what `shape` returns, at bins where the response has been looked up."""
     if not (np.isfinite(gain_limit_v_per_m_s2) and gain_limit_v_per_m_s2 > 0):
         raise SynthesisError(
             f"gain_limit_v_per_m_s2: got {gain_limit_v_per_m_s2}; allowed: a finite number above 0; "
@@ -290,7 +272,7 @@ def drive(
     limit_v: float = inf,
     scale: float = 1.0,
 ) -> tuple[NDArray[np.float64], Shaped]:
-    """The voltages whose oscillations move the rig as a sum of bins asks: `shape`, then (7).
+    """Return the voltages whose oscillations move the rig as a sum of bins asks: `shape`, then (7).
 
     Shaping drops what the table does not reach, and a waveform without some of its bins can peak higher than the whole.
     So the limits are held on what the response says the voltages will do: where they pass one, all of it is taken down
@@ -338,13 +320,10 @@ def drive(
 
 
 def _moved_m_s2(shaped: Shaped, before: tuple[Shaped, float] | None, limit_m_s2: float) -> float:
-    """What no magnitude of the acceleration passes: the first bound that is within the limit, the cheapest first.
+    """Return what no magnitude of the acceleration passes: the first bound within the limit, the cheapest first.
 
-    Args:
-        shaped: what is driven.
-        before: the round before, where more was asked, and what this function returned for it. Bins that nothing holds
-            back go down in proportion, and the others by less.
-        limit_m_s2: of the acceleration.
+    `before` is the round before, where more was asked, and what this function returned for it. Bins that nothing holds
+    back go down in proportion, and the others by less.
     """
     with np.errstate(over="ignore"):
         bound_m_s2 = float(np.abs(shaped.reached_m_s2).sum())
@@ -357,7 +336,7 @@ def _moved_m_s2(shaped: Shaped, before: tuple[Shaped, float] | None, limit_m_s2:
 
 @lru_cache(maxsize=4)
 def response_at(response: Response, samples: int, rate_hz: int, bins: int) -> AtBins:
-    """A response at the first bins of recordings of so many samples; looked up once for all their spectra."""
+    """Return a response at the first bins of recordings of so many samples, looked up once for all their spectra."""
     return at_bins(response, bin_frequencies_hz(bins=samples, rate_hz=rate_hz)[:bins])
 
 
@@ -368,7 +347,7 @@ def _between(
     start: NDArray[np.float64],
     end: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Straight lines from (`low`, `start`) to (`high`, `end`) at `x`, `end` beyond `high`; all of shape (N,)."""
+    """Return straight lines from (`low`, `start`) to (`high`, `end`) at `x`, `end` beyond `high`; all of shape (N,)."""
     part = np.divide(np.minimum(x, high) - low, high - low, out=np.ones_like(x), where=high > low)
     between: NDArray[np.float64] = np.minimum(start + (end - start) * part, end)
     return between

@@ -33,15 +33,7 @@ QUIET, LIFT = 2.0**-900, 2.0**900
 
 
 def finite(values: ArrayLike, *, what: str) -> NDArray[np.float64]:
-    """`values` as float64 with at least one number on the last axis, all of them finite.
-
-    Args:
-        values: any shape (..., N), N >= 1.
-        what: how an error names them.
-
-    Raises:
-        SynthesisError: no values, or one that is NaN or infinite.
-    """
+    """Return `values`, shape (..., N), as float64. Raises `SynthesisError` if there are none, or one is not finite."""
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or array.size == 0:
         raise SynthesisError(f"{what}: got shape {array.shape}; allowed: at least one sample; check the recording")
@@ -52,16 +44,10 @@ def finite(values: ArrayLike, *, what: str) -> NDArray[np.float64]:
 
 
 def spectrum(samples: ArrayLike) -> NDArray[np.float64]:
-    """Amplitude of each frequency element: C_k = (2/N) sum_i y_i cos(pi k (i + 1/2) / N).
+    """Return the amplitude of each frequency element: C_k = (2/N) sum_i y_i cos(pi k (i + 1/2) / N).
 
-    Args:
-        samples: accelerations y_i, m/s^2, shape (..., N).
-
-    Returns:
-        C_k with its sign, m/s^2, shape (..., N); bin k stands at `bin_frequencies_hz`.
-
-    Raises:
-        SynthesisError: no samples, or one that is NaN or infinite.
+    The samples y_i are accelerations, m/s^2, shape (..., N). C_k has its sign, m/s^2, shape (..., N); bin k stands at
+    `bin_frequencies_hz`. Raises `SynthesisError` if there is no sample, or one is NaN or infinite.
 
     Source: Okamoto et al., equation (1).
     """
@@ -71,17 +57,9 @@ def spectrum(samples: ArrayLike) -> NDArray[np.float64]:
 
 
 def bin_frequencies_hz(*, bins: int, rate_hz: float) -> NDArray[np.float64]:
-    """Frequency of each bin of `spectrum`: F k / (2 N), not the printed F k / N (see the module's erratum).
+    """Return the frequency of each of N bins of `spectrum`, Hz, shape (N,): F k / (2 N) (see the module's erratum).
 
-    Args:
-        bins: N.
-        rate_hz: sampling rate F of the recording, Hz.
-
-    Returns:
-        Hz, shape (N,).
-
-    Raises:
-        SynthesisError: a rate that is not finite and above zero.
+    F is the sampling rate of the recording, Hz. Raises `SynthesisError` unless it is finite and above zero.
     """
     if not 0 < rate_hz < inf:
         raise SynthesisError(f"rate_hz: got {rate_hz}; allowed: a finite rate above 0 Hz; correct the manifest")
@@ -89,18 +67,10 @@ def bin_frequencies_hz(*, bins: int, rate_hz: float) -> NDArray[np.float64]:
 
 
 def inverse(coefficients: ArrayLike) -> NDArray[np.float64]:
-    """Accelerations at the recording's own rate: y_i = sum_{k=1}^{N-1} C_k cos(pi k (i + 1/2) / N).
+    """Return accelerations at the recording's own rate: y_i = sum_{k=1}^{N-1} C_k cos(pi k (i + 1/2) / N).
 
-    The sum leaves out k = 0, so `inverse(spectrum(y))` is y without its mean.
-
-    Args:
-        coefficients: C_k with its sign, m/s^2, shape (..., N).
-
-    Returns:
-        m/s^2, shape (..., N).
-
-    Raises:
-        SynthesisError: no coefficients, or one that is NaN or infinite.
+    The sum leaves out k = 0, so `inverse(spectrum(y))` is y without its mean. C_k with its sign and y_i are in m/s^2,
+    both of shape (..., N). Raises `SynthesisError` if there is no coefficient, or one is NaN or infinite.
 
     Source: Okamoto et al., equation (5).
     """
@@ -130,16 +100,9 @@ class Grid:
 
 
 def grid(*, samples: int, bins: int, rate_hz: int, output_rate_hz: int) -> Grid:
-    """The grid of an output rate.
+    """Return the grid of an output rate F', Hz, for a recording of N samples at F, Hz, with some bins from 0 on.
 
-    Args:
-        samples: N of the recording.
-        bins: how many of its N bins, from 0 on, are held.
-        rate_hz: its sampling rate F, Hz.
-        output_rate_hz: sampling rate F' of the waveform, Hz.
-
-    Raises:
-        SynthesisError: a rate below 1 Hz, or one too low for a single sample.
+    Raises `SynthesisError` if a rate is below 1 Hz, or is too low for a single sample.
     """
     for name, rate in (("rate_hz", rate_hz), ("output_rate_hz", output_rate_hz)):
         if not 1 <= rate < inf:
@@ -158,15 +121,8 @@ def grid(*, samples: int, bins: int, rate_hz: int, output_rate_hz: int) -> Grid:
 def rms(amplitudes: NDArray[np.float64], on: Grid) -> NDArray[np.float64]:
     """Return sqrt(sum_k C_k^2 / 2) over the bins 1 to carried - 1: by Parseval the rms of the waveform where q is 1.
 
-    Args:
-        amplitudes: of any scale, 1e300 and denormals included, shape (..., N).
-        on: their grid.
-
-    Returns:
-        Shape (...).
-
-    Raises:
-        SynthesisError: one that is NaN or infinite.
+    The amplitudes, shape (..., N), may be of any scale, 1e300 and denormals included; the result has shape (...).
+    Raises `SynthesisError` if one is NaN or infinite.
     """
     sounding = finite(amplitudes, what="amplitudes")[..., 1 : on.carried]
     largest = np.max(np.abs(sounding), axis=-1, initial=0.0)
@@ -177,12 +133,9 @@ def rms(amplitudes: NDArray[np.float64], on: Grid) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Bins:
-    """What a waveform is the sum of, by equation (5).
+    """What a waveform is the sum of, by equation (5), of recordings of `samples` N at `rate_hz` F.
 
-    Attributes:
-        coefficients: C_k with its sign, m/s^2, shape (K,).
-        samples: N of the recordings, at least K.
-        rate_hz: F of the recordings, Hz.
+    The `coefficients` are C_k with its sign, m/s^2, shape (K,), K being at most N.
     """
 
     coefficients: NDArray[np.float64]
@@ -200,18 +153,11 @@ def transformable(on: Grid) -> None:
 
 
 def inverse_on(coefficients: ArrayLike, on: Grid) -> NDArray[np.float64]:
-    """The sum of equation (5) on a grid, by an inverse DCT of length p, zero where no bin stands.
+    """Return the sum of equation (5) on a grid, by an inverse DCT of length p, zero where no bin stands.
 
-    Args:
-        coefficients: C_k with its sign, m/s^2, shape (..., K).
-        on: the grid of these K bins.
-
-    Returns:
-        m/s^2, shape (..., count).
-
-    Raises:
-        SynthesisError: a transform longer than `LONGEST_TRANSFORM`, coefficients that are not finite, or a sum that
-            overflows.
+    C_k has its sign, m/s^2, shape (..., K), for the K bins of the grid; the sum is in m/s^2, shape (..., count). Raises
+    `SynthesisError` if the transform is longer than `LONGEST_TRANSFORM`, if a coefficient is not finite, or if the sum
+    overflows.
 
     Source: Okamoto et al., equation (5).
     """
@@ -233,17 +179,12 @@ def inverse_on(coefficients: ArrayLike, on: Grid) -> NDArray[np.float64]:
 
 
 def highest(coefficients: ArrayLike) -> float:
-    """What no magnitude of the sum of equation (5) passes, whatever the time, to round-off, m/s^2.
+    """Return what no magnitude of the sum of equation (5) passes, whatever the time, to round-off, m/s^2.
 
-    It is the largest magnitude at P times, P being `POINTS_A_BIN` for each bin or some more, divided by
-    cos(pi (K - 1) / (2 P)): the sum is a polynomial of degree K - 1 in cos(pi t F / N), looked at in the zeros of a
-    Chebyshev polynomial. So it is at most 1.3 % more than the largest magnitude that there is.
-
-    Args:
-        coefficients: C_k with its sign, m/s^2, shape (K,).
-
-    Raises:
-        SynthesisError: as `inverse_on`.
+    It is the largest magnitude at P times, P being `POINTS_A_BIN` for each bin or some more, divided by cos(pi (K - 1)
+    / (2 P)): the sum is a polynomial of degree K - 1 in cos(pi t F / N), looked at in the zeros of a Chebyshev
+    polynomial. So it is at most 1.3 % more than the largest magnitude that there is. C_k has its sign, m/s^2, shape
+    (K,). Errors are those of `inverse_on`.
 
     Source: Ehlich and Zeller 1964, Math. Zeitschrift 86, 41-44.
     """
@@ -260,19 +201,12 @@ def highest(coefficients: ArrayLike) -> float:
 def dissimilarity(
     a: ArrayLike, b: ArrayLike, *, frequencies_hz: ArrayLike, band_hz: tuple[float, float] = BAND_HZ
 ) -> NDArray[np.float64]:
-    """Sum over a band of the differences of two spectra: d = sum_{f} | |S_a(f)| - |S_b(f)| |.
+    """Return the sum over a band of the differences of two spectra: d = sum_{f} | |S_a(f)| - |S_b(f)| |, m/s^2.
 
-    Args:
-        a: spectrum, m/s^2, shape (..., N); signs do not count.
-        b: spectrum, m/s^2, shape (..., N), broadcast against `a`.
-        frequencies_hz: frequency of each bin, Hz, shape (N,).
-        band_hz: lowest and highest frequency that count, both included, Hz.
-
-    Returns:
-        m/s^2, shape (...).
-
-    Raises:
-        SynthesisError: spectra that are not finite, or of another length than `frequencies_hz`; or a band that is none.
+    The spectra, m/s^2, shape (..., N), are broadcast against one another, and their signs do not count; the result has
+    shape (...). `frequencies_hz` has shape (N,). `band_hz` are the lowest and highest frequency that count, both
+    included. Raises `SynthesisError` if a spectrum is not finite or has another length than `frequencies_hz`, or if the
+    band does not rise.
 
     Source: Okamoto et al., equation (6).
     """
@@ -295,18 +229,10 @@ def dissimilarity(
 def dissimilarity_matrix(
     spectra: ArrayLike, *, frequencies_hz: ArrayLike, band_hz: tuple[float, float] = BAND_HZ
 ) -> NDArray[np.float64]:
-    """Dissimilarity of each pair of spectra, divided by the highest, as in Table 3.
+    """Return the dissimilarity of each pair of spectra, divided by the highest, as in Table 3.
 
-    Args:
-        spectra: one a row, m/s^2, shape (M, N).
-        frequencies_hz: frequency of each bin, Hz, shape (N,).
-        band_hz: lowest and highest frequency that count, both included, Hz.
-
-    Returns:
-        Symmetric, zero on the diagonal, highest value 1, shape (M, M); all zero where no pair differs.
-
-    Raises:
-        SynthesisError: as `dissimilarity`.
+    The spectra are rows, m/s^2, shape (M, N). The matrix, shape (M, M), is symmetric with zeros on the diagonal and 1
+    as its highest value; it is all zero if no pair differs. Other arguments and errors are those of `dissimilarity`.
 
     Source: Okamoto et al., section 6.1 and Table 3.
     """

@@ -63,10 +63,9 @@ MOST_BYTES = 2**25
 class Knot(NamedTuple):
     """A speed at which a bin bends, or a piece ends.
 
-    Attributes:
-        part: of the way from a piece's lower end to its upper one.
-        scale: 1 / o, what the whole stimulus is taken down to; 1 where the limits let it pass.
-        waveform_v: V, shape (n,); None where no weighted sum with it holds.
+    `part` is the part of the way from a piece's lower end to its upper one. `scale` is 1 / o, what the whole stimulus
+    is taken down to; 1 if the limits let it pass. `waveform_v`, V, shape (n,), is None if no weighted sum with it
+    holds.
     """
 
     part: float
@@ -76,13 +75,9 @@ class Knot(NamedTuple):
 
 @dataclass(frozen=True)
 class Piece:
-    """The speeds with the same two measured speeds around them, or beside them, and the same nearer one.
+    """The speeds with the same two measured speeds around or beside them, and the same nearer one.
 
-    Attributes:
-        from_mm_s: its lower end.
-        to_mm_s: its upper end.
-        knots: by their parts, which rise from 0 to 1.
-        parts: of the knots.
+    The `knots` are in the order of their `parts`, which rise from 0 to 1 between the two ends.
     """
 
     from_mm_s: float
@@ -93,18 +88,14 @@ class Piece:
 
 @dataclass(frozen=True)
 class DrivenBasis:
-    """The voltages of one material, prepared; `prepare` makes it.
-
-    Attributes:
-        pieces: by `Stimulus.interval` and `Stimulus.nearer`.
-    """
+    """The voltages of one material, prepared: its pieces by `Stimulus.interval` and `Stimulus.nearer`."""
 
     pieces: dict[tuple[int, int], Piece]
 
     def at(self, stimulus: Stimulus) -> tuple[NDArray[np.float64], float] | None:
         """Return the voltages of a stimulus, V, shape (n,), and the scale that they were taken down to.
 
-        They are what `shaping.drive` returns when it is given that scale; None where nothing is held.
+        They are what `shaping.drive` returns when it is given that scale; None if nothing is held.
         """
         piece = self.pieces.get((stimulus.interval, stimulus.nearer))
         if piece is None or not piece.from_mm_s <= stimulus.speed_mm_s <= piece.to_mm_s:
@@ -115,7 +106,7 @@ class DrivenBasis:
 
     @property
     def nbytes(self) -> int:
-        """Of the waveforms held."""
+        """Memory of the waveforms held."""
         return sum(
             knot.waveform_v.nbytes
             for piece in self.pieces.values()
@@ -125,7 +116,7 @@ class DrivenBasis:
 
 
 def _between(low: Knot, high: Knot, part: float) -> tuple[NDArray[np.float64], float] | None:
-    """The weighted sum of two neighbours, V, shape (n,), and its scale; None where one of them is not held."""
+    """Return the weighted sum of two neighbours, V, shape (n,), and its scale; None if one of them is not held."""
     if low.waveform_v is None or high.waveform_v is None:
         return None
     way = (part - low.part) / (high.part - low.part)
@@ -156,18 +147,18 @@ def prepare(
         for place, ends_mm_s in _ends_mm_s(spectra).items()
     }
     bending = {place: line.bending() for place, line in lines.items()}
-    nothing, basis = DrivenBasis({}), DrivenBasis({})
+    basis = DrivenBasis({})
     if sum(parts.size for parts in bending.values()) * on.count * 8 > MOST_BYTES:
-        return nothing
+        return basis
     for place, line in lines.items():
         basis.pieces[place] = line.piece(bending[place])
         if basis.nbytes > MOST_BYTES:
-            return nothing
+            return DrivenBasis({})
     return basis
 
 
 def _ends_mm_s(spectra: CrinkleSpectra) -> dict[tuple[int, int], tuple[float, float]]:
-    """Both ends of each piece."""
+    """Return both ends of each piece."""
     speeds = spectra.speeds_mm_s.tolist()
     ends = {}
     for i in range(len(speeds) - 1):
@@ -194,7 +185,7 @@ class _Line:
     def piece(self, bending: NDArray[np.float64]) -> Piece:
         knots = [self._knot(part) for part in bending.tolist()]
         knots += [knot for low, high in pairwise(knots) for knot in self._taken_down(low, high)]
-        # Of two at one place the one without a waveform stays, and refuses.
+        # Where two knots coincide, the one without a waveform stays, so that nothing is held there.
         knots.sort(key=lambda knot: (knot.part, knot.waveform_v is None))
         knots = list({knot.part: knot for knot in knots}.values())
         loudest_v = max(float(np.abs(knot.waveform_v).max()) for knot in knots if knot.waveform_v is not None)
@@ -204,7 +195,7 @@ class _Line:
         return Piece(*self.ends_mm_s, tuple(knots), tuple(knot.part for knot in knots))
 
     def bending(self) -> NDArray[np.float64]:
-        """Where any bin bends, as parts of the way, 0 and 1 among them."""
+        """Return where any bin bends, as parts of the way, 0 and 1 among them."""
         return self._bending(self._amplitudes(0.0), self._amplitudes(1.0))
 
     def _bending(self, first_m_s2: NDArray[np.float64], last_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -214,7 +205,7 @@ class _Line:
         return np.unique(np.concatenate([[0.0, 1.0], parts[(parts > 0) & (parts < 1)]]))
 
     def _taken_down(self, low: Knot, high: Knot) -> list[Knot]:
-        """What lies between two neighbours, of which one at the least is taken down."""
+        """Return what lies between two neighbours, of which at least one is taken down."""
         if low.scale == high.scale == 1:
             return []
 
@@ -230,7 +221,7 @@ class _Line:
         return found
 
     def _gap(self, low: Knot, high: Knot, loudest_v: float) -> Knot | None:
-        """A knot without a waveform between two neighbours whose middle their weighted sum misses."""
+        """Return a knot without a waveform between two neighbours whose middle their weighted sum misses."""
         part = (low.part + high.part) / 2
         found = _between(low, high, part)
         if found is None:
@@ -250,7 +241,7 @@ class _Line:
         return Bins(coefficients, self.spectra.samples, self.spectra.rate_hz)
 
     def _amplitudes(self, part: float) -> NDArray[np.float64]:
-        """Before they are floored, m/s^2, shape (K,)."""
+        """Return amplitudes before they are floored, m/s^2, shape (K,)."""
         lower, (slow, fast) = self.place[0], self.ends_mm_s
         speeds, levels = self.spectra.speeds_mm_s, self.spectra.amplitudes
         v = slow * (1 - part) + fast * part
@@ -262,9 +253,9 @@ class _Line:
 
 
 def _bends_m_s2(at: AtBins, gain_limit_v_per_m_s2: float) -> NDArray[np.float64]:
-    """Amplitudes at which voltage or acceleration of a known bin may bend, m/s^2, shape (3 L + 1, K); NaN: it does not.
+    """Return amplitudes at which a known bin may bend, m/s^2, shape (3 L + 1, K); NaN where it does not.
 
-    Where the limit of the gain holds a bin back, its voltage goes on straight, and what it moves bends at every level.
+    If the limit of the gain holds a bin back, its voltage goes on straight, and what it moves bends at every level.
     """
     low, high = at.curves[:-1], at.curves[1:]
     low_v, high_v = at.levels_v[:-1, None], at.levels_v[1:, None]
@@ -290,16 +281,14 @@ class Drive:
         limit_m_s2: float = inf,
         limit_v: float = inf,
     ) -> None:
-        """Prepare the voltages of each material; arguments and errors otherwise as in `shaping.drive`.
+        """Prepare the voltages of each material, by its id; arguments and errors otherwise as in `shaping.drive`.
 
-        Args:
-            materials: by their ids; stimuli of any other are worked out, as are those beyond what is prepared.
+        Stimuli of any other material are worked out, as are those beyond what is prepared.
         """
         self.rate_hz = rate_hz
         self.limit_m_s2 = limit_m_s2
-        self._response = response
-        self._gain_limit = gain_limit_v_per_m_s2
-        self._limit_v = limit_v
+        self._whole = partial(drive, rate_hz=rate_hz, response=response, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2)
+        self._limited = partial(self._whole, limit_m_s2=limit_m_s2, limit_v=limit_v)
         self._held = {
             material: prepare(
                 basis.spectra,
@@ -315,29 +304,15 @@ class Drive:
     def __call__(self, stimulus: Stimulus) -> tuple[NDArray[np.float64], float]:
         """Return the voltages of a stimulus, V, shape (n,), and the scale that all of it was taken down to.
 
-        Raises:
-            SynthesisError: as `shaping.drive`.
+        Errors are those of `shaping.drive`.
         """
         held = self._held.get(stimulus.material)
         found = held.at(stimulus) if held is not None else None
         if found is not None:
             return found
-        voltages_v, shaped = drive(
-            stimulus.bins,
-            rate_hz=self.rate_hz,
-            response=self._response,
-            gain_limit_v_per_m_s2=self._gain_limit,
-            limit_m_s2=self.limit_m_s2,
-            limit_v=self._limit_v,
-        )
+        voltages_v, shaped = self._limited(stimulus.bins)
         return voltages_v, shaped.scale
 
     def shaped(self, stimulus: Stimulus, scale: float) -> Shaped:
         """Return what shaping did to a stimulus that was taken down to a scale; it is worked out anew."""
-        return drive(
-            stimulus.bins,
-            rate_hz=self.rate_hz,
-            response=self._response,
-            gain_limit_v_per_m_s2=self._gain_limit,
-            scale=scale,
-        )[1]
+        return self._whole(stimulus.bins, scale=scale)[1]

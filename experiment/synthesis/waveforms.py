@@ -100,11 +100,7 @@ class Basis:
     def at(self, speed_mm_s: float) -> Stimulus:
         """Return the stimulus for one step; its waveform is summed when it is first asked for.
 
-        Args:
-            speed_mm_s: foot speed, mm/s, zero or more.
-
-        Raises:
-            SynthesisError: a speed that is negative or not finite.
+        Raises `SynthesisError` if the foot's speed, mm/s, is negative or not finite.
         """
         v, speeds = float(speed_mm_s), self.speeds_mm_s
         held = self.lowest_mm_s <= v <= self.highest_mm_s
@@ -148,23 +144,23 @@ class Stimulus:
 
     @property
     def floored_bins(self) -> int:
-        """How many of the bins held extrapolation would have made negative. Raises as `at_speed`."""
+        """How many of the bins held extrapolation would have made negative. Errors are those of `at_speed`."""
         return 0 if self.held else self.spectrum.floored_bins
 
     @cached_property
     def spectrum(self) -> SpectrumAtSpeed:
-        """C'_k(v), worked out when it is first asked for. Raises as `at_speed`."""
+        """C'_k(v), worked out when it is first asked for. Errors are those of `at_speed`."""
         return at_speed(self.basis.spectra, speed_mm_s=self.speed_mm_s)
 
     @property
     def bins(self) -> Bins:
-        """What the waveform is the sum of. Raises as `at_speed`."""
+        """The bins whose sum the waveform is. Errors are those of `at_speed`."""
         of = self.basis.spectra
         return Bins(self.spectrum.coefficients, samples=of.samples, rate_hz=of.rate_hz)
 
     @cached_property
     def waveform_m_s2(self) -> NDArray[np.float64]:
-        """At the output rate, m/s^2, shape (n,), summed when it is first asked for. Raises as `at_speed`."""
+        """The waveform, m/s^2, shape (n,), summed when it is first asked for. Errors are those of `at_speed`."""
         if not self.held:
             return inverse_on(self.spectrum.coefficients, self.basis.on)
         own, difference = self.basis.pairs[self.interval][self.nearer]
@@ -174,15 +170,9 @@ class Stimulus:
 
 
 def prepare(spectra: CrinkleSpectra, *, material: str, output_rate_hz: int) -> Basis:
-    """Make the waveforms of one material beforehand.
+    """Make the waveforms of one material beforehand; `output_rate_hz` is what the actuator expects, Hz.
 
-    Args:
-        spectra: of the material, from `subtract`.
-        material: its id.
-        output_rate_hz: samples a second that the actuator expects, Hz.
-
-    Raises:
-        SynthesisError: as `spectra.grid` and `spectra.inverse_on`.
+    Errors are those of `spectra.grid` and `spectra.inverse_on`.
 
     Source: Okamoto et al., section 3.1 and equations (3) to (5).
     """
@@ -214,13 +204,10 @@ def relative_error(on: Grid) -> float:
 
 
 def denormal_error_m_s2(samples: int) -> float:
-    """Return what the rounding of numbers below 1e-307 may add to an error, m/s^2.
+    """Return what the rounding of numbers below 1e-307 may add to an error, m/s^2, with N samples of the recordings.
 
     Equation (3), or the weights of scaled waveforms, round twice a bin, by `LEAST` at most. The waveforms are made of
     normal numbers (`spectra.LIFT`), rounded once a sample, and weighted by 8 at most (`CANCELLATION`).
-
-    Args:
-        samples: N of the recordings.
     """
     return (2 * samples + 16) * LEAST
 
@@ -238,7 +225,7 @@ def transform_error(on: Grid) -> float:
 
 
 def _holds_between(spectra: CrinkleSpectra, levels: NDArray[np.float64]) -> tuple[float, float]:
-    """Slowest and fastest speed at which no bin is floored and the two terms cancel too little to matter, mm/s."""
+    """Return the slowest and fastest speed, mm/s, with no bin floored and too little cancelled to matter."""
     slowest, second = spectra.speeds_mm_s[:2]
     fastest = spectra.speeds_mm_s[-1]
     every = spectra.amplitudes
@@ -253,7 +240,7 @@ def _holds_between(spectra: CrinkleSpectra, levels: NDArray[np.float64]) -> tupl
 def _steps_out(
     nearest: NDArray[np.float64], next_nearest: NDArray[np.float64], level: float, next_level: float
 ) -> float:
-    """How far beyond the nearest measured speed the weighted sum holds, in gaps between these two speeds."""
+    """Return how far beyond the nearest measured speed the weighted sum holds, in gaps between these two speeds."""
     falling = nearest < next_nearest
     with np.errstate(over="ignore"):
         until_floor = np.min(nearest[falling] / (next_nearest[falling] - nearest[falling]), initial=np.inf)

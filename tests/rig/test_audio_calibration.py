@@ -45,7 +45,7 @@ def test_calibration_finds_the_way_round_and_writes_the_rig(palpate: Palpate, tm
     assert found.model_copy(update={"latency": None}) == shipped_rig.model_copy(update={"latency": None})
     assert found.latency == shipped_rig.latency.model_copy(update={"calibrated_on": today})
     code, _, err = palpate("calibrate", "audio", "--rig", rig_file, "--out", tmp_path / "new.toml")
-    assert (code, "is there already; name a new file" in err) == (2, True)
+    assert (code, "got a file that exists; allowed: a new file; name another" in err) == (2, True)
 
 
 def test_a_measurement_that_something_else_disturbs_is_refused_and_nothing_written(

@@ -86,7 +86,7 @@ def test_a_calibration_finds_the_sensor_and_writes_a_new_rig_file(
     assert made.noise_mm == pytest.approx(NOISE_MM, rel=0.15)
     assert (tmp_path / "rig.toml").read_bytes() == before
     code, _, err = palpate("calibrate", "tracker", *where)
-    assert (code, err) == (2, "palpate: new.toml: exists; allowed: a new file; name another\n")
+    assert (code, err) == (2, "palpate: new.toml: got a file that exists; allowed: a new file; name another\n")
 
 
 def test_without_a_new_file_the_table_is_printed(sensor: Sensor, palpate: Palpate, tmp_path: Path) -> None:

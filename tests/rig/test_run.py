@@ -84,7 +84,7 @@ def test_a_session_from_the_experimenters_chair(
     where = ["--rig", "rig.toml", "--dataset", "dataset", "--recordings", recordings]
     if task == "virtual":
         code, _, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
-        assert (code, "the recordings are simulated; participants feel real ones" in err) == (2, True)
+        assert (code, "the recordings are simulated; record real ones" in err) == (2, True)
         assert not (tmp_path / "dataset" / "stimuli").exists()
     # From here on they stand in for a laboratory's own.
     manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")
@@ -93,7 +93,7 @@ def test_a_session_from_the_experimenters_chair(
 
     def ask(prompt: str) -> str:
         prompts.append("Lay out" if "Lay out" in prompt else prompt)
-        return next(typed) if "Key" in prompt or "confirms" in prompt else ""
+        return next(typed) if "Key" in prompt or "confirm" in prompt else ""
 
     monkeypatch.setattr("builtins.input", ask)
     code, out, _ = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
@@ -138,7 +138,7 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
     laboratory.faults[3] = Faults(unplug_at=250)
     plugged_in_when_waited_for(laboratory, monkeypatch)
     typed = iter(["c", "", "a", "", "n", "", "t", ""])
-    monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirms" in prompt else "")
+    monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "")
     code, out, err = palpate(
         "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
     )
@@ -169,7 +169,7 @@ def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
 
     def ask(prompt: str) -> str:
         nonlocal asked
-        if "Key" not in prompt and "confirms" not in prompt:
+        if "Key" not in prompt and "confirm" not in prompt:
             return ""
         asked += "Key" in prompt
         if asked == 2 and "Key" in prompt:
@@ -214,7 +214,7 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
             if laboratory.resting:
                 laboratory.foot.finish()
                 laboratory.foot.put_down()
-        return next(typed) if "Key" in prompt or "confirms" in prompt else ""
+        return next(typed) if "Key" in prompt or "confirm" in prompt else ""
 
     monkeypatch.setattr("builtins.input", ask)
     where = ["--rig", "rig.toml", "--dataset", "dataset"]
@@ -257,7 +257,7 @@ def test_ctrl_c_while_the_last_line_is_written_leaves_the_tables_of_a_complete_s
         return append(self, entry)
 
     def ask(prompt: str) -> str:
-        return next(typed) if "Key" in prompt or "confirms" in prompt else ""
+        return next(typed) if "Key" in prompt or "confirm" in prompt else ""
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     monkeypatch.setattr(journal.Journal, "append", appending)
@@ -265,7 +265,7 @@ def test_ctrl_c_while_the_last_line_is_written_leaves_the_tables_of_a_complete_s
     where = ["--rig", "rig.toml", "--dataset", "dataset"]
     code, _, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
     signal.signal(signal.SIGINT, before)
-    assert (code, err) == (130, "palpate: interrupted; call it again to go on or begin anew\n")
+    assert (code, err) == (130, "palpate: interrupted; run the same command to continue or to begin again\n")
     path = Path("dataset") / "sourcedata" / "sub-01" / f"sub-01_task-{task}_journal.jsonl"
     assert journal.read(path).entries[-1] == Footer(reason="complete", answered=4)
     events = (Path("dataset") / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").read_text()

@@ -21,24 +21,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Sounder:
-    """What stimuli are made with: the materials, by their ids, and the actuator that plays them."""
+    """The materials by their ids, and the actuator that plays their stimuli."""
 
     materials: Mapping[str, Basis]
     actuator: Actuator
 
 
 class Sounding:
-    """Implements one trial's stimulus on an actuator."""
+    """The stimulus of one trial on an actuator."""
 
     def __init__(self, sounder: Sounder, material: str, session_ns: Callable[[float], int], clock: Clock) -> None:
-        """Nothing is prepared yet.
-
-        Args:
-            sounder: materials and actuator.
-            material: what is presented.
-            session_ns: session time of a device time, us -> ns.
-            clock: the session's.
-        """
+        """Begin with nothing prepared; `session_ns` returns the session time, ns, of a device time, us."""
         self._basis = sounder.materials[material]
         self._actuator = sounder.actuator
         self._session_ns = session_ns
@@ -58,7 +51,7 @@ class Sounding:
         self._played = self._actuator.prepare(self._basis.at(speed_mm_s))
 
     def given(self, speed_mm_s: float, arrived_ns: int) -> None:
-        """The gate was given at a speed, mm/s, by a frame that arrived at a session time: have it ready."""
+        """Have the stimulus ready for the gate's speed, mm/s, given by a frame that arrived at a session time."""
         self._given_ns = arrived_ns
         self.prepare(speed_mm_s)
 
@@ -68,13 +61,13 @@ class Sounding:
         return None if self._played is None else self._played.on_record()
 
     def in_time(self, landing: Landing) -> bool:
-        """Whether the onset could still be moved when the newest sample was taken."""
+        """Return whether the onset could still be moved when the newest sample was taken."""
         return (landing.us - landing.from_us) * 1e3 >= self._actuator.lead_ns
 
     def aim(self, landing: Landing) -> None:
-        """Schedule the onset for a predicted contact, or as soon after as can be.
+        """Schedule the onset for a predicted contact, or as soon after it as possible.
 
-        It stays as it was where that is nearer, or where it is too late to move it.
+        The onset stays as it was if that is nearer, or if it is too late to move it.
         """
         contact_ns = self._session_ns(landing.us)
         onset_ns = max(contact_ns, self._clock.now_ns() + self._actuator.lead_ns)
@@ -91,23 +84,15 @@ class Sounding:
         self._scheduled_ns = onset_ns
 
     def landed(self, contact: Contact) -> None:
-        """The foot is down. Raises `ActuatorError`."""
+        """Have the stimulus sound now if it was not scheduled. Raises `ActuatorError`."""
         self._actuator.landed(self._session_ns(contact.us))
 
     def withdraw(self) -> bool:
-        """Whether nothing of it sounds."""
+        """Take the stimulus back, and return whether nothing of it sounds."""
         return self._played is None or self._actuator.withdraw()
 
     def onset(self, contact: Contact, contact_ns: int) -> Onset:
-        """How onset and contact met, once the stimulus has ended.
-
-        Args:
-            contact: the contact.
-            contact_ns: its session time.
-
-        Raises:
-            ActuatorError: the device cannot say.
-        """
+        """Return how onset and contact met, once the stimulus has ended. Raises `ActuatorError`."""
         aimed = self._aimed
         return Onset(
             predicted_us=aimed.us if aimed else None,

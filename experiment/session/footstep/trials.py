@@ -42,12 +42,9 @@ CLOCKS_DRIFT = 0.01
 class FootstepDevices:
     """Implements `KindDevices`; what the task's scene leaves out is None.
 
-    Attributes:
-        tracker: where the foot is; a `ZeroedTracker` is zeroed before the first attempt, and when it has come back.
-        tracker_port: what the journal calls its port.
-        noise_mm: of the tracker's sensor, mm rms; None where the rig file does not state it.
-        actuator: what shakes the panel.
-        materials: what stimuli are made of, by the ids of the materials.
+    A `ZeroedTracker` is zeroed before the first attempt, and after it was reconnected. `tracker_port` is what the
+    journal calls its port, and `noise_mm` the noise of its sensor, mm rms, if the rig file states it. `materials` are
+    prepared, by their ids.
     """
 
     tracker: Tracker
@@ -72,17 +69,16 @@ def open_footsteps(
     ends: FarEnds,
     opened: ExitStack,
 ) -> FootstepDevices:
-    """Open what a task of footsteps needs; arguments and errors as in `laboratory.open_laboratory`.
+    """Open what a task of footsteps needs; arguments and errors are those of `laboratory.open_laboratory`.
 
-    Args:
-        stream: the session's audio stream, for an actuator that is a channel of it.
-        opened: closes what is opened here.
+    `stream` is the session's audio stream, for an actuator that is a channel of it. `opened` closes what is opened
+    here.
     """
     planned = scene.plan(protocol=protocol, task_id=task_id)
     materials: Mapping[str, Basis] | None = None
     if planned.synthesis:
         if recordings is None:
-            raise RecordingError(f"task '{task_id}': got no recordings; allowed: a folder of them; name it")
+            raise RecordingError(f"task '{task_id}': got no recordings; allowed: a folder of recordings; name it")
         rate_hz = rig.actuator.rate_hz
         materials = ends.presented(
             scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
@@ -106,14 +102,7 @@ def open_footsteps(
 
 @dataclass(frozen=True)
 class Armed:
-    """An attempt that was armed.
-
-    Attributes:
-        planned: the trial.
-        attempt: its number, from 1.
-        dead_time_ms: since the answer just before, ms, without the time in which an object was laid out; None where no
-            answer came just before, and in simulated time.
-    """
+    """An attempt that was armed; `dead_time_ms` as in `FootStep`."""
 
     planned: PlannedTrial
     attempt: int
@@ -122,7 +111,7 @@ class Armed:
 
 @dataclass(frozen=True)
 class _Parted:
-    """The tracker's clock has parted from the session's: the one to go by, and why the session cannot go on."""
+    """The clock to use instead of a tracker's that parted from the session's, and why the session cannot continue."""
 
     clock: ClockMap
     error: TrackerError

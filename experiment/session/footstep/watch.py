@@ -1,18 +1,10 @@
 """One step of the foot, from arming to just after contact, and the stimulus it sets off.
 
-The foot crosses the gate's bottom: its stimulus is synthesised and prepared, before the gate is given. While it falls
-on, contact is predicted from every sample and the stimulus aimed at it, until it can no longer be moved. The foot
-lands: what could not be scheduled sounds now. A foot that stops, turns back or hesitates between gate and contact has
-its stimulus withdrawn, and the step ends.
-
-What one attempt took from the tracker: the bytes for the record, the frames counted, and the times they were of.
-
-Clock and counts are kept with each read: a tracker that fails may fail at them too, and a step goes on record all the
-same.
-
-The tracker's samples, attempt after attempt: what one attempt leaves over belongs to the next.
-
-What a step leaves in the journal.
+When the foot crosses the gate's bottom, its stimulus is synthesised and prepared before the gate is given. While the
+foot moves on, contact is predicted from every sample and the stimulus is aimed at it, until it can no longer be moved.
+When the foot lands, a stimulus that could not be scheduled sounds at once. If the foot stops, turns back or hesitates
+between gate and contact, the stimulus is withdrawn and the step ends. What one attempt leaves over of the tracker's
+samples belongs to the next.
 """
 
 from __future__ import annotations
@@ -43,7 +35,6 @@ class Feed:
     """Reads a tracker; samples can be put back."""
 
     def __init__(self, tracker: Tracker) -> None:
-        """Read from `tracker`; nothing is left over yet."""
         self.tracker = tracker
         self._left: Samples | None = None
 
@@ -53,24 +44,23 @@ class Feed:
         self.tracker.drain()
 
     def read(self) -> Samples:
-        """What was put back, or the tracker's next samples, at least one. Raises `TrackerError`."""
+        """Return what was put back, or the tracker's next samples, at least one. Raises `TrackerError`."""
         left, self._left = self._left, None
         return left if left is not None else self.tracker.read()
 
     def put_back(self, samples: Samples) -> None:
-        """Have the next `read` begin with these; none is nothing."""
+        """Have the next `read` begin with these samples, if there are any."""
         self._left = samples if samples.device_us.size else None
 
 
 class Taken:
-    """The samples of one attempt, read by read."""
+    """The samples of one attempt, read by read, with the frames counted and the bytes for the record.
+
+    Clock and counts are kept with each read: a tracker that fails may fail at them too, and a step goes on record all
+    the same.
+    """
 
     def __init__(self, feed: Feed) -> None:
-        """Begin an attempt.
-
-        Args:
-            feed: the tracker's samples.
-        """
         self._feed = feed
         self._before = self._counts = feed.tracker.counts
         self._raw = bytearray()
@@ -84,7 +74,7 @@ class Taken:
         """Session time of device time, as the tracker's clock stood at the newest read; None before the first."""
 
     def next(self) -> Samples:
-        """The next samples. Raises `TrackerError`."""
+        """Return the next samples. Raises `TrackerError`."""
         self._file()
         samples = self._feed.read()
         if self.first_us is None:
@@ -95,13 +85,13 @@ class Taken:
         return samples
 
     def clock(self) -> ClockMap:
-        """`clock_map`, where there is one. Raises `TrackerStopped`."""
+        """Return `clock_map`. Raises `TrackerStopped` if there is none."""
         if self.clock_map is None:
             raise TrackerStopped("tracker: got no sample since it was opened; see that the device is sampling")
         return self.clock_map
 
     def session_ns(self, device_us: float) -> int:
-        """Session time of a device time, ns, by `clock`. Raises `TrackerStopped`."""
+        """Return the session time of a device time, ns. Raises `TrackerStopped` if the clock is not known."""
         return self.clock().session_ns(device_us)
 
     def until(self, device_us: float) -> None:
@@ -117,12 +107,12 @@ class Taken:
         self._feed.put_back(rest)
 
     def link(self, device_us: float) -> LinkCounts:
-        """Frames counted until the newest read, received ones up to a device time within the newest read."""
+        """Return the frames counted until the newest read, received ones up to a device time within the newest read."""
         newest = 0 if self._newest is None else int(np.searchsorted(self._newest.device_us, device_us, side="right"))
         return self._counts.since(self._before)._replace(received=self._received + newest)
 
     def raw(self) -> bytes:
-        """Every byte taken."""
+        """Return every byte taken."""
         self._file()
         return bytes(self._raw)
 
@@ -150,18 +140,12 @@ class Watch:
 
 @dataclass(frozen=True)
 class WatchedStep:
-    """What a step was.
+    """A step that ended in a contact.
 
-    Attributes:
-        first_us: device time of the first sample after arming.
-        clock: the tracker's, as it was known at the end of the tail.
-        gate: the passage through the gate that led to contact.
-        contact: the contact.
-        contact_ns: its session time by that clock.
-        raw: every byte of the tracker from arming to the end of the tail.
-        link: frames counted from arming to contact.
-        stimulus: what was handed to the actuator; None in a task without synthesis.
-        onset: how it met the contact; None likewise.
+    `first_us` is the device time of the first sample after arming, and `clock` the tracker's as it was known at the end
+    of the tail, by which `contact_ns` is the session time of the contact. `raw` is every byte of the tracker from
+    arming to the end of the tail; `link` counts frames from arming to contact. `stimulus` (what was handed to the
+    actuator) and `onset` (how it met the contact) are None in a task without synthesis.
     """
 
     first_us: int
@@ -179,17 +163,11 @@ class WatchedStep:
 class BrokenStep:
     """A step that ended before the foot had landed, or before its landing was on file.
 
-    Attributes:
-        first_us: device time of the first sample after arming; None where none came.
-        clock: the tracker's, as it was known in the end; None likewise, and where the tracker never told it.
-        at_us: device time of the newest sample; None likewise.
-        gate: the passage through the gate, if there was one.
-        reason: why it ended.
-        felt: whether something may have been felt.
-        stopped: the tracker's silence, where that ended it.
-        failed: what else ended it, once something may have been felt: to be raised when the step is on file.
-        raw: every byte of the tracker until then.
-        link: frames counted until then.
+    `first_us` and `at_us` are the device times of the first and the newest sample, and `clock` is the tracker's as it
+    was known in the end; all are None if no sample came. `gate` is the passage through the gate, if there was one.
+    `reason` says why the step ended, and `felt` whether something may have been felt. `stopped` is the tracker's
+    silence, if that ended it; `failed` is what else ended it once something may have been felt, to be raised when the
+    step is on file. `raw` and `link` reach to that moment.
     """
 
     first_us: int | None
@@ -207,18 +185,10 @@ class BrokenStep:
 def watch(
     parts: Watch, material: str, waiting: Callable[[], AbstractContextManager[None]] = nullcontext
 ) -> WatchedStep | BrokenStep:
-    """Wait for a step, and have its stimulus sound when the foot lands.
+    """Wait for a step, and have the stimulus of `material` sound when the foot lands.
 
-    Args:
-        parts: what it is watched with.
-        material: what is presented.
-        waiting: entered while the foot has not landed.
-
-    Raises:
-        TrackerError: the tracker's device restarted.
-        ActuatorError: the stimulus could not be handed over.
-        BaseException: any other failure, or an interrupt; like the two above only while nothing can have been felt.
-            After that it is handed out with the broken step, so that the step is not lost.
+    `waiting` is entered while the foot has not landed. Any failure or interrupt is raised only while nothing can have
+    been felt; after that it comes with the broken step, so that the step is not lost.
     """
     step = _Step(parts, material)
     try:
@@ -253,7 +223,7 @@ class _Step:
             self._sounding = Sounding(parts.sounder, material, self._taken.session_ns, parts.clock)
 
     def fall(self) -> str:
-        """Follow the foot to its contact; returns why it will not land, or nothing."""
+        """Follow the foot to its contact; return why it will not land, or nothing."""
         detector, predictor, sounding = self._parts.detector, self._parts.predictor, self._sounding
         state, falling = detector.init(), predictor.init()
         while True:
@@ -286,7 +256,7 @@ class _Step:
                     sounding.prepare(speed_mm_s)
 
     def land(self) -> WatchedStep:
-        """The foot is down: have the stimulus sound, and record the tail."""
+        """Have the stimulus sound, and record the tail."""
         gate, contact, taken = self._gate, self._contact, self._taken
         if gate is None or contact is None or taken.first_us is None:
             raise RuntimeError("no step lands before it has fallen")
@@ -309,13 +279,13 @@ class _Step:
         )
 
     def withdraw(self) -> bool:
-        """Take the stimulus back; returns whether nothing of it sounds."""
+        """Take the stimulus back; return whether nothing of it sounds."""
         return self._sounding is None or self._sounding.withdraw()
 
     def broken(
         self, reason: str, *, stopped: TrackerStopped | None = None, failed: BaseException | None = None
     ) -> BrokenStep:
-        """End it without a contact, or without the rest of its record."""
+        """Return the step without a contact, or without the rest of its record."""
         withdrawn, taken = self.withdraw(), self._taken
         return BrokenStep(
             first_us=taken.first_us,

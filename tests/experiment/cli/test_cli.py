@@ -117,7 +117,7 @@ def test_spectrum_never_draws_over_a_file_that_nobody_named(
     (tmp_path / "a_spectrum.png").write_text("precious")
     assert json.loads(palpate("spectrum", "a.wav", "--json")[1])["plot"] == "a_spectrum-2.png"
     assert (tmp_path / "a_spectrum.png").read_text() == "precious"
-    assert "is the recording itself" in palpate("spectrum", "a.wav", "--plot", "a.wav")[2]
+    assert "this is the recording itself; name another file" in palpate("spectrum", "a.wav", "--plot", "a.wav")[2]
 
 
 def test_spectrum_lists_plots_and_gives_json(palpate: Palpate, tmp_path: Path) -> None:
@@ -289,7 +289,7 @@ class TestALaboratorysStudy:
         file = root / "sourcedata" / "sub-01" / "sub-01_task-real_journal.jsonl"
         code, out, _ = palpate("journal", file)
         assert code == 0
-        assert "ended: paused (tracker at" in out
+        assert "the session ended: paused (tracker at" in out
         code, out, err = self.run(palpate, protocol, rig)
         line.unplug()
         assert (code, "Trial" in out, "no frame for 200 ms" in err) == (2, False, True)

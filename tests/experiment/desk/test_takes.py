@@ -37,8 +37,8 @@ def screen(*lines: str) -> tuple[TerminalTakes, Keys, io.StringIO]:
 @pytest.mark.parametrize(
     ("achieved", "shown"),
     [
-        (104.0, "Achieved 104 mm/s, target 100 mm/s (+4.0%): within 10%."),
-        (88.0, "Achieved 88 mm/s, target 100 mm/s (-12.0%): speed off by -12%, more than 10%."),
+        (104.0, "The speed was 104 mm/s; the target is 100 mm/s (+4.0%): within 10%."),
+        (88.0, "The speed was 88 mm/s; the target is 100 mm/s (-12.0%): speed off by -12%, more than 10%."),
     ],
 )
 def test_the_achieved_speed_stands_beside_its_target(achieved: float, shown: str) -> None:
@@ -60,7 +60,7 @@ def test_a_knock_that_was_left_out_is_told_of() -> None:
 def test_a_take_with_problems_can_be_repeated_at_the_second_question() -> None:
     console, keys, _ = screen("k", "r", "")
     assert not console.keeps(Step(CONDITION, 88.0, WINDOW))
-    assert keys.prompts[-1].startswith(f"Lay out a fresh {CONDITION.material}. ")
+    assert keys.prompts[-1].startswith(f"Lay out a fresh {CONDITION.material}, then press Enter")
     assert keys.lines == []
 
 
@@ -73,7 +73,7 @@ def test_repeat_waits_until_the_panel_is_ready_again() -> None:
 def test_other_keys_keep_nothing() -> None:
     console, keys, written = screen("", "keep", "K")
     assert console.keeps(Step(CONDITION, 100.0, WINDOW))
-    assert "'keep' is no key here; use k or r" in written.getvalue()
+    assert "'keep' is not a key here; press k or r" in written.getvalue()
     assert keys.lines == []
 
 
@@ -89,8 +89,8 @@ def test_what_lies_on_the_panel_is_asked_for() -> None:
     console.place(CONDITION, done=4, total=60)
     console.place(Condition(None, 50.0, 1), done=0, total=60)
     console.arm(CONDITION, attempt=2)
-    assert keys.prompts[0].startswith("Take 5 of 60. Lay out a fresh copy paper.")
-    assert keys.prompts[1].startswith("Take 1 of 60. Leave the panel bare.")
+    assert keys.prompts[0].startswith("Take 5 of 60. Lay out a fresh copy paper, then")
+    assert keys.prompts[1].startswith("Take 1 of 60. Leave the panel bare, then")
     assert written.getvalue() == "copy paper, take 2, attempt 2: step at 100 mm/s.\n"
 
 

@@ -26,13 +26,13 @@ def test_an_answer_is_keyed_shown_and_confirmed() -> None:
     one, _, prompts = console("C ", "")
     assert one.ask(trial=3, keys=KEYS) == "c"
     assert "[c] copy paper  [n] no answer" in prompts[0]
-    assert prompts[1].startswith("copy paper - Enter confirms")
+    assert prompts[1].startswith("copy paper - press Enter to confirm")
 
 
 def test_a_wrong_key_is_named_and_asked_again() -> None:
     one, screen, _ = console("x", "n", "")
     assert one.ask(trial=3, keys=KEYS) == "n"
-    assert screen.getvalue() == "'x' is no key of this protocol; use one of: c n\n"
+    assert screen.getvalue() == "'x' is not a key of this protocol; press one of c n\n"
 
 
 def test_an_answer_that_is_not_confirmed_is_asked_again() -> None:
@@ -45,7 +45,7 @@ def test_the_real_object_is_laid_out_before_the_participant_may_step() -> None:
     one, screen, prompts = console("")
     one.place(trial=2, material="copy paper")
     one.arm(trial=2, attempt=3, trials=40)
-    assert prompts == ["Participant 01.  Trial 2. Lay out: copy paper. Press Enter when it lies: "]
+    assert prompts == ["Participant 01.  Trial 2. Lay out copy paper, then press Enter: "]
     assert screen.getvalue() == "Participant 01.  Trial 2 of 40, attempt 3. Armed: the participant may step.\n"
 
 
@@ -55,8 +55,8 @@ def test_a_foot_that_did_not_rest_is_told_so_and_asked_again() -> None:
     one.rest(why="zeroing: got 9 mm; rest the foot")
     assert len(prompts) == 2
     for prompt in prompts:
-        assert prompt.startswith("Participant 01.  Zeroing: the foot rests on the bare panel, still. Press Enter when")
-        assert prompt.endswith("or Ctrl-C to pause; the same command goes on: ")
+        assert prompt.startswith("Participant 01.  Zeroing: have the foot rest still on the bare panel. Then press")
+        assert prompt.endswith("or press Ctrl-C to pause; the same command continues: ")
     assert screen.getvalue() == "zeroing: got 9 mm; rest the foot\n"
 
 
@@ -74,10 +74,10 @@ def test_the_maskers_level_is_shown_changed_and_kept() -> None:
     one, screen, prompts = console("+", "x", "-", "")
     asked = [one.level(level_db_a=50.4, limit_db_a=80.0, criterion="Nothing is heard.", keys=keys) for _ in range(3)]
     assert asked == ["+", "-", ""]
-    assert prompts[0] == "[+] masker louder  [-] masker softer  Enter keeps it\nKey: "
+    assert prompts[0] == "[+] masker louder  [-] masker softer  [Enter] keep the level\nKey: "
     assert screen.getvalue().splitlines() == [
         *["Participant 01.  Masker at 50 dB(A), at most 80. Nothing is heard."] * 2,
-        "'x' does not change the level; use one of: + -, or Enter",
+        "'x' does not change the level; press one of + -, or Enter",
         "Participant 01.  Masker at 50 dB(A), at most 80. Nothing is heard.",
     ]
 
@@ -103,5 +103,5 @@ def test_what_is_on_disk_is_said() -> None:
     one.confirmed(trial=1, answer=None)
     assert screen.getvalue().splitlines() == [
         "Participant 01.  Familiarisation, 3.0 to 5.0 min. Crinkle them.",
-        "Participant 01.  Trial 1: no answer is on disk.",
+        "Participant 01.  Trial 1: the answer is on disk: no answer.",
     ]

@@ -198,7 +198,7 @@ def test_where_the_rig_asks_for_it_the_tracker_is_zeroed_before_the_first_take(
     assert len(prompts) == 2
     for prompt in prompts:
         assert prompt.startswith(
-            "Zeroing: the foot rests on the bare panel, still. Press Enter when it does, or Ctrl-C"
+            "Zeroing: have the foot rest still on the bare panel. Then press Enter, or press Ctrl-C"
         )
     assert screen.getvalue().startswith("zeroing: got an offset of 9.00 mm; allowed: at most 1 mm either way")
     assert reads[0].height_mm[0] == 20.0

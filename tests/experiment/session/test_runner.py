@@ -129,7 +129,7 @@ def test_the_dead_time_after_an_answer_is_journaled_without_the_laying_out(
     # None came before the first, and what came before the third was no answer.
     assert [step.dead_time_ms for step in steps] == [None, 5.0, None, 5.0]
     said = transcript.text(journal.read(storage.journal_path(tmp_path, "01", task)))
-    assert said.count("; armed 5.0 ms after the answer before") == 2
+    assert said.count("; armed 5.0 ms after the answer before it") == 2
 
 
 def test_simulated_time_knows_no_dead_time(protocol: Protocol, tmp_path: Path) -> None:
@@ -238,5 +238,5 @@ def test_a_torn_line_is_reported_on_screen_and_in_the_journal(protocol: Protocol
     path.write_bytes(path.read_bytes() + b'{"n":9,"t_')
     second = bench("pt")
     second.run(protocol, header("real"), tmp_path)
-    assert second.console.shown == ['A torn last line of the journal was dropped: \'{"n":9,"t_\'']
+    assert second.console.shown == ['The last line of the journal was torn and has been dropped: \'{"n":9,"t_\'']
     assert [e.torn for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == ['{"n":9,"t_']

@@ -234,7 +234,7 @@ def test_what_lies_within_the_spread_of_the_repeats_is_no_saving() -> None:
     assert (noise.as_dict()["saves_ms"], noise.as_dict()["spread_ms"]) == (None, 0.002)
     assert gain.saved() == "saves 50.0 us (repeats spread over 2.0 us) and 128 kB"
     assert loss.as_dict()["saves_ms"] == -0.05
-    assert scene_cost.Omission("steps", "some", None, None, "nothing").saved() == "what it saves is not measured"
+    assert scene_cost.Omission("steps", "some", None, None, "nothing").saved() == "what it saves was not measured"
 
 
 def test_a_spread_is_that_between_the_quartiles() -> None:

@@ -229,11 +229,11 @@ def test_a_torn_last_line_was_never_confirmed(roster: Roster) -> None:
 @pytest.mark.parametrize(
     ("line", "why"),
     [
-        (b"no json", "no roster entry"),
-        (b'{"kind": "enrolled", "participant": "02", "consent_on": null, "name": "x"}', "no roster entry"),
+        (b"no json", "this is no roster entry"),
+        (b'{"kind": "enrolled", "participant": "02", "consent_on": null, "name": "x"}', "this is no roster entry"),
         (b'{"kind": "enrolled", "participant": "03", "consent_on": null}', "got the label '03'; allowed: 02"),
         (b'{"kind": "withdrawn", "participant": "02", "reason": "x"}', "participant '02' is not enrolled"),
-        (b"\xff\xfe", "no roster entry"),
+        (b"\xff\xfe", "this is no roster entry"),
     ],
 )
 def test_a_line_that_cannot_be_trusted_is_refused_and_kept(roster: Roster, line: bytes, why: str) -> None:

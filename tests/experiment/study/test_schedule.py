@@ -199,7 +199,7 @@ def test_orders_are_impossible_just_when_one_material_does_not_fit_between_the_o
 
 @pytest.mark.parametrize(
     ("counts", "max_run", "match"),
-    [((2, 2), 0, "runs of at most 0 trials: allowed is a whole number, at least 1"), ((2, -1), 1, "none below 0")],
+    [((2, 2), 0, "got runs of at most 0 trials; allowed: at least 1; correct max_run"), ((2, -1), 1, "none below 0")],
 )
 def test_no_counts_are_refused(counts: tuple[int, ...], max_run: int, match: str) -> None:
     with pytest.raises(ScheduleError, match=match):
