@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import pytest
-from experiment.settings.load import Confined
 
 from experiment.apparatus.rig import Rig
 from experiment.protocol import rules
 from experiment.protocol.models import Protocol
+from experiment.settings.load import Confined
 from tests import keys
 
 

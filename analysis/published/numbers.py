@@ -11,11 +11,11 @@ from fractions import Fraction
 from functools import cached_property
 from typing import Annotated, Any, ClassVar, Literal
 
-from experiment.settings.model import Broken, Confined, Label, Name, Rules, Text
 from pydantic import AfterValidator, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
 from analysis.published.printed import POSITIVE, Printed
+from experiment.settings.load import Broken, Confined, Label, Name, Rules, Text
 
 
 @dataclass(frozen=True)
