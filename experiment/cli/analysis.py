@@ -180,7 +180,7 @@ def numerics(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure error against run time of every method.
+    """Measure error against run time of every way to compute a stimulus.
 
     Every way to compute a stimulus is measured, and the extreme cases are tried, each with the invariant that must
     hold. The exit code is 1 if an invariant does not hold.
