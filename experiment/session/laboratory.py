@@ -26,6 +26,9 @@ from experiment.session.footstep.trials import open_footsteps
 from experiment.session.kind import FarEnds
 from experiment.study import schedule
 
+OPENS = {"footstep": open_footsteps}
+"""What opens the devices of each kind of trial; a task of the protocol names its kind."""
+
 
 @contextmanager
 def open_laboratory(
@@ -54,7 +57,7 @@ def open_laboratory(
             device = ends.sound_device(opened)
             sound = masker.open_sound(rig, protocol, clock=clock, dose_before=dose, opened=opened, device=device)
             ends.wire_sound()
-        trials = open_footsteps(
+        trials = OPENS[protocol.task(task_id).kind](
             protocol=protocol,
             rig=rig,
             rig_folder=rig_folder,
