@@ -12,14 +12,7 @@ from typing import TYPE_CHECKING
 from experiment import storage
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Accelerometer, Actuator, Tracker
-from experiment.apparatus.rig import (
-    FRAMES,
-    REHEARSAL,
-    AccelerometerRig,
-    AudioRig,
-    Rig,
-    response_table,
-)
+from experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, AudioRig, Rig, response_table
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock
 from experiment.errors import ActuatorError, RigError, TrackerError
@@ -48,13 +41,9 @@ def open_audio(
 ) -> AudioStream:
     """Open the rig's audio device, with a limit on every channel: what is neither headphones nor actuator stays silent.
 
-    Args:
-        rig: the rig.
-        limit_m_s2: the protocol's limit for the magnitude of any sample of a stimulus, m/s^2.
-        masker: what the headphones will play; None for silence.
-        clock: the session's clock; it must go by itself.
-        today: calibrations must not be too old by then; those of a simulated rig do not age.
-        device: used instead of the one that the rig names.
+    That is `limit_m_s2`, the protocol's, for the magnitude of any sample of a stimulus, and the masker's where the
+    headphones will play one. The session's clock must go by itself. Calibrations must not be too old `today`; those of
+    a simulated rig do not age. A `device` is used instead of the one that the rig names.
 
     Raises:
         RigError: the rig has no audio device, a calibration is too old, or the device exists in simulation alone.
@@ -105,11 +94,9 @@ def _stream(audio: AudioRig, ceilings: list[float], clock: Clock, device: str | 
 
 
 def masker_noise(rig: Rig, *, samples: NDArray[np.float64], limit_db_a: float) -> MaskerNoise:
-    """Return one round of noise, of rms 1 at the rate of the audio device, shape (n,), as the rig's headphones play it.
+    """Return one round of noise, of rms 1 at the audio device's rate, shape (n,), as the rig's headphones play it.
 
-    Raises:
-        RigError: the rig has no audio device.
-        AudioError: the headphones cannot play even the softest level.
+    `RigError` says that the rig has no audio device; errors are otherwise those of `masker.masker_noise`.
     """
     from experiment.apparatus.audio import masker
 
@@ -178,12 +165,9 @@ def open_tracker(
 ) -> Tracker:
     """Open the rig's tracker; where the rig has it zeroed, one that can be.
 
-    Args:
-        rig: the rig.
-        clock: the session's; stamps arrivals.
-        port: used instead of the one that the rig names.
-        clock_map: of a simulated device whose clock is known; estimated from arrivals if None.
-        contact_mm: the protocol's height of contact, mm; None where no foot steps, so that nothing is zeroed.
+    The session's clock stamps arrivals. A `port` is used instead of the one that the rig names. A simulated device
+    whose clock is known brings its `clock_map`; otherwise that is estimated from arrivals. `contact_mm` is the
+    protocol's height of contact; None where no foot steps, so that nothing is zeroed.
 
     Raises:
         TrackerError: the port cannot be opened.
@@ -220,14 +204,10 @@ def open_actuator(
     address: str | None = None,
     stream: AudioStream | None = None,
 ) -> Actuator:
-    """Open the rig's actuator.
+    """Open the rig's actuator, at its own address or another, or on a channel of the session's stream.
 
-    Args:
-        rig: the rig.
-        limit_m_s2: the protocol's limit for the magnitude of any sample, m/s^2.
-        drive: frequency shaping, as `conditioning.open_drive` opens it; for rigs with `actuator.shaping`.
-        address: used instead of the one that the rig names.
-        stream: the session's, for an actuator that is a channel of it.
+    `limit_m_s2` is the protocol's, for the magnitude of any sample. A rig with `actuator.shaping` needs a `drive`, as
+    `conditioning.open_drive` opens it.
 
     Raises:
         ActuatorError: the address or the limit cannot be used, nothing answers there, or the stream is missing.

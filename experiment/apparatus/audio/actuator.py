@@ -30,14 +30,10 @@ LEAST_DB = -200.0
 
 @dataclass(frozen=True)
 class Alignment:
-    """Where and how the intended waveform was heard.
+    """Where and how the intended waveform was heard, its first sample at sample `onset` of what was heard.
 
-    Attributes:
-        onset: sample of what was heard at which the waveform's first sample lies.
-        gain: heard by intended; negative where the polarity is reversed.
-        residual_db: power of what delay and gain do not explain, relative to the intended waveform, dB; at least
-            `LEAST_DB`.
-        correlation: of both over the length of the waveform, -1 to 1.
+    The gain, heard by intended, is negative where the polarity is reversed; the residual is the power of what delay and
+    gain do not explain, relative to the intended waveform, dB, at least `LEAST_DB`; the correlation is -1 to 1.
     """
 
     onset: int
@@ -50,12 +46,8 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
     """Return where the intended waveform lies in what was heard; None where nothing heard resembles it.
 
     The onset is where a multiple of the waveform leaves the least of what was heard unexplained: the maximum of their
-    cross-correlation, for white noise the most likely one.
-
-    Args:
-        heard: samples, shape (m,), m at least n.
-        intended: samples, shape (n,), not all zero.
-        gain: what the loopback makes of a sample of 1.0; residuals are relative to the intended waveform so scaled.
+    cross-correlation, for white noise the most likely one. Heard are m samples, intended n of them, not all zero, and m
+    is at least n. `gain` is what the loopback makes of a sample of 1.0; residuals are relative to what is so scaled.
     """
     wanted, found = intended.astype(np.float64), heard.astype(np.float64)
     energy = float(wanted @ wanted)
@@ -97,12 +89,7 @@ def objection(
 ) -> str:
     """Return why what was heard does not count as delivered; empty where it does.
 
-    Args:
-        alignment: of what was heard.
-        onset_error_ms: measured minus asked, ms.
-        contact_error_ms: measured minus contact, ms.
-        gain: what the loopback makes of a sample of 1.0.
-        tolerance: what may differ.
+    The errors are measured minus asked, and minus contact, ms; `gain` is what the loopback makes of a sample of 1.0.
     """
     if alignment.gain <= 0:
         return "its polarity is reversed"
@@ -164,9 +151,7 @@ class AudioActuator:
     def prepare(self, stimulus: Stimulus) -> Played:
         """Limit and shape a stimulus at `rate_hz` and lay it ready; nothing sounds yet.
 
-        Raises:
-            ActuatorError: there is nothing to play.
-            AudioError: it is too long, or the stream has stopped.
+        `AudioError` says that it is too long, or that the stream has stopped.
         """
         self.withdraw()
         self._requested_ns = None
@@ -199,11 +184,8 @@ class AudioActuator:
     def delivered(self, contact_ns: int) -> Delivered | None:
         """Wait until the stimulus has ended, and compare what the loopback heard with it; see `Actuator.delivered`.
 
-        Return None where the rig has no loopback, unless the stimulus is known to have been missed.
-
-        Raises:
-            ActuatorError: nothing was aimed, and nothing has landed.
-            AudioError: the stream has stopped.
+        Return None where the rig has no loopback, unless the stimulus is known to have been missed. `ActuatorError`
+        says that nothing was aimed and nothing has landed, `AudioError` that the stream has stopped.
         """
         cue, requested_ns = self._cue, self._requested_ns
         if cue is None or requested_ns is None:
@@ -230,10 +212,9 @@ class AudioActuator:
         if found is None:
             return self._said(requested_ns, "the loopback did not hear it")
         onset_ns = self._stream.ns_of(first + found.onset) - round(latency.input_ms * 1e6)
-        onset_error_ms = (onset_ns - requested_ns) / 1e6
         reason = objection(
             found,
-            onset_error_ms=onset_error_ms,
+            onset_error_ms=(onset_ns - requested_ns) / 1e6,
             contact_error_ms=(onset_ns - contact_ns) / 1e6,
             gain=gain,
             tolerance=self._tolerance,

@@ -30,16 +30,10 @@ LONGEST_S = 0.5
 class Loopback:
     """What the loopback showed.
 
-    Attributes:
-        round_trip_frames: from output to input, median of all probes.
-        spread_frames: largest minus smallest.
-        gain: what a sample of 1.0 comes back as, median.
-        spread_db: largest over smallest gain.
-        residual_db: worst of the probes.
-        probes: how many.
-        xruns: that the device reported meanwhile.
-        output_ms, input_ms: shares of output and input.
-        as_reported: whether the driver reported both latencies, which then divide the round trip; else it is halved.
+    Of the way from output to input and of the gain it has the median, and how far the largest is from the smallest. The
+    residual is the worst of the probes; `xruns` are those that the device reported meanwhile. `as_reported` says
+    that the driver reported both latencies, which then divide the round trip into `output_ms` and `input_ms`; else it
+    is halved.
     """
 
     round_trip_frames: float
@@ -78,17 +72,9 @@ def probe(*, rate_hz: int, peak: float) -> NDArray[np.float32]:
 
 
 def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes: int) -> Loopback:
-    """Play probes and return what was heard of them.
+    """Play so many probes, and return what was heard of them; `AudioError` if one was not heard or the stream stopped.
 
-    Args:
-        stream: running.
-        output: output channel of the actuator, from 1.
-        entry: input channel of the loopback, from 1.
-        peak: of the probes, 1.0 being full scale.
-        probes: how many.
-
-    Raises:
-        AudioError: a probe was not heard, or the stream has stopped.
+    `output` is the actuator's channel and `entry` that of the loopback, from 1; `peak` is of full scale, 1.0.
     """
     wave = probe(rate_hz=stream.rate_hz, peak=peak)
     reach = round(LONGEST_S * stream.rate_hz)
@@ -129,15 +115,10 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
 
 
 def steadily(measured: Callable[[], Loopback], audio: AudioRig, *, exact: bool) -> Loopback:
-    """Measure until nothing disturbed it, `MOST_TIMES` at most, and return the good measurement.
+    """Measure until nothing disturbed it, and return the good measurement; `AudioError` after `MOST_TIMES`.
 
-    Args:
-        measured: measures once.
-        audio: of the rig; its `delivered` says how far probes may differ from what was played, and from each other.
-        exact: the server waits for its clients and loses nothing, so that the under-runs it reports do not count.
-
-    Raises:
-        AudioError: it was disturbed each time, or `measured` failed.
+    The rig's `delivered` says how far probes may differ from what was played, and from each other. An `exact` server
+    waits for its clients and loses nothing, so that the under-runs it reports do not count.
     """
     trouble = ""
     for _ in range(MOST_TIMES):

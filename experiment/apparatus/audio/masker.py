@@ -87,12 +87,9 @@ SOFTEST_DB_A = 30.0
 
 @dataclass(frozen=True)
 class MaskerNoise:
-    """A loop of noise, and how loud the headphones make it.
+    """One round of a loop of noise, rms 1, float32, shape (n,), and how loud the headphones make it.
 
-    Attributes:
-        samples: one round, rms 1, float32, shape (n,).
-        full_scale_db_a: level at the ear at a gain of 1, dB(A).
-        loudest_db_a: highest level that it may be set to, dB(A).
+    The levels at the ear, dB(A), are that at a gain of 1 and the highest that it may be set to.
     """
 
     samples: Block
@@ -112,13 +109,10 @@ class MaskerNoise:
 def masker_noise(
     samples: NDArray[np.float64], *, rate_hz: int, pink_full_scale_db_a: float, limit_db_a: float
 ) -> MaskerNoise:
-    """Make a masker of one round of noise, of rms 1 at the stream's rate, shape (n,).
+    """Return a masker of one round of noise, rms 1 at the stream's rate, shape (n,), up to the protocol's limit, dB(A).
 
-    The rig file states the level at the ear of pink noise with an rms of full scale, dB(A); the protocol's limit is
-    `limit_db_a`.
-
-    Raises:
-        AudioError: the headphones cannot play even the softest level.
+    The rig file states the level at the ear of pink noise with an rms of full scale, dB(A). `AudioError` says that the
+    headphones cannot play even the softest level.
     """
     power = np.abs(np.fft.rfft(samples)[1:]) ** 2
     f = np.arange(1, power.size + 1) * rate_hz / samples.size

@@ -35,20 +35,12 @@ Block = NDArray[np.float32]
 
 
 class Cue:
-    """A stimulus handed to the mixer.
+    """A stimulus of so many `samples`, handed to the mixer for an output channel, from 0.
 
-    The callback alone writes `started` and `late`, the session's thread alone `frame` and `withdrawn`. `done` is
-    written by whoever took it out of the mixer: the callback, or the session's thread that withdrew it while it waited.
-
-    Attributes:
-        channel: output channel, from 0.
-        samples: its length.
-        frame: frame at which its first sample is to leave, or `AT_ONCE`.
-        started: frame at which it left; None as long as it has not.
-        late: its frame had passed when the callback came to it, so it was not played.
-        withdrawn: it was taken back before it started; nothing of it sounds.
-        done: nothing more of it will sound, and the mixer holds it no longer.
-        unsettled: one entry for as long as nobody has started or withdrawn it.
+    The callback alone writes `started`, the frame at which its first sample left, and `late`: its frame had passed, so
+    it was not played. The session's thread alone writes `frame`, at which that sample is to leave, or `AT_ONCE`, and
+    `withdrawn`: nothing of it sounds. `done`, after which the mixer holds it no longer, is written by whoever took it
+    out: the callback, or the session's thread that withdrew it while it waited.
     """
 
     __slots__ = ("channel", "done", "frame", "late", "samples", "slot", "started", "unsettled", "withdrawn")
@@ -63,6 +55,7 @@ class Cue:
         self.withdrawn = False
         self.done = False
         self.unsettled: deque[None] = deque([None], maxlen=1)
+        """One entry for as long as nobody has started or withdrawn it."""
 
     def settle(self) -> bool:
         """Decide whether it sounds, and return True; return False if the other side decided before."""
@@ -87,14 +80,10 @@ class Slot:
 
 
 class Loop:
-    """Samples without end, which the mixer plays with a gain that changes in ramps. The callback alone writes `gain`.
+    """Samples without end on some output channels, from 0: frame f of the stream plays sample f modulo n.
 
-    Attributes:
-        samples: one round, float32, shape (n,); frame f of the stream plays sample f modulo n.
-        channels: output channels, from 0.
-        wanted: the gain to go to.
-        step: largest change of gain from a frame to the next.
-        gain: the gain of the last frame played.
+    The gain of the last frame played, which the callback alone writes, goes to the gain `wanted` by at most `step` a
+    frame. `samples` are one round, float32, shape (n,).
     """
 
     __slots__ = ("channels", "gain", "samples", "step", "wanted")
@@ -109,15 +98,9 @@ class Loop:
 
 @dataclass(frozen=True)
 class Layout:
-    """What a mixer is made for.
+    """What a mixer is made for: channels, the frames of the largest block, the longest stimulus and the input kept.
 
-    Attributes:
-        outputs: output channels.
-        inputs: input channels.
-        block: frames of the largest block.
-        stimulus_frames: frames of the longest stimulus.
-        kept_frames: frames of input that are kept.
-        ceilings: largest magnitude of a sample of each output channel, 1.0 being full scale.
+    `ceilings` are the largest magnitudes of a sample of each output channel, 1.0 being full scale.
     """
 
     outputs: int
@@ -159,10 +142,8 @@ class Mixer:
     def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
         """Hand over a stimulus of samples, 1.0 being full scale, shape (n,), to a channel, from 0.
 
-        Its first sample is to leave at `frame`, or with the next block (`AT_ONCE`).
-
-        Raises:
-            AudioError: the stimulus is empty or too long, the channel does not exist, or too many stimuli wait already.
+        Its first sample is to leave at `frame`, or with the next block (`AT_ONCE`). `AudioError` says that the stimulus
+        is empty or too long, that the channel does not exist, or that too many stimuli wait already.
         """
         if np.ndim(waveform) != 1 or not 1 <= np.size(waveform) <= self.layout.stimulus_frames:
             raise AudioError(
@@ -217,11 +198,7 @@ class Mixer:
         self.frame = first + frames
 
     def kept(self, frame: int, frames: int) -> Block:
-        """Return what the inputs heard from a frame on, shape (frames, inputs).
-
-        Raises:
-            AudioError: not all of it has been heard yet, or not all of it is still kept.
-        """
+        """Return what the inputs heard from a frame on, shape (frames, inputs); `AudioError` unless all is kept."""
         if frame < 0 or frames < 0 or frame + frames > self.frame:
             raise AudioError(f"audio: got a request for input to frame {frame + frames}; allowed: up to {self.frame}")
         taken = self._kept[np.arange(frame, frame + frames) % len(self._kept)]

@@ -222,12 +222,9 @@ def devices() -> tuple[Device, ...]:
 
 
 def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
-    """Return PortAudio's number of a device that has so many inputs and outputs at least.
+    """Return PortAudio's number of a device that has so many inputs and outputs at least, or raise `AudioError`.
 
     The host API is as PortAudio names it, such as `JACK Audio Connection Kit`.
-
-    Raises:
-        AudioError: there is no device of this name, or it has fewer channels.
     """
     present = devices()
     named = [(i, each) for i, each in enumerate(present) if (each.host_api, each.name) == (host_api, name)]
@@ -272,22 +269,16 @@ SILENT_S = 2.0
 FADE_S = 0.05
 """How long a loop takes from silence to full scale and back, s: a step would click."""
 
-
 SWITCH_S = 0.0002
 """How long another thread of the process may hold the callback up while a stream is open, s; CPython's own is 5 ms."""
 
 
 @dataclass(frozen=True)
 class StreamSettings:
-    """How a stream is opened.
+    """How a stream is opened: a device by PortAudio's names, its input channels, and an output for each ceiling.
 
-    Attributes:
-        host_api: as PortAudio names it.
-        device: name of the device there.
-        rate_hz: frames a second.
-        block: frames of a block; with JACK the server's period, or a buffer more stands between.
-        inputs: input channels to open.
-        ceilings: largest magnitude of a sample for each output channel to open, 1.0 being full scale.
+    A ceiling is the largest magnitude of a sample, 1.0 being full scale. `block` is in frames; with JACK it is the
+    server's period, or a buffer more stands between.
     """
 
     host_api: str
@@ -300,14 +291,10 @@ class StreamSettings:
 
 @dataclass(frozen=True)
 class StreamHealth:
-    """What went on in a stream since it was opened.
+    """What went on in a stream since it was opened: frames made, and samples that the limiter changed.
 
-    Attributes:
-        frames: frames made.
-        xruns: callbacks that the device marked as coming after an under-run or an overflow.
-        gaps: times at which it stood still or lost frames, as the clock tells.
-        limited: samples that the limiter changed.
-        fit: how well callbacks keep to the timeline.
+    `xruns` are callbacks that the device marked as coming after an under-run or an overflow; `gaps` are times at which
+    it stood still or lost frames, as the clock tells.
     """
 
     frames: int
@@ -411,11 +398,7 @@ class AudioStream:
         return self._timeline.frame_at(t_ns)
 
     def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
-        """Have a waveform play from a frame on, or with the next block (`mixer.AT_ONCE`); see `Mixer.schedule`.
-
-        Raises:
-            AudioError: it cannot be scheduled, or the stream has stopped.
-        """
+        """Have a waveform play as `Mixer.schedule` says; `AudioError` if it cannot, or the stream has stopped."""
         self._check()
         return self._mixer.schedule(waveform, channel=channel, frame=frame)
 
@@ -434,11 +417,7 @@ class AudioStream:
         return loop
 
     def kept(self, frame: int, frames: int) -> Block:
-        """Return what the inputs heard, once they have: shape (frames, inputs).
-
-        Raises:
-            AudioError: it is not kept any more, or the stream has stopped.
-        """
+        """Return what the inputs heard, once they have: shape (frames, inputs); `AudioError` if that cannot be had."""
         self.wait(frame + frames)
         return self._mixer.kept(frame, frames)
 

@@ -34,14 +34,9 @@ Verdict = Literal["green", "red", "not checked"]
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at.
+    """One thing that was looked at: what was found, with units, and what may be; empty where nothing was compared.
 
-    Attributes:
-        name: what it is.
-        verdict: whether a session may rely on it.
-        measured: what was found, with units.
-        allowed: what may be found; empty where nothing was compared.
-        remedy: what to do; empty for green.
+    The verdict says whether a session may rely on it, the remedy what to do; empty for green.
     """
 
     name: str

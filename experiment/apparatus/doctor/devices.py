@@ -42,14 +42,9 @@ NOISE_TIMES = 2.0
 
 @dataclass(frozen=True)
 class Heard:
-    """What a tracker sent while it was listened to.
+    """What a tracker sent while it was listened to: n samples with their device times, and frames of the link.
 
-    Attributes:
-        device_us: device time of each sample, microseconds, int64, shape (n,).
-        height_mm: heights, mm, shape (n,).
-        delay_ms: by how much each read came after the clock map's line, ms, shape (m,).
-        link: frames in that time.
-        clock_map: of the device, as the session will have it.
+    `delay_ms` says by how much each of m reads came after the line of the clock map, which the session will have.
     """
 
     device_us: NDArray[np.int64]
@@ -60,11 +55,7 @@ class Heard:
 
 
 def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Heard:
-    """Return what an opened tracker sends in so many seconds of a clock that goes by itself.
-
-    Raises:
-        TrackerError: the tracker failed.
-    """
+    """Return what an opened tracker sends in so many seconds; the clock goes by itself. `TrackerError` if it fails."""
     tracker.drain()
     before, ends_ns = tracker.counts, clock.now_ns() + int(seconds * 1e9)
     reads = [tracker.read()]

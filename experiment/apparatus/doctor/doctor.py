@@ -35,13 +35,9 @@ HIGHEST_RATE_HZ = 5000
 
 @dataclass(frozen=True)
 class FarEnds:
-    """What is at the other end of each port, where it is simulated; None for what the rig names.
+    """The tracker's port, the actuator's address and the audio device where they are simulated; None for the rig's own.
 
-    Attributes:
-        port: of the tracker.
-        address: of the actuator.
-        device: of the audio host.
-        wire: lays the loopback's cable once the stream is open.
+    `wire` lays the loopback's cable once the stream is open.
     """
 
     port: str | None = None
@@ -57,17 +53,10 @@ Simulate = Callable[[Rig, ExitStack], FarEnds]
 def examine(
     *, rig_path: Path, protocol_path: Path | None, root: Path | None, clock: Clock, simulate: Simulate
 ) -> Iterator[Check]:
-    """Yield a check of everything, in the order of what depends on what.
+    """Yield a check of everything, in the order of what depends on what; `ProtocolError` for an unusable protocol.
 
-    Args:
-        rig_path: the rig file.
-        protocol_path: the study's protocol; None where only the rig matters.
-        root: folder of the dataset; None for the protocol's own, or for `participants`.
-        clock: the session's; it must go by itself.
-        simulate: starts the far ends of a rig that says that it is simulated.
-
-    Raises:
-        ProtocolError: the protocol cannot be used.
+    Without a protocol only the rig matters. `root` is the dataset's folder; None for the protocol's own, or for
+    `participants`. The session's clock must go by itself.
     """
     begun = checks.mark(clock)
     protocol = files.load(protocol_path) if protocol_path is not None else None

@@ -29,15 +29,10 @@ from experiment.synthesis.waveforms import Basis, Stimulus
 
 @dataclass(frozen=True)
 class Played:
-    """A stimulus as an actuator's device is given it.
+    """A stimulus as its device is given it: `samples`, little-endian float32, shape (n,), 1.0 being full scale.
 
-    Attributes:
-        stimulus: what was asked for.
-        samples: what the device is handed, 1.0 being full scale, little-endian float32, shape (n,).
-        full_scale: what a sample of 1.0 is: V where there is a `drive`, else m/s^2.
-        limited: how many samples the limiter changed.
-        drive: what made the voltages, for a device that takes them.
-        scale: what shaping took the whole stimulus down to; 1 where there is none.
+    Full scale is in V where there is a `drive`, which made the voltages, else in m/s^2. The limiter changed `limited`
+    samples, and shaping took the whole stimulus down to `scale`, 1 where there is none.
     """
 
     stimulus: Stimulus
@@ -76,15 +71,10 @@ class Conditioner:
     """Shapes, limits and scales every stimulus before its device."""
 
     def __init__(self, *, full_scale: float, limit_m_s2: float, drive: Drive | None = None) -> None:
-        """Set the limits.
+        """Set the limits; `ActuatorError` if the protocol's is negative or not finite.
 
-        Args:
-            full_scale: what a sample of 1.0 is: V where there is a `drive`, else m/s^2.
-            limit_m_s2: the protocol's limit; the limiter holds to it, or to full scale in m/s^2 where that is lower.
-            drive: frequency shaping, for a device that takes volts; None for one that takes accelerations.
-
-        Raises:
-            ActuatorError: the limit is negative or not finite.
+        A device that takes volts has a `drive`, and full scale, of a sample of 1.0, in V. Otherwise that is in m/s^2,
+        and the limiter holds to it or to `limit_m_s2`, whichever is lower.
         """
         limit((), limit_m_s2)
         self._full_scale = full_scale
@@ -121,16 +111,9 @@ class Conditioner:
 def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
     """Return samples that are bounded, and how many were changed: the limiter, last before the device, for any input.
 
-    Args:
-        waveform: any samples, m/s^2 or V, NaN and infinity included, any shape.
-        peak: largest magnitude that may pass, in the same unit, finite and not negative.
-
-    Returns:
-        Samples of the same shape, none larger in magnitude than `peak`: NaN becomes 0, all else the nearest value
-        allowed. Where none had to be changed they are the samples given, not a copy.
-
-    Raises:
-        ActuatorError: `peak` is negative or not finite.
+    Samples, m/s^2 or V, may be of any shape, NaN and infinity included. None is larger in magnitude than `peak`, in the
+    same unit, afterwards: NaN becomes 0, all else the nearest value allowed. Where none had to be changed they are the
+    samples given, not a copy. `ActuatorError` says that `peak` is negative or not finite.
     """
     if not (math.isfinite(peak) and peak >= 0):
         raise ActuatorError(f"limiter: got a limit of {peak} m/s^2; allowed: a finite number, not negative")
@@ -148,11 +131,8 @@ def open_drive(
 ) -> Drive | None:
     """Return what turns accelerations into voltages for the actuator of a rig; None for one that takes accelerations.
 
-    Args:
-        folder: the rig file's, where the response table stands too.
-        actuator: of the rig.
-        limit_m_s2: the protocol's limit for the magnitude of the acceleration that is delivered, m/s^2.
-        materials: by their ids, those whose voltages are prepared now, so that they are there sooner.
+    The response table stands in the rig file's folder. `limit_m_s2` is the protocol's, for the acceleration delivered.
+    The voltages of `materials`, by their ids, are prepared now, so that they are there sooner.
 
     Raises:
         RigError: the table is not the one that the rig file names.

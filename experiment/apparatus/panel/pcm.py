@@ -95,11 +95,7 @@ class PcmActuator:
         return True
 
     def landed(self, contact_ns: int) -> None:  # noqa: ARG002
-        """Hand the prepared stimulus to the device; it sounds now, whenever contact was.
-
-        Raises:
-            ActuatorError: no server answers, the connection broke, or the server did not take all of it.
-        """
+        """Hand the prepared stimulus over; it sounds now. `ActuatorError` if the server does not take all of it."""
         samples, self._prepared = self._prepared, None
         if samples is not None:
             self._send(samples.tobytes(), TAKE_S + samples.size / self._rate_hz)
@@ -156,12 +152,7 @@ class PcmAccelerometer:
     ) -> None:
         """Prepare to listen to the server at `host:port`; each take makes its own connection.
 
-        Args:
-            address: of the server.
-            rate_hz: sampling rate of the device, Hz.
-            full_scale_m_s2: acceleration of a sample of 1.0.
-            trigger_m_s2: magnitude at which a take begins, above the noise of a panel at rest.
-            clock: the host's, which stamps samples; the machine's monotonic clock if None.
+        The rig file says what the numbers are. The host's clock stamps samples: None is the machine's monotonic one.
         """
         host, _, port = address.rpartition(":")
         self._address = address
@@ -177,11 +168,7 @@ class PcmAccelerometer:
         return self._rate_hz
 
     def arm(self, samples: int) -> None:
-        """Listen from now on for the next take, of so many samples.
-
-        Raises:
-            RecordingError: nothing answers at the address, or nothing comes from there.
-        """
+        """Listen from now on for the next take, of so many samples; `RecordingError` if nothing comes."""
         self.close()
         try:
             connection = socket.create_connection(self._peer, timeout=CONNECT_S)

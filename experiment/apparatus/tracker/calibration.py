@@ -65,11 +65,9 @@ class Level:
 
 @dataclass(frozen=True)
 class Point:
-    """A calibrated point: its median reading and its height, mm.
+    """A calibrated point: its median reading and its height, mm; noise is the readings' standard deviation as a height.
 
-    Attributes:
-        residual_mm: distance of an inner point from the line through its neighbours, mm; 0 for the outermost.
-        noise_mm: standard deviation of the readings, as a height, mm.
+    `residual_mm` is the distance of an inner point from the line through its neighbours; 0 for the outermost.
     """
 
     counts: int
@@ -165,11 +163,7 @@ def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
 
 
 def heights_asked(text: str) -> tuple[float, ...]:
-    """Return heights as they are typed, such as `0,10,20,50`, mm.
-
-    Raises:
-        RigError: they are not two or more different numbers.
-    """
+    """Return heights as they are typed, such as `0,10,20,50`, mm; `RigError` unless two or more, all different."""
     try:
         found = tuple(float(part) for part in text.split(","))
     except ValueError:
@@ -182,11 +176,7 @@ def heights_asked(text: str) -> tuple[float, ...]:
 def walk(tracker: Tracker, heights_mm: Sequence[float], *, ask: Callable[[str], str], clock: Clock) -> Calibration:
     """Return a calibration: the sensor is read at each height when the experimenter says that the target is there.
 
-    Args:
-        tracker: opened with the rig of `raw`.
-        heights_mm: in the order of the walk.
-        ask: shows a prompt and returns when Enter was pressed; `input` on a terminal.
-        clock: says which day it is.
+    The tracker was opened with the rig of `raw`. `ask` shows a prompt and returns when Enter was pressed.
 
     Raises:
         PalpateError: the tracker failed, or the readings make no calibration.
@@ -258,12 +248,9 @@ def _put(tracker: MutableMapping[str, Any], rig: Rig) -> None:
 
 @dataclass(frozen=True)
 class Zero:
-    """What a foot at rest on the panel looked like.
+    """What so many samples of a foot at rest on the panel looked like, mm.
 
-    Attributes:
-        offset_mm: its height above contact as the calibration has it, median, mm.
-        spread_mm: standard deviation, mm.
-        samples: how many it was made from.
+    The offset is its median height above contact as the calibration has it, the spread their standard deviation.
     """
 
     offset_mm: float
@@ -276,12 +263,7 @@ class Zero:
 
 
 def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: float) -> Zero:
-    """Return the offset of a foot at rest on the panel.
-
-    Args:
-        heights_mm: heights while it rested, mm, shape (n,).
-        contact_mm: the protocol's height of contact, mm.
-        farthest_mm: largest magnitude of the offset, mm.
+    """Return the offset of a resting foot from the protocol's contact, from its heights, mm, shape (n,).
 
     Raises:
         TrackerError: there are too few samples, the foot moved, or the offset is too large.
@@ -340,10 +322,8 @@ class ZeroedTracker:
     def settle(self, rester: Rester) -> Zero:
         """Return the zero of a resting foot; a foot that moved, or did not rest on the panel, is read again.
 
-        `rester` has the foot rest, is told why the reading before gave no zero, and gives up by raising.
-
-        Raises:
-            TrackerError: the tracker failed.
+        `rester` has the foot rest, is told why the reading before gave no zero, and gives up by raising. `TrackerError`
+        says that the tracker failed.
         """
         why = ""
         while True:

@@ -71,14 +71,7 @@ class Samples:
 
 
 class LinkCounts(NamedTuple):
-    """What a serial link did since it was opened, in frames.
-
-    Attributes:
-        received: good frames, repeated ones not among them.
-        lost: missing sequence numbers that left no damaged frame behind, so that a frame is never counted twice.
-        damaged: stretches of the stream that are no frame.
-        repeated: frames that came twice; the second was dropped.
-    """
+    """What a serial link did since it was opened, in frames; the head of this module says what is counted as which."""
 
     received: int = 0
     lost: int = 0

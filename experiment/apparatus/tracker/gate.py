@@ -53,13 +53,9 @@ LATEST_US = 20_000.0
 
 @dataclass(frozen=True)
 class Gate:
-    """The foot passed through the gate; a later one replaces an earlier one. Times are device times, microseconds.
+    """The foot crossed the gate's top and bottom; a later one replaces an earlier one. Device times, microseconds.
 
-    Attributes:
-        top_us: crossing of the gate's top.
-        bottom_us: crossing of its bottom.
-        speed_mm_s: height of the gate divided by the time between, mm/s.
-        given_us: of the sample that gave it.
+    The speed is the height of the gate divided by the time between; `given_us` is of the sample that gave it.
     """
 
     top_us: float
@@ -77,14 +73,10 @@ class Contact:
 
 
 class GateState(NamedTuple):
-    """What was seen so far.
+    """The last samples, as far back as contact may need: device times, microseconds, and heights, mm.
 
-    Attributes:
-        us: device time of the last samples, as far back as contact may need, microseconds.
-        mm: their heights, mm.
-        top_us: last downward crossing of the gate's top.
-        bottom_us: last downward crossing of its bottom since.
-        given: the gate that was given last for this passage.
+    Beside them stand the last downward crossing of the gate's top, the last one of its bottom since, and the gate that
+    was given last for this passage.
     """
 
     us: tuple[int, ...] = ()

@@ -25,13 +25,9 @@ from experiment.errors import PalpateError, RigError, TrackerError
 
 
 def open_guarded(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | None) -> Tracker:
-    """Return the tracker at a port, opened through the driver `module:Class` that the rig names.
+    """Return the tracker at a port, opened as `SerialTracker` is, through the driver `module:Class` that the rig names.
 
-    Arguments are as in `SerialTracker`.
-
-    Raises:
-        TrackerError: the driver could not open the port.
-        RigError: there is no such driver, or the class is not one.
+    `RigError` says that there is no such driver; `TrackerError` that it could not open the port.
     """
     named = rig.tracker.driver
     driver = _driver(rig)

@@ -93,10 +93,7 @@ class LandingPredictor:
     def step(self, state: Falling | None, us: int, height_mm: float) -> Falling | None:
         """Return the state after a sample; None while the foot is above the gate.
 
-        Args:
-            state: from `init` or the step before.
-            us: device time, microseconds, later than that of the state.
-            height_mm: height of the sole above the panel, mm.
+        Its device time, microseconds, is later than that of the state; its height is above the panel, mm.
         """
         if height_mm > self._top_mm:
             return None

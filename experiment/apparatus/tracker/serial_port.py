@@ -25,13 +25,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SerialDevice:
-    """A serial port.
+    """A serial port by the name that a rig file gives it, what the system calls it, and the programs that have it open.
 
-    Attributes:
-        port: the name that a rig file gives it.
-        description: what the system calls it.
-        identity: the same wherever the device is plugged in; empty for a port that has none.
-        held_by: programs that have it open, as far as this user may see.
+    The identity is the same wherever the device is plugged in; empty for a port that has none.
     """
 
     port: str
@@ -144,8 +140,7 @@ class SerialPort:
     def __init__(self, name: str, baud: int) -> None:
         """Open a device path, pseudo-terminal or pyserial URL, for this process alone where the system can.
 
-        Raises:
-            TrackerError: it cannot be opened.
+        `TrackerError` says that it cannot be opened.
         """
         self._port = _opened(name, baud)
         self._is_device = "://" not in name

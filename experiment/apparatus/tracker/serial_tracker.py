@@ -133,12 +133,7 @@ class SerialTracker:
             self._forget()
 
     def read(self) -> Samples:
-        """Return the next samples, at least one, and wait for them.
-
-        Raises:
-            TrackerStopped: no good frame came within the silence allowed, or the port has gone.
-            TrackerError: the device restarted.
-        """
+        """Return the next samples, as `Tracker.read` does; a device that restarted is a `TrackerError`."""
         for _ in range(SLICES):
             arrival = self._next(self._slice_s)
             if arrival is not None or self._failure is not None:
@@ -159,11 +154,7 @@ class SerialTracker:
         raise self._silent()
 
     def reconnect(self, timeout_s: float) -> None:
-        """Wait until the device is back, at the same port or, if it has a USB serial number, at any, and speaks.
-
-        Raises:
-            TrackerStopped: it was not back within `timeout_s`; this may be called again.
-        """
+        """Wait as `Tracker.reconnect` does: at the same port or, if the device has a USB serial number, at any."""
         silent = "no frame since; see that the device is powered and sampling"
         why = silent
         self.close()
