@@ -100,8 +100,7 @@ class PhysioColumn:
 def new_dataset(out: Path) -> Iterator[Path]:
     """Give a folder to build a dataset in; it becomes `out` when the block ends well, and vanishes otherwise.
 
-    Raises:
-        DatasetError: `out` exists and is not an empty folder, or cannot be made.
+    Raises `DatasetError` if `out` exists and is not an empty folder, or cannot be made.
     """
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise DatasetError(
@@ -127,10 +126,8 @@ def new_dataset(out: Path) -> Iterator[Path]:
 def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> int:
     """Write a tab-separated table and return its number of rows.
 
-    A value is `n/a` where it is None, not a number, or left out; true and false are 1 and 0.
-
-    Raises:
-        ValueError: a key is no column, or a text holds a tab or a line end.
+    A value is `n/a` where it is None, not a number, or left out; true and false are 1 and 0. Raises `ValueError` if a
+    key is no column, or a text holds a tab or a line end.
     """
     lines = ["\t".join(columns)]
     for row in rows:
@@ -172,8 +169,7 @@ def write_participants(root: Path, rows: Iterable[Mapping[str, object]], *, orig
 def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
     """Return the path of a file of one participant and task: `sub-P/beh/sub-P_task-T_SUFFIX`.
 
-    Raises:
-        DatasetError: a label is not made of letters and digits alone, as BIDS asks.
+    Raises `DatasetError` if a label is not made of letters and digits alone, as BIDS asks.
     """
     for what, label in (("participant", participant), ("task", task)):
         if not re.fullmatch(r"[0-9A-Za-z]+", label):
@@ -223,10 +219,8 @@ def write_physio(
     """Write a continuous recording as `_physio.tsv.gz`, and its sidecar.
 
     The table has no header line, as BIDS asks; stretches without a recording are rows of `n/a`. `columns` are all of
-    one length, `rate_hz` is in samples a second, and `start_s` is the first sample's time on the events' clock.
-
-    Raises:
-        ValueError: the lengths differ.
+    one length, `rate_hz` is in samples a second, and `start_s` is the first sample's time on the events' clock. Raises
+    `ValueError` if the lengths differ.
     """
     lengths = {column.values.shape for column in columns.values()}
     if len(lengths) != 1 or any(len(shape) != 1 for shape in lengths):

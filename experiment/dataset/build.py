@@ -51,12 +51,9 @@ class _Session:
 class Placed:
     """A step on the session's clock.
 
-    Attributes:
-        step: as the journal has it.
-        at_us: device time of its contact, or of its end where it was broken off, microseconds.
-        at_s: the same on the session's clock, s from the first frame of the session's tracker.
-        drift_ppm: how much faster the session's clock ran than the device's.
-        zero_mm: how far from contact the foot rested when it was last zeroed, mm.
+    `at_us` is the device time of its contact, or of its end where it was broken off, and `at_s` the same in s from the
+    first frame of the session's tracker; the session's clock ran faster than the device's by `drift_ppm`. `zero_mm` is
+    how far from contact the foot rested when it was last zeroed.
     """
 
     step: FootStep | BrokenOff
@@ -75,11 +72,8 @@ def build(root: Path) -> None:
     """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
 
     `sourcedata/` holds `protocol.toml`, the journals, and beside each its rig file. A journal without a header is one
-    of a session which never started: it is left out.
-
-    Raises:
-        DatasetError: a part is missing, or a foot trace is not the one its journal names.
-        JournalError: a journal is broken.
+    of a session which never started: it is left out. Raises `DatasetError` if a part is missing, or a foot trace is not
+    the one its journal names; `JournalError` if a journal is broken.
     """
     protocol = files.load(root / "sourcedata" / "protocol.toml")
     found = storage.journals(root)

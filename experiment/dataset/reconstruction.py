@@ -51,9 +51,7 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
     """Return the counts in a CSV file with the header of `COLUMNS`; answers are `materials` or `NO_ANSWER`.
 
     Participants are whole numbers, with or without leading zeros, but each is spelt in one way throughout the file.
-
-    Raises:
-        DatasetError: the file is anything else; the error names file and line.
+    Raises `DatasetError` if the file is anything else; the error names file and line.
     """
     lines = csv.reader(_text(path).splitlines(), strict=True)
     counts: dict[int, dict[tuple[str, str], int]] = {}
@@ -173,9 +171,7 @@ def study_text(study: str, counts: Mapping[str, Path], source: str | None = None
     """Return the texts of a study: those held here, or for another study the little that its counts files tell.
 
     `counts` maps task ids to counts files; `source` says where they come from, which a study outside `STUDIES` needs.
-
-    Raises:
-        DatasetError: the id or a file is bad, or the study has neither texts here nor a source.
+    Raises `DatasetError` if the id or a file is bad, or the study has neither texts here nor a source.
     """
     if study in STUDIES:
         return STUDIES[study] if source is None else replace(STUDIES[study], source=source)
@@ -202,11 +198,8 @@ def import_counts(
     """Build the dataset `out` from one counts file a task, and return its folder.
 
     `counts` maps task ids, in the order of the tables, to counts files; `software_version` is what `GeneratedBy`
-    states.
-
-    Raises:
-        DatasetError: a counts file is bad, there are fewer than two materials, a task is not the study's, or `out`
-        would be overwritten.
+    states. Raises `DatasetError` if a counts file is bad, there are fewer than two materials, a task is not the
+    study's, or `out` would be overwritten.
     """
     if len({path.name for path in counts.values()}) != len(counts):
         raise DatasetError(

@@ -48,13 +48,8 @@ MANIFEST = "manifest.toml"
 class Recordings:
     """The takes of the materials asked for, as `crinkle.subtract` needs them.
 
-    Attributes:
-        label: as in the manifest.
-        simulated: whether a simulation made any of them.
-        rate_hz: sampling rate of every take, Hz.
-        speeds_mm_s: target speeds, shape (S,).
-        panel: takes of the bare panel, m/s^2, shape (S, T, N).
-        objects: takes of each material on the panel, m/s^2, shape (S, T, N).
+    `simulated` says whether a simulation made any of them. `speeds_mm_s` are the target speeds, shape (S,); takes of
+    the bare `panel`, and of each of the `objects` on it, are in m/s^2, shape (S, T, N), all sampled at `rate_hz`.
     """
 
     label: str
@@ -97,8 +92,7 @@ class _Manifest(Confined):
 def sha256(directory: Path) -> str:
     """Return the SHA-256 of a set of recordings: that of its manifest, which holds the hash of every take.
 
-    Raises:
-        RecordingError: the manifest cannot be read.
+    Raises `RecordingError` if the manifest cannot be read.
     """
     _read(directory / MANIFEST)
     return hashlib.sha256((directory / MANIFEST).read_bytes()).hexdigest()
@@ -112,9 +106,8 @@ def is_simulated(directory: Path) -> bool:
 def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) -> Recordings:
     """Read and check the takes of the bare panel and of the materials asked for; no others are opened.
 
-    Raises:
-        RecordingError: there is no manifest or it is malformed, its rate or length is not the protocol's, or a take is
-            missing, listed twice, changed since, damaged, not float, not mono or not finite.
+    Raises `RecordingError` if there is no manifest or it is malformed, its rate or length is not the protocol's, or a
+    take is missing, listed twice, changed since, damaged, not float, not mono or not finite.
     """
     path = directory / MANIFEST
     manifest = _read(path)
@@ -131,8 +124,7 @@ def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) 
 def load_all(directory: Path) -> Recordings:
     """Read and check everything that a manifest names: every material, with as many takes at each speed for all.
 
-    Raises:
-        RecordingError: as `load`; or the manifest names no take of any material.
+    Raises `RecordingError` as `load`, or if the manifest names no take of any material.
     """
     path = directory / MANIFEST
     manifest = _read(path)

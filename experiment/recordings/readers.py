@@ -50,17 +50,11 @@ _SAYS_NOTHING = ("", "x", "s", "sec", "seconds", "untitled")
 class Recording:
     """One channel of a recording, evenly sampled.
 
-    Attributes:
-        file: path of the file, as it was given.
-        channel: the channel's name.
-        channels: names of all channels that hold samples, in the file's order.
-        samples: finite, in `unit`, float64, shape (n,).
-        unit: as the file gives it; empty where it gives none.
-        rate_hz: sampling rate, Hz.
-        rate_source: what the rate was taken from.
-        header_rate_hz: what the header claims, where the file has both a header and a column of times; else None.
-        jitter: largest departure of a sample from the even grid, in steps; 0 without a column of times.
-        segments: number of segments of the file that hold samples; the first is read.
+    `channels` are all that hold samples, in the file's order. The `samples` are finite, float64, shape (n,), in the
+    file's `unit`, which is empty where it gives none. `rate_source` is what the rate was taken from; `header_rate_hz`
+    is what the header claims, where the file has both a header and a column of times. `jitter` is the largest departure
+    of a sample from the even grid, in steps; 0 without a column of times. Of the file's `segments` with samples the
+    first is read.
     """
 
     file: str
@@ -100,9 +94,8 @@ _Table = tuple[list[_Column], Sequence[_Column | None], int]
 def read(path: Path, *, channel: str | None = None) -> Recording:
     """Return one channel of a recording: the one of this name or number (from 1), or the first.
 
-    Raises:
-        RecordingError: the file cannot be read or understood; it has no such channel; samples are not finite; there is
-            no column of times, or times do not rise in even steps. The error names the line where there is one.
+    Raises `RecordingError` if the file cannot be read or understood; it has no such channel; samples are not finite;
+    there is no column of times, or times do not rise in even steps. The error names the line where there is one.
     """
     try:
         content = path.read_bytes()

@@ -39,11 +39,8 @@ class Peak:
 class AmplitudeSpectrum:
     """The spectrum of one channel.
 
-    Attributes:
-        recording: the recording whose spectrum this is.
-        frequencies_hz: from 0 to half the sampling rate, Hz, shape (K,).
-        amplitudes: in the recording's unit, shape (K,).
-        peaks: strongest first, at most `MOST_PEAKS`.
+    `frequencies_hz` go from 0 to half the sampling rate, shape (K,), with `amplitudes` in the recording's unit, shape
+    (K,); the `peaks`, at most `MOST_PEAKS`, are strongest first.
     """
 
     recording: Recording
@@ -102,8 +99,7 @@ def of_file(path: Path, *, channel: str | None = None) -> AmplitudeSpectrum:
 def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:
     """Return the amplitude spectrum and its peaks, by the method above.
 
-    Raises:
-        RecordingError: fewer than `FEWEST_SAMPLES` samples, or samples so large that their sum overflows.
+    Raises `RecordingError` for fewer than `FEWEST_SAMPLES` samples, or samples so large that their sum overflows.
     """
     n = recording.samples.size
     if n < FEWEST_SAMPLES:
@@ -142,8 +138,7 @@ def _refined(centred: NDArray[np.float64], place: int, bin_hz: float) -> Peak:
 def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
     """Draw the spectrum with its peaks as .png or .svg, as the suffix of `path` says, and return `path`.
 
-    Raises:
-        RecordingError: another suffix, or a path that cannot be written.
+    Raises `RecordingError` for another suffix, or a path that cannot be written.
     """
     if path.suffix.lower() not in (".png", ".svg"):
         raise RecordingError(f"{path}: got suffix {path.suffix!r}; allowed: .png, .svg; name the plot otherwise")

@@ -56,16 +56,9 @@ class Condition:
 class Plan:
     """What is recorded; it is kept on disk while the recording is under way.
 
-    Attributes:
-        source: the rig, or the simulation with its seed.
-        protocol_sha256: hash of the protocol's canonical form.
-        rig_sha256: hash of what the rig file states; empty where no rig records.
-        simulated: whether a simulation makes the takes.
-        materials: ids; the bare panel comes before them.
-        speeds_mm_s: target speeds, rising, mm/s.
-        takes: number of takes of each condition.
-        rate_hz: sampling rate of the takes, Hz.
-        samples: length of a take.
+    `source` is the rig, or the simulation with its seed. The hashes are those of the protocol's canonical form and of
+    what the rig file states, empty where no rig records. The bare panel comes before the `materials`, which are ids.
+    Each condition is recorded `takes` times, at target speeds that rise; a take has `samples` at `rate_hz`.
     """
 
     source: str
@@ -99,8 +92,7 @@ def plan(
 ) -> Plan:
     """Return what a protocol has recorded, at other speeds or with another number of takes where these are given.
 
-    Raises:
-        RecordingError: speeds do not rise or are no foot's, or the number of takes is out of range.
+    Raises `RecordingError` if speeds do not rise or are no foot's, or the number of takes is out of range.
     """
     synthesis = protocol.footstep.synthesis
     speeds = tuple(float(v) for v in speeds_mm_s) or synthesis.speeds_mm_s
@@ -127,12 +119,10 @@ def plan(
 
 @dataclass(frozen=True)
 class Take(Condition):
-    """One recording of a condition.
+    """One recording of a condition: acceleration, m/s^2, shape (N,).
 
-    Attributes:
-        samples_m_s2: acceleration, m/s^2, shape (N,).
-        achieved_mm_s: speed of the foot through the gate, mm/s; None where no tracker saw it.
-        zero: where the foot rested before, from which its heights are counted; None where nothing was zeroed.
+    `achieved_mm_s` is the foot's speed through the gate, None where no tracker saw it; `zero` is where the foot rested
+    before, from which its heights are counted, None where nothing was zeroed.
     """
 
     samples_m_s2: NDArray[np.float64]
@@ -143,10 +133,8 @@ class Take(Condition):
 def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bool, label: str, note: str = "") -> Path:
     """Write takes as float32 WAV files with their manifest, and return the manifest's path once all of it is on disk.
 
-    The manifest is written last: a directory without one was not finished.
-
-    Raises:
-        RecordingError: the directory holds anything, the takes differ in length, or a sample is not finite.
+    The manifest is written last: a directory without one was not finished. Raises `RecordingError` if the directory
+    holds anything, the takes differ in length, or a sample is not finite.
     """
     takes = list(takes)
     lengths = sorted({take.samples_m_s2.size for take in takes})
@@ -196,8 +184,7 @@ def _toml(text: str) -> str:
 def check(out: Path, planned: Plan) -> Path:
     """Return the folder of the takes that are kept until all are there; it may not exist yet.
 
-    Raises:
-        RecordingError: the folder is in use, or another plan was begun in it.
+    Raises `RecordingError` if the folder is in use, or another plan was begun in it.
     """
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         what = "holds files already" if out.is_dir() else "is a file"
@@ -231,8 +218,7 @@ def check(out: Path, planned: Plan) -> Path:
 def begun(planned: Plan, out: Path) -> Iterator[Path]:
     """Hold the folder of kept takes for this process, and give its path; the operating system releases it in any case.
 
-    Raises:
-        RecordingError: as `check`; or a kept take is damaged, or another process records there.
+    Raises `RecordingError` as `check`, or if a kept take is damaged, or another process records there.
     """
     partial = check(out, planned)
     partial.mkdir(parents=True, exist_ok=True)
@@ -263,8 +249,7 @@ def begun(planned: Plan, out: Path) -> Iterator[Path]:
 def publish(planned: Plan, out: Path, *, note: str = "") -> Path:
     """Write the recordings from the kept takes, remove those once all is on disk, and return the manifest's path.
 
-    Raises:
-        RecordingError: a take is missing or damaged.
+    Raises `RecordingError` if a take is missing or damaged.
     """
     partial = check(out, planned)
     takes = [_kept(take_path(partial, place), condition) for place, condition in enumerate(planned.conditions())]

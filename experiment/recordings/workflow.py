@@ -52,12 +52,9 @@ RECENT_FRAMES = 1000
 class Step:
     """A step that was recorded, before it is kept.
 
-    Attributes:
-        condition: what the step was meant to be.
-        achieved_mm_s: mean speed of the foot through the gate, mm/s.
-        window: what the accelerometer recorded; None if the panel did not shake.
-        knock_ms: how long before contact there was a knock that is not part of the take, ms; None for no knock.
-        restless: whether the panel may still have shaken from that knock.
+    `achieved_mm_s` is the foot's mean speed through the gate. `window` is what the accelerometer recorded, None if the
+    panel did not shake. A knock that is not part of the take came `knock_ms` before contact, None for no knock; if
+    `restless`, the panel may still have shaken from it.
     """
 
     condition: Condition
@@ -132,18 +129,9 @@ def record_on_rig(
 ) -> Path:
     """Record on a real rig, or continue such a recording, and return the manifest's path.
 
-    Nothing is played: the rig's actuator and its table are not opened.
-
-    Args:
-        protocol_file: what is recorded.
-        rig_file: the rig, with a table `[accelerometer]`.
-        out: folder of the recordings; new or empty.
-        console: the experimenter's.
-        speeds_mm_s: used instead of the protocol's, unless empty.
-        takes: used instead of the protocol's, unless None.
-
-    Raises:
-        PalpateError: a file or a part cannot be used; the same call goes on where it stopped.
+    The rig file needs a table `[accelerometer]`; nothing is played, so actuator and response table are not opened.
+    `out` is new or empty. `speeds_mm_s` and `takes` are used instead of the protocol's, unless empty or None. Raises
+    `PalpateError` if a file or a part cannot be used; the same call goes on where it stopped.
     """
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if rig.rig.simulated:
@@ -193,12 +181,8 @@ def record(
 ) -> Path:
     """Record what is not recorded yet, write the finished recordings, and return the manifest's path.
 
-    Args:
-        note: text that is added to the manifest.
-
-    Raises:
-        RecordingError: see `store.check`; or the accelerometer failed.
-        TrackerError: the tracker failed.
+    `note` is added to the manifest. Raises `RecordingError` as `store.check`, or if the accelerometer failed, and
+    `TrackerError` if the tracker failed.
     """
     with store.begun(planned, out) as folder:
         _walk(planned, folder, tracker, accelerometer, detector, console, clock)

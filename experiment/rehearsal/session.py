@@ -67,10 +67,7 @@ class Job:
 def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
     """Run every task of one participant, or what remains of them; `tick` is called after each confirmed answer.
 
-    `screen` shows what an experimenter would see; None for no screen.
-
-    Raises:
-        PalpateError: a part failed.
+    `screen` shows what an experimenter would see; None for no screen. Raises `PalpateError` if a part failed.
     """
     protocol = files.load(job.dataset / "sourcedata" / "protocol.toml")
     rig_file = job.dataset / "sourcedata" / "rig.toml"
@@ -201,9 +198,7 @@ _queue: multiprocessing.SimpleQueue[None] | None = None
 def rehearse_at_once(todo: Sequence[Job], jobs: int, tick: Tick) -> None:
     """Rehearse every participant of `todo`, `jobs` at a time; `tick` is called here after each confirmed answer.
 
-    Raises:
-        Interrupted: at the keyboard; what is confirmed is on disk.
-        PalpateError: a part failed.
+    Raises `Interrupted` at the keyboard, with what is confirmed on disk, and `PalpateError` if a part failed.
     """
     context = multiprocessing.get_context("spawn")
     queue: multiprocessing.SimpleQueue[None] = context.SimpleQueue()

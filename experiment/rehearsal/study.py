@@ -71,24 +71,15 @@ def rehearse(
 ) -> Path:
     """Rehearse a study, or what remains of an interrupted rehearsal, and return the complete dataset's folder.
 
-    Args:
-        protocol_file: the study's protocol.
-        rig_file: a rig file whose rig is simulated.
-        out: folder of the rehearsal's dataset; made, or continued where it holds the same rehearsal. None for one
-            under `participants/` that is named after the study and the seed.
-        participants: how many participants, from the first; None for all of the study's.
-        seed: names every random draw.
-        control: the control condition, or `none`.
-        real_time: pace by the wall clock.
-        jobs: how many participants are rehearsed at a time, each in a process of its own; 0 for one a core.
-        total: called with the number of answers that remain.
-        tick: called after each confirmed answer.
-        screen: shows what an experimenter would see, one participant after another.
+    `rig_file` is of a simulated rig. `out` is made, or continued where it holds the same rehearsal; None stands for a
+    folder under `participants/` that is named after the study and the seed. `participants` are rehearsed from the
+    first, None for all of the study's, `jobs` at a time, each in a process of its own; 0 is one a core. `seed` names
+    every random draw, and `real_time` paces by the wall clock. `total` is called with the number of answers that
+    remain, and `tick` after each confirmed answer; `screen` shows what an experimenter would see, one participant after
+    another.
 
-    Raises:
-        DatasetError: `out` holds anything but this rehearsal.
-        PalpateError: a part failed; the same call continues where it stopped. If no session has begun by then, nothing
-        is left in `out`.
+    Raises `DatasetError` if `out` holds anything but this rehearsal, and `PalpateError` if a part failed; the same call
+    continues where it stopped. If no session has begun by then, nothing is left in `out`.
     """
     protocol = files.load(protocol_file)
     rig = rigs.load(rig_file)

@@ -48,14 +48,10 @@ class Meaning:
 class Seen:
     """What a session needs to know of one attempt, once its device's frames are on disk.
 
-    Attributes:
-        entry: what goes on record of the attempt.
-        answerable_ns: session time from which the participant could answer; None if the attempt broke off.
-        reason: why it broke off, if it did.
-        lost: whether it broke off because a device fell silent; `Kind.reconnect` waits for that device.
-        failed: what has to be raised once the entry is on file, if anything.
-        delivered: whether the stimulus was measured to be as intended; None if nothing measured it.
-        repeat: the rule of the protocol that has the attempt repeated, and why, if one does.
+    `entry` goes on record. The participant could answer from the session time `answerable_ns` on; None if the attempt
+    broke off, as `reason` says: if `lost`, because of a silent device, which `Kind.reconnect` waits for. `failed` has
+    to be raised once the entry is on file. `delivered` says whether the stimulus was measured to be as intended, None
+    if nothing measured it; `repeat` is the rule of the protocol that has the attempt repeated, and why.
     """
 
     entry: AnyEntry

@@ -31,15 +31,11 @@ FARTHEST = 1e3
 
 @dataclass(frozen=True)
 class CrinkleSpectra:
-    """The spectra of one material without the panel, at the measured speeds.
+    """The spectra of one material without the panel, at the measured speeds v_i, strictly rising, shape (S,), S >= 2.
 
-    Attributes:
-        speeds_mm_s: v_i, strictly rising, shape (S,), S >= 2.
-        rate_hz: sampling rate of the recordings, Hz.
-        amplitudes: C'_k(v_i) >= 0, m/s^2, shape (S, K).
-        signs: sign of C_k,panel+object(v_i), +1 or -1, shape (S, K).
-        recorded: N of the recordings, at least K, where bins from K on are left out; None where K is N.
-        band_hz: lowest and highest frequency held, Hz, where bins beyond them are left out; None where all are held.
+    `amplitudes` are C'_k(v_i) >= 0, m/s^2, and `signs` those of C_k,panel+object(v_i), +1 or -1, both of shape (S, K);
+    `rate_hz` is that of the recordings. `recorded` is their N, at least K, where bins from K on are left out, None
+    where K is N; `band_hz` are the lowest and highest frequency held, None where all are held.
     """
 
     speeds_mm_s: NDArray[np.float64]
@@ -136,16 +132,11 @@ def subtract(
 ) -> CrinkleSpectra:
     """Return the spectra of the object alone: C'_k = max(|C_k,panel+object| - |C_k,panel|, 0) at each measured speed.
 
-    Args:
-        speeds_mm_s: measured speeds, strictly rising, at least two, shape (S,).
-        rate_hz: sampling rate of the takes, Hz.
-        panel_object_takes: accelerations with the object on the panel, m/s^2, shape (S, T, N).
-        panel_takes: accelerations of the bare panel, m/s^2, shape (S, T', N).
-        average: over takes, of the `magnitude` of the coefficients (sign from the first take) or of the `signed`
-            coefficients (sign of their mean). A coefficient of exactly zero counts as positive.
-
-    Raises:
-        SynthesisError: shapes that do not fit, speeds that do not rise, or values that are not finite.
+    The speeds rise strictly, at least two, shape (S,). Takes are accelerations, m/s^2, sampled at `rate_hz`, with the
+    object on the panel, shape (S, T, N), and of the bare panel, shape (S, T', N). They are averaged by the `magnitude`
+    of the coefficients (sign from the first take) or as `signed` coefficients (sign of their mean); a coefficient of
+    exactly zero counts as positive. Raises `SynthesisError` for shapes that do not fit, speeds that do not rise, or
+    values that are not finite.
 
     Source: Okamoto et al., section 3.1 and equation (2).
     """

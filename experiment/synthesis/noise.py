@@ -28,17 +28,11 @@ CLAIMED_DB, CLAIMED_FROM_S = 0.5, 0.5
 
 
 def noise(*, colour: Colour, samples: int, rate_hz: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Return noise of mean 0 and rms 1 from `LOWEST_HZ` to half the sampling rate, shape (n,).
+    """Return noise of mean 0 and rms 1 from `LOWEST_HZ` to half the sampling rate, shape (n,); `rng` draws the phases.
 
-    Args:
-        colour: `pink` or `white`.
-        samples: n, at least one period of `LOWEST_HZ`. At rates of 44.1 kHz and more octave bands are within
-            `CLAIMED_DB` of their colour from `CLAIMED_FROM_S` on; shorter, the lowest bands hold too few bins.
-        rate_hz: sampling rate, Hz.
-        rng: draws the phases.
-
-    Raises:
-        SynthesisError: a colour that is neither, a rate below four times `LOWEST_HZ`, or fewer samples than a period.
+    n is `samples`, at least one period of `LOWEST_HZ`. At rates of 44.1 kHz and more octave bands are within
+    `CLAIMED_DB` of their colour from `CLAIMED_FROM_S` on; shorter, the lowest bands hold too few bins. Raises
+    `SynthesisError` for an unknown colour, a rate below four times `LOWEST_HZ`, or fewer samples than a period.
     """
     if colour not in get_args(Colour):
         raise SynthesisError(f"colour: got {colour!r}; allowed: {' or '.join(get_args(Colour))}; correct the protocol")

@@ -34,14 +34,10 @@ from experiment.synthesis.spectra import Bins, bin_frequencies_hz, finite, grid,
 class Response:
     """A measured frequency response.
 
-    Attributes:
-        frequencies_hz: strictly rising, zero or more, shape (F,), F >= 2.
-        levels_v: amplitudes of the driving sinusoid (sqrt 2 times its rms), strictly rising, above zero, shape (L,).
-        accelerations_m_s2: amplitudes of the answer (half its peak-to-peak), shape (F, L). At each frequency they
-            rise strictly with the level from above zero, or are all zero (a null).
-
-    Raises:
-        SynthesisError: anything else.
+    `frequencies_hz` rise strictly from zero or more, shape (F,), F >= 2; `levels_v` are amplitudes of the driving
+    sinusoid (sqrt 2 times its rms), strictly rising, above zero, shape (L,). `accelerations_m_s2`, shape (F, L), are
+    amplitudes of the answer (half its peak-to-peak): at each frequency they rise strictly with the level from above
+    zero, or are all zero (a null). Raises `SynthesisError` for anything else.
     """
 
     frequencies_hz: NDArray[np.float64]
@@ -156,14 +152,11 @@ class Loss:
 class Shaped:
     """Voltages for a spectrum.
 
-    Attributes:
-        coefficients_v: W(f_k, |C_k|) with the sign of C_k, V, shape (N,).
-        reached_m_s2: what the response says these bring about, with the same sign, m/s^2, shape (N,).
-        saturated: bins that ask for more than the highest level reaches.
-        outside: bins beyond the measured frequencies.
-        bounded: bins that the limit of the gain holds back.
-        scale: factor by which the whole spectrum was taken down before; what that takes from a bin that nothing else
-            held back is in no loss.
+    `coefficients_v` are W(f_k, |C_k|) with the sign of C_k, V, and `reached_m_s2` what the response says these bring
+    about, with the same sign, m/s^2, both of shape (N,). Losses are of bins that ask for more than the highest level
+    reaches (`saturated`), lie beyond the measured frequencies (`outside`), or are held back by the limit of the gain
+    (`bounded`). The whole spectrum was taken down by the factor `scale` before; what that takes from a bin that nothing
+    else held back is in no loss.
     """
 
     coefficients_v: NDArray[np.float64]
@@ -187,19 +180,13 @@ def shape(
     gain_limit_v_per_m_s2: float,
     scale: float = 1.0,
 ) -> Shaped:
-    """Return each bin of a spectrum weighted by W(f, a), the inverse of the measured response.
+    """Return each bin of a spectrum weighted by W(f, a), the inverse of the rig's measured response.
 
     Bin k = 0 is no oscillation; (5) and (7) leave it out, and so does this where the table reaches to 0 Hz.
-
-    Args:
-        coefficients: C_k with its sign, m/s^2, shape (N,).
-        frequencies_hz: of each bin, Hz, shape (N,).
-        response: of the rig.
-        gain_limit_v_per_m_s2: largest voltage that any bin may take for each m/s^2 it asks for, above zero.
-        scale: of the spectrum that voltages are found for, above 0, at most 1. Losses count what `coefficients` ask.
-
-    Raises:
-        SynthesisError: values that are not finite, shapes that do not fit, or a limit or a scale that is none.
+    `coefficients` are C_k with its sign, m/s^2, and `frequencies_hz` those of the bins, both of shape (N,). No bin
+    takes more than `gain_limit_v_per_m_s2`, above zero, for each m/s^2 it asks for. Voltages are found for the spectrum
+    times `scale`, above 0, at most 1; losses count what `coefficients` ask. Raises `SynthesisError` for values that are
+    not finite, shapes that do not fit, or a limit or a scale that is none.
 
     Source: Okamoto et al., section 4, 'Frequency shaping', and equation (7).
     """
@@ -272,27 +259,18 @@ def drive(
     limit_v: float = inf,
     scale: float = 1.0,
 ) -> tuple[NDArray[np.float64], Shaped]:
-    """Return the voltages whose oscillations move the rig as a sum of bins asks: `shape`, then (7).
+    """Return voltages whose oscillations move the rig as a sum of bins asks, and what shaping did: `shape`, then (7).
 
     Shaping drops what the table does not reach, and a waveform without some of its bins can peak higher than the whole.
     So the limits are held on what the response says the voltages will do: where they pass one, all of it is taken down
     and shaped anew. What is lost is counted against what was asked for, not against the smaller one.
 
-    Args:
-        bins: what is asked for; the one at 0 Hz is no oscillation.
-        rate_hz: sampling rate of the voltages, Hz.
-        response: of the rig.
-        gain_limit_v_per_m_s2: as in `shape`.
-        limit_m_s2: no magnitude of the acceleration that the voltages bring about is larger, at whatever time, above
-            zero. The least waveform that is taken down lies as much below it as `highest` is too high.
-        limit_v: no voltage is larger in magnitude, above zero.
-        scale: as in `shape`; it is lowered further where it has to be.
+    The voltages, V, at `rate_hz`, have the shape (n,), n being the samples of a waveform made of the bins by (5). No
+    magnitude of the acceleration that they bring about is above `limit_m_s2`, at whatever time; the least waveform that
+    is taken down lies as much below it as `highest` is too high. No voltage is above `limit_v` in magnitude. `scale`,
+    as in `shape`, is lowered further where it has to be.
 
-    Returns:
-        V, shape (n,), n being the samples of a waveform made of the bins by (5); and what shaping did.
-
-    Raises:
-        SynthesisError: as `shape`, `grid` or `inverse_on`, or a limit that is none.
+    Raises `SynthesisError` as `shape`, `grid` or `inverse_on`, or for a limit that is not above zero.
     """
     for name, limit in (("limit_m_s2", limit_m_s2), ("limit_v", limit_v)):
         if not limit > 0:

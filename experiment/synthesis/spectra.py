@@ -84,13 +84,9 @@ def inverse(coefficients: ArrayLike) -> NDArray[np.float64]:
 class Grid:
     """The times (i' + 1/2) / F' at which a recording's spectrum is summed, in whole numbers.
 
-    With N F' / F = p / q in lowest terms, the phase of bin k at sample i' is pi k q (i' + 1/2) / p.
-
-    Attributes:
-        p: numerator; bin k stands at place k q of an inverse DCT of length p.
-        q: denominator.
-        count: samples whose times lie within the recording's N / F seconds.
-        carried: bins held that lie below half the output rate, k = 0 among them.
+    With N F' / F = p / q in lowest terms, the phase of bin k at sample i' is pi k q (i' + 1/2) / p: bin k stands at
+    place k q of an inverse DCT of length p. `count` are the samples whose times lie within the recording's N / F
+    seconds, and `carried` the bins held that lie below half the output rate, k = 0 among them.
     """
 
     p: int

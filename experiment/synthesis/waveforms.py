@@ -60,16 +60,9 @@ MARGIN = 1e-9
 class Basis:
     """One material, prepared for one output rate; `prepare` makes it.
 
-    Attributes:
-        material: id of the material.
-        spectra: of the material.
-        output_rate_hz: samples a second.
-        on: the grid of that rate.
-        speeds_mm_s: v_i.
-        lowest_mm_s: the slowest speed at which the weighted sum holds, mm/s.
-        highest_mm_s: the fastest, mm/s.
-        pairs: for each interval and each of its speeds v_j, v_l being the other, the waveforms of C'(v_j) and of
-            C'(v_l) - C'(v_j), both with the signs of v_j, m/s^2, each of shape (n,).
+    `on` is the grid of that rate, and `speeds_mm_s` are the v_i. The weighted sum holds from `lowest_mm_s` to
+    `highest_mm_s`. `pairs` are, for each interval and each of its speeds v_j, v_l being the other, the waveforms of
+    C'(v_j) and of C'(v_l) - C'(v_j), both with the signs of v_j, m/s^2, each of shape (n,).
     """
 
     material: str
@@ -116,13 +109,10 @@ class Basis:
 class Stimulus:
     """What one step of the foot calls for; `Basis.at` makes it.
 
-    Attributes:
-        basis: the material, prepared for the output rate.
-        speed_mm_s: of the foot.
-        interval: i, of the measured speeds v_i and v_i+1 that the speed lies between or beside.
-        nearer: 0 where v_i is the nearer of them, 1 where v_i+1 is.
-        of_difference: t, from the nearer speed towards the other: 0 to 1/2 between the two, negative beyond the nearer.
-        held: whether the weighted sum of two of the basis waveforms is the stimulus.
+    The speed of the foot lies between or beside v_i and v_i+1, i being the `interval`, and `nearer` is 0 where v_i is
+    the nearer of them, 1 where v_i+1 is. `of_difference` is t, from the nearer speed towards the other: 0 to 1/2
+    between the two, negative beyond the nearer. `held` says whether the weighted sum of two of the basis waveforms is
+    the stimulus.
     """
 
     basis: Basis
@@ -172,9 +162,8 @@ class Stimulus:
 def prepare(spectra: CrinkleSpectra, *, material: str, output_rate_hz: int) -> Basis:
     """Make the waveforms of one material beforehand; `output_rate_hz` is what the actuator expects, Hz.
 
-    Errors are those of `spectra.grid` and `spectra.inverse_on`.
-
-    Source: Okamoto et al., section 3.1 and equations (3) to (5).
+    Errors are those of `spectra.grid` and `spectra.inverse_on`. Source: Okamoto et al., section 3.1, equations (3) to
+    (5).
     """
     on = spectra.grid(output_rate_hz)
     transformable(on)

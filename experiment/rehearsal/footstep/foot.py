@@ -52,16 +52,11 @@ Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
 class Trajectory:
     """One step of a foot: it comes down, rests on the panel, and goes up again.
 
-    Attributes:
-        us: times of the knots, microseconds, from 0, float64, shape (n,).
-        height_mm: height of the sole there, mm, shape (n,); straight lines between them are the truth.
-        gate_top_us: when the passage that leads to contact crosses 20 mm, microseconds.
-        gate_bottom_us: when it crosses 10 mm, microseconds.
-        contact_us: when it reaches the panel, microseconds; infinity if it never does.
-        lift_us: when it leaves the panel again, 0.22 s or more after contact; the end of a step that never lands.
-        speed_mm_s: its mean speed from 20 mm to 10 mm.
-        hesitation: what came before it.
-        noise_seed: names the sensor's noise during this step.
+    The knots are at `us`, microseconds from 0, float64, shape (n,), with the sole at `height_mm`, shape (n,); straight
+    lines between them are the truth. On the passage that leads to contact it crosses 20 mm at `gate_top_us` and 10 mm
+    at `gate_bottom_us`, with the mean speed `speed_mm_s` between them. `contact_us` is infinity if it never reaches the
+    panel. At `lift_us` it leaves the panel again, 0.22 s or more after contact; a step that never lands ends there.
+    `hesitation` is what came before it, and `noise_seed` names the sensor's noise during this step.
     """
 
     us: NDArray[np.float64]
@@ -89,10 +84,8 @@ def trajectory(
 ) -> Trajectory:
     """Return a step with the given mean speed from 20 mm to 10 mm above the panel; `rng` draws everything else.
 
-    Args:
-        rest_mm: height at which the foot waits before and after the step, mm, above 45.
-        hesitation: what comes before the passage that leads to contact, or instead of it; None to draw one of a step
-            that lands.
+    The foot waits at `rest_mm`, mm, above 45, before and after the step. `hesitation` comes before the passage that
+    leads to contact, or instead of it; None draws one of a step that lands.
     """
     if hesitation is None:
         hesitation = "none" if rng.random() >= HESITATES else ("pause" if rng.random() < 0.5 else "dip")
@@ -230,12 +223,8 @@ TICK_S = 0.002
 class Faults:
     """What goes wrong in one step; frames are numbered from 0, the first of the step.
 
-    Attributes:
-        drop: frames that are never sent.
-        corrupt: frames with a flipped bit.
-        repeat: frames that are sent twice.
-        silent_from: the first frame from which on the device sends nothing, ever.
-        unplug_at: the frame instead of which the line is unplugged.
+    Frames are never sent (`drop`), have a flipped bit (`corrupt`) or are sent twice (`repeat`). From `silent_from` on
+    the device sends nothing, ever, and instead of `unplug_at` the line is unplugged.
     """
 
     drop: frozenset[int] = frozenset()
@@ -278,16 +267,11 @@ class Foot:
         noise_mm: float = 0.1,
         sole_mm: float = 0.0,
     ) -> None:
-        """Power the device.
+        """Power the device at a serial line, which the foot never closes; `tracker` has its rate and calibration.
 
-        Args:
-            line: the serial line; the foot never closes it.
-            tracker: rate and calibration of the rig.
-            real_time: send by the clock, also between steps.
-            clock: paces real time; the machine's monotonic clock if None.
-            rest_mm: height at which the foot waits, mm.
-            noise_mm: standard deviation of the sensor's noise, mm.
-            sole_mm: how far above the sole the sensor sees the foot, mm; tests of zeroing set it, rehearsals do not.
+        `real_time` sends by `clock`, the machine's monotonic one if None, also between steps. `noise_mm` is the
+        standard deviation of the sensor's noise. `sole_mm` is how far above the sole the sensor sees the foot; tests of
+        zeroing set it, rehearsals do not.
         """
         self._line = line
         self._tracker = tracker

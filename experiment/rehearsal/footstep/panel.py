@@ -68,8 +68,7 @@ def moved(waveform_v: NDArray[np.float64], *, rate_hz: int) -> NDArray[np.float6
     """Return how the simulated panel moves, m/s^2, shape (n,): each frequency element of the voltage answered on its
     own.
 
-    Raises:
-        SynthesisError: voltages are not finite.
+    Raises `SynthesisError` if voltages are not finite.
     """
     coefficients_v = spectrum(waveform_v)
     frequencies_hz = bin_frequencies_hz(bins=coefficients_v.size, rate_hz=rate_hz)
@@ -109,9 +108,7 @@ class Panel:
     def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
         """Return the next stimulus that was delivered and not felt yet, or None if nothing comes within `timeout_s`.
 
-        Returns:
-            Acceleration, m/s^2, shape (n,), at the actuator's rate. A stimulus is here before the actuator's `play`
-            returns.
+        It is an acceleration, m/s^2, shape (n,), at the actuator's rate, and here before the actuator's `play` returns.
         """
         try:
             return self._stimuli.get(block=timeout_s > 0, timeout=timeout_s)
@@ -185,12 +182,9 @@ class CardPanel:
     def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
         """Return the next stimulus that was delivered and not felt yet, or None if none begins within `timeout_s`.
 
-        Returns:
-            Acceleration, m/s^2, shape (n,), at the actuator's rate. With a `timeout_s` of 0 None also stands for a
-            stimulus that is not over yet.
-
-        Raises:
-            AudioError: a stimulus that has begun does not end, or nobody listens to the card any more.
+        It is an acceleration, m/s^2, shape (n,), at the actuator's rate. With a `timeout_s` of 0 None also stands for a
+        stimulus that is not over yet. Raises `AudioError` if a stimulus that has begun does not end, or nobody listens
+        to the card any more.
         """
         ends = time.monotonic() + timeout_s
         while True:

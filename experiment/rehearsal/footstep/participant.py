@@ -85,8 +85,7 @@ class Bands:
 def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0) -> Bands:
     """Return bands of a third of an octave between the two frequencies; bands without a bin are left out.
 
-    Raises:
-        SynthesisError: the bins are so wide that none lies in a band; takes this short cannot be felt.
+    Raises `SynthesisError` if the bins are so wide that none lies in a band; takes this short cannot be felt.
     """
     frequencies_hz = np.arange(int(high_hz / bin_hz) + 1) * bin_hz
     band = np.floor(3 * np.log2(np.maximum(frequencies_hz, bin_hz / 2) / low_hz) + 1e-9).astype(int)
@@ -103,8 +102,7 @@ def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0
 class Observer:
     """The touch of one simulated participant, whom `rng` sets apart from others; it answers with one of `material_ids`.
 
-    Raises:
-        RecordingError: a material has no simulation.
+    Raises `RecordingError` if a material has no simulation.
     """
 
     def __init__(self, materials: SimulatedMaterials, material_ids: Sequence[str], *, rng: np.random.Generator) -> None:
@@ -135,10 +133,7 @@ class Observer:
         """Return the material that a real cylinder is judged to be.
 
         `take` is the acceleration of the panel under it, m/s^2, shape (n,), at the materials' rate; `rng` draws this
-        answer.
-
-        Raises:
-            SessionError: not familiarised yet.
+        answer. Raises `SessionError` if not familiarised yet.
         """
         return self._answer(self._felt(take), speed_mm_s=speed_mm_s, sensitivity=self._sensitivity, rng=rng)
 
@@ -151,19 +146,11 @@ class Observer:
         speed_mm_s: float,
         rng: np.random.Generator,
     ) -> str:
-        """Return the material that a virtual stimulus is judged to be, felt together with the panel on which the foot
-        lands.
+        """Return the material that a virtual stimulus is judged to be, felt together with the bare panel.
 
-        Args:
-            panel_take: acceleration of the bare panel under this step, m/s^2, shape (n,), at the materials' rate.
-            delivered: what the actuator added from contact on, m/s^2, shape (m,), at `rate_hz`; None for nothing.
-            Samples that are not numbers move nothing.
-            rate_hz: sampling rate of `delivered`, Hz.
-            speed_mm_s: speed of the foot, mm/s.
-            rng: draws this answer.
-
-        Raises:
-            SessionError: not familiarised yet.
+        `panel_take` is the panel's acceleration under this step, m/s^2, shape (n,), at the materials' rate. `delivered`
+        is what the actuator added from contact on, m/s^2, shape (m,), at `rate_hz`, None for nothing; samples that are
+        not numbers move nothing. `rng` draws this answer. Raises `SessionError` if not familiarised yet.
         """
         coefficients = self._coefficients(panel_take, self._materials.rate_hz)
         if delivered is not None:
@@ -245,19 +232,11 @@ SPEAKS_LOG_S = (0.3, 0.3)
 class SimulatedParticipant:
     """Implements `Console`: a participant before the panel, and the experimenter at the keys.
 
-    Attributes:
-        protocol: the study.
-        materials: the simulated materials that lie beside the panel.
-        who: label of the participant, and id of the task.
-        entropy: names this participant's random draws in this task.
-        foot: at the device's end of the tracker's port.
-        powered_ns: session time at which the foot's device was powered, when its clock showed zero.
-        panel: at the device's end of the actuator's port; None where the task has no actuator.
-        actuator_rate_hz: samples a second of what the panel receives.
-        clock: the session's; thinking and speaking let its time pass.
-        real_time: whether the foot streams by the clock.
-        tick: called after each confirmed answer.
-        screen: shows what the experimenter would see; None for no screen.
+    `who` are label of the participant and id of the task, and `entropy` names the random draws. `foot` and `panel` are
+    at the devices' ends of the ports; `panel` is None where the task has no actuator. The foot's device was powered at
+    the session time `powered_ns`, when its clock showed zero, and streams by the clock if `real_time`. Thinking and
+    speaking let the time of the session's `clock` pass. `tick` is called after each confirmed answer; `screen` shows
+    what the experimenter would see.
     """
 
     protocol: Protocol

@@ -182,12 +182,8 @@ class SimulatedMaterials:
     def take(self, material: str | None, *, speed_mm_s: float, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return a fresh take of a foot that scrunches a cylinder of this material, or lands on the bare panel.
 
-        Returns:
-            Acceleration of the panel, m/s^2, shape (samples,).
-
-        Raises:
-            RecordingError: there is no such simulated material.
-            SynthesisError: the speed is not above zero, or above `FASTEST_MM_S`.
+        It is the acceleration of the panel, m/s^2, shape (samples,). Raises `RecordingError` if there is no such
+        simulated material, and `SynthesisError` if the speed is not above zero, or above `FASTEST_MM_S`.
         """
         crackle = None if material is None else known(material)
         if not 0 < speed_mm_s <= FASTEST_MM_S:
@@ -264,8 +260,7 @@ class RecordingSession:
     """One simulated session, numbered from 0; every draw is named by the seed, so attempts may be asked for in any
     order.
 
-    Raises:
-        RecordingError: a material has no simulation.
+    Raises `RecordingError` if a material has no simulation.
     """
 
     def __init__(self, planned: Plan, *, seed: int, number: int) -> None:
@@ -316,8 +311,7 @@ class RecordingSession:
 def session(planned: Plan, *, seed: int) -> RecordingSession:
     """Return the first session of a seed that meets Table 3; where the plan is not the paper's, the first of all.
 
-    Raises:
-        RecordingError: a material has no simulation, or no session meets the table.
+    Raises `RecordingError` if a material has no simulation, or no session meets the table.
     """
     first = RecordingSession(planned, seed=seed, number=0)
     if not _as_published(planned):
@@ -335,8 +329,7 @@ def session(planned: Plan, *, seed: int) -> RecordingSession:
 def make_recordings(directory: Path, *, protocol: Protocol, seed: int) -> Path:
     """Write SIMULATED recordings of a protocol's materials and of the bare panel, and return the manifest's path.
 
-    Raises:
-        RecordingError: as `session`; or the directory is in use.
+    Raises `RecordingError` as `session`, or if the directory is in use.
     """
     drawn = session(plan(protocol, source=source(seed), simulated=True), seed=seed)
 

@@ -40,8 +40,7 @@ class Tap:
     def __init__(self, server: str, output: str, *, seconds: float) -> None:
         """Listen from now on to a port of a running JACK server, both by name; keep the last `seconds`.
 
-        Raises:
-            AudioError: the server has ended, or there is no such port.
+        Raises `AudioError` if the server has ended, or there is no such port.
         """
         command = [sys.executable, "-m", "experiment.rehearsal.wires.listener", server, output, str(seconds)]
         ours, theirs = socket.socketpair()
@@ -66,11 +65,8 @@ class Tap:
     def since(self, first: int) -> tuple[int, NDArray[np.float32]]:
         """Return what was heard from a sample on; samples count from the moment of tapping.
 
-        Returns:
-            The number of the first sample that is still kept, not below `first`, and the samples from there on.
-
-        Raises:
-            AudioError: the listener has ended, or does not answer.
+        The number of the first sample that is still kept, not below `first`, comes with the samples from there on.
+        Raises `AudioError` if the listener has ended, or does not answer.
         """
         try:
             self._line.write(b"%d\n" % first)

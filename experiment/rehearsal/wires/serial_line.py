@@ -49,8 +49,7 @@ class SerialLine:
     def offer(self, data: bytes | memoryview) -> int:
         """Write what the line takes at once, and return how many bytes that was.
 
-        Raises:
-            UnpluggedError: the line was unplugged.
+        Raises `UnpluggedError` if the line was unplugged.
         """
         with self._lock:
             self._check()

@@ -56,16 +56,9 @@ class SoundCard:
     def __init__(self, *, rate_hz: int, block: int, inputs: int, outputs: int, exact: bool = True) -> None:
         """Start the server and wait for it. No audio stream may be open in this process.
 
-        Args:
-            rate_hz: frames a second.
-            block: frames of a period.
-            inputs: number of channels.
-            outputs: number of channels.
-            exact: a period waits until every client has done its part, so that no sample is ever lost; False for a
-            server that goes on without them, as a device does.
-
-        Raises:
-            AudioError: JACK is not installed, or the server does not start.
+        A period has `block` frames, and `inputs` and `outputs` are numbers of channels. If `exact`, a period waits
+        until every client has done its part, so that no sample is ever lost; else the server goes on without them, as a
+        device does. Raises `AudioError` if JACK is not installed, or the server does not start.
         """
         program = shutil.which("jackd")
         if program is None:
@@ -91,8 +84,7 @@ class SoundCard:
     def connect(self, output: int, *to: int) -> None:
         """Lay a cable from an output of the session's stream to some of its inputs; channels count from 1.
 
-        Raises:
-            AudioError: there is no such channel, or no stream is open.
+        Raises `AudioError` if there is no such channel, or no stream is open.
         """
         for entry in to:
             self._wired(self._wiring.connect, self._port("out", output), self._port("in", entry))
