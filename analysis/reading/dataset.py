@@ -85,7 +85,7 @@ def read(root: Path) -> Study:
     if (plan := root / "sourcedata" / "protocol.toml").exists():
         from experiment.protocol import files
 
-        protocol = files.load(plan)
+        protocol = files.load_kept(plan)
     attempts = pd.DataFrame(rows)
     rules = protocol.exclusion if protocol else ()
     with_objects = [task.id for task in protocol.tasks if task.stimulus == "real"] if protocol else []
@@ -266,6 +266,9 @@ def _number(cell: str, where: str, allowed: str = "a number") -> float:
     return value
 
 
+LEAST = 2
+"""Sessions of answers alone, without ids or times, that must agree before they count as copies."""
+
 NAMED = 5
 """The most participants who are named where several are in two datasets."""
 
@@ -332,8 +335,14 @@ def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
     told = "judging by the ids of their sessions"
     if not people:
         old, new = _trials(first), _trials(second)
-        alike = [key for key in old if key in new and not (key in first.session_ids and key in second.session_ids)]
-        people = list(dict.fromkeys(who for who, task in alike if old[who, task] == new[who, task]))
+        both = [key for key in old if key in new and not (key in first.session_ids and key in second.session_ids)]
+        alike = [key for key in both if old[key] == new[key]]
+        # Times hardly coincide. Answers alone may, but hardly those of several sessions and of every one in both.
+        timed = set(
+            first.attempts.dropna(subset="response_time_s")[["participant", "task"]].itertuples(index=False, name=None)
+        )
+        if timed & set(alike) or (len(alike) >= LEAST and len(alike) == len(both)):
+            people = list(dict.fromkeys(who for who, _ in alike))
         told = "every one of a session is the same, and no id tells these sessions apart"
     if people:
         more = f" and {len(people) - NAMED} more" if len(people) > NAMED else ""

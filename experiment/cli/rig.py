@@ -13,7 +13,7 @@ from experiment.cli.options import Json
 
 if TYPE_CHECKING:
     from experiment.apparatus.doctor.checks import Check
-    from experiment.apparatus.doctor.doctor import FarEnds
+    from experiment.apparatus.doctor.doctor import SimulatedPorts
     from experiment.apparatus.rig import Rig
 
 commands = options.room()
@@ -100,9 +100,9 @@ def doctor(
         raise typer.Exit(2)
 
 
-def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "FarEnds":
+def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
     """Start what stands at the far ends of a simulated rig: foot, panel and sound card, closed with `opened`."""
-    from experiment.apparatus.doctor.doctor import FarEnds
+    from experiment.apparatus.doctor.doctor import SimulatedPorts
     from experiment.rehearsal.footstep.foot import Foot
     from experiment.rehearsal.footstep.panel import Panel
     from experiment.rehearsal.wires.serial_line import SerialLine
@@ -117,7 +117,7 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "FarEnds":
         opened.callback(panel.close)
         address = panel.address
     if rig.audio is None:
-        return FarEnds(port=line.url, address=address)
+        return SimulatedPorts(port=line.url, address=address)
     channels = rig.audio.channels
     card = SoundCard(rate_hz=rig.audio.rate_hz, block=rig.audio.block, inputs=channels.inputs, outputs=channels.outputs)
     opened.callback(card.close)
@@ -127,7 +127,7 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "FarEnds":
             card.disconnect(channels.loopback)
             card.connect(channels.actuator, channels.loopback)
 
-    return FarEnds(port=line.url, address=address, device=DEVICE, wire=wire)
+    return SimulatedPorts(port=line.url, address=address, device=DEVICE, wire=wire)
 
 
 def _lines(check: "Check") -> Iterator[str]:

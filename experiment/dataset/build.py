@@ -75,7 +75,7 @@ def build(root: Path) -> None:
     of a session which never started: it is left out. Raises `DatasetError` if a part is missing, or a foot trace is not
     the one its journal names; `JournalError` if a journal is broken.
     """
-    protocol = files.load(root / "sourcedata" / "protocol.toml")
+    protocol = files.load_kept(root / "sourcedata" / "protocol.toml")
     found = storage.journals(root)
     if not found:
         raise DatasetError(f"{root}: got no journal; allowed: one or more; run a session first")

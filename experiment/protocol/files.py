@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiment.errors import PalpateError, Problem, ProtocolError
+from experiment.errors import DatasetError, PalpateError, Problem, ProtocolError
 from experiment.protocol.models import Protocol
 from experiment.settings.load import checked, parsed
 
@@ -27,6 +27,20 @@ def load(path: Path) -> Protocol:
     document, lines = parsed(path)
     if document.get("format") == 1:
         raise ProtocolError(str(path), [Problem("format", lines.get(("format",)), "1", FORMAT_1_MOVES)])
+    return checked(path, Protocol, document, lines)
+
+
+def load_kept(path: Path) -> Protocol:
+    """Return the protocol of which a dataset keeps a copy, which nobody may change. Raises as `load`.
+
+    Raises `DatasetError` if the copy is of an older format.
+    """
+    document, lines = parsed(path)
+    if document.get("format") == 1:
+        raise DatasetError(
+            f"{path}: got a dataset whose protocol is of format 1; allowed: format 2; use the palpate that made the "
+            "dataset, and leave the file as it is"
+        )
     return checked(path, Protocol, document, lines)
 
 

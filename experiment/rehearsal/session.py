@@ -98,7 +98,7 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
                 position=position,
                 seed=job.seed,
                 recordings=recordings,
-                rehearsal=True,
+                control=job.control,
                 clock=clock,
             )
             footer = runner.run(

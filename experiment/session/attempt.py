@@ -85,7 +85,7 @@ class Devices:
     then pauses. `priority` is that of its threads in words, and is empty in simulated time.
     """
 
-    trials: KindDevices
+    kind: KindDevices
     console: Console
     clock: Clock
     masker: Masker | None
@@ -104,7 +104,7 @@ class Attempts:
         self._console, self._clock = devices.console, devices.clock
         self._log = log
         self._masking = masking
-        self._kind = devices.trials.begin(
+        self._kind = devices.kind.begin(
             protocol=protocol, header=header, console=devices.console, clock=devices.clock, log=log
         )
         self._answered_ns: int | None = None

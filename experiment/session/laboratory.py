@@ -57,7 +57,7 @@ def open_laboratory(
             device = ends.sound_device(opened)
             sound = masker.open_sound(rig, protocol, clock=clock, dose_before=dose, opened=opened, device=device)
             ends.wire_sound()
-        trials = OPENS[protocol.task(task_id).kind](
+        kind = OPENS[protocol.task(task_id).kind](
             protocol=protocol,
             rig=rig,
             rig_folder=rig_folder,
@@ -71,14 +71,8 @@ def open_laboratory(
         console = ends.console()
         if priority:
             console.show(f"Priority: {priority}.")
-        if sound is None:
-            console.show(
-                f"The rig has no audio device for the masker. Play {protocol.masker.noise} noise by other means, "
-                f"at no more than {protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: "
-                f"{protocol.masker.criterion}"
-            )
         yield Devices(
-            trials=trials,
+            kind=kind,
             console=console,
             clock=clock,
             masker=sound.masker if sound is not None else None,
@@ -96,29 +90,30 @@ def header(
     position: int,
     seed: int,
     recordings: Path | None,
-    rehearsal: bool,
+    control: str | None,
     clock: Clock,
 ) -> Header:
     """Return what a session is, with its trials in order.
 
     `position` says which of the participant's tasks this is, from 1. `recordings` is None if the task needs none.
     """
-    protocol_sha256 = approval.sha256(protocol)
+    protocol_sha256, rig_sha256 = approval.sha256(protocol), rigs.sha256(rig)
+    recordings_sha256 = _recordings_sha256(recordings) if recordings is not None else None
     # A real session is unlike any other; a rehearsed one is the same whenever it is rehearsed again.
-    named = f"{protocol_sha256} {seed} {participant} {task_id}"
+    named = f"{protocol_sha256} {rig_sha256} {recordings_sha256} {control} {seed} {participant} {task_id}"
     return Header(
-        session_id=sha256(named.encode()).hexdigest()[:32] if rehearsal else secrets.token_hex(16),
+        session_id=sha256(named.encode()).hexdigest()[:32] if control is not None else secrets.token_hex(16),
         study=protocol.study.id,
         protocol_sha256=protocol_sha256,
         software=f"palpate {__version__}",
         rig=rig.rig.name,
-        rig_sha256=rigs.sha256(rig),
-        recordings_sha256=_recordings_sha256(recordings) if recordings is not None else None,
+        rig_sha256=rig_sha256,
+        recordings_sha256=recordings_sha256,
         seed=seed,
         participant=participant,
         task=task_id,
         task_position=position,
-        rehearsal=rehearsal,
+        rehearsal=control is not None,
         started_utc=utc(clock.now_ns()),
         block_trials=schedule.block_trials(protocol, task_id),
         order=schedule.schedule(protocol=protocol, participant=participant, task_id=task_id, seed=seed),

@@ -95,6 +95,12 @@ def run(
     allocation = roster.find(roster.allocate(protocol, seed), participant)
     _check_turn(root, allocation, task_id)
     _wait_for_break(root, protocol, allocation, task_id, clock, console)
+    if rig.audio is None:
+        console.show(
+            f"The rig has no audio device for the masker. Play {protocol.masker.noise} noise by other means, "
+            f"at no more than {protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: "
+            f"{protocol.masker.criterion}"
+        )
     planned = scene.plan(protocol=protocol, task_id=task_id)
     used = _keep_recordings(root, recordings, protocol, planned) if planned.synthesis else None
     with ExitStack() as opened:
@@ -119,7 +125,7 @@ def run(
             position=allocation.tasks.index(task_id) + 1,
             seed=seed,
             recordings=used,
-            rehearsal=False,
+            control=None,
             clock=clock,
         )
         try:

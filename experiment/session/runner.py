@@ -48,8 +48,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
         done = progress(contents.entries or (header,))
         if done.footer is not None and done.footer.reason == "complete":
             return done.footer
-        if not contents.lines:
-            opening.copy_rig(rig_file, rig_path(path))
+        opening.copy_rig(rig_file, rig_path(path))
         with closing(SessionLog(path, devices.clock, contents, done)) as log:
             return _Session(protocol=protocol, devices=devices, log=log).run(contents)
 
@@ -72,8 +71,8 @@ class SessionLog:
     def __init__(self, path: Path, clock: Clock, contents: journal.Contents, done: Progress) -> None:
         self.done = done
         """Where the session stands by what is on disk, as it would after a kill."""
-        self._frames = foot_path(path).open("ab")
         self._journal = journal.Journal(path, clock, contents)
+        self._frames = foot_path(path).open("ab")
 
     @property
     def accepts(self) -> bool:
@@ -92,8 +91,10 @@ class SessionLog:
         return Trace(offset=offset, length=len(raw), sha256=hashlib.sha256(raw).hexdigest())
 
     def close(self) -> None:
-        self._frames.close()
-        self._journal.close()
+        try:
+            self._frames.close()
+        finally:
+            self._journal.close()
 
 
 class _Session:
@@ -154,7 +155,7 @@ class _Session:
         if self._masking is not None and (spent := self._masking.spent()):
             return spent
         if self._attempts.undelivered >= MOST_UNDELIVERED:
-            return f"{self._attempts.undelivered} attempts in a row were undelivered; run palpate doctor, then go on"
+            return f"{self._attempts.undelivered} attempts in a row had a stimulus that was not delivered; run palpate doctor, then go on"
         if begun[trial] == MOST_ATTEMPTS:
             return f"trial {trial} was begun {MOST_ATTEMPTS} times; see to the rig, then go on"
         return ""

@@ -200,7 +200,9 @@ class Mixer:
     def kept(self, frame: int, frames: int) -> Block:
         """Return what the inputs heard from a frame on, shape (frames, inputs); `AudioError` unless all is kept."""
         if frame < 0 or frames < 0 or frame + frames > self.frame:
-            raise AudioError(f"audio: got a request for input to frame {frame + frames}; allowed: up to {self.frame}")
+            raise AudioError(
+                f"audio: got a request for input up to frame {frame + frames}; allowed: up to {self.frame}"
+            )
         taken = self._kept[np.arange(frame, frame + frames) % len(self._kept)]
         # The block under way may be overwriting what lies a whole ring behind it.
         oldest = self.frame + self.layout.block - len(self._kept)

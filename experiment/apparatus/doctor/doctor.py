@@ -34,7 +34,7 @@ HIGHEST_RATE_HZ = 5000
 
 
 @dataclass(frozen=True)
-class FarEnds:
+class SimulatedPorts:
     """The tracker's port, the actuator's address and the audio device where they are simulated; None for the rig's own.
 
     `wire` lays the loopback's cable once the stream is open.
@@ -46,7 +46,7 @@ class FarEnds:
     wire: Callable[[], None] = lambda: None
 
 
-Simulate = Callable[[Rig, ExitStack], FarEnds]
+Simulate = Callable[[Rig, ExitStack], SimulatedPorts]
 """Starts what is at the far ends of a simulated rig, and has it closed with the stack."""
 
 
@@ -103,7 +103,7 @@ def _trials(protocol: Protocol | None) -> int:
 def _devices(rig: Rig, clock: Clock, simulate: Simulate) -> Iterator[Check]:
     with ExitStack() as opened:
         try:
-            ends = simulate(rig, opened) if rig.rig.simulated else FarEnds()
+            ends = simulate(rig, opened) if rig.rig.simulated else SimulatedPorts()
         except PalpateError as error:
             yield refused("simulated parts", error)
             return
@@ -120,7 +120,7 @@ def _devices(rig: Rig, clock: Clock, simulate: Simulate) -> Iterator[Check]:
             yield unchecked("accelerometer", "only palpate record listens to it")
 
 
-def _tracker(rig: Rig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
+def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Check]:
     name = "tracker port"
     try:
         device = opening.open_tracker(rig, clock=clock, port=ends.port)
@@ -138,7 +138,7 @@ def _tracker(rig: Rig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
         yield refused("tracker closing", error)
 
 
-def _audio(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock) -> Iterator[Check]:
+def _audio(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock) -> Iterator[Check]:
     try:
         stream = opening.open_probing(rig, peak=devices.PEAK, clock=clock, device=ends.device)
     except PalpateError as error:
@@ -153,7 +153,7 @@ def _audio(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock) -> Iterato
         yield refused("audio closing", error)
 
 
-def _stream(rig: Rig, settings: AudioRig, ends: FarEnds, clock: Clock, stream: AudioStream) -> Iterator[Check]:
+def _stream(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock, stream: AudioStream) -> Iterator[Check]:
     """Check the tracker while a stream runs, then the stream."""
     name = "audio stream"
     try:

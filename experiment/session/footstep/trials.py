@@ -173,7 +173,7 @@ class Footsteps:
 
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:
         """Watch the step that was armed, and put its raw frames on disk."""
-        armed = self._armed
+        armed, self._armed = self._armed, None
         if armed is None:
             raise RuntimeError("no step is watched before it was armed")
         step = watch(self._watch, armed.planned.presented[0], waiting)

@@ -115,7 +115,7 @@ def run(dataset_root: Path, clock: ManualClock, tracker: Wandering, keys: str, t
     order = tuple(PlannedTrial(trial=n, presented=("copy paper",)) for n in range(1, trials + 1))
     changed = {"order": order, "task": "real", "block_trials": trials, "rig_sha256": rig.sha256(rig.load(rig_file))}
     devices = attempt.Devices(
-        trials=FootstepDevices(tracker, tracker_port="wandering", noise_mm=0.1, actuator=None, materials=None),
+        kind=FootstepDevices(tracker, tracker_port="wandering", noise_mm=0.1, actuator=None, materials=None),
         console=ScriptedConsole(clock, keys, before_ask=lambda: clock.sleep_ns(4_000_000_000)),
         clock=clock,
         masker=None,

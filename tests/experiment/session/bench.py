@@ -88,7 +88,7 @@ class Bench:
     def run(self, protocol: Protocol, asked: Header, dataset: Path) -> Footer:
         virtual = asked.task == "virtual"
         devices = attempt.Devices(
-            trials=FootstepDevices(
+            kind=FootstepDevices(
                 tracker=self.zeroed or self.foreign or self.tracker,
                 tracker_port="scripted",
                 noise_mm=0.1,

@@ -15,7 +15,7 @@ from experiment.errors import AudioError, PalpateError, TrackerError
 from experiment.protocol.files import shipped
 
 RIG = rig.load(shipped("rigs/headless.toml"))
-ENDS = doctor.FarEnds(port="nowhere")
+ENDS = doctor.SimulatedPorts(port="nowhere")
 
 
 class Part:
