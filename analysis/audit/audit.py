@@ -10,7 +10,7 @@ from __future__ import annotations
 import statistics
 import textwrap
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
@@ -179,9 +179,8 @@ def compare(published: Published, results: Results, *, diagnose: bool) -> Compar
 
 
 def _icc(icc: PrintedIcc, results: Results) -> Line:
-    cited = Citation(
-        icc.where, "both", "reliability of the two-way ANOVA", "not in this dataset", results.two_way_statement
-    )
+    statement = results.two_way_statement
+    cited = Citation(icc.where, "both", "reliability of the two-way ANOVA", "not in this dataset", statement)
     if results.components is None:
         return cited.number("ICC", icc.value, ())
     k, _, value = results.components.by_k[0]
@@ -209,10 +208,7 @@ def _correlation(published: Published, result: TaskResult) -> Correlation:
 
 
 def comparison_section(origin: str, comparison: Comparison) -> Section:
-    """Return the section of every printed number beside the recomputed one.
-
-    `origin` is PARTICIPANT, REHEARSAL, RECONSTRUCTION or PRINT, and decides the wording.
-    """
+    """Return every printed number beside the recomputed one; `origin`, a key of `OWN`, decides the wording."""
     own, held = OWN[origin], origin in HELD
     tables = []
     places: dict[tuple[str, str], list[Line]] = {}
@@ -225,21 +221,8 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
         marked = frozenset((i, 3) for i in doubtful if held)
         header = ("quantity", "printed", own, "agrees?" if held else "same?")
         tables.append(Table(f"{where}, {task}", header, rows, left=frozenset(range(4)), marked=marked))
-    records: list[Mapping[str, object]] = [
-        {
-            "where": line.where,
-            "task": line.task,
-            "subject": line.subject,
-            "quantity": line.quantity,
-            "printed": line.printed,
-            own: line.recomputed,
-            "low": line.low,
-            "high": line.high,
-            "verdict": _verdict(line, origin),
-            "reason": line.reason,
-        }
-        for line in comparison.lines
-    ]
+    shown = [asdict(line) | {"verdict": _verdict(line, origin)} for line in comparison.lines]
+    records = [{own if key == "recomputed" else key: value for key, value in line.items()} for line in shown]
     correlations = " ".join(
         f"{c.task}: the {c.cells} cells of the printed table correlate with this dataset's at r = {c.r:.4f}."
         if c.r is not None
@@ -281,9 +264,8 @@ def _row(lines: Sequence[Line], origin: str) -> tuple[str, str, str, str]:
         printed = ", ".join(_with_name(line) for line in lines)
         found = ", ".join(line.recomputed for line in lines)
     alike = all((line.verdict, line.reason) == (lines[0].verdict, lines[0].reason) for line in lines)
-    remarks = [_remark(line, origin, alone=alike) for line in lines if line.verdict != "agrees"] or ["agrees"]
-    if alike:
-        remarks = [_remark(lines[0], origin, alone=True)]
+    said = lines[:1] if alike else [line for line in lines if line.verdict != "agrees"]
+    remarks = [_remark(line, origin, alone=alike) for line in said] or ["agrees"]
     return lines[0].subject, printed, found, "; ".join(remarks)
 
 

@@ -116,7 +116,6 @@ class Checks:
     def _cell(self, cell: PrintedCell) -> Iterator[Line]:
         known, sample, test = self._evidence.mean(cell), self._evidence.sample(cell), self._test_of(cell)
         cited = self._citation(cell.where, cell.task, cell.subject, known.statement)
-
         misreading = self._evidence.misreading(cell)
 
         def possible() -> Iterator[Moments]:
@@ -214,7 +213,6 @@ class Checks:
         verdict, fitting = judge(printed.f, values)
         if len(found.f) > 1 and (verdict not in AGREES or len(fitting) < len(found.f)):
             remark += f" by {' or '.join(kind for kind, f in found.f.items() if f in fitting)}"
-
         layout = self._layout(printed, found) if self._diagnose else None
         why = mistakes.of_f(values, layout, printed.df) if layout else ()
         line = cited.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, why, remark=remark)

@@ -242,9 +242,8 @@ class FromPrint:
         df = len(groups) - 1, values - len(cells)
         if min(df) < 1:
             return Variances(statement="an ANOVA needs two levels, and more values than cells")
-        first, third = (
-            f_of(between([level(group) for group in held]), within(cells), df) for level in (margin, unweighted)
-        )
+        means = ([level(group) for group in held] for level in (margin, unweighted))
+        first, third = (f_of(between(levels), within(cells), df) for levels in means)
         # The cells of a task have as many values each: an effect is the same whether it enters first or last but one.
         return Variances(by_type(first, first, third), df, values)
 

@@ -112,18 +112,15 @@ def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator
     low, high = int(max(bounds[0], least)), int(min(bounds[1], greatest))
     # A sum of squares is odd where the sum is: every x² - x is even.
     low += (low - total) % 2
-    found = None
-    if most is not None and n * (min(total, n * most - total) + 1) * (most + 1) <= EXACT_STEPS:
-        # Counts from the other end have the same spread: with many of n * most, few are left.
-        flipped = 2 * total > n * most
-        found = _attained(n * most - total if flipped else total, n, most), flipped
-    for squares in range(low, high + 1, 2):
-        if found is not None and most is not None:
-            bits, flipped = found
-            at = squares - 2 * most * total + n * most * most if flipped else squares
-            if not bits >> at & 1:
-                continue
-        yield squares
+    every = range(low, high + 1, 2)
+    if most is None or n * (min(total, n * most - total) + 1) * (most + 1) > EXACT_STEPS:
+        yield from every
+        return
+    # Counts from the other end have the same spread: with many of n * most, few are left.
+    flipped = 2 * total > n * most
+    bits = _attained(n * most - total if flipped else total, n, most)
+    moved = (n * most - 2 * total) * most if flipped else 0
+    yield from (squares for squares in every if bits >> (squares + moved) & 1)
 
 
 def _bounds(total: int, n: int, most: int | None) -> tuple[int, float] | None:
@@ -164,11 +161,10 @@ Column = Mapping[int, Interval]
 class Row:
     """What was found about a row of so many `trials`, for which the means give from `fewest` to `most` answers.
 
-    `stands` says whether whole counts give every cell, rounded or truncated, and `truncated` holds the indices of the
-    cells that must be truncated for it. For a row that does not stand, `missing` is the fewest trials without an answer
-    that would explain it with its means rounded, `missing_truncated` with its means rounded or truncated (None where no
-    number up to `MOST_MISSING` would), and `misprinted` holds the indices of cells such that the row would stand with
-    another value of that cell alone.
+    It `stands` where whole counts give every cell, with the cells at the indices `truncated` truncated. Where it does
+    not, `missing` is the fewest trials without an answer that would explain it with its means rounded,
+    `missing_truncated` with its means rounded or truncated (None where no number up to `MOST_MISSING` would); with
+    another value of one of the cells at the indices `misprinted`, it would stand.
     """
 
     trials: int
@@ -294,13 +290,8 @@ def _programme(
         return None
     rows = np.vstack([np.ones(len(ways)), ways.T, (ways**2).T])
     constraint = LinearConstraint(rows, [n, *sums, *low], [n, *sums, *high])
-    result = milp(
-        np.zeros(len(ways)),
-        constraints=constraint,
-        integrality=np.ones(len(ways)),
-        bounds=Bounds(0, n),
-        options={"time_limit": MOST_S},
-    )
+    whole, limit = np.ones(len(ways)), {"time_limit": MOST_S}
+    result = milp(0 * whole, constraints=constraint, integrality=whole, bounds=Bounds(0, n), options=limit)
     if result.status == 2:
         return None
     if result.x is None:

@@ -15,7 +15,7 @@ from typing import Literal
 from analysis.audit.granularity import Moments
 from analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
 from analysis.documents.tables import plural
-from analysis.published.printed import Interval, Printed, as_printed, hull, image
+from analysis.published.printed import Interval, Printed, as_printed, hull, image, point
 
 Verdict = Literal[
     "agrees",
@@ -31,10 +31,9 @@ AGREES: tuple[Verdict, ...] = ("agrees", "agrees if truncated")
 
 @dataclass(frozen=True)
 class Line:
-    """One printed number.
+    """One printed number, and the recomputed one as text at the printed precision.
 
-    `recomputed` is text at the printed precision; `low` and `high` bound the recomputed number, and are None where
-    there is no number, or no bound.
+    `low` and `high` bound the recomputed number, and are None where there is no number, or no bound.
     """
 
     where: str
@@ -124,7 +123,7 @@ def of_mean(means: Sequence[Interval], n: int, sizes: Iterable[int]) -> Iterator
         values = tuple(mean.times(Fraction(n, size)) for mean in means)
         yield Mistake(f"the sum was divided by {plural(size, 'participant')}, where n is {n}", values)
     yield Mistake("it was printed as a percentage", tuple(mean.times(Fraction(100)) for mean in means))
-    yield Mistake("it is 1 less the ratio", tuple(mean.times(Fraction(-1)).plus(_ONE) for mean in means))
+    yield Mistake("it is 1 less the ratio", tuple(mean.times(Fraction(-1)).plus(point(Fraction(1))) for mean in means))
 
 
 def of_sd(possible: Iterable[Moments]) -> Iterator[Mistake]:
@@ -280,16 +279,12 @@ def _span(effects: Sequence[Interval]) -> str:
     return f" = {texts[0]}" if texts[0] == texts[1] else f" = {texts[0]} to {texts[1]}"
 
 
-_ONE = Interval(Fraction(1), Fraction(1))
 _HALF = Fraction(1, 2)
 
 
 @dataclass(frozen=True)
 class Citation:
-    """Where a printed number stands and what it is about; makes its lines.
-
-    `missing` is the verdict on a number for which there are no values, `statement` the reason.
-    """
+    """Where a printed number stands and what it is about; `missing` is its verdict where there are no values."""
 
     where: str
     task: str

@@ -83,13 +83,12 @@ def _throughout(
 
 def _conflicts(published: Published, evidence: FromPrint, cell: PrintedCell) -> list[Line]:
     """Return the lines of the cell and its test that are in conflict."""
-    lines = Checks(published, evidence, diagnose=False).about(cell)
-    return [line for line in lines if line.verdict in CONFLICTS]
+    return [line for line in Checks(published, evidence, diagnose=False).about(cell) if line.verdict in CONFLICTS]
 
 
 def _in_f(published: Published, evidence: FromPrint, cells: Sequence[PrintedCell]) -> int:
-    checks = Checks(published, evidence, diagnose=False)
-    return sum(line.verdict in CONFLICTS for line in checks.ratios_of(cells))
+    lines = Checks(published, evidence, diagnose=False).ratios_of(cells)
+    return sum(line.verdict in CONFLICTS for line in lines)
 
 
 def source_lines(table: PrintedSources) -> Iterator[Line]:
@@ -131,9 +130,8 @@ def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Ite
     for df in _others(line, table):
         yield Mistake(f"it was taken with {df} df, where df is {line.df}", (f.times(Fraction(line.df, df)),))
     for df in _others(residual, table):
-        yield Mistake(
-            f"its residual was divided by {df} df, where df is {residual.df}", (f.times(Fraction(df, residual.df)),)
-        )
+        text = f"its residual was divided by {df} df, where df is {residual.df}"
+        yield Mistake(text, (f.times(Fraction(df, residual.df)),))
     yield Mistake("it is the ratio of the sums of squares", (f.times(Fraction(line.df, residual.df)),))
     own = _mean_square(line)
     for other in table.lines[:-1]:
@@ -238,12 +236,7 @@ def print_lines(published: Published) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def _row(
-    published: Published,
-    checks: Checks,
-    evidence: FromPrint,
-    cells: Sequence[PrintedCell],
-) -> Line:
+def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Sequence[PrintedCell]) -> Line:
     cited = Citation(cells[0].where, cells[0].task, f"row of {cells[0].presented}", UNDECIDED)
     added = float(sum(cell.mean.exact for cell in cells))
     printed = f"{' + '.join(cell.mean.text for cell in cells)} = {added:.4g}"
@@ -295,12 +288,9 @@ def _judged(cited: Citation, printed: str, cells: Sequence[PrintedCell], row: Ro
         names = ", ".join(f"-> {cells[i].answered}" for i in row.misprinted)
         besides = "so would" if gaps else "a possible cause is"
         reasons.append(f"{besides} a misprint of one of {names}")
-    if row.fewest > row.trials or row.most < row.trials:
-        reasons.insert(0, "the ratios cannot sum to 1")
-        text = "; ".join(reasons)
-    else:
-        text = "; ".join([f"no whole counts give all means and SDs at once{given}", *reasons])
-    return cited.text("row", printed, found, "impossible", text)
+    possible = row.fewest <= row.trials <= row.most
+    first = f"no whole counts give all means and SDs at once{given}" if possible else "the ratios cannot sum to 1"
+    return cited.text("row", printed, found, "impossible", "; ".join([first, *reasons]))
 
 
 def _choices(choices: PrintedChoices) -> Iterator[Line]:

@@ -107,10 +107,7 @@ def together(moments: Sequence[Moments]) -> Moments:
 
 
 def _least(margins: Sequence[Margin]) -> Fraction:
-    """Return the least sum of squares: each level as near to the best common centre as its interval allows.
-
-    The sum of squared distances is convex in the centre and quadratic between the intervals' ends.
-    """
+    """Return the least sum of squares, convex in the common centre and quadratic between the intervals' ends."""
     ends = sorted({Fraction(end) for margin in margins for end in (margin.mean.low, margin.mean.high)})
     centres = set(ends)
     for low, high in pairwise(ends):

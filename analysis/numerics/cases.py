@@ -199,8 +199,7 @@ def within_claims(
                 if not share <= 1:
                     return False, f"{at}: {share:.3g} of the error claimed"
                 worst = max(worst, share)
-        wrong = _miscounted(spectra, rate_hz, exact, counted=not denormal)
-        if wrong:
+        if wrong := _miscounted(spectra, rate_hz, exact, counted=not denormal):
             return False, wrong
     if not worst:
         return True, "no error at all"
@@ -235,13 +234,11 @@ def _speeds() -> list[Case]:
     exact = "the measured spectrum bit for bit, nothing floored; every way keeps the error it claims"
     near = "the same spectrum to 1e-13 of it; every way keeps the error it claims"
     places = list(enumerate(SPEEDS_MM_S))
+    beside = "one rounding below and above"
     return [
         *(Case("speed", f"{v:g} mm/s", claims, partial(within_claims, spectra, (v,))) for v in (0.0, 1e-6, 1e4)),
         *(Case("speed", f"exactly {v:g} mm/s", exact, partial(_measured, spectra, i)) for i, v in places),
-        *(
-            Case("speed", f"{v:g} mm/s, one rounding below and above", near, partial(_beside, spectra, i))
-            for i, v in places
-        ),
+        *(Case("speed", f"{v:g} mm/s, {beside}", near, partial(_beside, spectra, i)) for i, v in places),
     ]
 
 
@@ -313,12 +310,8 @@ def _cosine(amplitudes: NDArray[np.float64]) -> Seen:
 
 def _overflowing() -> Seen:
     takes = np.random.default_rng(2).choice([-1.7e308, 1.7e308], size=(4, 3, BINS))
-    return refused(
-        [
-            ("amplitudes", lambda: material(np.full((4, BINS), 1.7e308))),
-            ("takes", lambda: _subtracted(takes, np.zeros((4, 3, BINS)))),
-        ]
-    )
+    loud = "amplitudes", lambda: material(np.full((4, BINS), 1.7e308))
+    return refused([loud, ("takes", lambda: _subtracted(takes, np.zeros((4, 3, BINS))))])
 
 
 def _falls(spectra: CrinkleSpectra) -> Seen:

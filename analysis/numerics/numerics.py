@@ -1,7 +1,4 @@
-"""Error against run time of synthesis, resampling, frequency shaping and noise, and whether everything holds.
-
-All spectra are SIMULATED: random amplitudes under an envelope that falls beyond 120 Hz, as that of a crinkle does.
-"""
+"""Error against run time of synthesis, resampling, frequency shaping and noise, and whether everything holds."""
 
 from __future__ import annotations
 
@@ -11,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from importlib import metadata
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,16 +31,10 @@ MOST_REPEATS = 2000
 
 @dataclass(frozen=True)
 class Extent:
-    """How much to measure.
+    """How much to measure, for recordings of `lengths` samples, and for how long.
 
-    Attributes:
-        lengths: N of the recordings, samples.
-        most_terms: a printed sum of more terms is not measured.
-        table_sizes: numbers of frequencies in a response table.
-        table_levels: numbers of drive levels in it.
-        budget_s: time for the repeats of one measurement.
-        least_repeats: repeats of one measurement, however long they take.
-        places: samples at which resampling is compared with the sum taken term by term.
+    A printed sum of more than `most_terms` is not measured. A response table has `table_sizes` frequencies and
+    `table_levels` drive levels. Resampling is compared with the sum taken term by term at so many `places`.
     """
 
     lengths: tuple[int, ...]
@@ -99,16 +91,10 @@ class Timed:
 
 @dataclass(frozen=True)
 class Measured:
-    """One point: the run time and the error of one way to compute something.
+    """One point: the run time and the error (relative, or in dB for noise) of one way to compute something.
 
-    Attributes:
-        subject: `synthesis`, `resampling`, `shaping` or `noise`.
-        way: how it was computed; one curve of the plot.
-        given: the sizes: name of a quantity with its unit -> value.
-        error: relative, or in dB for noise.
-        claimed: the bound that the way states on its error; None where it states none.
-        prepared_s: time of the preparation; None where there is none.
-        memory_bytes: memory that the preparation holds; None where there is none.
+    `way` is one curve of the plot, `given` the sizes by the name of a quantity with its unit. `claimed` is the bound
+    that the way states on its error; the last two are the time and the memory of its preparation, where it has one.
     """
 
     subject: str
@@ -127,11 +113,7 @@ class Measured:
 
 
 def timed(
-    call: Callable[[], object],
-    *,
-    budget_s: float,
-    least_repeats: int,
-    clock: Callable[[], int] = time.perf_counter_ns,
+    call: Callable[[], object], *, budget_s: float, least_repeats: int, clock: Callable[[], int] = time.perf_counter_ns
 ) -> Timed:
     """Return the run time of a call, repeated for `budget_s` and at least `least_repeats` (one or more) times.
 
@@ -165,7 +147,7 @@ def measurements(extent: Extent) -> list[Measurement]:
 
 @lru_cache(maxsize=8)
 def made_to_order(samples: int) -> CrinkleSpectra:
-    """Return SIMULATED spectra of a material with N = `samples`, the same at every call."""
+    """Return SIMULATED spectra, N = `samples`: random under an envelope that falls beyond 120 Hz like a crinkle's."""
     rng = np.random.default_rng(samples)
     f = bin_frequencies_hz(bins=samples, rate_hz=RATE_HZ)
     envelope = np.outer([0.5, 1.0, 1.4, 2.0], 1 / (1 + (f / 120.0) ** 2) ** 2)
@@ -231,36 +213,28 @@ def _resampling(way: str, samples: int, rate_hz: int, extent: Extent) -> Measure
     coefficients = (made_to_order(samples).amplitudes * made_to_order(samples).signs)[2]
     recorded = inverse(coefficients)
     on = grid(samples=samples, bins=samples, rate_hz=RATE_HZ, output_rate_hz=rate_hz)
-    claimed: float | None = None
+    call: Callable[[], Any]
     numerators, denominator = (2 * np.arange(on.count, dtype=np.int64) + 1) * on.q, 2 * on.p
     if way == "inverse DCT":
-        claimed = transform_error(on)
-
-        def call() -> NDArray[np.float64]:
-            return inverse_on(coefficients, on)
+        call = partial(inverse_on, coefficients, on)
     elif way == "linear interpolation":
         times = (np.arange(on.count) + 0.5) * (RATE_HZ / rate_hz) - 0.5
-
-        def call() -> NDArray[np.float64]:
-            return np.asarray(np.interp(times, np.arange(samples), recorded))
+        call = partial(np.interp, times, np.arange(samples), recorded)
     else:
         # A polyphase filter keeps the time of the first sample; all others keep the beginning of the recording.
         numerators, denominator = rate_hz + 2 * RATE_HZ * np.arange(on.count, dtype=np.int64), 2 * samples * rate_hz
-
-        def call() -> NDArray[np.float64]:
-            return np.asarray(signal.resample_poly(recorded, rate_hz, RATE_HZ))
-
+        call = partial(signal.resample_poly, recorded, rate_hz, RATE_HZ)
     # Both ends are left out, because only the DCT says how a recording goes on beyond them.
     places = np.linspace(on.count // 20, on.count - on.count // 20, extent.places).astype(np.int64)
     exact = oracle.term_by_term(coefficients, numerators=numerators[places], denominator=denominator)
-    difference = call()[places] - exact
+    difference = np.asarray(call())[places] - exact
     return Measured(
         subject="resampling",
         way=way,
         given={"samples": samples, "output_rate_hz": rate_hz},
         timed=_timed(call, extent),
         error=float(np.sqrt(np.mean(difference**2) / np.mean(exact**2))),
-        claimed=claimed,
+        claimed=transform_error(on) if way == "inverse DCT" else None,
     )
 
 
@@ -327,9 +301,8 @@ class Numerics:
     def broken(self) -> tuple[str, ...]:
         """One line for each invariant and each claim that does not hold."""
         claims = [
-            f"{one.subject}, {one.way}: error {one.error:.2g}, above {one.claimed:.2g} claimed"
-            if one.claimed is not None
-            else f"{one.subject}, {one.way}: error {one.error:.2g}"
+            f"{one.subject}, {one.way}: error {one.error:.2g}"
+            + (f", above {one.claimed:.2g} claimed" if one.claimed is not None else "")
             for one in self.measured
             if not one.holds
         ]
@@ -347,10 +320,7 @@ class Numerics:
 
 
 def run(
-    extent: Extent,
-    *,
-    total: Callable[[int], None] = lambda _: None,
-    tick: Callable[[], None] = lambda: None,
+    extent: Extent, *, total: Callable[[int], None] = lambda _: None, tick: Callable[[], None] = lambda: None
 ) -> Numerics:
     """Measure everything and settle every case; `total` is told the number of steps, `tick` is called after each."""
     wanted, extremes = measurements(extent), cases.cases()

@@ -33,15 +33,10 @@ PEAK_HZ, DAMPING, GAIN_M_S2_PER_V, SOFT_V = 360.0, 0.12, 4.0, 5.0
 
 @dataclass(frozen=True)
 class Exact:
-    """A stimulus in extended precision.
+    """A stimulus in extended precision: samples in m/s^2, shape (n,), of recordings with N = `bins`.
 
-    Attributes:
-        samples: shape (n,), m/s^2.
-        scale: divisor of a relative error, as `experiment.synthesis.waveforms` defines it.
-        floored: number of bins that the line of equation (3) makes negative.
-        extrapolated: whether the speed lies outside the measured speeds.
-        dropped: number of bins of the recordings that the output rate cannot carry.
-        bins: N of the recordings.
+    `scale` divides a relative error, as `experiment.synthesis.waveforms` defines it. The line of equation (3) makes
+    `floored` bins negative, and the output rate cannot carry `dropped` bins of the recordings.
     """
 
     samples: Extended
@@ -58,10 +53,9 @@ def extended_epsilon() -> float:
 
 
 def spectrum_at(spectra: CrinkleSpectra, speed_mm_s: float) -> tuple[Extended, int, int | None]:
-    """Return C'_k(v) of equations (3) and (4), with the signed difference but otherwise as printed.
+    """Return C'_k(v) of equations (3) and (4), with the signed difference but otherwise as printed, floored at zero.
 
-    The spectrum is floored at zero; with it come the number of floored bins and, in extrapolation, the place of the
-    nearest speed.
+    With it come the number of floored bins and, in extrapolation, the place of the nearest speed.
     """
     v = np.longdouble(speed_mm_s)
     speeds, amplitudes = spectra.speeds_mm_s.astype(np.longdouble), spectra.amplitudes.astype(np.longdouble)
@@ -76,17 +70,19 @@ def spectrum_at(spectra: CrinkleSpectra, speed_mm_s: float) -> tuple[Extended, i
 def stimulus(spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int) -> Exact:
     """Return the stimulus of equations (3) to (5) at one speed and output rate."""
     wanted, floored, nearest = spectrum_at(spectra, speed_mm_s)
-    carried = min(wanted.size, ceil(_places(spectra, output_rate_hz)))
+    # N F' / F samples fill the recording's time; bins below that number lie below half the output rate.
+    places = Fraction(spectra.samples * output_rate_hz, spectra.rate_hz)
+    carried = min(wanted.size, ceil(places))
     bins = slice(1, carried)
     length = _length(wanted[bins])
     if nearest is not None:
         length = max(length, _length(spectra.amplitudes[nearest, bins].astype(np.longdouble)))
     return Exact(
-        samples=_inverse(wanted[:carried], _places(spectra, output_rate_hz)),
+        samples=_inverse(wanted[:carried], places),
         scale=length / np.sqrt(np.longdouble(2)),
         floored=floored,
         extrapolated=nearest is not None,
-        dropped=max(0, spectra.samples - ceil(_places(spectra, output_rate_hz))),
+        dropped=max(0, spectra.samples - ceil(places)),
         bins=spectra.samples,
     )
 
@@ -130,14 +126,9 @@ def voltage_v(frequencies_hz: NDArray[np.float64], wanted_m_s2: NDArray[np.float
 def octave_deviations_db(samples: NDArray[np.float64], *, rate_hz: int, db_per_octave: float) -> NDArray[np.float64]:
     """Return how far each octave band of one period of noise is from its colour, dB relative to the band at 1 kHz.
 
-    Args:
-        samples: shape (n,).
-        rate_hz: sampling rate.
-        db_per_octave: rise of the levels of octave bands: 0 for pink noise, 10 log10(10^0.3) for white noise.
-
-    Returns:
-        Shape (10,), from the band at 31.5 Hz to the band at 16 kHz, whose exact centres are 1000 times a power of
-        10^0.3 (IEC 61260-1); minus infinity for a band without a bin.
+    Shape (10,), from the band at 31.5 Hz to the band at 16 kHz, whose exact centres are 1000 times a power of 10^0.3
+    (IEC 61260-1); minus infinity for a band without a bin. `db_per_octave` is the rise of the levels of octave bands:
+    0 for pink noise, 10 log10(10^0.3) for white noise.
     """
     power = np.abs(np.fft.rfft(samples)) ** 2
     f = np.fft.rfftfreq(samples.size, 1 / rate_hz)
@@ -158,11 +149,6 @@ def _length(values: Extended) -> np.longdouble:
 def _gain(frequencies_hz: NDArray[np.float64]) -> NDArray[np.float64]:
     part = frequencies_hz / PEAK_HZ
     return np.asarray(GAIN_M_S2_PER_V / np.hypot(1 - part**2, 2 * DAMPING * part))
-
-
-def _places(spectra: CrinkleSpectra, output_rate_hz: int) -> Fraction:
-    """Return N F' / F, the samples that fill the recording's time; bins below it lie below half the output rate."""
-    return Fraction(spectra.samples * output_rate_hz, spectra.rate_hz)
 
 
 def _inverse(coefficients: Extended, places: Fraction) -> Extended:

@@ -74,13 +74,7 @@ def text(result: Numerics, width: int = WIDTH) -> str:
 def as_dict(result: Numerics) -> dict[str, Any]:
     """Return every number and outcome, for JSON."""
     rows = {section.slug: [dict(record) for record in section.records] for section in sections(result)}
-    return {
-        "label": LABEL,
-        "software": result.software,
-        "failed": result.failed,
-        "broken": list(result.broken),
-        **rows,
-    }
+    return {"label": LABEL, "software": result.software, "failed": result.failed, "broken": list(result.broken), **rows}
 
 
 def check_out(out: Path) -> None:
@@ -97,10 +91,7 @@ def check_out(out: Path) -> None:
 
 
 def write(result: Numerics, out: Path) -> tuple[Path, ...]:
-    """Write tables (CSV, Markdown) and the plot (PNG, SVG) into a folder, and return the files.
-
-    Only files that this wrote before are replaced; errors as `check_out`.
-    """
+    """Write tables (CSV, Markdown) and the plot (PNG, SVG) into a folder; return the files. Errors as `check_out`."""
     parts = sections(result)
     files = {f"{part.slug}.csv": comma_separated(part, LABEL).encode() for part in parts}
     page = [f"**{LABEL}**\n", *(markdown(part, "") for part in parts), result.verdict, ""]
@@ -122,11 +113,8 @@ def time_text(seconds: float | None) -> str:
 
 def usual(rows: list[Measured]) -> list[Measured]:
     """Return the rows of synthesis at one length, one output rate and one speed, which stand for all."""
-    wanted = {
-        "samples": usual_length(one.given["samples"] for one in rows),
-        "output_rate_hz": OUTPUT_RATE_HZ,
-        "speed_mm_s": BETWEEN_MM_S,
-    }
+    length = usual_length(one.given["samples"] for one in rows)
+    wanted = {"samples": length, "output_rate_hz": OUTPUT_RATE_HZ, "speed_mm_s": BETWEEN_MM_S}
     return [one for one in rows if one.given == wanted]
 
 
@@ -145,14 +133,8 @@ def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
         size = "N = {samples:g} at {output_rate_hz:g} Hz, {speed_mm_s:g} mm/s".format(**shown[0].given)
         brief = (_table(f"{size} (all {len(rows)} rows: --out)", shown, given=False),)
         tables = [_table(size, shown, given=False), replace(tables[0], title="Every size, rate and speed")]
-    return Section(
-        slug=subject,
-        title=TITLES[subject],
-        paragraphs=tuple(paragraphs),
-        tables=tuple(tables),
-        records=tuple(_record(one) for one in rows),
-        brief=brief,
-    )
+    records = tuple(_record(one) for one in rows)
+    return Section(subject, TITLES[subject], tuple(paragraphs), tuple(tables), records, brief)
 
 
 def _table(title: str, rows: list[Measured], *, given: bool) -> Table:
@@ -162,6 +144,7 @@ def _table(title: str, rows: list[Measured], *, given: bool) -> Table:
     claims = any(one.claimed is not None for one in rows)
     header = ["way", *(HEADS[name] for name in sizes), "median time", unit, *(["claimed"] * claims)]
     header += ["prepared in", "memory"] * prepared
+    kibibytes = ["-" if one.memory_bytes is None else f"{one.memory_bytes / 1024:.0f} KiB" for one in rows]
     cells = [
         [
             one.way,
@@ -169,9 +152,9 @@ def _table(title: str, rows: list[Measured], *, given: bool) -> Table:
             time_text(one.timed.median_s),
             _error(one, one.error),
             *([_error(one, one.claimed)] * claims),
-            *([time_text(one.prepared_s), _kibibytes(one.memory_bytes)] * prepared),
+            *([time_text(one.prepared_s), held] * prepared),
         ]
-        for one in rows
+        for one, held in zip(rows, kibibytes, strict=True)
     ]
     broken = frozenset((i, header.index(unit)) for i, one in enumerate(rows) if not one.holds)
     return Table(title, tuple(header), tuple(map(tuple, cells)), marked=broken)
@@ -181,10 +164,6 @@ def _error(one: Measured, value: float | None) -> str:
     if value is None:
         return "-"
     return f"{value:.2f}" if one.subject == "noise" else f"{value:.1e}"
-
-
-def _kibibytes(size: int | None) -> str:
-    return "-" if size is None else f"{size / 1024:.0f} KiB"
 
 
 def _record(one: Measured) -> dict[str, object]:
@@ -214,17 +193,11 @@ def _cases(outcomes: tuple[Outcome, ...]) -> Section:
         header = ("given", "must hold", "outcome", "seen")
         full.append(Table(title, header, cells, left=frozenset({0, 1, 2, 3}), marked=broken))
         brief.append(_brief(title, rows))
-    return Section(
-        slug="cases",
-        title="Extreme cases",
-        paragraphs=(
-            "The cases test every way at every output rate, what a stimulus states about itself, and the oracle "
-            "against itself.",
-        ),
-        tables=tuple(full),
-        records=tuple(map(asdict, outcomes)),
-        brief=tuple(brief),
+    about = (
+        "The cases test every way at every output rate, what a stimulus states about itself, and the oracle against "
+        "itself."
     )
+    return Section("cases", "Extreme cases", (about,), tuple(full), tuple(map(asdict, outcomes)), tuple(brief))
 
 
 def _outcome(one: Outcome) -> str:

@@ -4,8 +4,7 @@ A choice model holds, for each task and presented material, the mean share of ea
 differ around it. Participants differ by a Dirichlet distribution, so that counts are Dirichlet-multinomial. Its one
 parameter for each material, the intraclass correlation of a participant's answers, follows in closed form from the
 standard deviations that a paper prints (a logit-normal would also need the correlations between answers, which no
-paper prints). Given these shares, a participant's answers to different materials and in different tasks are
-independent. Counts of many participants at once are drawn from uniform numbers alone.
+paper prints). Given these shares, a participant's answers to different materials, or in two tasks, are independent.
 """
 
 from __future__ import annotations
@@ -39,14 +38,10 @@ OWN = "published"
 
 @dataclass(frozen=True)
 class Answers:
-    """How participants answer in one task.
+    """How participants answer in one task: mean shares, shape (M, M + 1), whose last answer is "no material named".
 
-    Args:
-        task: id.
-        shares: mean share of each answer, shape (M, M + 1): presented, answered; the last answer is "no material
-            named". Rows add up to 1.
-        spread: intraclass correlation of one participant's answers to a material, shape (M,): 0 when all
-            participants are alike, near 1 when each always gives the same answer.
+    `spread` is the intraclass correlation of one participant's answers to a material, shape (M,): 0 when all
+    participants are alike, near 1 when each always gives the same answer.
     """
 
     task: str
@@ -263,12 +258,7 @@ def _spread(shares: Floats, variance: float, shortness: float, people: int) -> f
 
     The variance of a ratio of m trials is p (1 - p) (rho + (1 - rho) / m). Both sides are added up over the answers,
     which weights them by their variance; a mean of n participants makes p (1 - p) too small by variance / n.
-
-    Args:
-        shares: mean share of each material answered.
-        variance: sum of the participants' variances (n - 1) of these shares.
-        shortness: mean of 1 / m.
-        people: n.
+    `variance` is the sum of the variances (n - 1) of the mean `shares`; `shortness` is the mean of 1 / m, `people` n.
     """
     largest = float((shares * (1 - shares)).sum()) + variance / people
     if largest == 0 or shortness == 1:
@@ -300,20 +290,11 @@ MOST_GUIDED = 40
 
 
 def draw(answers: Answers, *, trials: int, participants: int, studies: int, random: np.random.Generator) -> Integers:
-    """Return counts of every answer, Dirichlet-multinomial (multinomial without spread).
+    """Return counts of every answer, Dirichlet-multinomial, shape (M, M + 1, studies, participants).
 
-    Each answer is beta-binomial given those before it, and is found from a uniform number in the table of its
-    distribution, so that the same uniform numbers give the same counts.
-
-    Args:
-        answers: how participants answer in the task.
-        trials: number for each material and participant.
-        participants: number in a study.
-        studies: how many.
-        random: source of uniform numbers.
-
-    Returns:
-        Shape (M, M + 1, studies, participants): presented, answered, the last answer "no material named".
+    Each participant has `trials` with each material. Each answer is beta-binomial (binomial without spread) given those
+    before it, and is found from a uniform number in the table of its distribution, so that the same uniform numbers
+    give the same counts.
     """
     materials = len(answers.shares)
     counts = np.zeros((materials, materials + 1, studies, participants), dtype=np.int64)
@@ -347,8 +328,7 @@ class Inverse:
 
 
 class Guided(Inverse):
-    """The same counts, most of them without a search (Chen and Asau 1974, On generating random variates from an
-    empirical distribution, AIIE Transactions 6, 163-166).
+    """The same counts, most of them without a search (Chen and Asau 1974, AIIE Transactions 6, 163-166).
 
     The unit interval is cut into cells for every number of remaining trials. Where both ends of a cell have the same
     count, so has every number between them; only numbers in the other cells are searched for.

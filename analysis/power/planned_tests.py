@@ -22,10 +22,7 @@ VARIANCE_COMPONENTS = "variance components"
 
 @dataclass(frozen=True)
 class Design:
-    """What a study consists of and what it tests, as planned and in the order of the protocol.
-
-    `pairs` maps a task to the pair of materials that was published for it.
-    """
+    """What a study consists of and what it tests, as planned; `pairs` are the published pairs of materials, by task."""
 
     materials: tuple[str, ...]
     tasks: tuple[Task, ...]
@@ -43,15 +40,10 @@ class Design:
 
 @dataclass(frozen=True)
 class Question:
-    """One thing that a planned test asks of each study.
+    """One thing that a planned test, the one at place `plan` of the protocol from 0, asks of each study.
 
-    Args:
-        plan: number of the test in the protocol, from 0.
-        test: its name.
-        tasks: the tasks whose answers it takes.
-        subject: the material, the pair, the effect or the form.
-        alpha: level of P; None where there is no P and the estimate itself is wanted.
-        adjusted: whether P is adjusted by Holm's method.
+    `subject` is the material, the pair, the effect or the form. `alpha` is the level of P, None where there is no P and
+    the estimate itself is wanted; P is `adjusted` by Holm's method.
     """
 
     plan: int
@@ -75,19 +67,12 @@ class Answer:
 
 
 def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: float | None = None) -> Design:
-    """Return what a protocol plans, with `alpha` as the level of every test where it is given.
-
-    `pairs` maps a task to the pair of materials that was published for it.
-    """
+    """Return what a protocol plans, with `alpha` as every test's level where it is given; `pairs` as in `Design`."""
     materials = tuple(material.id for material in protocol.materials)
     changed = {} if alpha is None else {"alpha": alpha}
-    return Design(
-        materials=materials,
-        tasks=protocol.tasks,
-        participants=protocol.study.participants,
-        tests=tuple(test.model_copy(update=changed) for test in protocol.analysis),
-        pairs={task: pair for task, pair in pairs.items() if set(pair) <= set(materials)},
-    )
+    tests = tuple(test.model_copy(update=changed) for test in protocol.analysis)
+    known = {task: pair for task, pair in pairs.items() if set(pair) <= set(materials)}
+    return Design(materials, protocol.tasks, protocol.study.participants, tests, known)
 
 
 def not_simulated(planned: Design) -> tuple[str, ...]:

@@ -121,22 +121,15 @@ def _by_size(result: Power, kind: Kind, slug: str, name: str, about: str) -> Sec
     tables, brief = [], []
     for group in dict.fromkeys((question.plan, question.tasks) for question in questions):
         asked = [question for question in questions if (question.plan, question.tasks) == group]
-        tables.append(_sizes_table(result, kind, asked, shown=_shown, notes=(IN_BRACKETS,)))
+        tables.append(_sizes_table(result, kind, asked, _shown, (IN_BRACKETS,)))
         plain = [question for question in asked if not question.adjusted]
         error = _error([row for row in rows if row.question in plain])
-        brief.append(
-            _sizes_table(result, kind, plain, shown=lambda row: number(row.power if row else None), notes=error)
-        )
+        brief.append(_sizes_table(result, kind, plain, lambda row: number(row.power if row else None), error))
     return Section(slug, name, (about,), tuple(tables), tuple(map(_record, rows)), tuple(brief))
 
 
 def _sizes_table(
-    result: Power,
-    kind: Kind,
-    questions: Sequence[Question],
-    *,
-    shown: Callable[[Row | None], str],
-    notes: tuple[str, ...],
+    result: Power, kind: Kind, questions: Sequence[Question], shown: Callable[[Row | None], str], notes: tuple[str, ...]
 ) -> Table:
     rows = tuple(
         (_sizes(result, size), *(shown(result.row(question, size, kind)) for question in questions))
@@ -209,20 +202,13 @@ def _undefined(result: Power) -> Section:
     ]
     about = "The values of these simulated studies define no statistic; the studies count as finding nothing."
     say = "The sizes at which that was most frequent" if len(every) > len(worst) else ""
-    brief = replace(tables[1], title=say)
-    return Section("undefined", "Not defined", (about,), (tables[0],), records, (brief,))
+    return Section("undefined", "Not defined", (about,), (tables[0],), records, (replace(tables[1], title=say),))
 
 
 def _undefined_line(result: Power, row: Row) -> tuple[str, ...]:
-    return (
-        title(row.question),
-        subject(row.question),
-        row.kind,
-        str(row.participants),
-        str(row.tally.undefined),
-        f"{row.tally.undefined / row.tally.studies:.4f}",
-        _reason(result, row),
-    )
+    undefined, studies = row.tally.undefined, row.tally.studies
+    counts = row.kind, str(row.participants), str(undefined), f"{undefined / studies:.4f}"
+    return title(row.question), subject(row.question), *counts, _reason(result, row)
 
 
 def _reason(result: Power, row: Row) -> str:
@@ -287,12 +273,8 @@ def _listed(sizes: tuple[int, ...]) -> str:
     return ", ".join(map(str, sizes))
 
 
-PANEL_IN = 1.75
-"""The height of a panel without its legend."""
-
-LINE_IN = 0.13
-LETTERS = 24
-"""The length of a line in a legend of two columns."""
+PANEL_IN, LINE_IN, LETTERS = 1.75, 0.13, 24
+"""The height of a panel without its legend, and the height and the letters of a line in a legend of two columns."""
 
 QUIET = "#57606a"
 

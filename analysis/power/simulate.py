@@ -2,8 +2,7 @@
 
 Every chunk of studies draws from its own random stream, which the seed, the model, the number of participants and the
 chunk's number determine. Power at a number of participants is therefore the same whatever other numbers are tried, on
-any machine and any number of cores. Chunks run on this machine's cores (joblib) or on a Dask cluster; results come back
-in any order, each with its chunk's place.
+any machine and any number of cores. Chunks run on this machine's cores (joblib) or on a Dask cluster.
 """
 
 from __future__ import annotations
@@ -57,12 +56,8 @@ class Chunk:
 class Tally:
     """The studies' answers to one question, counted.
 
-    Args:
-        studies: how many there are.
-        significant: how many have P below alpha; 0 where there is no P.
-        above: how many of these have a mean above chance; None where the question has no chance.
-        undefined: how many define no P, or no estimate where there is no P; they count as not significant.
-        estimates: the defined estimates in the order of the studies; None where nothing is estimated.
+    `significant` have P below alpha, `above` of these a mean above chance (None where the question has no chance), and
+    `undefined` no P, or no estimate where there is no P. `estimates` are the defined ones, in the order of the studies.
     """
 
     studies: int
@@ -170,10 +165,9 @@ def run(
     total: Callable[[int], None] = lambda _: None,
     tick: Callable[[], None] = lambda: None,
 ) -> Power:
-    """Simulate `studies` studies of every size under each model, and test each as planned.
+    """Return the power at every size in `participants`, from `studies` simulated studies under each model.
 
-    `participants` are the sizes to try, `seed` determines every draw, and `target` is the power wanted. `runner` runs
-    the chunks; `total` is told how many there are, and `tick` is called after each.
+    `target` is the power wanted. `runner` runs the chunks; `total` is told how many there are, `tick` follows each.
 
     Raises:
         PowerError: a size or the number of studies is not allowed; or what `runner` raises.
@@ -191,32 +185,23 @@ def run(
         held = rows.setdefault((chunk.kind, chunk.participants), {})
         for question, tally in done[place].items():
             held.setdefault(question, []).append(tally)
-    return Power(
-        study=protocol.study.id,
-        design=planned,
-        model=model,
-        participants=sizes,
-        studies=studies,
-        seed=seed,
-        target=target,
-        rows=tuple(
-            Row(question, kind, size, _together(tallies))
-            for (kind, size), questions in rows.items()
-            for question, tallies in questions.items()
-        ),
-        notes=(*model.notes, *not_simulated(planned)),
+    found = tuple(
+        Row(question, kind, size, _together(tallies))
+        for (kind, size), questions in rows.items()
+        for question, tallies in questions.items()
     )
+    notes = (*model.notes, *not_simulated(planned))
+    return Power(protocol.study.id, planned, model, sizes, studies, seed, target, found, notes)
 
 
 def simulate(chunk: Chunk) -> dict[Question, Tally]:
     """Draw the studies of one chunk, and return the tally of each question."""
     key = (KINDS.index(chunk.kind), chunk.participants, chunk.number)
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(chunk.seed, spawn_key=key)))
+    sizes = chunk.design.sizes(chunk.participants)
     drawn = {
         task.id: draw(answers, trials=task.repetitions, participants=size, studies=chunk.studies, random=random)
-        for task, answers, size in zip(
-            chunk.design.tasks, chunk.model.tasks, chunk.design.sizes(chunk.participants), strict=True
-        )
+        for task, answers, size in zip(chunk.design.tasks, chunk.model.tasks, sizes, strict=True)
     }
     return {question: _tally(question, found) for question, found in answer(chunk.design, drawn).items()}
 

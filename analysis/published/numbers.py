@@ -1,7 +1,4 @@
-"""What a study prints about its answers, and where each number stands: the content of a file of printed numbers.
-
-The fields are the keys of the file. A number is text there, so that its last digit is known. Unknown keys are refused.
-"""
+"""The content of a file of printed numbers: its keys are the fields, and unknown keys are refused."""
 
 from __future__ import annotations
 
@@ -40,8 +37,7 @@ Number = Annotated[
 ]
 Size = Annotated[Printed, _text(rf"^{POSITIVE}$", 'a number as printed, not negative, in quotes, such as "0.20"')]
 Probability = Annotated[
-    Printed,
-    _text(rf"^< ?{POSITIVE}$|^{POSITIVE}$", 'P as printed, in quotes, such as "0.016", "5.02e-7" or "<0.001"'),
+    Printed, _text(rf"^< ?{POSITIVE}$|^{POSITIVE}$", 'P as printed, in quotes, such as "0.016", "5.02e-7" or "<0.001"')
 ]
 Percentage = Annotated[
     Printed,

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
+from functools import reduce
 
 End = Fraction | float
 """A rational number, or an infinity."""
@@ -107,10 +108,7 @@ def hull(spans: Iterable[Interval]) -> Interval:
 
 def sum_of(spans: Iterable[Interval]) -> Interval:
     """Return every sum of one number of each interval."""
-    found = point(Fraction(0))
-    for span in spans:
-        found = found.plus(span)
-    return found
+    return reduce(Interval.plus, spans, point(Fraction(0)))
 
 
 def _moved(end: float, by: Fraction) -> End:
