@@ -113,7 +113,6 @@ def _content(
 
 
 def _bids(study: Study) -> dict[str, bytes]:
-    """Return the files that make the folder a BIDS derivative for a validator."""
     name, version = page.software().split(" ", 1)
     description = {
         "Name": f"{study.name}: analysis",

@@ -66,7 +66,6 @@ def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Ch
     g2 = 2 * float((counts[seen] * np.log(counts[seen] / fitted[0][seen])).sum())
     empty = np.count_nonzero(np.triu(counts + counts.T == 0, k=1))
     df = max((count - 1) * (count - 2) // 2 - int(empty), 0)
-    # A chain of confusions joins every two materials, or no bias can be told between the groups.
     linked = (np.linalg.matrix_power((similarities[0] > 0).astype(np.float64), count) > 0).all()
     held = biases[0] if linked else None
     return Choice(similarities[0], held, fitted[0], max(g2, 0.0), df, float(chdtrc(df, g2)) if df else None)
