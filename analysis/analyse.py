@@ -55,7 +55,7 @@ class Analysis:
         return "\n\n\n".join([*band, *(text(part, width) for part in parts), *band, f"Report: {self.report}"])
 
     def _in_terminal(self, section: Section) -> Section:
-        """Return the section; the numbers of a study that nobody expects to match the paper's stay in the report."""
+        # The numbers of a study that nobody expects to match the paper's stay in the report.
         if section.slug != "comparison" or self.study.origin == "RECONSTRUCTION":
             return section
         return replace(section, tables=(), paragraphs=(*section.paragraphs, "The report compares number by number."))
@@ -113,7 +113,6 @@ def _content(
 
 
 def _bids(study: Study) -> dict[str, bytes]:
-    """Return the files that make the folder a BIDS derivative for a validator."""
     name, version = page.software().split(" ", 1)
     description = {
         "Name": f"{study.name}: analysis",
@@ -131,7 +130,6 @@ def _bids(study: Study) -> dict[str, bytes]:
 
 
 def _counts(results: Results) -> Section:
-    """Return the counts of every participant, for readers who want to compute something else."""
     keys = ("task", "participant", "presented", "answered", "count", "trials")
     records = tuple(
         dict(zip(keys, (task.task.id, who, presented, answered or NO_ANSWER, count, total), strict=True))

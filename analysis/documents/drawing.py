@@ -69,10 +69,7 @@ class Sheet:
 
 
 def sheet(rows: Sequence[float], title: str, label: str, width_mm: float = COLUMN_MM) -> tuple[Figure, list[Axes]]:
-    """Return a figure of panels one below the other, with heights in inches, under its heading.
-
-    The dataset's `label` leads the heading; it is empty for a study's own data.
-    """
+    """Return a figure of panels one below the other, with heights in inches, under a heading that the `label` leads."""
     width = width_mm / 25.4
     letters = int((width - 0.1) / LETTER_INCHES)
     head = [*textwrap.wrap(label, letters), *textwrap.wrap(title, letters)]
@@ -90,9 +87,9 @@ def key(axes: Axes, columns: int = 2, title: str | None = None) -> None:
     )
 
 
-def common_key(figure: Figure, axes: Axes, columns: int = 2) -> None:
+def common_key(figure: Figure, axes: Axes) -> None:
     """Draw one legend below panels that share it."""
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=columns)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
 
 
 def colour(index: int) -> str:

@@ -1,8 +1,8 @@
 """Writing the files of an analysis: whole files, never over a file that is not its own, and never among data.
 
-A manifest in the folder names the command that wrote there, its files and their SHA-256. Only the same command replaces
-a file that is already there, if the manifest names it and its bytes are as they were written. Everything is on disk
-under another name before the first file takes its place, so a full disk changes nothing.
+A manifest names the command that wrote there, its files and their SHA-256. Only the same command replaces a file that
+is there, if its bytes are as they were written. Everything is on disk under another name before the first file takes
+its place, so a full disk changes nothing.
 """
 
 from __future__ import annotations
@@ -140,7 +140,6 @@ def _sha256(path: Path) -> str:
 
 
 def _stage(staged: list[tuple[Path, Path]], path: Path, content: bytes) -> None:
-    """Write `content` beside `path`, under another name."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     partial = Path(name)

@@ -61,7 +61,6 @@ footer { color: var(--quiet); font-size: .875rem; border-top: 2px solid var(--li
 @media print { .scroll { overflow: visible; } nav { display: none; } }
 """
 
-
 REPORT = "report.html"
 
 Methods = Sequence[tuple[str, str]]

@@ -29,11 +29,7 @@ GAP = "  "
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as text, in rows as long as the header; `notes` are sentences below them.
-
-    The columns in `left` are flush left, the others flush right. The (row, column) cells in `marked` stand out where
-    that is possible.
-    """
+    """Cells as text; columns in `left` are flush left, and the (row, column) cells in `marked` stand out."""
 
     title: str
     header: tuple[str, ...]

@@ -1,16 +1,12 @@
 """Confusion matrix of one task, the information that its answers transmit, and d'.
 
 A ratio is the count of an answer over the trials in which the material was presented, trials without an answer
-included (Okamoto, Tables 1 and 2). Means and standard deviations (n - 1) are taken among participants.
+included (Okamoto, Tables 1 and 2). Transmitted information is in bits (Miller and Nicely 1955; Garner and Hake 1951),
+corrected for few trials by Miller and Madow (Miller 1955) and by Panzeri and Treves (1996, Network 7, 87-107).
 
-Transmitted information is that of a table of counts, in bits (Miller and Nicely 1955; Garner and Hake 1951), and few
-trials make it too large. Miller and Madow's correction (Miller 1955) uses the answers that occurred; that of Panzeri
-and Treves (1996, Network 7, 87-107) estimates how many answers can occur to each material.
-
-d' is that of the strongest of m independent, unbiased alternatives (m-AFC): the share of correct answers is p =
-integral of phi(z - d') Phi(z)^(m - 1) (Green and Swets 1966; tabled by Hacker and Ratcliff 1979, Percept. Psychophys.
-26, 168-170). Biased answers, or materials of which some are more alike than others, violate its assumptions: d' then
-only sums up the share of correct answers.
+d' is that of m-AFC, p = integral of phi(z - d') Phi(z)^(m - 1) (Green and Swets 1966; tabled by Hacker and Ratcliff
+1979, Percept. Psychophys. 26, 168-170). Where answers are biased, or some materials more alike than others, it only
+sums up the share of correct answers.
 """
 
 from __future__ import annotations
@@ -30,10 +26,7 @@ from analysis.statistics.exact import NotDefined, mean, sum_of_squares
 
 @dataclass(frozen=True)
 class Confusion:
-    """Counts of one task, shape (P, M, M + 1), by participant, presented and answered material, and what follows.
-
-    The last answer is "no material named".
-    """
+    """Counts of one task, shape (P, M, M + 1), by participant, presented and answered material, none being the last."""
 
     materials: tuple[str, ...]
     participants: tuple[str, ...]
@@ -57,10 +50,7 @@ class Confusion:
         return int(self.counts[:, :, -1].sum())
 
     def ratios(self, presented: int, answered: int) -> dict[str, Fraction]:
-        """Return the exact ratio of one cell for every participant to whom the material was presented.
-
-        Both arguments are indices of materials; `answered` = M stands for "no material named".
-        """
+        """Return the exact ratio of one cell, by indices, for every participant to whom the material was presented."""
         trials = self.trials
         return {
             label: Fraction(int(self.counts[index, presented, answered]), int(trials[index, presented]))
@@ -108,11 +98,7 @@ def most_confused(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArra
 def confusion(
     participants: Sequence[str], presented: Sequence[str], answered: Sequence[str], materials: Sequence[str]
 ) -> Confusion:
-    """Return the counts of one task from its trials; an answer that is not among the materials counts as none.
-
-    Raises:
-        ValueError: for a presented material that is not in `materials`.
-    """
+    """Return the counts of one task from its trials; an answer that is not among the materials counts as none."""
     if unknown := set(presented) - set(materials):
         raise ValueError(f"presented materials {sorted(unknown)} are not among {list(materials)}")
     labels = tuple(dict.fromkeys(participants))
@@ -142,11 +128,7 @@ class Information:
 
 
 def information(counts: NDArray[np.int64]) -> Information:
-    """Return the transmitted information of counts, shape (presented, answered).
-
-    Raises:
-        NotDefined: with fewer than two materials presented, or without an answer.
-    """
+    """Return the information of counts, shape (presented, answered); NotDefined below two materials presented."""
     occurring = counts[counts.sum(axis=1) > 0]
     trials = int(counts.sum())
     if len(occurring) < 2:

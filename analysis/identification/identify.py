@@ -1,7 +1,4 @@
-"""Identification of one task: intervals of every ratio, information, d', similarities and biases, and a map.
-
-Bootstraps draw participants. What is not defined is None, and a statement beside it says why.
-"""
+"""Identification of one task: intervals of every ratio, information, d', similarities and biases, and a map."""
 
 from __future__ import annotations
 
@@ -52,10 +49,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Detection:
-    """d' of the mean share of correct answers (`proportion`) among m alternatives, with its bootstrap interval.
-
-    `by_participant` gives the d' of each; for those in `moved` a share of 0 or 1 was moved in by half a trial.
-    """
+    """d' of the mean share of correct answers (`proportion`); `moved` had a share of 0 or 1 moved by half a trial."""
 
     alternatives: int
     proportion: float
@@ -152,7 +146,6 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
 def _information_interval(
     counts: NDArray[np.int64], found: Information, rng: np.random.Generator
 ) -> ConfidenceInterval:
-    """Return the BCa interval of the uncorrected information."""
     people = len(counts)
     drawn = transmitted(np.tensordot(resamples(people, INFORMATION_RESAMPLES, rng), counts, axes=1))
     return bca(found.transmitted, drawn, transmitted(np.tensordot(leave_one_out(people), counts, axes=1)))

@@ -1,13 +1,10 @@
 """How alike materials are: the similarity-choice model, a map of the materials, and Mantel's test.
 
-The choice model tells similarity apart from which answers are favoured: p(j | i) = s_ij b_j / sum_k s_ik b_k with
-s_ij = s_ji and s_ii = 1 (Shepard 1957; Luce 1963). As a model of counts it is quasi-symmetry (Caussinus 1965), fitted
-here by iterative proportional fitting to the row sums, the column sums and the sums n_ij + n_ji: maximum likelihood, no
-start value, and a similarity of exactly 0 where two materials were never taken for one another.
-
-The map is classical scaling (Torgerson 1952): the leading eigenvectors of the doubly centred squared dissimilarities.
-Mantel's test (Mantel 1967, Cancer Res. 27, 209-220) asks whether two tables of pairwise values go together; its P is
-exact, over rows and columns of one table permuted together in all n! ways, the order as it is among them.
+The choice model is p(j | i) = s_ij b_j / sum_k s_ik b_k with s_ij = s_ji and s_ii = 1 (Shepard 1957; Luce 1963). As a
+model of counts it is quasi-symmetry (Caussinus 1965), fitted here by iterative proportional fitting to the row sums,
+the column sums and the sums n_ij + n_ji: maximum likelihood, no start value, and a similarity of exactly 0 where two
+materials were never taken for one another. The map is classical scaling (Torgerson 1952). Mantel's test (Mantel 1967,
+Cancer Res. 27, 209-220) permutes rows and columns of one table together in all n! ways.
 """
 
 from __future__ import annotations
@@ -69,15 +66,13 @@ def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Ch
     g2 = 2 * float((counts[seen] * np.log(counts[seen] / fitted[0][seen])).sum())
     empty = np.count_nonzero(np.triu(counts + counts.T == 0, k=1))
     df = max((count - 1) * (count - 2) // 2 - int(empty), 0)
-    held = biases[0] if _linked(similarities[0]) else None
+    linked = (np.linalg.matrix_power((similarities[0] > 0).astype(np.float64), count) > 0).all()
+    held = biases[0] if linked else None
     return Choice(similarities[0], held, fitted[0], max(g2, 0.0), df, float(chdtrc(df, g2)) if df else None)
 
 
 def fit(counts: NDArray[np.int64], tolerance: float = TOLERANCE) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
-    """Return the fits of many tables, shape (B, M, M), each with a diagonal above zero.
-
-    These are similarities (B, M, M), biases (B, M), expected counts (B, M, M), and which tables settled (B,).
-    """
+    """Return similarities (B, M, M), biases (B, M), fitted counts (B, M, M), and which of the tables settled (B,)."""
     table = counts.astype(np.float64)
     size = len(table)
     both = table + table.swapaxes(1, 2)
@@ -104,12 +99,6 @@ def fit(counts: NDArray[np.int64], tolerance: float = TOLERANCE) -> tuple[Floats
     similarities = alike / (own[:, :, None] * own[:, None, :])
     biases = bias * own
     return similarities, biases / biases.sum(axis=1, keepdims=True), fitted, settled
-
-
-def _linked(similarities: Floats) -> bool:
-    """Return whether a chain of confusions joins every two materials."""
-    steps = np.linalg.matrix_power((similarities > 0).astype(np.float64), len(similarities))
-    return bool((steps > 0).all())
 
 
 @dataclass(frozen=True)
@@ -150,8 +139,7 @@ def classical(dissimilarities: NDArray[np.float64]) -> Scaling:
 def from_confusions(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the dissimilarities, 1 - (p_ij + p_ji) / (p_ii + p_jj), of answer ratios, shape (n, n), floored at 0.
 
-    This is Shepard's (1957) ratio of confusions to correct answers. It is NaN where neither material was ever
-    recognised or presented.
+    They are NaN where neither material was ever recognised or presented (Shepard 1957).
     """
     correct = np.diag(ratios)
     both = correct[:, None] + correct[None, :]

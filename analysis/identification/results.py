@@ -38,10 +38,7 @@ SEED = 1
 
 @dataclass(frozen=True)
 class MaterialTest:
-    """Correct answers to one material against chance: Student's t, P adjusted within the task, and Cohen's d.
-
-    `log_bf10` is the natural logarithm of the JZS Bayes factor for a mean that differs from chance.
-    """
+    """Correct answers to one material against chance; `p_holm` is adjusted within the task, `log_bf10` is natural."""
 
     material: str
     result: TTest
@@ -124,10 +121,9 @@ class Results:
 def compute(
     study: Study, pairs: Mapping[str, tuple[str, str]], dissimilarities: Dissimilarities = NO_DISSIMILARITIES
 ) -> Results:
-    """Return every result of a study.
+    """Return every result of a study; `pairs` are those published for a task, beside which the most confused is tested.
 
-    `pairs` gives the pair of materials that was published for a task; the most confused pair is always tested too.
-    Confusions are compared with `dissimilarities` (of the materials' spectra, say) where no pair is missing.
+    Confusions are compared with `dissimilarities` where no pair is missing.
     """
     table = dissimilarities.table(study.materials)
     tasks = tuple(_task(study, task) for task in study.tasks if len(study.trials(task.id)))

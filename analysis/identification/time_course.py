@@ -1,8 +1,7 @@
 """How a task went, trial by trial: learning, foot speed, onset errors, timing of the rig, and masker levels.
 
-Where the dataset lacks what one of them needs, a statement says so. Trials without an answer are not right. Timing
-counts every attempt of participants who have trials in the analysis, including those that were repeated: a repetition
-does not hide what the rig missed.
+Trials without an answer are not right. Timing counts every attempt of participants who have trials in the analysis: a
+repetition does not hide what the rig missed.
 """
 
 from __future__ import annotations
@@ -60,7 +59,6 @@ def timing(study: Study) -> dict[str, tuple[Timing, ...]]:
 
 def _spread(quantity: str, values_ms: NDArray[np.float64]) -> Timing:
     sizes_ms = np.abs(values_ms)
-    # One value in as many may lie beyond a percentile.
     p99, p999 = (
         float(np.quantile(sizes_ms, share)) if sizes_ms.size >= round(1 / (1 - share)) else None
         for share in (0.99, 0.999)

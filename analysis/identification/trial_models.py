@@ -1,19 +1,14 @@
 """Models of single trials: was the answer right, as a logit of task, material and what went with the trial.
 
-Two models allow for trials of one participant being alike, in all tasks. GEE (Liang and Zeger 1986; from statsmodels)
-gives odds in the population, with one correlation within a participant and the standard errors of Mancl and DeRouen
-(2001) for few participants. The mixed logit gives odds for one participant, with a normal random intercept each, by
-maximum likelihood; statsmodels only has it by variational Bayes, whose standard deviations are too small by
-construction, and which takes minutes and a gigabyte for a thousand participants.
+GEE (Liang and Zeger 1986; from statsmodels) gives odds in the population, with one correlation within a participant and
+the standard errors of Mancl and DeRouen (2001) for few participants. The mixed logit gives odds for one participant,
+with a normal random intercept each, by maximum likelihood; statsmodels only has it by variational Bayes, whose standard
+deviations are too small by construction, and which takes minutes and a gigabyte for a thousand participants.
 
-The likelihood of one participant is the integral of the probability of the answers over the intercept, with log odds
-X b + s u and u standard normal. It is taken by adaptive Gauss-Hermite quadrature, centred on the mode and scaled by the
-curvature there (Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995, equation (2.12)). Time and memory
-grow with trials x nodes.
-
-Covariates are used if at least half of the trials of every task, and of every material, have all of them; otherwise the
-one known for the fewest trials is dropped, and never a task. Trials that lack a covariate in use are left out, and
-counted.
+With log odds X b + s u, the likelihood is the integral over a standard normal u, by adaptive Gauss-Hermite quadrature
+(Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995, equation (2.12)). Covariates are used if at least
+half of the trials of every task, and of every material, have all of them; otherwise the one known for the fewest trials
+is dropped. Trials that lack a covariate in use are left out, and counted.
 """
 
 from __future__ import annotations
@@ -234,9 +229,7 @@ def log_likelihood(
 
 
 def fit(*, correct: Floats, matrix: Floats, participants: NDArray[np.int64]) -> MixedLogit:
-    """Return the maximum of `log_likelihood`, searched from no effects and an SD of `START_SD`.
-
-    The search runs on columns made orthogonal and of one size, where the curvature is nearly the same every way.
+    """Return the maximum of `log_likelihood`, searched on columns made orthogonal and of one size.
 
     Raises:
         NotDefined: if columns depend on one another, the search does not converge, or the likelihood is flat there.

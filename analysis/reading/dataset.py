@@ -3,11 +3,10 @@
 Only the BIDS files are read: `dataset_description.json`, `participants.tsv`, `sub-*/beh/*_events.tsv` with their
 sidecars, and `sourcedata/protocol.toml` where there is one. Nothing here knows of journals.
 
-Pooled datasets have the same materials and one origin, and every participant gets the dataset's name. Nobody may be in
-two of them, because the same answers would count as those of two people. Each session has an id, which its copies keep
-under any name. A session without one (of printed counts, or from before there were ids) is taken for a copy where the
-same participant has the same trials, answers and times there, with a mistake among them; sessions without a mistake
-are alike anyway.
+Nobody may be in two pooled datasets, because the same answers would count as those of two people. Each session has an
+id, which its copies keep under any name. A session without one (of printed counts, or from before there were ids) is
+taken for a copy where the same participant has the same trials, answers and times there, with a mistake among them;
+sessions without a mistake are alike anyway.
 """
 
 from __future__ import annotations
@@ -328,7 +327,6 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
 
 
 def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
-    """Refuse two datasets that hold a session of one person."""
     there = {session_id: who for (who, _), session_id in second.session_ids.items()}
     copies = {who: there[one] for (who, _), one in first.session_ids.items() if one in there}
     people = [who if who == name else f"{who} (there {name})" for who, name in copies.items()]
@@ -363,7 +361,6 @@ def _trials(study: Study) -> dict[tuple[str, str], str]:
 
 
 def _names(roots: Sequence[Path]) -> list[str]:
-    """Return the folders' names, numbered where two are the same."""
     plain = [root.resolve().name for root in roots]
     return [name if plain.count(name) == 1 else f"{name}{index}" for index, name in enumerate(plain, start=1)]
 

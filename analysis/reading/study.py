@@ -22,7 +22,6 @@ from experiment.records.events import NO_ANSWER
 if TYPE_CHECKING:
     from experiment.protocol.models import ExclusionRule, Protocol
 
-
 ALL_TASKS = "all"
 
 
@@ -60,15 +59,10 @@ def exclude(
     """Set the column `included` of `attempts` to False wherever a rule says so, and return why.
 
     The second value lists the sessions to which a rule could not be applied because the value it judges is missing.
+    `withdrawn` says of every participant whether they withdrew; no stimulus is delivered in the tasks `with_objects`.
 
     The order is: repeated attempts, withdrawals, rules on trials, rules on participants; the last count only what the
     others left. A participant left out by a rule is left out of every task.
-
-    Args:
-        attempts: one row for each attempt, columns as in `Study`; changed in place.
-        withdrawn: every participant of the dataset, and whether they withdrew.
-        rules: the protocol's exclusion rules.
-        with_objects: tasks with real objects, in which no stimulus is delivered.
     """
     rules = tuple(rules)
     found = [
@@ -188,22 +182,11 @@ class Part:
 class Study:
     """A dataset as read, or several as one.
 
-    Args:
-        id: the study's id.
-        name: the dataset's title.
-        origin: PARTICIPANT, REHEARSAL or RECONSTRUCTION.
-        label: the label at the head of everything made from the study; empty for a study's own data.
-        materials: in the order of the tables.
-        tasks: in the order of the tables.
-        participants: every participant of `participants.tsv`.
-        first_tasks: the first task of each participant whose first task is known.
-        session_ids: participant and task -> the id of the session, for sessions that have one.
-        attempts: one row for each attempt: participant, task, trial, attempt, counted, presented, answered,
-            response_time_s, foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, redo_reason,
-            included, masker_db_a, prediction_error_s, delivery_error_s, gate_to_scheduled_s, dead_time_s.
-        exclusions: the reason for every row that is not included, and for participants without rows.
-        unasked: sessions with trials to which an exclusion rule could not be applied.
-        parts: the datasets of the study.
+    `origin` is PARTICIPANT, REHEARSAL or RECONSTRUCTION. The `label` heads everything made from the study; it is empty
+    for a study's own data. Materials and tasks are in the order of the tables. `first_tasks` gives participant -> task,
+    and `session_ids` participant and task -> id, as far as they are known. `attempts` has a row for each attempt:
+    participant, task, trial, attempt, counted, presented, answered, response_time_s, foot_speed_mm_s, frames_lost,
+    delivered (1, 0 or NaN), onset_error_s, redo_reason, included, and the columns of `dataset.FURTHER`.
     """
 
     id: str
@@ -231,11 +214,7 @@ def chance(study: Study, task: str) -> Fraction:
 
 
 def check_chances(parts: Sequence[Part], materials: int) -> None:
-    """Refuse to pool answers that are tested against different chances.
-
-    Raises:
-        DatasetError: the chances differ; the message names the task, and the dataset of each chance.
-    """
+    """Refuse to pool answers that are tested against different chances."""
     for task in dict.fromkeys(task for part in parts for task in part.tasks):
         found = {part.name: _chance(part, task, materials) for part in parts if task in part.tasks}
         if len(set(found.values())) > 1:

@@ -1,9 +1,4 @@
-"""Results -> every figure of an analysis, with its name, its section and its caption.
-
-One function draws one figure into the axes it is given: correct ratios (Okamoto, Fig. 11), confusion matrices of a task
-and of each participant, maps of the materials, confusion against dissimilarity (Fig. 13), learning and speed curves,
-onset errors, and masker levels.
-"""
+"""Results -> every figure of an analysis, with its name, its section and its caption."""
 
 from __future__ import annotations
 
@@ -88,10 +83,9 @@ def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
 
 
 def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
-    """Draw the matrix of each participant from `first` up to but not `last`, below label and share right.
+    """Draw the matrix of each participant from `first` up to but not `last`, presented x answered, below its label.
 
-    Rows are presented materials and columns answers, in the order of the tables; a material that a participant was
-    never presented stays white.
+    A material that a participant was never presented stays white.
     """
     matrix = task.confusion
     size, answers = len(matrix.materials), len(matrix.materials) + bool(matrix.unanswered)
@@ -285,10 +279,7 @@ def masker_levels(axes: Axes, found: Mapping[str, Sequence[MaskerLevels]]) -> No
 
 
 def _bins(values: NDArray[np.float64]) -> int:
-    """Return the number of bins of Freedman and Diaconis (1981), each 2 IQR / n^(1/3) wide, but never above `BINS`.
-
-    They are counted before any is made, because one value far out asks for millions.
-    """
+    """Return the number of bins of Freedman and Diaconis (1981), at most `BINS`: one far value asks for millions."""
     low, high = np.quantile(values, (0.25, 0.75))
     width, reach = float(2 * (high - low) / values.size ** (1 / 3)), float(np.ptp(values))
     if width:

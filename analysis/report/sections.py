@@ -422,4 +422,3 @@ Random draws
 Correlation with the paper
     Pearson's r over the cells of one printed table.
 """)
-"""Name and formula, in the order in which the report needs them."""

@@ -1,12 +1,9 @@
 """Analysis of variance of answer ratios, one-way, and two-way with unequal numbers in types I, II and III.
 
-The types are those of SAS: I adjusts an effect for those before it, II for every effect that does not contain it, III
-for every other effect with sum-to-zero contrasts. A sum of squares is taken along contrasts that are orthogonal in the
-numbers of participants; they are integers, so that one study's sums are exact until F is formed.
-
-The variance components of the same two factors, both random, follow by Henderson's method III: sums of squares of type
-II are set equal to their expectations. Okamoto (section 5.2) prints an intraclass correlation of 0.97 "based on the
-results of this two-way ANOVA" without a formula; `icc_of_mean` is one of several readings of those words.
+The types are those of SAS. A sum of squares is taken along contrasts that are orthogonal in the numbers of
+participants; they are integers, so that one study's sums are exact until F is formed. Variance components follow by
+Henderson's method III. Okamoto (section 5.2) prints an intraclass correlation of 0.97 "based on the results of this
+two-way ANOVA" without a formula; `icc_of_mean` is one of several readings of those words.
 """
 
 from __future__ import annotations
@@ -83,11 +80,7 @@ class Anova:
 
 
 def one_way(groups: Sequence[Sequence[Number]], name: str = "group") -> Anova:
-    """Return the one-way ANOVA of independent groups, each of shape (n_i,).
-
-    Raises:
-        NotDefined: there are fewer than two groups, a group is empty, or each has one value.
-    """
+    """Return the one-way ANOVA of independent groups, each of shape (n_i,); NotDefined where F cannot be formed."""
     sizes = [len(group) for group in groups]
     if len(sizes) < 2 or not all(sizes):
         raise NotDefined(f"one-way ANOVA needs two groups with values, got sizes {sizes}")
@@ -117,12 +110,7 @@ def between(groups: Ratios) -> Values:
 
 @dataclass(frozen=True)
 class Crossed:
-    """A two-way design, made once for all studies from its numbers of participants alone.
-
-    Args:
-        weights: participants in each cell, the first factor slowest.
-        levels: numbers of levels of the first and of the second factor.
-    """
+    """A two-way design from the participants in each cell, the first factor slowest, and the levels of each factor."""
 
     weights: tuple[int, ...]
     levels: tuple[int, int]
@@ -138,13 +126,9 @@ class Crossed:
         return {"A": a, "B": b, "X": a * b}[effect]
 
     def squares(self, effect: str, kind: SumsOfSquares, sums: Values, denominator: Any = 1) -> Values:
-        """Return an effect's sum of squares, shape (studies,).
+        """Return the sum of squares of "A", "B" or "X", shape (studies,), from the cells' sums, shape (cells, studies).
 
-        Args:
-            effect: "A", "B" or "X".
-            kind: its type.
-            sums: sums of the values of each cell, shape (cells, studies).
-            denominator: denominator of the values, one for all or one for each cell, shape (cells, 1).
+        The values have one `denominator`, or one for each cell, shape (cells, 1).
         """
         key = effect, BEFORE[kind]["ABX".index(effect)]
         if sums.dtype == object:
@@ -176,10 +160,7 @@ class Crossed:
 
     @cached_property
     def coefficients(self) -> dict[str, Fraction]:
-        """Effect and component -> how often the component enters the expectation of the sum of squares of type II.
-
-        It is the sum of that sum of squares over the component's levels, with a level's indicator as the response.
-        """
+        """Effect and component -> how often the component enters the expectation of the sum of squares of type II."""
         first, second = np.divmod(np.arange(len(self.weights)), self.levels[1])
         of = {"A": first, "B": second, "X": np.arange(len(self.weights))}
         weights = np.array(self.weights, dtype=object)[:, None]
@@ -213,11 +194,7 @@ class Crossed:
 
 @lru_cache(maxsize=128)
 def crossed(weights: tuple[int, ...], levels: tuple[int, int]) -> Crossed:
-    """Return the design with these participants in each cell, the first factor slowest.
-
-    Raises:
-        NotDefined: a factor has fewer than two levels.
-    """
+    """Return the design with these participants in each cell; NotDefined for a factor of fewer than two levels."""
     if min(levels) < 2:
         raise NotDefined(f"got {levels[0]} and {levels[1]} levels of two factors; allowed: at least 2 of each")
     return Crossed(weights, levels)

@@ -1,9 +1,8 @@
 """Answer ratios without rounding, for one study or for many at once.
 
-A ratio is an integer over an integer, so that over one common denominator a sum of squares loses no digit, and the
-variance of equal ratios is exactly zero. One study holds Python's integers, which have any size (as NIST's SmLs07 to
-SmLs09 need), and everything made of them is a fraction until its last step. Many studies hold integers of 64 bits, and
-what follows is float64. The same functions take both: studies lie along the last axis.
+Over one common denominator a sum of squares loses no digit. One study holds Python's integers, of any size (as NIST's
+SmLs07 to SmLs09 need), and what is made of them is a fraction until its last step. Many studies, along the last axis,
+hold integers of 64 bits, and what follows is float64.
 """
 
 from __future__ import annotations
@@ -26,7 +25,6 @@ Integers = NDArray[np.int64]
 Values = NDArray[Any]
 """Fractions or Python's integers of one study, or float64 or int64 of many; shape (..., studies)."""
 
-
 _fractions = np.frompyfunc(Fraction, 2, 1)
 
 
@@ -35,11 +33,7 @@ class NotDefined(ValueError):
 
 
 def integers(values: Sequence[Number]) -> tuple[list[int], int]:
-    """Return the same values as integers over one common denominator; a float counts as exactly what it holds.
-
-    Raises:
-        ValueError: a value is not finite.
-    """
+    """Return finite values as integers over one common denominator; a float counts as exactly what it holds."""
     try:
         ratios = [value.as_integer_ratio() for value in values]
     except (ValueError, OverflowError) as error:
@@ -49,12 +43,7 @@ def integers(values: Sequence[Number]) -> tuple[list[int], int]:
 
 
 def mean(values: Sequence[Number]) -> Fraction:
-    """Return the arithmetic mean.
-
-    Raises:
-        NotDefined: there is no value.
-        ValueError: a value is not finite.
-    """
+    """Return the arithmetic mean of finite values, at least one."""
     if not values:
         raise NotDefined("there is no value, so there is no mean")
     whole, common = integers(values)
@@ -62,7 +51,7 @@ def mean(values: Sequence[Number]) -> Fraction:
 
 
 def sum_of_squares(values: Sequence[Number]) -> Fraction:
-    """Return the sum of the squared differences from the mean; errors as `mean`."""
+    """Return the sum of the squared differences from the mean, of finite values, at least one."""
     if not values:
         raise NotDefined("there is no value, so there is no sum of squares")
     whole, common = integers(values)
@@ -124,11 +113,7 @@ class Ratios:
 
 
 def of_groups(groups: Sequence[Sequence[Number]]) -> Ratios:
-    """Return the exact ratios of one study, with a cell for each group, shape (groups, 1).
-
-    Raises:
-        ValueError: a value is not finite.
-    """
+    """Return the exact ratios of one study, from finite values, with a cell for each group, shape (groups, 1)."""
     whole, common = integers([value for group in groups for value in group])
     ends = np.cumsum([len(group) for group in groups]).tolist()
     parts = [whole[end - len(group) : end] for group, end in zip(groups, ends, strict=True)]
@@ -145,10 +130,7 @@ def of_counts(counts: Integers, trials: int) -> Ratios:
 
 @dataclass(frozen=True)
 class Tested:
-    """A statistic of each study and its P, shape (..., studies).
-
-    They are NaN where the values do not define them, because no comparison of NaN with a level is true.
-    """
+    """A statistic of each study and its P, shape (..., studies); NaN where the values do not define them."""
 
     statistic: Floats
     p: Floats

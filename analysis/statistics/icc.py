@@ -116,10 +116,7 @@ def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
 
 
 def icc_tests(counts: Integers, form: str) -> tuple[Floats, Tested]:
-    """Return one form for each of many studies, and its test, from counts of shape (targets, studies, raters).
-
-    Ratios over one number of trials have the same ICC as the counts. `form` is the name in Shrout and Fleiss.
-    """
+    """Return one form, by its Shrout-Fleiss name, and its test, from counts of shape (targets, studies, raters)."""
     n, studies, k = counts.shape
     if n < 2 or k < 2:
         nothing = undefined((studies,))
@@ -131,10 +128,7 @@ def icc_tests(counts: Integers, form: str) -> tuple[Floats, Tested]:
 
 @dataclass(frozen=True)
 class _Spreads:
-    """Mean squares of studies, shape (studies,), all multiplied by n k n (n - 1) (k - 1).
-
-    Those of one study are Python's integers, and those of many studies are float64.
-    """
+    """Mean squares times n k n (n - 1) (k - 1), shape (studies,): Python's integers of one study, float64 of many."""
 
     n: int
     k: int

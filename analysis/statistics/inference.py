@@ -1,14 +1,9 @@
 """What a sample of answer ratios tells: tests of its mean against chance, effect sizes, a Bayes factor, and intervals.
 
-Wilson's interval and the exact one of Clopper and Pearson take every trial as independent of the others, which trials
-of one participant are not. The bootstrap resamples whole participants, never single trials; its intervals are BCa,
-bias-corrected and accelerated (Efron 1987, J. Am. Stat. Assoc. 82, 171-185), with the acceleration from leaving out one
-participant at a time.
-
-Intervals of effect sizes invert the noncentral distribution of the statistic (Steiger and Fouladi 1997; Steiger 2004,
-Psychol. Methods 9, 164-182): a limit is the noncentrality at which the observed value lies at a tail of the interval.
-The Bayes factor has the JZS prior: a Cauchy distribution of the effect size, Jeffreys's of the variance (Rouder,
-Speckman, Sun, Morey and Iverson 2009, Psychon. Bull. Rev. 16, 225-237, equation (1)).
+Wilson's interval and that of Clopper and Pearson take trials as independent; the bootstrap resamples participants, and
+its intervals are BCa (Efron 1987, J. Am. Stat. Assoc. 82, 171-185). Intervals of effect sizes are those of Steiger and
+Fouladi (1997; Steiger 2004, Psychol. Methods 9, 164-182). The Bayes factor has the JZS prior: a Cauchy distribution of
+the effect size, Jeffreys's of the variance (Rouder et al. 2009, Psychon. Bull. Rev. 16, 225-237, equation (1)).
 """
 
 from __future__ import annotations
@@ -76,11 +71,7 @@ def p_two_tailed(t: float, df: int) -> float:
 
 
 def t_against_chance(values: Sequence[Number], chance: Number) -> TTest:
-    """Return the one-sample, two-tailed t-test of `values`, shape (participants,), against `chance`.
-
-    Raises:
-        ValueError: a value is not finite.
-    """
+    """Return the one-sample, two-tailed t-test of finite `values`, shape (participants,), against `chance`."""
     null = Fraction(chance)
     n = len(values)
     if n == 0:
@@ -115,7 +106,6 @@ def _sizes(cells: Ratios, n: int, chance: Fraction) -> tuple[Floats, Floats, Tes
 def holm(p: Floats) -> Floats:
     """Return P adjusted for the tests of a family (Holm 1979), which lie along the first axis.
 
-    The i-th smallest of m values is multiplied by m - i + 1; no adjusted value is below that of a smaller P or above 1.
     NaN, a test that is not defined, counts as 1 in its family, because it was planned; it stays NaN.
     """
     family = np.where(np.isnan(p), 1.0, p)
@@ -207,8 +197,7 @@ LOWEST, HIGHEST = -30.0, 90.0
 def log_bayes_factor(t: float, n: int, scale: float = SCALE) -> float:
     """Return the natural logarithm of BF10, the evidence for an effect over that for none, of a two-tailed t.
 
-    The integral over g is the sum at equal steps of log g, which converges exponentially for such integrands (Trefethen
-    and Weideman 2014). `n` is at least 2; `scale` is that of the Cauchy prior on the effect size.
+    The sum at equal steps of log g converges exponentially (Trefethen and Weideman 2014). `n` is at least 2.
     """
     df = n - 1
     log_g = np.arange(LOWEST, HIGHEST, STEP) + 2 * math.log(scale)
@@ -231,11 +220,7 @@ class ConfidenceInterval:
 
 
 def wilson(count: int, trials: int, confidence: float = CONFIDENCE) -> ConfidenceInterval:
-    """Return the score interval without continuity correction (Wilson 1927).
-
-    Raises:
-        ValueError: there are no trials, or more successes than trials.
-    """
+    """Return the score interval without continuity correction (Wilson 1927)."""
     _check(count, trials)
     z = float(ndtri((1 + confidence) / 2))
     centre = count + z * z / 2
@@ -245,11 +230,7 @@ def wilson(count: int, trials: int, confidence: float = CONFIDENCE) -> Confidenc
 
 
 def clopper_pearson(count: int, trials: int, confidence: float = CONFIDENCE) -> ConfidenceInterval:
-    """Return the exact interval: neither tail of the binomial exceeds half of 1 - `confidence` (1934).
-
-    Raises:
-        ValueError: there are no trials, or more successes than trials.
-    """
+    """Return the exact interval: neither tail of the binomial exceeds half of 1 - `confidence` (1934)."""
     _check(count, trials)
     tail = (1 - confidence) / 2
     low = float(betaincinv(count, trials - count + 1, tail)) if count else 0.0
@@ -268,11 +249,7 @@ LEAST = 3
 
 
 def resamples(participants: int, count: int, rng: np.random.Generator) -> Integers:
-    """Return how often each participant is in each resample, shape (count, participants).
-
-    Raises:
-        NotDefined: there are too few participants.
-    """
+    """Return how often each participant is in each resample, shape (count, participants); NotDefined for too few."""
     if participants < LEAST:
         raise NotDefined(f"a bootstrap needs {LEAST} participants, got {participants}")
     return np.asarray(
@@ -286,13 +263,7 @@ def leave_one_out(participants: int) -> Integers:
 
 
 def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CONFIDENCE) -> ConfidenceInterval:
-    """Return the BCa interval of a statistic.
-
-    Args:
-        observed: its value in the sample.
-        drawn: its values in the resamples, shape (B,).
-        left_out: its values with each participant left out, shape (P,).
-        confidence: level of the interval.
+    """Return the BCa interval from values in the resamples, shape (B,), and with each participant left out, shape (P,).
 
     Raises:
         NotDefined: the resamples do not vary, or all lie on one side of the observed value.

@@ -1,7 +1,4 @@
-"""The report of a validation: sections with their records, numbers for JSON, figures, and the files.
-
-The figures are Figures 6, 7, 12 and 13 of Okamoto et al. from the recordings at hand.
-"""
+"""The report of a validation: sections, numbers for JSON, figures (6, 7, 12 and 13 of Okamoto et al.), and files."""
 
 from __future__ import annotations
 
@@ -166,7 +163,6 @@ def _classification(validation: Validation) -> Section:
 
 
 def _records(one: Classified) -> list[dict[str, object]]:
-    """Return one record for each take."""
     return [
         {
             "material": one.material,

@@ -1,10 +1,7 @@
 """The validation of Okamoto et al., section 3.3, and the comparison of materials of section 6.1, by equation (6).
 
-A take's own spectrum is |C_k| of the take less the mean |C_k| of the bare panel's takes at the same speed, floored at
-zero (equation (2), for one take). The take is put on the speed whose synthesised spectrum is the least dissimilar.
-
-The candidates are all recorded and observed speeds; neighbours are next to one another among them. Okamoto et al.,
-section 3, have seven: 50, 100, 200 and 300 mm/s were recorded, and 150, 250 and 400 mm/s observed.
+A take is put on the speed whose synthesised spectrum is the least dissimilar, among all recorded and observed speeds.
+Okamoto et al., section 3, have seven: 50, 100, 200 and 300 mm/s were recorded, and 150, 250 and 400 mm/s observed.
 """
 
 from __future__ import annotations
@@ -49,10 +46,9 @@ class Recorded(Protocol):
 
 @dataclass(frozen=True)
 class Classified:
-    """Where the fresh takes of one material were put (Okamoto et al., Figure 7).
+    """Where the fresh takes of one material were put: `dissimilarities` to each synthesis, m/s^2, shape (O, T, C).
 
-    The observed speeds, shape (O,), are among the rising candidates, shape (C,). `dissimilarities` are those of each
-    take to each synthesis, m/s^2, shape (O, T, C).
+    The observed speeds, shape (O,), are among the rising candidates, shape (C,).
     """
 
     material: str
@@ -85,10 +81,7 @@ class Classified:
 
 @dataclass(frozen=True)
 class Overlay:
-    """A synthesised spectrum and the average of as many observed ones, less the panel's, m/s^2, shape (N,) (Figure 6).
-
-    `dissimilarity` is that of the two, equation (6), m/s^2.
-    """
+    """A synthesised spectrum and the average of as many observed ones, less the panel, m/s^2, shape (N,) (Figure 6)."""
 
     material: str
     speed_mm_s: float
@@ -98,11 +91,7 @@ class Overlay:
 
 
 def check_comparable(recorded: Recorded, fresh: Recorded) -> None:
-    """Refuse fresh takes that cannot be compared with the recordings.
-
-    Raises:
-        RecordingError: for another rate or length, or for a material without fresh takes.
-    """
+    """Refuse fresh takes of another rate or length, or that lack a material of the recordings."""
     got = (fresh.rate_hz, fresh.panel.shape[-1])
     allowed = (recorded.rate_hz, recorded.panel.shape[-1])
     if got != allowed:
@@ -119,11 +108,7 @@ def check_comparable(recorded: Recorded, fresh: Recorded) -> None:
 
 
 def known_spectra(recorded: Recorded, *, average: Average = "magnitude") -> dict[str, CrinkleSpectra]:
-    """Return equation (2) for each material, averaged over takes as `crinkle.subtract` does, less the panel.
-
-    Raises:
-        RecordingError: for fewer than two speeds.
-    """
+    """Return equation (2) for each material, averaged over takes, less the panel; RecordingError below two speeds."""
     if recorded.speeds_mm_s.size < 2:
         raise RecordingError(
             f"recordings: got takes at one speed, {recorded.speeds_mm_s[0]:g} mm/s; allowed: two speeds or more, "
@@ -150,10 +135,7 @@ def own_spectra(fresh: Recorded, material: str, *, average: Average = "magnitude
 def classify(
     material: str, *, known: CrinkleSpectra, own: NDArray[np.float64], observed_mm_s: NDArray[np.float64]
 ) -> Classified:
-    """Put each take, `own` of shape (O, T, N) in m/s^2, on the speed whose synthesis is the least dissimilar.
-
-    Source: Okamoto et al., section 3.3, equation (6) and Figure 7.
-    """
+    """Put each take, `own` of shape (O, T, N) in m/s^2, on the speed whose synthesis is the least dissimilar."""
     candidates_mm_s = np.union1d(known.speeds_mm_s, observed_mm_s)
     syntheses = np.array([at_speed(known, speed_mm_s=float(v)).coefficients for v in candidates_mm_s])
     frequencies_hz = bin_frequencies_hz(bins=own.shape[-1], rate_hz=known.rate_hz)
@@ -170,10 +152,7 @@ def overlay(
     takes: int,
     average: Average = "magnitude",
 ) -> Overlay:
-    """Return the synthesis beside the average of the first `takes` fresh takes at one of their speeds.
-
-    Source: Okamoto et al., section 3.3 and Figure 6.
-    """
+    """Return the synthesis beside the average of the first `takes` fresh takes at one of their speeds."""
     place = int(np.flatnonzero(fresh.speeds_mm_s == speed_mm_s)[0])
     panel = _averaged(fresh.panel[place, :takes], average)
     observed = np.maximum(_averaged(fresh.objects[material][place, :takes], average) - panel, 0.0)
@@ -190,10 +169,7 @@ def _averaged(takes: NDArray[np.float64], average: Average) -> NDArray[np.float6
 
 
 def normalised_pairs(spectra: Mapping[str, NDArray[np.float64]], *, rate_hz: int) -> dict[tuple[str, str], float]:
-    """Return the dissimilarity of each pair of materials at one speed, divided by the highest, in order of `spectra`.
-
-    `spectra` are magnitudes, m/s^2, shape (N,). Source: Okamoto et al., section 6.1 and Table 3.
-    """
+    """Return the dissimilarity of each pair of spectra, magnitudes in m/s^2, shape (N,), over the highest (Table 3)."""
     names = list(spectra)
     rows = np.array([spectra[name] for name in names])
     frequencies_hz = bin_frequencies_hz(bins=rows.shape[-1], rate_hz=rate_hz)
@@ -313,7 +289,6 @@ def compute(recorded: Recorded, fresh: Recorded, *, average: Average = "magnitud
 def _compared(
     known: Mapping[str, CrinkleSpectra], fresh: Recorded, reference_mm_s: float, average: Average
 ) -> tuple[tuple[Classified, ...], dict[str, NDArray[np.float64]], dict[tuple[str, str], float]]:
-    """Return the takes on speeds, the spectra at the reference speed, and how much these differ."""
     classified = tuple(
         classify(name, known=of_it, own=own_spectra(fresh, name, average=average), observed_mm_s=fresh.speeds_mm_s)
         for name, of_it in known.items()
