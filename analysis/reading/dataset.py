@@ -336,10 +336,8 @@ def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
         both = [key for key in old if key in new and not (key in first.session_ids and key in second.session_ids)]
         alike = [key for key in both if old[key] == new[key]]
         # Times hardly coincide. Answers alone may, but hardly those of several sessions and of every one in both.
-        timed = set(
-            first.attempts.dropna(subset="response_time_s")[["participant", "task"]].itertuples(index=False, name=None)
-        )
-        if timed & set(alike) or (len(alike) >= LEAST and len(alike) == len(both)):
+        timed = first.attempts.dropna(subset="response_time_s").groupby(["participant", "task"]).groups
+        if any(key in timed for key in alike) or (len(alike) >= LEAST and len(alike) == len(both)):
             people = list(dict.fromkeys(who for who, _ in alike))
         told = "every one of a session is the same, and no id tells these sessions apart"
     if people:

@@ -155,7 +155,8 @@ class _Session:
         if self._masking is not None and (spent := self._masking.spent()):
             return spent
         if self._attempts.undelivered >= MOST_UNDELIVERED:
-            return f"{self._attempts.undelivered} attempts in a row had a stimulus that was not delivered; run palpate doctor, then go on"
+            count = self._attempts.undelivered
+            return f"the stimulus was not delivered in {count} attempts in a row; run palpate doctor, then resume"
         if begun[trial] == MOST_ATTEMPTS:
             return f"trial {trial} was begun {MOST_ATTEMPTS} times; see to the rig, then go on"
         return ""

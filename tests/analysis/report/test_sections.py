@@ -15,8 +15,8 @@ from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
 
 def test_limits_of_effect_sizes(repository_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scipy.special.nctdtr", lambda *_: float("nan"))
-    monkeypatch.setattr("scipy.special.ncfdtr", lambda *_: float("nan"))
+    monkeypatch.setattr("analysis.statistics.inference.nctdtr", lambda *_: float("nan"))
+    monkeypatch.setattr("analysis.statistics.inference.ncfdtr", lambda *_: float("nan"))
     results = compute(read(repository_root / "participants" / "okamoto2012"), {})
     notes = [note for table in sections.tests_section(results).tables for note in table.notes]
     assert len(notes) == 8

@@ -126,7 +126,10 @@ def test_a_rig_that_delivers_nothing_pauses_the_session(protocol: Protocol, tmp_
     one = bench("ccppp", [step_samples(600_000 * n, 100.0) for n in range(1, 4 + runner.MOST_UNDELIVERED)])
     one.actuator.heard.extend([failed] * 2 + [DELIVERED] + [failed] * runner.MOST_UNDELIVERED)
     footer = one.run(protocol, header("virtual"), tmp_path)
-    detail = f"{runner.MOST_UNDELIVERED} attempts in a row were undelivered; run palpate doctor, then go on"
+    detail = (
+        f"the stimulus was not delivered in {runner.MOST_UNDELIVERED} attempts in a row; "
+        "run palpate doctor, then resume"
+    )
     assert footer == Footer(reason="paused", detail=detail, answered=1)
     assert len(one.console.armed) == 3 + runner.MOST_UNDELIVERED
     assert entries(tmp_path, "virtual")[-1] == footer
