@@ -295,6 +295,26 @@ def test_pauses_are_short_while_the_foot_falls(scripted: Open, paused_ms: list[f
     assert paused_ms == [1.6, 1.6, 3.0, 3.0, 1.6, 1.6, 1.6, 3.0]
 
 
+@pytest.mark.parametrize("speed_mm_s", [50.0, 120.0, 250.0, 400.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_noisy_foot_that_falls_is_read_often_from_2_mm_below_its_rest(
+    scripted: Open, paused_ms: list[float], speed_mm_s: float, seed: int
+) -> None:
+    """And one that rests never is, once 50 ms have passed: noise alone is no fall."""
+    rng = np.random.default_rng(seed)
+    _, port = scripted([])
+    us, fallen_mm = 0, 0.0
+    seen: list[tuple[int, float, float]] = []
+    while fallen_mm < 60.0:
+        (counts,) = SETTINGS.counts(np.array([60.0 - fallen_mm + rng.normal(0, 0.1)])).tolist()
+        port.arrive(encode(len(seen) % 256, us, counts), b"")
+        seen.append((us, fallen_mm, paused_ms[-1]))
+        us += round(paused_ms[-1] * 1000)
+        fallen_mm = max(0.0, speed_mm_s * (us - 300_000) / 1e6)
+    assert {pause for at_us, fallen, pause in seen if at_us > 60_000 and fallen == 0.0} == {3.0}
+    assert {pause for _, fallen, pause in seen if fallen >= 2.0} == {1.6}
+
+
 def test_reconnecting_goes_on_with_the_counts_and_begins_another_clock(scripted: Open) -> None:
     gone = TrackerError("tracker at scripted: no such port")
     tracker, _ = scripted([frames(60_000, 5), OSError(errno.EIO, "Input/output error")], gone, [frames(0, 2)])
