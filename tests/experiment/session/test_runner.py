@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from experiment import storage
 from experiment.apparatus.tracker.frames import Samples
 from experiment.clock import ManualClock
-from experiment.errors import JournalError, PalpateError
+from experiment.errors import JournalError, PalpateError, RigError
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
 from experiment.records.entries import Answer, Footer, Header, Phase, Redo, Resumed, TrackerOpened
@@ -240,3 +240,11 @@ def test_a_torn_line_is_reported_on_screen_and_in_the_journal(protocol: Protocol
     second.run(protocol, header("real"), tmp_path)
     assert second.console.shown == ['The last line of the journal was torn and has been dropped: \'{"n":9,"t_\'']
     assert [e.torn for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == ['{"n":9,"t_']
+
+
+def test_a_resumed_session_goes_on_with_the_files_that_its_rig_named(protocol: Protocol, tmp_path: Path) -> None:
+    assert bench("cq").run(protocol, header("virtual"), tmp_path).reason == "paused"
+    (table,) = tmp_path.rglob("rehearsal-response.csv")
+    table.write_text(table.read_text("utf-8").replace("0.", "1.", 1), "utf-8")
+    with pytest.raises(RigError, match="got another table of this name from an earlier session"):
+        bench("pt").run(protocol, header("virtual"), tmp_path)
