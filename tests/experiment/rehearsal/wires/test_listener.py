@@ -60,5 +60,5 @@ def test_a_listener_that_does_not_begin_or_answer_is_told_of(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, does: str, patience_s: float, told: str
 ) -> None:
     monkeypatch.setattr(listener, "PATIENCE_S", patience_s)
-    with pytest.raises(AudioError, match=rf"what listens to it has ended{told}; start again"):
+    with pytest.raises(AudioError, match=rf"its listener has ended{told}; start again"):
         scripted(monkeypatch, tmp_path, does).since(0)
