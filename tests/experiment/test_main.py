@@ -50,7 +50,8 @@ def test_an_interrupt_while_modules_load_is_one_line(
         __main__.main()
     assert end.value.code == 130
     (line,) = capsys.readouterr().err.splitlines()
-    assert re.fullmatch(r"palpate: (the recording was )?interrupted; run the same command to continue( it| or to begin again)", line)
+    told = r"palpate: (the recording was )?interrupted; run the same command to continue( it| or to begin again)"
+    assert re.fullmatch(told, line)
     assert not any(tmp_path.iterdir())
 
 
