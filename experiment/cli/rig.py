@@ -81,7 +81,7 @@ def doctor(
     from experiment.apparatus.doctor import doctor as doctors
     from experiment.clock import MonotonicClock
 
-    typer.echo("Keep feet and hands off the panel: the check of the loopback moves it.", err=True)
+    typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
     found = []
     for check in doctors.examine(
         rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends

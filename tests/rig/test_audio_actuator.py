@@ -148,7 +148,7 @@ def test_a_withdrawn_stimulus_is_not_felt(actuator: Actuator, panel: CardPanel) 
     assert actuator.aim(CLOCK.now_ns() + 60 * MS)
     assert actuator.withdraw()
     assert panel.felt(0.2) is None
-    with pytest.raises(ActuatorError, match="a stimulus that nothing set off; aim it, or say it landed"):
+    with pytest.raises(ActuatorError, match="a stimulus that nothing set off; aim it, or report the landing first"):
         actuator.delivered(CLOCK.now_ns())
 
 

@@ -156,6 +156,6 @@ def test_a_server_that_does_not_start_is_said_with_its_own_words(
     refusing.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     before = dict(os.environ)
-    with pytest.raises(AudioError, match=r"JACK did not start \(no room for another server\); see that jackd runs"):
+    with pytest.raises(AudioError, match=r"JACK did not start \(no room for another server\); check that jackd runs"):
         SoundCard(rate_hz=48_000, block=256, inputs=1, outputs=1)
     assert dict(os.environ) == before
