@@ -1,0 +1,33 @@
+"""Run the fault campaign: `python -m tests.faults [PART...] [--subset]`; a whole run of all parts writes the README."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+
+from tests.faults import campaign
+from tests.faults.campaign import PARTS, Count, Size
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.faults", description=__doc__)
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"parts to run [default: {' '.join(PARTS)}]")
+    parser.add_argument("--subset", action="store_true", help="run the subset that the suite runs")
+    asked = parser.parse_args()
+    size = Size.SUBSET if asked.subset else Size.WHOLE
+    counts: list[Count] = []
+    for part in asked.parts or PARTS:
+        begun_s = time.monotonic()
+        for count in campaign.attacks(part, size):
+            counts.append(count)
+            print(f"{part}: {count.fault}: {count.survived:,} of {count.tried:,} survived, {count.lost:,} lost")
+            print(*(f"  {failure}\n" for failure in count.failures[:20]), sep="", end="", flush=True)
+        print(f"{part}: {time.monotonic() - begun_s:.0f} s", flush=True)
+    if size is Size.WHOLE and not asked.parts:
+        campaign.write(counts)
+    sys.exit(any(count.survived < count.tried or count.lost for count in counts))
+
+
+if __name__ == "__main__":
+    main()
