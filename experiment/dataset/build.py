@@ -87,7 +87,7 @@ def build(root: Path) -> None:
         if not session.contents.lines:
             continue
         header = session.contents.header
-        origin = "REHEARSAL" if header.rehearsal else "PARTICIPANT"
+        origin = "REHEARSAL" if header.purpose == "REHEARSAL" else "PARTICIPANT"
         first_tasks.setdefault(header.participant, bids.MISSING)
         if header.task_position == 1:
             first_tasks[header.participant] = header.task

@@ -10,13 +10,17 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-FORMAT: Literal[4] = 4
+FORMAT: Literal[5] = 5
 """The format of the journal: its models and their meaning.
 
 Format 1 was never written down. Format 2 had one line from device time to session time, without drift, for all steps
 since the tracker was opened, and no times of scheduling and arming. Format 3 presented one material as plain text and
-journaled the hash of an acceleration waveform on rigs that play voltages.
+journaled the hash of an acceleration waveform on rigs that play voltages. Format 4 told rehearsals alone from studies,
+and said nothing of an attempt before it had ended.
 """
+
+Purpose = Literal["STUDY", "PILOT", "PRACTICE", "REHEARSAL"]
+"""What a session is for. Only sessions of one purpose stand in one dataset, and only a STUDY is data of its study."""
 
 
 class Record(BaseModel):
@@ -45,7 +49,7 @@ class Header(Entry):
     """
 
     kind: Literal["header"] = "header"
-    format: Literal[4] = FORMAT
+    format: Literal[5] = FORMAT
     session_id: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     study: str
     protocol_sha256: str
@@ -57,7 +61,7 @@ class Header(Entry):
     participant: str
     task: str
     task_position: int
-    rehearsal: bool
+    purpose: Purpose
     started_utc: str
     block_trials: int
     order: tuple[PlannedTrial, ...]
@@ -98,6 +102,15 @@ class Phase(Entry):
     kind: Literal["phase"] = "phase"
     state: str
     detail: str = ""
+
+
+class Armed(Entry):
+    """An attempt begins: from now on its stimulus may be felt. On disk before any sound of it is possible."""
+
+    kind: Literal["armed"] = "armed"
+    trial: int
+    attempt: int
+    presented: tuple[str, ...]
 
 
 class Answer(Entry):

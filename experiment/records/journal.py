@@ -24,12 +24,34 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from experiment.clock import Clock
 from experiment.errors import JournalError, SessionLocked
-from experiment.records.entries import FORMAT, Answer, Footer, Header, MaskerSet, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.entries import (
+    FORMAT,
+    Answer,
+    Armed,
+    Footer,
+    Header,
+    MaskerSet,
+    Phase,
+    Redo,
+    Resumed,
+    TrackerOpened,
+)
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.storage import sync_folder
 
 AnyEntry = Annotated[
-    Header | TrackerOpened | Zeroed | MaskerSet | Phase | FootStep | BrokenOff | Answer | Redo | Resumed | Footer,
+    Header
+    | TrackerOpened
+    | Zeroed
+    | MaskerSet
+    | Phase
+    | Armed
+    | FootStep
+    | BrokenOff
+    | Answer
+    | Redo
+    | Resumed
+    | Footer,
     Field(discriminator="kind"),
 ]
 ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)

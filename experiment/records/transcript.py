@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from experiment.clock import utc
-from experiment.records.entries import Answer, Footer, Header, MaskerSet, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.entries import Answer, Armed, Footer, Header, MaskerSet, Phase, Redo, Resumed, TrackerOpened
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
@@ -16,7 +16,7 @@ def text(contents: Contents) -> str:
     zero_ns = contents.lines[0].t_ns
     done = progress(contents.entries)
     lines = [
-        *(["REHEARSAL - simulated participant"] if header.rehearsal else []),
+        *([f"{header.purpose}: no session of a study"] if header.purpose != "STUDY" else []),
         f"Study {header.study}, participant {header.participant}, task {header.task} (the participant's "
         f"task number {header.task_position}).",
         f"The session began at {header.started_utc} with {header.software}, rig {header.rig} and seed {header.seed}.",
@@ -50,6 +50,8 @@ def _said(entry: AnyEntry) -> str:
             return f"the masker is {level}; {entry.dose:.1%} of the day's dose is used up"
         case Phase():
             return f"{entry.state} {entry.detail}".rstrip()
+        case Armed():
+            return f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, armed"
         case FootStep():
             link = entry.link
             played = "a stimulus was played" if entry.stimulus else "no stimulus"
@@ -75,7 +77,7 @@ def _said(entry: AnyEntry) -> str:
             return f"the session ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}"
 
 
-def _presented(entry: FootStep | BrokenOff) -> str:
+def _presented(entry: Armed | FootStep | BrokenOff) -> str:
     return " and ".join(entry.presented)
 
 

@@ -13,7 +13,7 @@ from experiment.clock import Clock
 from experiment.desk.port import Console
 from experiment.errors import SessionError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records.entries import Answer, Header, PlannedTrial, Redo
+from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
 from experiment.session import interrupts
 from experiment.session.kind import KindDevices, Log
 from experiment.session.masker import KEYS, Masking
@@ -124,9 +124,16 @@ class Attempts:
             # Nothing had begun: nothing is on file of it, and the same attempt is armed again.
             self._outage = str(stopped)
             return Event.LOST
+        self._log.write(Armed(trial=planned.trial, attempt=attempt, presented=planned.presented))
         # Whatever goes wrong, the attempt is put on disk first: it may have been felt.
         with interrupts.held() as interrupt:
-            seen = self._kind.watch(interrupt.let_through)
+            try:
+                seen = self._kind.watch(interrupt.let_through)
+            except BaseException as ended:
+                why = "interrupted at the keyboard" if isinstance(ended, KeyboardInterrupt) else str(ended)
+                reason = f"nothing was felt: {why}"
+                self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
+                raise
             self._log.write(seen.entry)
             if seen.failed is not None:
                 raise seen.failed

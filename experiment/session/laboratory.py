@@ -113,7 +113,7 @@ def header(
         participant=participant,
         task=task_id,
         task_position=position,
-        rehearsal=control is not None,
+        purpose="STUDY" if control is None else "REHEARSAL",
         started_utc=utc(clock.now_ns()),
         block_trials=schedule.block_trials(protocol, task_id),
         order=schedule.schedule(protocol=protocol, participant=participant, task_id=task_id, seed=seed),

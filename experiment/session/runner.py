@@ -55,7 +55,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
 
 def _check_same_session(path: Path, found: Header, asked: Header) -> None:
     identity = ("study", "protocol_sha256", "participant", "task", "seed", "rig_sha256", "recordings_sha256")
-    for name in (*identity, "rehearsal", "order"):
+    for name in (*identity, "purpose", "order"):
         was, now = getattr(found, name), getattr(asked, name)
         if was != now:
             shown = "" if name == "order" else f" ({was} then, {now} now)"
@@ -201,6 +201,10 @@ class _Session:
                 trial, attempt = done.unanswered
                 reason = "the session was interrupted before the answer"
                 self._log.write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=False))
+            if done.armed is not None:
+                trial, attempt = done.armed
+                reason = "the session was interrupted while the trial was armed; its stimulus may have been felt"
+                self._log.write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=True))
         else:
             self._log.write(done.header)
         if priority := self._devices.priority:

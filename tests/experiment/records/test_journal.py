@@ -177,7 +177,7 @@ class InterruptedFile:
         return getattr(self._file, name)
 
 
-@pytest.mark.parametrize(("format_", "named"), [(None, "format 1"), (3, "format 3"), (5, "format 5")])
+@pytest.mark.parametrize(("format_", "named"), [(None, "format 1"), (4, "format 4"), (6, "format 6")])
 def test_a_journal_of_another_format_is_refused_in_words(tmp_path: Path, format_: int | None, named: str) -> None:
     path = tmp_path / "j"
     line = json.loads(write(path, ENTRIES[:1]))
@@ -186,7 +186,7 @@ def test_a_journal_of_another_format_is_refused_in_words(tmp_path: Path, format_
     line["entry"] |= {"format": format_, "colour": "red"} if format_ else {"colour": "red"}
     path.write_text(json.dumps(line) + "\n")
     journal.head_path(path).unlink()
-    with pytest.raises(JournalError, match=rf"line 1: got a journal of {named}; allowed: 4; .*\(palpate 0\)"):
+    with pytest.raises(JournalError, match=rf"line 1: got a journal of {named}; allowed: 5; .*\(palpate 0\)"):
         journal.read(path)
 
 

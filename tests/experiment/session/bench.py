@@ -39,7 +39,7 @@ HEADER = Header(
     participant="01",
     task="virtual",
     task_position=1,
-    rehearsal=True,
+    purpose="REHEARSAL",
     started_utc="2000-01-01T00:00:00+00:00",
     block_trials=2,
     order=(PlannedTrial(trial=1, presented=("Papier à lettres",)), PlannedTrial(trial=2, presented=("foil",))),

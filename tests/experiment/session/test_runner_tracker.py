@@ -15,7 +15,7 @@ from experiment.apparatus.tracker.guarded import GuardedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records.entries import Footer, Phase, TrackerOpened
+from experiment.records.entries import Armed, Footer, Phase, TrackerOpened
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from tests.experiment.session.bench import ORDER, bench, entries, header
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples, step_samples
@@ -103,7 +103,7 @@ def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(protocol: Protoco
     assert broken.trace.length == broken.link.received == 100
     kinds = [type(e) for e in entries(tmp_path, "real")]
     lost = kinds.index(BrokenOff)
-    assert kinds[lost : lost + 4] == [BrokenOff, Phase, Phase, TrackerOpened]
+    assert kinds[lost : lost + 5] == [BrokenOff, Phase, Phase, Armed, TrackerOpened]
 
 
 def test_a_tracker_that_goes_between_two_steps_is_waited_for_and_the_same_attempt_is_armed_again(
