@@ -24,6 +24,7 @@ import rfc8785
 from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
+from experiment import storage
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
 from experiment.protocol.models import Step
@@ -155,7 +156,7 @@ def response_table(folder: Path, shaping: ShapingRig) -> bytes:
     """
     path = folder / shaping.response
     try:
-        content = path.read_bytes()
+        content = storage.read_bytes(path)
     except OSError as error:
         raise RigError(
             f"{path}: cannot be read ({error.strerror}); allowed: the response table of the rig file; restore it"

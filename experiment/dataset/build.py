@@ -215,7 +215,7 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
         raise DatasetError(f"{rig_path(journal_file)}: is not the rig that the session was run on; restore the file")
     path = foot_path(journal_file)
     try:
-        raw = path.read_bytes()
+        raw = storage.read_bytes(path, 2**30)
     except OSError as error:
         raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
     rate_hz = rig.tracker.rate_hz

@@ -85,8 +85,8 @@ def materials_of(path: Path) -> tuple[str, ...]:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return storage.read_text(path)
+    except (OSError, ValueError) as error:
         raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of counts in UTF-8") from error
 
 
@@ -222,7 +222,7 @@ def import_counts(
             text = _task_text(study, task)
             for number in sorted(table):
                 write_events(root, labels[number], text, _trials(table[number], study.materials))
-            storage.write_bytes(root / "sourcedata" / counts[task].name, counts[task].read_bytes())
+            storage.write_bytes(root / "sourcedata" / counts[task].name, storage.read_bytes(counts[task]))
         storage.write_bytes(root / "sourcedata" / "README", _source(study, counts).encode())
     return out
 

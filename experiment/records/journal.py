@@ -13,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from typing import Annotated, BinaryIO
 from filelock import FileLock, Timeout
 from pydantic import Field, TypeAdapter, ValidationError
 
+from experiment import storage
 from experiment.clock import Clock
 from experiment.errors import JournalError, SessionLocked
 from experiment.records.entries import (
@@ -103,7 +105,7 @@ def read(path: Path) -> Contents:
     # The head first: read the other way round, a journal that is being written would seem cut off.
     head = _head(path)
     try:
-        data = path.read_bytes()
+        data = storage.read_bytes(path)
     except OSError as error:
         raise JournalError(f"{path}: cannot read the journal ({error.strerror}); give the path of a journal") from error
     size = data.rfind(b"\n") + 1
@@ -137,13 +139,16 @@ def head_path(path: Path) -> Path:
 def _head(path: Path) -> tuple[int, str]:
     """Return how many lines the head says the journal has, and the hash of the last; 0 before the first line."""
     try:
-        head = head_path(path).read_text("ascii")
-        count, last_hash = head.split() if head else ("0", GENESIS)
-        return int(count), last_hash
+        head = storage.read_bytes(head_path(path), 4096).decode("ascii")
     except FileNotFoundError:
         return 0, GENESIS
     except (OSError, ValueError) as error:
         raise JournalError(f"{head_path(path)}: cannot be read; restore it and the journal from a backup") from error
+    if not head:
+        return 0, GENESIS
+    if (found := re.fullmatch(r"([0-9]{1,12})\s+(\S+)\s*", head)) is None:
+        raise JournalError(f"{head_path(path)}: cannot be read; restore it and the journal from a backup")
+    return int(found[1]), found[2]
 
 
 def _check_head(path: Path, head: tuple[int, str], lines: list[bytes]) -> None:
@@ -159,7 +164,7 @@ def _verified(path: Path, n: int, line: bytes, last_hash: str) -> Line:
     where = f"{path}: line {n + 1}"
     remedy = "keep the file as it is and restore the journal from a backup"
     try:
-        document = json.loads(line)
+        document = storage.json_of(line)
         number, t_ns, prev = document["n"], document["t_ns"], document["prev"]
         _check_format(where, document["entry"])
         entry = ENTRY.validate_json(json.dumps(document["entry"]))

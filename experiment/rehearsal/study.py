@@ -139,7 +139,7 @@ def is_begun(out: Path, plan: Plan) -> bool:
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return False
     try:
-        found = json.loads((out / "sourcedata" / PLAN).read_text("utf-8"))
+        found = storage.json_of(storage.read_bytes(out / "sourcedata" / PLAN))
     except (OSError, ValueError):
         raise DatasetError(
             f"{out}: is no rehearsal, and a rehearsal never writes into anything else; choose another folder with --out"

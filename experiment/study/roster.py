@@ -189,7 +189,7 @@ class Roster:
     def _read(self) -> int:
         """Replay the file; return the size of its whole lines."""
         try:
-            data = self.path.read_bytes()
+            data = storage.read_bytes(self.path)
         except FileNotFoundError:
             return 0
         except OSError as error:
@@ -287,7 +287,7 @@ def seed_of(root: Path) -> int:
     """
     file = root / "sourcedata" / SEED
     try:
-        return int(json.loads(file.read_text("utf-8"))["seed"])
+        return int(storage.json_of(storage.read_bytes(file))["seed"])
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DatasetError(
             f"{file}: the seed cannot be read; restore it from a backup, or from a journal's header"
@@ -340,7 +340,7 @@ def settle(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None
         if not kept.exists():
             drawn = secrets.randbelow(2**31) if seed is None else seed
             storage.write_json(file, {"seed": drawn})
-            storage.write_bytes(kept, protocol_file.read_bytes())
+            storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
             raise DatasetError(
                 f"{root}: the study was begun with another version of the protocol; run {kept}, or choose another "
