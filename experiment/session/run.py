@@ -13,7 +13,7 @@ from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker import calibration
 from experiment.clock import Clock, MonotonicClock, day
-from experiment.dataset import build
+from experiment.dataset import build, register
 from experiment.desk.port import Console
 from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import approval, files
@@ -135,11 +135,27 @@ def run(
             opened.close()
             try:
                 build.build(root)
+                _anchor(root, rig, rig_file, console)
             except PalpateError as unbuilt:
                 ended.add_note(f"the dataset could not be brought up to date either: {unbuilt}")
             raise
     build.build(root)
+    _anchor(root, rig, rig_file, console)
     return footer
+
+
+def _anchor(root: Path, rig: Rig, rig_file: Path, console: Console) -> None:
+    """Show the dataset's anchor for the lab book, and enter it where the rig says; a failure undoes no session."""
+    again = f"palpate anchor {root}"
+    try:
+        anchor = register.keep(root)
+        console.show(f"For the lab book: {anchor.line}")
+        if wanted := rig.register:
+            to, key = rig_file.parent / wanted.file, rig_file.parent / wanted.key if wanted.key else None
+            again += f" --to {to}" + (f" --sign {key}" if key else "")
+            console.show(register.enter(anchor, root, to, key))
+    except PalpateError as error:
+        console.show(f"NOT ANCHORED: {error}. The session is on disk. When that is mended, run: {again}")
 
 
 def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None:
