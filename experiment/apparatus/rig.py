@@ -459,7 +459,7 @@ class TrackerRig(Confined):
         return whole
 
 
-class RegisterRig(Confined):
+class AnchorsRig(Confined):
     """Where each session's end is anchored outside of the dataset. Paths begin in the folder of the rig file.
 
     Attributes:
@@ -482,7 +482,7 @@ class Rig(Confined):
         accelerometer: what measures the panel; only `palpate record` needs it.
         audio: the audio device, where there is one: for the masker, the loopback and an actuator with `driver =
             "audio"`.
-        register: where each session's end is anchored.
+        anchors: where each session's end is anchored.
     """
 
     RULES: ClassVar[Rules] = _rig_rules
@@ -493,7 +493,7 @@ class Rig(Confined):
     actuator: ActuatorRig
     accelerometer: AccelerometerRig | None = None
     audio: AudioRig | None = None
-    register: RegisterRig | None = None
+    anchors: AnchorsRig | None = None
 
     _folder: Path | None = PrivateAttr(None)
 
@@ -524,11 +524,11 @@ def load(path: Path) -> Rig:
 def sha256(rig: Rig) -> str:
     """Return the SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
-    Ports and addresses are left out: a device that comes back under another name is the same device. The register
-    measures nothing.
+    Ports and addresses are left out: a device that comes back under another name is the same device. Anchors
+    measure nothing.
     """
     where: dict[str, Any] = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}}
-    where |= {"audio": {"device"}, "register": True}
+    where |= {"audio": {"device"}, "anchors": True}
     return hashlib.sha256(rfc8785.dumps(rig.model_dump(mode="json", exclude_none=True, exclude=where))).hexdigest()
 
 

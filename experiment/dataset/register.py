@@ -26,7 +26,7 @@ from experiment.records import journal
 from experiment.records.entries import Purpose, Record
 from experiment.study.roster import Roster
 
-LOG = Path("sourcedata") / "anchors.jsonl"
+LOG = Path("sourcedata") / "anchors.log"
 """Every anchor of a dataset, inside it."""
 
 NAMESPACE = "palpate"
@@ -38,10 +38,10 @@ DIGITS = 16
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
-class Chain(Record):
+class Prefix(Record):
     """How many lines a file inside the dataset had, and the SHA-256 of the last."""
 
-    file: str
+    file: Annotated[str, Field(pattern=r"^sourcedata/(sub-[0-9A-Za-z]+/)?[0-9A-Za-z_-]+\.jsonl$")]
     lines: Annotated[int, Field(ge=1)]
     sha256: Sha256
 
@@ -53,7 +53,7 @@ class Anchor(Record):
     study: str
     purpose: Purpose
     protocol_sha256: Sha256
-    chains: tuple[Chain, ...]
+    prefixes: tuple[Prefix, ...]
 
     @property
     def canonical(self) -> bytes:
@@ -95,8 +95,8 @@ def make(root: Path) -> Anchor:
         study=header.study,
         purpose=header.purpose,
         protocol_sha256=header.protocol_sha256,
-        chains=tuple(
-            Chain(file=path.relative_to(root).as_posix(), lines=len(hashes), sha256=hashes[-1])
+        prefixes=tuple(
+            Prefix(file=path.relative_to(root).as_posix(), lines=len(hashes), sha256=hashes[-1])
             for path in (roster, *found)
             if (hashes := line_hashes(path))
         ),

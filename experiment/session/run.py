@@ -150,7 +150,7 @@ def _anchor(root: Path, rig: Rig, rig_file: Path, console: Console) -> None:
     try:
         anchor = register.keep(root)
         console.show(f"For the lab book: {anchor.line}")
-        if wanted := rig.register:
+        if wanted := rig.anchors:
             to, key = rig_file.parent / wanted.file, rig_file.parent / wanted.key if wanted.key else None
             again += f" --to {to}" + (f" --sign {key}" if key else "")
             console.show(register.enter(anchor, root, to, key))
