@@ -126,9 +126,24 @@ def write_bytes(path: Path, content: bytes) -> None:
         raise DatasetError(f"cannot write {path}: {error.strerror}; check its folder and the free space") from error
 
 
+def json_bytes(content: Mapping[str, object]) -> bytes:
+    """Return a JSON object as UTF-8 text, two spaces deep, keys in the order given."""
+    return (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode()
+
+
 def write_json(path: Path, content: Mapping[str, object]) -> None:
-    """Write a JSON object, two spaces deep, keys in the order given."""
-    write_bytes(path, (json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n").encode())
+    """Write a JSON object as `json_bytes` gives it. Raises `DatasetError` if the file system refuses."""
+    write_bytes(path, json_bytes(content))
+
+
+def protocol_path(dataset: Path) -> Path:
+    """Return where the protocol of a study is kept inside its dataset."""
+    return dataset / "sourcedata" / "protocol.toml"
+
+
+def plan_path(dataset: Path) -> Path:
+    """Return where the plan of a rehearsal stands; a dataset without it is of no rehearsal."""
+    return dataset / "sourcedata" / "rehearsal.json"
 
 
 def roster_path(dataset: Path) -> Path:
@@ -149,6 +164,11 @@ def participant_folder(dataset: Path, participant: str) -> Path:
 def journal_path(dataset: Path, participant: str, task: str) -> Path:
     """Return where the journal of a session stands inside a dataset."""
     return participant_folder(dataset, participant) / f"sub-{participant}_task-{task}_journal.jsonl"
+
+
+def withdrawal_path(dataset: Path, participant: str) -> Path:
+    """Return where the withdrawal of a participant without a journal is kept inside a dataset."""
+    return participant_folder(dataset, participant) / f"sub-{participant}_withdrawn.json"
 
 
 def rig_path(journal_file: Path) -> Path:

@@ -37,7 +37,7 @@ FURTHER = {
 }
 """The name of each further column in the frame, and in the events file."""
 
-ORIGINS = ("PARTICIPANT", "REHEARSAL", "RECONSTRUCTION")
+ORIGINS = ("PARTICIPANT", "PILOT", "REHEARSAL", "RECONSTRUCTION")
 
 
 def read(root: Path) -> Study:

@@ -9,6 +9,7 @@ import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder
+from experiment.errors import RosterError
 
 commands = options.room()
 
@@ -94,11 +95,23 @@ def enrol(
     seed: Annotated[
         int | None, typer.Option("--seed", min=0, help="Seed of the study's random draws [default: a random one].")
     ] = None,
+    pilot: Annotated[
+        bool,
+        typer.Option(
+            "--pilot",
+            help="Begin the dataset of a pilot, no data of the study [default folder: participants/STUDY-pilot].",
+        ),
+    ] = False,
 ) -> None:
-    """Enrol the next participant of a study."""
+    """Enrol the next participant of a study.
+
+    The first one begins the dataset. Whether it is that of a pilot is settled then; later commands find a pilot by
+    --dataset.
+    """
     from experiment.study import roster
 
-    path = roster.enrol(protocol_file, participant, consent_on.date() if consent_on else None, root=dataset, seed=seed)
+    consented = consent_on.date() if consent_on else None
+    path = roster.enrol(protocol_file, participant, consented, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}\nSeed of the study: {roster.seed_of(path.parents[1])}")
 
 
@@ -110,11 +123,19 @@ def consent(
         datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day on which consent was given.")
     ],
     dataset: StudyFolder = None,
+    correct: Annotated[
+        bool, typer.Option("--correct", help="Correct the day on record, which stays in the roster.")
+    ] = False,
+    reason: Annotated[
+        str | None, typer.Option("--reason", help="Why it is corrected: one line that names no person.")
+    ] = None,
 ) -> None:
-    """Record the consent of an enrolled participant."""
+    """Record the consent of an enrolled participant, or correct its day."""
     from experiment.study import roster
 
-    path = roster.consent(protocol_file, participant, consent_on.date(), root=dataset)
+    if correct != (reason is not None):
+        raise RosterError("got one of --correct and --reason; allowed: both or neither; say why the day is corrected")
+    path = roster.consent(protocol_file, participant, consent_on.date(), root=dataset, correction=reason)
     typer.echo(f"Participant {participant} has consented: {path}")
 
 
@@ -257,7 +278,11 @@ def withdraw(
     ],
     dataset: StudyFolder = None,
 ) -> None:
-    """Record that a participant withdrew."""
+    """Record that a participant withdrew.
+
+    Their journals say so too, and no data of theirs is analysed. To finish a withdrawal that was interrupted, run the
+    same command again.
+    """
     from experiment.dataset import build as datasets
     from experiment.study import roster
 

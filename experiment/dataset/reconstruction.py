@@ -21,10 +21,11 @@ from experiment.dataset.bids import (
     LABELS,
     DatasetText,
     TaskText,
+    description,
+    events,
     new_dataset,
-    write_description,
-    write_events,
-    write_participants,
+    participants,
+    write_files,
 )
 from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER
@@ -216,12 +217,13 @@ def import_counts(
     numbers = sorted({number for table in tables.values() for number in table})
     labels = {number: f"{number:0{max(2, len(str(numbers[-1])))}d}" for number in numbers}
     with new_dataset(out) as root:
-        write_description(root, _description(study, tables, software_version))
-        write_participants(root, ({"participant_id": f"sub-{labels[n]}"} for n in numbers), origin="RECONSTRUCTION")
+        people = ({"participant_id": f"sub-{labels[n]}"} for n in numbers)
+        write_files(description(root, _description(study, tables, software_version)))
+        write_files(participants(root, people, origin="RECONSTRUCTION"))
         for task, table in tables.items():
             text = _task_text(study, task)
             for number in sorted(table):
-                write_events(root, labels[number], text, _trials(table[number], study.materials))
+                write_files(events(root, labels[number], text, _trials(table[number], study.materials)))
             storage.write_bytes(root / "sourcedata" / counts[task].name, storage.read_bytes(counts[task]))
         storage.write_bytes(root / "sourcedata" / "README", _source(study, counts).encode())
     return out

@@ -6,6 +6,7 @@ kind of trial leaves on record of an attempt stands in a module of its own (`foo
 
 from __future__ import annotations
 
+from hashlib import sha256
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -46,6 +47,7 @@ class Header(Entry):
     `session_id` are 32 hexadecimal digits that no other session has: copies of one in two datasets are told by it.
     `recordings_sha256` is that of the recordings' manifest, which holds the hash of every take; None without synthesis.
     `order` falls into blocks of `block_trials`; a trial that is put off is run again at the end of its block.
+    `roster_sha256` is the hash of the roster's last line when the session began; None in a rehearsal, which has none.
     """
 
     kind: Literal["header"] = "header"
@@ -57,6 +59,7 @@ class Header(Entry):
     rig: str
     rig_sha256: str
     recordings_sha256: str | None
+    roster_sha256: str | None
     seed: int
     participant: str
     task: str
@@ -65,6 +68,11 @@ class Header(Entry):
     started_utc: str
     block_trials: int
     order: tuple[PlannedTrial, ...]
+
+    def rehearsed_id(self, control: str) -> str:
+        """Return the `session_id` of this session as a rehearsal: the same whenever it is rehearsed again."""
+        facts = f"{self.protocol_sha256} {self.rig_sha256} {self.recordings_sha256} {control}"
+        return sha256(f"{facts} {self.seed} {self.participant} {self.task}".encode()).hexdigest()[:32]
 
 
 class TrackerOpened(Entry):
@@ -150,3 +158,10 @@ class Footer(Entry):
     reason: Literal["complete", "paused", "error"]
     detail: str = ""
     answered: int
+
+
+class Withdrawal(Entry):
+    """The participant withdrew after this session: an old roster put back in place does not undo it."""
+
+    kind: Literal["withdrawal"] = "withdrawal"
+    reason: str

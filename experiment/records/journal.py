@@ -37,6 +37,7 @@ from experiment.records.entries import (
     Redo,
     Resumed,
     TrackerOpened,
+    Withdrawal,
 )
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.storage import sync_folder
@@ -53,7 +54,8 @@ AnyEntry = Annotated[
     | Answer
     | Redo
     | Resumed
-    | Footer,
+    | Footer
+    | Withdrawal,
     Field(discriminator="kind"),
 ]
 ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)

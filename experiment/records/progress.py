@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import pairwise
 
-from experiment.records.entries import Answer, Armed, Footer, Header, MaskerSet, PlannedTrial, Redo, Resumed
+from experiment.records.entries import Answer, Armed, Footer, Header, MaskerSet, PlannedTrial, Redo, Resumed, Withdrawal
 from experiment.records.footstep import BrokenOff, FootStep
 from experiment.records.journal import AnyEntry, Contents
 
@@ -50,6 +50,8 @@ class Progress:
 
     def after(self, entry: AnyEntry) -> Progress:
         """Return where the session stands after one more entry."""
+        if isinstance(entry, Withdrawal):
+            return self
         done = replace(self, footer=entry if isinstance(entry, Footer) else None)
         if isinstance(entry, Armed):
             attempts = {**self.attempts, entry.trial: entry.attempt}

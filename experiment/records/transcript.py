@@ -3,7 +3,18 @@
 from __future__ import annotations
 
 from experiment.clock import utc
-from experiment.records.entries import Answer, Armed, Footer, Header, MaskerSet, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.entries import (
+    Answer,
+    Armed,
+    Footer,
+    Header,
+    MaskerSet,
+    Phase,
+    Redo,
+    Resumed,
+    TrackerOpened,
+    Withdrawal,
+)
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
@@ -75,6 +86,8 @@ def _said(entry: AnyEntry) -> str:
             return f"the session was resumed with {len(entry.remaining)} trials left{torn}"
         case Footer():
             return f"the session ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}"
+        case Withdrawal():
+            return f"the participant has withdrawn ({entry.reason}): no data of theirs is analysed"
 
 
 def _presented(entry: Armed | FootStep | BrokenOff) -> str:
