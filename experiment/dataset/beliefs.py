@@ -7,6 +7,7 @@ rehearsal its plan. All of it stands under `sourcedata/`.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
@@ -15,7 +16,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from experiment import storage
-from experiment.errors import DatasetError, RosterError
+from experiment.errors import DatasetError, PalpateError, RosterError
 from experiment.protocol import approval, files
 from experiment.protocol.approval import Seal
 from experiment.protocol.models import Protocol
@@ -78,27 +79,59 @@ def has_journals(root: Path) -> bool:
     return any(path.exists() for path in settled) or any(source.glob("sub-*/*_journal.*"))
 
 
+def journals(root: Path) -> list[Path]:
+    """Return the journals of a dataset, by participant and task; those too of which only the head is there."""
+    heads = (root / "sourcedata").glob("sub-*/sub-*_journal.head")
+    return sorted({*storage.journals(root), *(head.with_suffix(".jsonl") for head in heads)})
+
+
 def believed(root: Path) -> Believed:
     """Read every journal of a dataset and hold it against what stands beside it.
 
     Raises `DatasetError`, `JournalError`, `ProtocolError` or `RosterError`, which names the first file that does not
     fit.
     """
+    dataset, doubts = examined(root)
+    for doubt in doubts:
+        raise doubt
+    return dataset
+
+
+def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
+    """Return what can be believed of a dataset, and an error for whatever else does not fit.
+
+    Raises what `believed` raises where nothing can: of protocol, seal, seed, roster, or plan.
+    """
     study = _study(root)
     sessions: list[tuple[Path, Contents]] = []
-    paths = {*storage.journals(root), *(head.with_suffix(".jsonl") for head in _heads(root))}
-    _refuse_strays(root, paths)
-    for path in sorted(paths):
-        contents = journal.read_if_begun(path)
-        _check_frames(path, contents)
-        if contents.lines:
-            _check_header(path, contents.header, study)
-            sessions.append((path, contents))
-    _refuse_copies(sessions)
-    _refuse_tables(root, sessions)
+    doubts: list[PalpateError] = []
+    paths = journals(root)
+    with collected(doubts):
+        _refuse_strays(root, set(paths))
+    for path in paths:
+        with collected(doubts):
+            contents = journal.read_if_begun(path)
+            _check_frames(path, contents)
+            if contents.lines:
+                _check_header(path, contents.header, study)
+                sessions.append((path, contents))
+    with collected(doubts):
+        _refuse_copies(sessions)
+    with collected(doubts):
+        _refuse_tables(root, sessions)
     if study.roster is not None:
-        _check_withdrawals(study.roster, root, sessions)
-    return Believed(study.protocol, study.purpose, study.roster, tuple(sessions))
+        with collected(doubts):
+            _check_withdrawals(study.roster, root, sessions)
+    return Believed(study.protocol, study.purpose, study.roster, tuple(sessions)), doubts
+
+
+@contextmanager
+def collected(doubts: list[PalpateError]) -> Iterator[None]:
+    """Add the error that ends the block to `doubts`, and go on after it."""
+    try:
+        yield
+    except PalpateError as doubt:
+        doubts.append(doubt)
 
 
 def _study(root: Path) -> _Study:
@@ -123,10 +156,6 @@ def _study(root: Path) -> _Study:
         raise DatasetError(f"{kept}: is not the protocol that was rehearsed; restore it, or rehearse anew")
     tasks = {one.participant: one.tasks for one in rosters.allocate(protocol, plan.seed)[: plan.participants]}
     return _Study(root, protocol, sha256, "REHEARSAL", plan.seed, tasks, plan, None, None)
-
-
-def _heads(root: Path) -> Iterator[Path]:
-    return (root / "sourcedata").glob("sub-*/sub-*_journal.head")
 
 
 def _refuse_strays(root: Path, journals: set[Path]) -> None:

@@ -17,8 +17,8 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker import frames
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.dataset import bids
-from experiment.dataset.beliefs import Believed, believed
-from experiment.errors import DatasetError
+from experiment.dataset.beliefs import Believed, believed, collected
+from experiment.errors import DatasetError, PalpateError
 from experiment.protocol.models import Protocol, Task
 from experiment.records import journal
 from experiment.records.entries import Answer, MaskerSet, Purpose, Redo, TrackerOpened
@@ -104,12 +104,20 @@ def check_tables(root: Path) -> Believed:
     older than the journals.
     """
     dataset = believed(root)
-    sessions = _sessions(dataset)
-    for path, content in _tables(root, dataset, sessions).items():
-        _check_table(root, path, content)
-    for path, session in sessions.items():
+    for doubt in edited(root, dataset):
+        raise doubt
+    for path, session in _sessions(dataset).items():
         _frames(path, session)
     return dataset
+
+
+def edited(root: Path, dataset: Believed) -> list[PalpateError]:
+    """Return an error for each table on disk that is not the one that the journals give."""
+    doubts: list[PalpateError] = []
+    for path, content in _tables(root, dataset, _sessions(dataset)).items():
+        with collected(doubts):
+            _check_table(root, path, content)
+    return doubts
 
 
 def _sessions(dataset: Believed) -> dict[Path, _Session]:

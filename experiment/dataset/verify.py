@@ -16,7 +16,7 @@ from typing import Literal
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
-from experiment.dataset import register
+from experiment.dataset import beliefs, build, register
 from experiment.dataset.register import DIGITS, LOG, Anchor, Signer
 from experiment.errors import DatasetError, PalpateError, RecordingError, RigError
 from experiment.records import journal
@@ -66,34 +66,71 @@ def verify(
     anchors of the registers count that one of its keys signed. Raises `DatasetError` if the folder is no dataset, or if
     a register, a number or a key cannot be read.
     """
-    heads = (root / "sourcedata").glob("sub-*/sub-*_journal.head")
-    paths = sorted({*storage.journals(root), *(head.with_suffix(".jsonl") for head in heads)})
+    journals = beliefs.journals(root)
     roster = storage.roster_path(root)
     headers: list[Header] = []
-    findings = [_told(root, path, lambda path=path: _session(path, headers)) for path in paths]  # type: ignore[misc]
+    findings = [_told(root, path, lambda path=path: _session(path, headers)) for path in journals]  # type: ignore[misc]
     if roster.exists():
         findings.append(_told(root, roster, lambda: _roster(roster)))
-    manifests = {header.recordings_sha256 for header in headers} - {None}
-    if manifests:
-        findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, manifests)))
+    if named := {header.recordings_sha256 for header in headers} - {None}:
+        findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
+    findings += _together(root, {finding.text for finding in findings}) if beliefs.has_journals(root) else _alone(root)
     findings += _leftovers(root)
     known = {(header.study, header.purpose) for header in headers}
     evidence, told = _evidence(root, known, registers, numbers, signer)
-    files = {path.relative_to(root).as_posix(): register.line_hashes(path) for path in (roster, *paths)}
+    files = {path.relative_to(root).as_posix(): register.line_hashes(path) for path in (roster, *journals)}
     findings += [*told, *_contradictions(files, evidence)]
-    title = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known))
-    report = Report(f"{root}: {title}", tuple(findings), ())
-    return Report(report.title, report.findings, tuple(_verdict(report.refused, files, evidence)))
+    refused = sum(finding.word == "refused" for finding in findings)
+    kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
+    return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(refused, files, evidence)))
+
+
+def _together(root: Path, told: set[str]) -> Iterator[Finding]:
+    """Tell what several files show together, but for what is `told` already."""
+    try:
+        dataset, doubts = beliefs.examined(root)
+        if doubts:
+            yield Finding("note", "tables", "were not compared with the journals, because not every journal holds")
+        else:
+            doubts = build.edited(root, dataset)
+    except PalpateError as error:
+        doubts = [error]
+    for doubt in doubts:
+        finding = _refused(root, doubt)
+        if finding.text not in told:
+            yield finding
+    if not doubts:
+        yield Finding("holds", "headers", "each journal is of its path, the sealed protocol, the seed and the roster")
+        yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")
+
+
+def _alone(root: Path) -> Iterator[Finding]:
+    """Tell what stands behind tables without journals."""
+    file = root / "dataset_description.json"
+    try:
+        origin = storage.json_of(storage.read_bytes(file))["Palpate"]["Origin"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{root}: is no dataset of palpate; give the folder that holds sourcedata") from error
+    if origin != "RECONSTRUCTION":
+        raise DatasetError(f"{file}: says {origin}, and sourcedata holds no journal; restore it from a backup")
+    yield Finding(
+        "note", "RECONSTRUCTION", "no journal is behind these tables, only counts from print: no change shows"
+    )
 
 
 def _told(root: Path, path: Path, check: Callable[[], str]) -> Finding:
     """Return what a check says of a file, or the error that it raises."""
-    name = path.relative_to(root).as_posix()
     try:
-        return Finding("holds", name, check())
+        return Finding("holds", path.relative_to(root).as_posix(), check())
     except PalpateError as error:
-        text = "; ".join(line.strip() for line in str(error).splitlines())
-        return Finding("refused", name, text.removeprefix(f"{path}: "))
+        return _refused(root, error)
+
+
+def _refused(root: Path, error: PalpateError) -> Finding:
+    """Return an error as a finding of the file inside the dataset that it begins with."""
+    text = "; ".join(line.strip() for line in str(error).splitlines()).removeprefix(f"{root}/")
+    item, _, rest = text.partition(": ")
+    return Finding("refused", item, rest)
 
 
 def _session(path: Path, headers: list[Header]) -> str:
@@ -134,7 +171,7 @@ def _recordings(root: Path, named: set[str | None]) -> str:
         raise RecordingError(f"{manifest}: is not the one that the journals name; restore it from a backup")
     broken = [name for name, sha256 in takes if _sha256(folder / name) != sha256]
     if broken:
-        raise RecordingError(f"takes are missing or changed: {', '.join(broken)}; restore them from a backup")
+        raise RecordingError(f"{folder}: takes are missing or changed: {', '.join(broken)}; restore them from a backup")
     return f"{len(takes)} takes are those of the manifest, and the manifest is the one that the journals name"
 
 
@@ -250,7 +287,9 @@ def _verdict(refused: int, files: Mapping[str, Sequence[str]], evidence: Sequenc
         speak = "1 finding speaks" if refused == 1 else f"{refused} findings speak"
         yield f"REFUSED: {speak} against this dataset. Keep the folder as it is, and compare it with a backup."
         return
-    total = sum(map(len, files.values()))
+    if not (total := sum(map(len, files.values()))):
+        yield "NOT PROVEN: nothing. A table without a journal shows no change, neither by accident nor by intent."
+        return
     yield "Nothing speaks against this dataset: an accident that changed what is listed above would have been noticed."
     outside = [place for place in evidence if place.guard]
     for place in outside:
