@@ -106,19 +106,22 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
     sessions: list[tuple[Path, Contents]] = []
     doubts: list[PalpateError] = []
     paths = journals(root)
+    begun = set(paths)
     with collected(doubts):
         _refuse_strays(root, set(paths))
     for path in paths:
         with collected(doubts):
             contents = journal.read_if_begun(path)
             _check_frames(path, contents)
-            if contents.lines:
-                _check_header(path, contents.header, study)
-                sessions.append((path, contents))
+            if not contents.lines:
+                begun.discard(path)
+                continue
+            _check_header(path, contents.header, study)
+            sessions.append((path, contents))
     with collected(doubts):
         _refuse_copies(sessions)
     with collected(doubts):
-        _refuse_tables(root, sessions)
+        _refuse_tables(root, begun)
     if study.roster is not None:
         with collected(doubts):
             _check_withdrawals(study.roster, root, sessions)
@@ -237,9 +240,9 @@ def _refuse_copies(sessions: list[tuple[Path, Contents]]) -> None:
             raise DatasetError(f"{path}: has the session_id of {other}; allowed: one of its own; take the copy out")
 
 
-def _refuse_tables(root: Path, sessions: list[tuple[Path, Contents]]) -> None:
+def _refuse_tables(root: Path, journals: set[Path]) -> None:
     """Refuse events without a journal."""
-    begun = {path.name.replace("_journal.jsonl", "_events.tsv") for path, _ in sessions}
+    begun = {path.name.replace("_journal.jsonl", "_events.tsv") for path in journals}
     for path in sorted(root.glob("sub-*/beh/*_events.tsv")):
         if path.name not in begun:
             raise DatasetError(

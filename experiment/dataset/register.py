@@ -21,10 +21,9 @@ import rfc8785
 from pydantic import Field, ValidationError
 
 from experiment import clock, storage
+from experiment.dataset.beliefs import believed
 from experiment.errors import DatasetError
-from experiment.records import journal
 from experiment.records.entries import Purpose, Record
-from experiment.study.roster import Roster
 
 LOG = Path("sourcedata") / "anchors.log"
 """Every anchor of a dataset, inside it."""
@@ -82,14 +81,12 @@ class Kept(Record):
 def make(root: Path) -> Anchor:
     """Return the anchor of a dataset as it is now.
 
-    Raises `DatasetError` if it has no session, and as the reading of its journals and its roster.
+    Raises `DatasetError` if it has no session, and what `believed` raises.
     """
-    found = {path: contents for path in storage.journals(root) if (contents := journal.read(path)).lines}
-    if not found:
+    dataset = believed(root)
+    if not dataset.sessions:
         raise DatasetError(f"{root}: got no session; allowed: one or more; run a session first, then anchor it")
-    header = next(iter(found.values())).header
-    roster = storage.roster_path(root)
-    Roster.load(roster)
+    header = dataset.sessions[0][1].header
     return Anchor(
         anchored_utc=clock.utc(clock.wall_ns()),
         study=header.study,
@@ -97,7 +94,7 @@ def make(root: Path) -> Anchor:
         protocol_sha256=header.protocol_sha256,
         prefixes=tuple(
             Prefix(file=path.relative_to(root).as_posix(), lines=len(hashes), sha256=hashes[-1])
-            for path in (roster, *found)
+            for path in (storage.roster_path(root), *(path for path, _ in dataset.sessions))
             if (hashes := line_hashes(path))
         ),
     )

@@ -16,7 +16,8 @@ from typing import Literal
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
-from experiment.dataset import beliefs, build, register
+from experiment.dataset import beliefs, bids, build, register
+from experiment.dataset.beliefs import Believed
 from experiment.dataset.register import DIGITS, LOG, Anchor, Signer
 from experiment.errors import DatasetError, PalpateError, RecordingError, RigError
 from experiment.records import journal
@@ -92,7 +93,7 @@ def _together(root: Path, told: set[str]) -> Iterator[Finding]:
         if doubts:
             yield Finding("note", "tables", "were not compared with the journals, because not every journal holds")
         else:
-            doubts = build.edited(root, dataset)
+            doubts = [*build.edited(root, dataset), *_lost_traces(root, dataset)]
     except PalpateError as error:
         doubts = [error]
     for doubt in doubts:
@@ -102,6 +103,16 @@ def _together(root: Path, told: set[str]) -> Iterator[Finding]:
     if not doubts:
         yield Finding("holds", "headers", "each journal is of its path, the sealed protocol, the seed and the roster")
         yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")
+
+
+def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
+    for _, contents in dataset.sessions:
+        participant, task = contents.header.participant, contents.header.task
+        stepped = any(isinstance(entry, FootStep) for entry in contents.entries)
+        for suffix in ("tsv.gz", "json") if stepped else ():
+            path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
+            if not path.exists():
+                yield DatasetError(f"{path}: is missing; make it again (palpate build {root})")
 
 
 def _alone(root: Path) -> Iterator[Finding]:
@@ -139,8 +150,11 @@ def _session(path: Path, headers: list[Header]) -> str:
         return "no line: the session never began"
     headers.append(contents.header)
     rig_file, foot_file = storage.rig_path(path), storage.foot_path(path)
-    if rigs.sha256(rigs.load(rig_file)) != contents.header.rig_sha256:
+    rig = rigs.load(rig_file)
+    if rigs.sha256(rig) != contents.header.rig_sha256:
         raise RigError(f"{rig_file}: is not the rig that the session was run on; restore the file")
+    if rig.actuator.shaping:
+        rigs.response_table(rig_file.parent, rig.actuator.shaping)
     traces = [entry.trace for entry in contents.entries if isinstance(entry, FootStep | BrokenOff)]
     try:
         raw = storage.read_bytes(foot_file) if traces else b""
