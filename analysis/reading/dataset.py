@@ -23,6 +23,7 @@ import pandas as pd
 
 from analysis.documents.tables import plural
 from analysis.reading.study import Part, Study, Task, check_chances, exclude
+from experiment import storage
 from experiment.errors import DatasetError
 from experiment.records.events import EVENT_COLUMNS, NO_ANSWER
 
@@ -36,7 +37,7 @@ FURTHER = {
 }
 """The name of each further column in the frame, and in the events file."""
 
-ORIGINS = ("PARTICIPANT", "REHEARSAL", "RECONSTRUCTION")
+ORIGINS = ("PARTICIPANT", "PILOT", "REHEARSAL", "RECONSTRUCTION")
 
 
 def read(root: Path) -> Study:
@@ -123,7 +124,7 @@ def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
 
 def _text(path: Path, remedy: str) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return storage.read_text(path)
     except FileNotFoundError as error:
         raise DatasetError(f"{path} is missing; {remedy}") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -132,9 +133,11 @@ def _text(path: Path, remedy: str) -> str:
 
 def _json(path: Path, remedy: str) -> dict[str, Any]:
     try:
-        content = json.loads(_text(path, remedy))
+        content = storage.json_of(_text(path, remedy))
     except json.JSONDecodeError as error:
         raise DatasetError(f"{path}: line {error.lineno} is not JSON ({error.msg}); make the dataset again") from error
+    except ValueError as error:
+        raise DatasetError(f"{path}: got no JSON ({error}); make the dataset again") from error
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: got {type(content).__name__}; allowed: a JSON object; make the dataset again")
     return content

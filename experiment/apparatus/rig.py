@@ -24,6 +24,7 @@ import rfc8785
 from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
+from experiment import storage
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
 from experiment.protocol.models import Step
@@ -155,7 +156,7 @@ def response_table(folder: Path, shaping: ShapingRig) -> bytes:
     """
     path = folder / shaping.response
     try:
-        content = path.read_bytes()
+        content = storage.read_bytes(path)
     except OSError as error:
         raise RigError(
             f"{path}: cannot be read ({error.strerror}); allowed: the response table of the rig file; restore it"
@@ -458,6 +459,18 @@ class TrackerRig(Confined):
         return whole
 
 
+class AnchorsRig(Confined):
+    """Where each session's end is anchored outside of the dataset. Paths begin in the folder of the rig file.
+
+    Attributes:
+        file: the register, best on another disk or a shared drive.
+        key: the private SSH key that signs each anchor.
+    """
+
+    file: Text
+    key: Text | None = None
+
+
 class Rig(Confined):
     """A whole rig.
 
@@ -469,6 +482,7 @@ class Rig(Confined):
         accelerometer: what measures the panel; only `palpate record` needs it.
         audio: the audio device, where there is one: for the masker, the loopback and an actuator with `driver =
             "audio"`.
+        anchors: where each session's end is anchored.
     """
 
     RULES: ClassVar[Rules] = _rig_rules
@@ -479,6 +493,7 @@ class Rig(Confined):
     actuator: ActuatorRig
     accelerometer: AccelerometerRig | None = None
     audio: AudioRig | None = None
+    anchors: AnchorsRig | None = None
 
     _folder: Path | None = PrivateAttr(None)
 
@@ -509,9 +524,11 @@ def load(path: Path) -> Rig:
 def sha256(rig: Rig) -> str:
     """Return the SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
-    Ports and addresses are left out: a device that comes back under another name is the same device.
+    Ports and addresses are left out: a device that comes back under another name is the same device. Anchors
+    measure nothing.
     """
-    where = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}, "audio": {"device"}}
+    where: dict[str, Any] = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}}
+    where |= {"audio": {"device"}, "anchors": True}
     return hashlib.sha256(rfc8785.dumps(rig.model_dump(mode="json", exclude_none=True, exclude=where))).hexdigest()
 
 

@@ -21,10 +21,11 @@ from experiment.dataset.bids import (
     LABELS,
     DatasetText,
     TaskText,
+    description,
+    events,
     new_dataset,
-    write_description,
-    write_events,
-    write_participants,
+    participants,
+    write_files,
 )
 from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER
@@ -85,8 +86,8 @@ def materials_of(path: Path) -> tuple[str, ...]:
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return storage.read_text(path)
+    except (OSError, ValueError) as error:
         raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of counts in UTF-8") from error
 
 
@@ -216,13 +217,14 @@ def import_counts(
     numbers = sorted({number for table in tables.values() for number in table})
     labels = {number: f"{number:0{max(2, len(str(numbers[-1])))}d}" for number in numbers}
     with new_dataset(out) as root:
-        write_description(root, _description(study, tables, software_version))
-        write_participants(root, ({"participant_id": f"sub-{labels[n]}"} for n in numbers), origin="RECONSTRUCTION")
+        people = ({"participant_id": f"sub-{labels[n]}"} for n in numbers)
+        write_files(description(root, _description(study, tables, software_version)))
+        write_files(participants(root, people, origin="RECONSTRUCTION"))
         for task, table in tables.items():
             text = _task_text(study, task)
             for number in sorted(table):
-                write_events(root, labels[number], text, _trials(table[number], study.materials))
-            storage.write_bytes(root / "sourcedata" / counts[task].name, counts[task].read_bytes())
+                write_files(events(root, labels[number], text, _trials(table[number], study.materials)))
+            storage.write_bytes(root / "sourcedata" / counts[task].name, storage.read_bytes(counts[task]))
         storage.write_bytes(root / "sourcedata" / "README", _source(study, counts).encode())
     return out
 

@@ -6,6 +6,7 @@ kind of trial leaves on record of an attempt stands in a module of its own (`foo
 
 from __future__ import annotations
 
+from hashlib import sha256
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -46,6 +47,7 @@ class Header(Entry):
     `session_id` are 32 hexadecimal digits that no other session has: copies of one in two datasets are told by it.
     `recordings_sha256` is that of the recordings' manifest, which holds the hash of every take; None without synthesis.
     `order` falls into blocks of `block_trials`; a trial that is put off is run again at the end of its block.
+    `roster_sha256` is the hash of the roster's last line when the session began; None in a rehearsal, which has none.
     """
 
     kind: Literal["header"] = "header"
@@ -57,6 +59,7 @@ class Header(Entry):
     rig: str
     rig_sha256: str
     recordings_sha256: str | None
+    roster_sha256: str | None
     seed: int
     participant: str
     task: str
@@ -65,6 +68,11 @@ class Header(Entry):
     started_utc: str
     block_trials: int
     order: tuple[PlannedTrial, ...]
+
+    def rehearsed_id(self, control: str) -> str:
+        """Return the `session_id` of this session as a rehearsal: the same whenever it is rehearsed again."""
+        facts = f"{self.protocol_sha256} {self.rig_sha256} {self.recordings_sha256} {control}"
+        return sha256(f"{facts} {self.seed} {self.participant} {self.task}".encode()).hexdigest()[:32]
 
 
 class TrackerOpened(Entry):
@@ -85,15 +93,33 @@ class Trace(Record):
 
 
 class MaskerSet(Entry):
-    """The masker's level from now on, dB(A), None for silence; the day's dose so far, and L_EX,8h of that dose.
+    """The masker's level from now on, dB(A), None for silence; the dose so far, and L_EX,8h of that dose.
 
-    A dose of 1 is 80 dB(A) for eight hours (Directive 2003/10/EC, lower action value); None where there is none.
+    `dose` is what the participant's sessions used up in the 24 hours before the runner began, and what this runner's
+    masker played since; the masker's own is thus the difference of two entries of one runner. A dose of 1 is 80 dB(A)
+    for eight hours (Directive 2003/10/EC, lower action value). A level is None for no dose.
     """
 
     kind: Literal["masker"] = "masker"
     level_db_a: float | None
     dose: float
     daily_level_db_a: float | None
+
+
+class Exposure(Entry):
+    """What a session in real time has done to the participant so far, every few seconds while it is under way.
+
+    `dose` is that of `MaskerSet`; None without a masker. `stimuli` counts the steps on record with a stimulus, by all
+    runners of the session, and `vibration_s` is how long these lasted together, s. `boot` and `up_ns` are the machine's
+    uptime, from which the age of an entry is known whatever its clock is set to; None where it tells neither.
+    """
+
+    kind: Literal["exposure"] = "exposure"
+    dose: float | None
+    stimuli: int
+    vibration_s: float
+    boot: str | None
+    up_ns: int | None
 
 
 class Phase(Entry):
@@ -150,3 +176,10 @@ class Footer(Entry):
     reason: Literal["complete", "paused", "error"]
     detail: str = ""
     answered: int
+
+
+class Withdrawal(Entry):
+    """The participant withdrew after this session: an old roster put back in place does not undo it."""
+
+    kind: Literal["withdrawal"] = "withdrawal"
+    reason: str

@@ -26,10 +26,14 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from experiment import storage
 from experiment.errors import Problem, ProtocolError
+from experiment.storage import Place
 
 Table = Mapping[str, Any]
-Place = tuple[str | int, ...]
+
+LARGEST = 2**20
+"""No settings file is larger, bytes."""
 
 BROKEN_RULE = "broken_rule"
 """Type of the validation error that stands for broken rules."""
@@ -125,13 +129,19 @@ def read(path: Path, model: type[Model]) -> Model:
     return checked(path, model, *parsed(path))
 
 
-def parsed(path: Path) -> tuple[dict[str, Any], Mapping[Place, int]]:
-    """Return the document of the TOML file at `path`, and the line of each path in it.
+def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], Mapping[Place, int]]:
+    """Return the document of the TOML file of at most `most` bytes at `path`, and the line of each path in it.
 
     Raises `ProtocolError` with the first problem of its syntax.
     """
-    text = _text(path)
-    return _document(path, text), locate(text)
+    text = _text(path, most)
+    document = _document(path, text)
+    if found := storage.extreme(document):
+        place, got = found
+        line = None if got == storage.TOO_DEEP else _nearest(locate(text), place)
+        allowed = f"at most {storage.DEEPEST} of them, and whole numbers of 64 bits; mend this first"
+        raise ProtocolError(str(path), [Problem(written(place)[:60], line, got, allowed)])
+    return document, locate(text)
 
 
 def checked(
@@ -148,11 +158,11 @@ def checked(
     return model.model_validate(frozen)
 
 
-def _text(path: Path) -> str:
+def _text(path: Path, most: int) -> str:
     if path.is_dir():
         raise ProtocolError(str(path), [Problem("file", None, "a folder", _existing(path / "protocol.toml"))])
     try:
-        data = path.read_bytes()
+        data = storage.read_bytes(path, most)
     except FileNotFoundError as error:
         raise ProtocolError(str(path), [Problem("file", None, "no such file", _existing(path))]) from error
     except OSError as error:

@@ -49,7 +49,7 @@ def read(path: Path) -> Response:
             missing, or a response does not rise; it names file, line, what it got and what is allowed.
     """
     try:
-        content = path.read_bytes()
+        content = storage.read_bytes(path)
     except OSError as error:
         raise RecordingError(
             f"{path}: cannot be read ({error.strerror}); allowed: the response table of a rig; name another file"

@@ -16,6 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 
+from experiment import storage
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import FRAMES, Rig
 from experiment.apparatus.tracker.clock_map import ClockMap
@@ -125,7 +126,7 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
 
 def _beside(file: Path) -> ModuleType:
     """Return the module in a file, executed once for each content."""
-    name = f"{__name__}.{file.stem}_{hashlib.sha256(file.read_bytes()).hexdigest()[:16]}"
+    name = f"{__name__}.{file.stem}_{hashlib.sha256(storage.read_bytes(file)).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, file)

@@ -243,9 +243,8 @@ class TestALaboratorysStudy:
     def test_a_study_whose_beginning_was_killed_begins_again(self, palpate: Palpate, protocol: Path, left: str) -> None:
         root = protocol.with_name("dataset")
         self.enrol(palpate, protocol)
-        (root / "sourcedata" / "roster.jsonl").unlink()
         (root / "sourcedata" / "protocol.toml").unlink()
-        for path in root.glob("sourcedata/.roster*"):
+        for path in root.glob("sourcedata/*roster*"):
             path.unlink()
         if left != "seed":
             (root / "sourcedata" / "seed.json").unlink()

@@ -35,6 +35,7 @@ HEADER = Header(
     rig="r",
     rig_sha256="1" * 64,
     recordings_sha256=None,
+    roster_sha256=None,
     seed=1,
     participant="01",
     task="virtual",

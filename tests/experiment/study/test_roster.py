@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable
-from datetime import date
+from datetime import date, timedelta
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from experiment.errors import RosterError
 from experiment.protocol.models import Protocol
+from experiment.records import chain
 from experiment.study.roster import Allocation, Roster, allocate, find, labels
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol
 
@@ -99,6 +100,10 @@ def test_a_stranger_is_refused(stranger: str) -> None:
         find(allocate(protocol(), 1), stranger)
 
 
+def may_run(roster: Roster, participant: str, study: Protocol) -> None:
+    roster.may_run(participant, study, approved_on=TODAY - timedelta(9), today=TODAY)
+
+
 @pytest.fixture
 def roster(tmp_path: Path) -> Roster:
     return Roster.load(tmp_path / "study" / "roster.jsonl")
@@ -106,8 +111,8 @@ def roster(tmp_path: Path) -> Roster:
 
 def test_a_participant_with_consent_may_run(roster: Roster) -> None:
     roster.enrol("01", TODAY)
-    roster.may_run("01", protocol())
-    Roster.load(roster.path).may_run("01", protocol())
+    may_run(roster, "01", protocol())
+    may_run(Roster.load(roster.path), "01", protocol())
 
 
 def test_the_file_holds_labels_and_days_alone(roster: Roster) -> None:
@@ -115,7 +120,7 @@ def test_the_file_holds_labels_and_days_alone(roster: Roster) -> None:
     roster.enrol("02", None)
     roster.consent("02", TODAY)
     roster.withdraw("01", "asked to stop")
-    assert [json.loads(line) for line in roster.path.read_text(encoding="utf-8").splitlines()] == [
+    assert [json.loads(line)["entry"] for line in roster.path.read_text(encoding="utf-8").splitlines()] == [
         {"kind": "enrolled", "participant": "01", "consent_on": "2020-06-01"},
         {"kind": "enrolled", "participant": "02", "consent_on": None},
         {"kind": "consented", "participant": "02", "consent_on": "2020-06-01"},
@@ -144,28 +149,28 @@ def test_lines_are_only_ever_appended(roster: Roster) -> None:
 def test_without_consent_nobody_runs(roster: Roster) -> None:
     roster.enrol("01", None)
     with pytest.raises(RosterError, match="participant 01 has not consented; record their consent before the session"):
-        roster.may_run("01", protocol())
+        may_run(roster, "01", protocol())
     roster.consent("01", TODAY)
-    roster.may_run("01", protocol())
+    may_run(roster, "01", protocol())
 
 
 def test_where_consent_is_not_required_none_is_asked_for(roster: Roster) -> None:
     roster.enrol("01", None)
-    roster.may_run("01", Protocol.model_validate(changed(document(), ("consent", "required"), False)))
+    may_run(roster, "01", Protocol.model_validate(changed(document(), ("consent", "required"), False)))
 
 
 def test_who_withdrew_does_not_run(roster: Roster) -> None:
     roster.enrol("01", TODAY)
     roster.withdraw("01", "asked to stop")
     with pytest.raises(RosterError, match=r"participant 01 withdrew \(asked to stop\) and is not run again"):
-        roster.may_run("01", protocol())
+        may_run(roster, "01", protocol())
 
 
 def test_who_is_not_enrolled_does_not_run(roster: Roster) -> None:
     with pytest.raises(RosterError, match=r"participant 02 is not enrolled in .*; enrol them first"):
-        roster.may_run("02", protocol())
+        may_run(roster, "02", protocol())
     with pytest.raises(RosterError, match="no participant '07': this study has '01' to '06'"):
-        roster.may_run("07", protocol())
+        may_run(roster, "07", protocol())
 
 
 @pytest.mark.parametrize("label", ["02", "1", "001", "first", "", "٠١"])
@@ -227,26 +232,39 @@ def test_a_torn_last_line_was_never_confirmed(roster: Roster) -> None:
 
 
 @pytest.mark.parametrize(
-    ("line", "why"),
+    ("entry", "why"),
     [
-        (b"no json", "this is no roster entry"),
-        (b'{"kind": "enrolled", "participant": "02", "consent_on": null, "name": "x"}', "this is no roster entry"),
-        (b'{"kind": "enrolled", "participant": "03", "consent_on": null}', "got the label '03'; allowed: 02"),
-        (b'{"kind": "withdrawn", "participant": "02", "reason": "x"}', "participant '02' is not enrolled"),
-        (b"\xff\xfe", "this is no roster entry"),
+        ({"kind": "enrolled", "participant": "02", "consent_on": None, "name": "x"}, "this is no roster entry"),
+        ({"kind": "enrolled", "participant": "03", "consent_on": None}, "got the label '03'; allowed: 02"),
+        ({"kind": "withdrawn", "participant": "02", "reason": "x"}, "participant '02' is not enrolled"),
     ],
 )
-def test_a_line_that_cannot_be_trusted_is_refused_and_kept(roster: Roster, line: bytes, why: str) -> None:
+def test_a_line_that_cannot_be_trusted_is_refused_and_kept(roster: Roster, entry: dict[str, object], why: str) -> None:
     roster.enrol("01", TODAY)
-    broken = roster.path.read_bytes() + line + b"\n"
-    roster.path.write_bytes(broken)
+    chain.append(roster.path, roster.lines, 1, entry)
+    refused_and_kept(roster, f"roster.jsonl: line 2: {why}.*restore the roster from a backup")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"no json", b"\xff\xfe", b"[" * 10**5, b'{"kind": "enrolled", "participant": "02", "consent_on": null}'],
+    ids=["words", "bytes", "nesting", "no chain"],
+)
+def test_a_line_without_a_chain_is_refused_and_kept(roster: Roster, line: bytes) -> None:
+    roster.enrol("01", TODAY)
+    roster.path.write_bytes(roster.path.read_bytes() + line + b"\n")
+    refused_and_kept(roster, "roster.jsonl: line 2 is no chained line .*restore it from a backup")
+
+
+def refused_and_kept(roster: Roster, why: str) -> None:
+    broken = roster.path.read_bytes()
     for act in (lambda: Roster.load(roster.path), lambda: roster.enrol("02", TODAY)):
-        with pytest.raises(RosterError, match=f"roster.jsonl: line 2: {why}.*restore the roster from a backup"):
+        with pytest.raises(RosterError, match=why):
             act()
     assert roster.path.read_bytes() == broken
     assert list(roster.consent_on) == ["01"]
 
 
 def test_a_folder_is_no_roster(tmp_path: Path) -> None:
-    with pytest.raises(RosterError, match="cannot read the roster"):
+    with pytest.raises(RosterError, match="cannot read the file or its head"):
         Roster.load(tmp_path)
