@@ -288,7 +288,7 @@ def seed_of(root: Path) -> int:
     file = root / "sourcedata" / SEED
     try:
         return int(storage.json_of(storage.read_bytes(file))["seed"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, OverflowError) as error:
         raise DatasetError(
             f"{file}: the seed cannot be read; restore it from a backup, or from a journal's header"
         ) from error

@@ -87,7 +87,7 @@ def test_a_further_column_stands_in_the_table_and_its_dictionary_where_some_row_
 
 @pytest.mark.parametrize("cell", ["", "a\tb", "a\nb", "a\rb"])
 def test_a_cell_that_would_break_the_table_is_refused(tmp_path: Path, cell: str) -> None:
-    with pytest.raises(ValueError, match="one line without tabs"):
+    with pytest.raises(DatasetError, match="one line without tabs"):
         write_table(tmp_path / "t.tsv", "a", [{"a": cell}])
     assert not (tmp_path / "t.tsv").exists()
 
