@@ -9,6 +9,7 @@ import os
 import stat
 import tempfile
 from collections.abc import Iterable, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -53,7 +54,7 @@ def read_text(path: Path, most: int = MOST) -> str:
 def json_of(text: str | bytes) -> Any:
     """Return a JSON document. Raises `ValueError` if it is none, or holds what `extreme` tells, or half a character."""
     try:
-        document = json.loads(text)
+        document = json.loads(text, parse_float=_finite, parse_constant=_finite)
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
     if found := extreme(document):
@@ -62,6 +63,12 @@ def json_of(text: str | bytes) -> Any:
     if (b"\\u" if isinstance(text, bytes) else "\\u") in text:  # type: ignore[operator]
         json.dumps(document, ensure_ascii=False).encode()
     return document
+
+
+def _finite(number: str) -> float:
+    if not isfinite(value := float(number)):
+        raise ValueError(f"the number {number[:20]}")
+    return value
 
 
 TOO_DEEP = f"tables or arrays in one another more than {DEEPEST} times"

@@ -250,7 +250,7 @@ def _whole(cell: str, where: str) -> int:
 ALLOWED: Mapping[str, Callable[[float], bool]] = {
     "a number": math.isfinite,
     "a number from 0": lambda value: 0 <= value < math.inf,
-    "a whole number from 0": lambda value: 0 <= value < math.inf and value.is_integer(),
+    "a whole number from 0": lambda value: 0 <= value < 2**53 and value.is_integer(),
     "0, 1": lambda value: value in (0, 1),
 }
 """The words of an error -> the check of a value."""

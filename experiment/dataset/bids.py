@@ -137,7 +137,7 @@ def table(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> bytes
     """Return a tab-separated table.
 
     A value is `n/a` where it is None, not a number, or left out; true and false are 1 and 0. Raises `ValueError` if a
-    key is no column, or a text holds a tab or a line end.
+    key is no column, and `DatasetError` if a text is empty or holds a tab or a line end.
     """
     lines = ["\t".join(columns)]
     for row in rows:
@@ -285,5 +285,5 @@ def _cell(value: object) -> str:
         return repr(value) if np.isfinite(value) else MISSING
     text = str(value)
     if not text or re.search(r"[\t\r\n]", text):
-        raise ValueError(f"a cell must be text on one line without tabs, got {text!r}")
+        raise DatasetError(f"got the text {text[:60]!r}; allowed in a table: one line without tabs; correct its source")
     return text

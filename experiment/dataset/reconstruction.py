@@ -81,7 +81,10 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
 def materials_of(path: Path) -> tuple[str, ...]:
     """Return every material that a counts file presents, in its order. Raises `DatasetError` if it cannot be read."""
     rows = csv.DictReader(_text(path).splitlines())
-    return tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
+    try:
+        return tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
+    except csv.Error as error:
+        raise DatasetError(f"{path}: line {rows.line_num}: {error}; write plain CSV") from error
 
 
 def _text(path: Path) -> str:

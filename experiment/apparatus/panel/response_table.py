@@ -120,7 +120,10 @@ def _rows(path: Path, text: str) -> list[_Row]:
     for line, content in enumerate(text.splitlines(), start=1):
         if not content.strip() or content.startswith("#"):
             continue
-        cells = [cell.strip() for cell in next(csv.reader([content]))]
+        try:
+            cells = [cell.strip() for cell in next(csv.reader([content]))]
+        except csv.Error as error:
+            raise _wrong(path, line, str(error), "plain CSV", "correct the line") from error
         if not headed:
             if tuple(cells) != COLUMNS:
                 raise _wrong(path, line, repr(content[:60]), f"the header {','.join(COLUMNS)}", "add it")

@@ -85,7 +85,7 @@ def test_a_further_column_stands_in_the_table_and_its_dictionary_where_some_row_
 
 @pytest.mark.parametrize("cell", ["", "a\tb", "a\nb", "a\rb"])
 def test_a_cell_that_would_break_the_table_is_refused(cell: str) -> None:
-    with pytest.raises(ValueError, match="one line without tabs"):
+    with pytest.raises(DatasetError, match="one line without tabs"):
         table("a", [{"a": cell}])
 
 
