@@ -1,4 +1,8 @@
-"""Files that are whole and on disk, or not there, and where every file of a study stands in its dataset."""
+"""Files that are whole and on disk, or not there, and where every file of a study stands in its dataset.
+
+What is on its way to its place has a name that `TEMPORARY` knows, in the folder that it goes to. Whoever writes there
+next removes what a killed process left of that kind. Modes follow the umask.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,26 @@ import errno
 import io
 import json
 import os
+import re
+import secrets
+import shutil
 import stat
-import tempfile
-from collections.abc import Iterable, Mapping
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
 from math import isfinite
 from pathlib import Path
 from typing import Any
 
 from experiment.errors import DatasetError
 
+if sys.platform != "win32":
+    import fcntl
+
 RECORDINGS = Path("stimuli") / "recordings"
 """Where the recordings stand that a study's stimuli are made from, inside its dataset."""
+
+TEMPORARY = re.compile(r"\.palpate-[0-9a-f]{16}")
 
 MOST = 256 * 2**20
 """No file of a user is read that is larger, bytes; files of one kind may have less."""
@@ -97,20 +110,85 @@ def write(path: Path, content: bytes) -> None:
 
     Raises `OSError` if the file system refuses; nothing is left behind.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial = Path(name)
-        partial.chmod(0o644)
+    with temporary(path.parent, lambda partial: create(partial, content)) as partial:
         partial.replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
     sync_folder(path.parent)
+
+
+def create(path: Path, content: bytes) -> None:
+    """Put `content` into a new file, on disk when this returns. Raises `OSError`, also if there is such a file."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("xb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+@contextmanager
+def new_folder(out: Path) -> Iterator[Path]:
+    """Give a folder that becomes `out`, which is new or empty, when the block ends well, and vanishes otherwise."""
+    with temporary(out.parent) as partial:
+        yield partial
+        partial.replace(out)
+    sync_folder(out.parent)
+
+
+@contextmanager
+def temporary(folder: Path, make: Callable[[Path], object] = Path.mkdir) -> Iterator[Path]:
+    """Give what `make` makes, within `folder`; unless it is moved away, it is removed when the block ends.
+
+    What killed processes left in `folder` is removed before.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    _sweep(folder)
+    with ExitStack() as holding:
+        while True:
+            path = folder / f".palpate-{secrets.token_hex(8)}"
+            holding.callback(_remove, path)
+            make(path)
+            # Otherwise the sweep of another process came between.
+            if _held(path, holding):
+                break
+        yield path
+
+
+def _sweep(folder: Path) -> None:
+    """Remove what is on its way to its place and held by no process; what cannot be removed is left to the next."""
+    for path in folder.iterdir():
+        if TEMPORARY.fullmatch(path.name):
+            with suppress(OSError), ExitStack() as holding:
+                if _held(path, holding, surely=True):
+                    _remove(path)
+
+
+def _held(path: Path, holding: ExitStack, *, surely: bool = False) -> bool:
+    """Hold a file or folder, but no link, against `_sweep` until `holding` ends; return False if another has it.
+
+    A network's file system may have no such lock; nothing is held `surely` there.
+    """
+    if sys.platform == "win32":
+        return not surely
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
+        return False
+    holding.callback(os.close, descriptor)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return not surely
+    return os.fstat(descriptor).st_nlink > 0
+
+
+def _remove(path: Path) -> None:
+    """Remove a file or folder, no link's target, as far as that is possible."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            path.unlink()
 
 
 def sync_folder(folder: Path) -> None:
@@ -161,6 +239,18 @@ def roster_path(dataset: Path) -> Path:
 def journals(dataset: Path) -> list[Path]:
     """Return the journals of a dataset, by participant and task."""
     return sorted((dataset / "sourcedata").glob("sub-*/sub-*_journal.jsonl"))
+
+
+def people_folder(dataset: Path) -> Path:
+    """Make the folder of what participants gave, and return it: its owner alone may enter.
+
+    Its group may where the umask lets a group write, which says that a laboratory shares its files.
+    """
+    folder = dataset / "sourcedata"
+    folder.mkdir(parents=True, exist_ok=True)
+    mode = folder.stat().st_mode
+    folder.chmod(mode & ~(0o007 if mode & 0o020 else 0o077))
+    return folder
 
 
 def participant_folder(dataset: Path, participant: str) -> Path:

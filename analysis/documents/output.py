@@ -1,17 +1,17 @@
 """Writing the files of an analysis: whole files, never over a file that is not its own, and never among data.
 
 A manifest names the command that wrote there, its files and their SHA-256. Only the same command replaces a file that
-is there, if its bytes are as they were written. Everything is on disk under another name before the first file takes
-its place, so a full disk changes nothing.
+is there, if its bytes are as they were written. Everything is on disk in a temporary folder before the first file takes
+its place, so a full disk changes nothing; and the manifest names each file, as it was and as it is to be, before that,
+so that the same command goes on after a kill.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
-import tempfile
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
@@ -38,35 +38,27 @@ def publish(out: Path, files: Mapping[str, bytes], label: str, command: Command)
     new = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     either = {name: [*ours.get(name, []), *([new[name]] if name in new else [])] for name in {**ours, **new}}
     made = not out.exists()
-    staged: list[tuple[Path, Path]] = []
     try:
-        _stage(staged, out / MANIFEST, _document(either, label, command))
-        for name, content in files.items():
-            _stage(staged, out / name, content)
-        _stage(staged, out / MANIFEST, _document({name: [digest] for name, digest in new.items()}, label, command))
-        while staged:
-            partial, path = staged[0]
-            if path == out / MANIFEST and len(staged) == 1:
-                for name in set(ours) - set(files):
-                    if (stale := out / name).is_file() and _sha256(stale) in ours[name]:
-                        stale.unlink()
-            partial.replace(path)
-            del staged[0]
+        with storage.temporary(out) as staged:
+            for name, content in files.items():
+                storage.create(staged / name, content)
+            storage.create(staged / MANIFEST, _document({name: [sha] for name, sha in new.items()}, label, command))
+            storage.write(out / MANIFEST, _document(either, label, command))
+            for name in files:
+                (out / name).parent.mkdir(parents=True, exist_ok=True)
+                (staged / name).replace(out / name)
+            for name in set(ours) - set(files):
+                if (stale := out / name).is_file() and _sha256(stale) in ours[name]:
+                    stale.unlink()
+            (staged / MANIFEST).replace(out / MANIFEST)
+        for folder in {(out / name).parent for name in files}:
+            storage.sync_folder(folder)
     except OSError as error:
+        if made:
+            with suppress(OSError):
+                out.rmdir()
         raise DatasetError(f"cannot write {error.filename or out}: {error.strerror}; choose another --out") from error
-    finally:
-        _clean(staged, out, made=made)
     return tuple(out / name for name in files)
-
-
-def _clean(staged: list[tuple[Path, Path]], out: Path, *, made: bool) -> None:
-    """Remove the files that did not take their place, and the folders made for them."""
-    for partial, _ in staged:
-        partial.unlink(missing_ok=True)
-    if made and staged:
-        for folder in sorted((out, *out.rglob("*")), reverse=True):
-            if folder.is_dir() and not any(folder.iterdir()):
-                folder.rmdir()
 
 
 def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[str]]:
@@ -74,13 +66,20 @@ def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[s
 
     Raises:
         DatasetError: for a folder within a dataset, save below its `derivatives`; for one that another command wrote;
-            and for a file in the way of one of `names` that is not ours or was changed since.
+            for a file in the way of one of `names` that is not ours or was changed since; and for a place outside the
+            folder, to which a link or a manifest leads.
     """
     _beside_data(out)
     ours = _manifest(out, command)
+    for name in {**dict.fromkeys(names), **ours}:
+        if not (out / name).parent.resolve().is_relative_to(out.resolve()):
+            raise DatasetError(
+                f"{out / name} stands outside {out}, which a link or {out / MANIFEST} names it in; remove that, or "
+                "choose another --out"
+            )
     for name in names:
         path = out / name
-        if path.exists() and not (path.is_file() and _sha256(path) in ours.get(name, [])):
+        if (path.exists() or path.is_symlink()) and not (path.is_file() and _sha256(path) in ours.get(name, [])):
             raise DatasetError(
                 f"{path} is no output of palpate, or was changed since; move it away or choose another --out"
             )
@@ -113,7 +112,7 @@ def _manifest(out: Path, command: Command) -> dict[str, list[str]]:
     if out.exists() and not out.is_dir():
         raise DatasetError(f"{out} is a file; choose a folder for --out")
     if not path.exists():
-        if out.exists() and any(out.iterdir()):
+        if out.exists() and not all(storage.TEMPORARY.fullmatch(inside.name) for inside in out.iterdir()):
             raise DatasetError(f"{out} holds files that are not palpate's; choose a new or empty folder for --out")
         return {}
     try:
@@ -138,13 +137,3 @@ def _document(files: Mapping[str, list[str]], label: str, command: Command) -> b
 
 def _sha256(path: Path) -> str:
     return hashlib.sha256(storage.read_bytes(path)).hexdigest()
-
-
-def _stage(staged: list[tuple[Path, Path]], path: Path, content: bytes) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-    partial = Path(name)
-    staged.append((partial, path))
-    with os.fdopen(handle, "wb") as file:
-        file.write(content)
-    partial.chmod(0o644)

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import gzip
 import re
-import shutil
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -112,19 +110,10 @@ def new_dataset(out: Path) -> Iterator[Path]:
             "move it away"
         )
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        partial = Path(tempfile.mkdtemp(prefix=f".{out.name}-", dir=out.parent))
+        with storage.new_folder(out) as partial:
+            yield partial
     except OSError as error:
-        raise DatasetError(f"cannot make {out}: {error.strerror}; choose a folder that can be written") from error
-    try:
-        partial.chmod(0o755)
-        yield partial
-        partial.replace(out)
-    except OSError as error:
-        raise DatasetError(f"cannot finish {out}: {error.strerror}; free the place or choose another") from error
-    finally:
-        if partial.exists():
-            shutil.rmtree(partial)
+        raise DatasetError(f"cannot make {out}: {error.strerror}; free the place or choose another") from error
 
 
 def write_files(files: Files) -> None:

@@ -12,7 +12,8 @@ from itertools import pairwise
 from typing import Any
 
 from experiment.records.events import NO_ANSWER
-from experiment.settings.load import Broken, Place, Table, written
+from experiment.settings.load import Broken, Table, written
+from experiment.storage import Place
 
 MAX_COUNTERBALANCED = 6
 """Tasks that may be counterbalanced; more have over 720 orders, and no study balances those."""

@@ -160,7 +160,7 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
         file = f"{place:03d}_{slug}_{take.speed_mm_s:g}_{take.number}.wav"
         buffer = io.BytesIO()
         wavfile.write(buffer, rate_hz, take.samples_m_s2.astype(np.float32))
-        storage.write(directory / file, buffer.getvalue())
+        storage.create(directory / file, buffer.getvalue())
         lines += ["", "[[takes]]", f"file = {_toml(file)}"]
         if take.material is not None:
             lines.append(f"material = {_toml(take.material)}")
@@ -172,7 +172,8 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
             lines.append(f"zero = {{ offset_mm = {offset_mm!r}, spread_mm = {spread_mm!r}, samples = {zero.samples} }}")
         lines += [f"number = {take.number}", f'sha256 = "{hashlib.sha256(buffer.getvalue()).hexdigest()}"']
     manifest = directory / MANIFEST
-    storage.write(manifest, ("\n".join(lines) + "\n").encode())
+    storage.create(manifest, ("\n".join(lines) + "\n").encode())
+    storage.sync_folder(directory)
     return manifest
 
 
@@ -189,7 +190,12 @@ def check(out: Path, planned: Plan) -> Path:
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         what = "holds files already" if out.is_dir() else "is a file"
         raise RecordingError(f"{out}: {what}; allowed: a new or empty folder; choose another with --out")
-    partial = _beside(out, "partial")
+    # Resolved, so that "." has a name too.
+    partial = out.resolve().with_name(f".{out.resolve().name}.partial")
+    if partial.is_symlink():
+        raise RecordingError(
+            f"{partial}: got a link; allowed: a folder that palpate record made; remove it, or choose another --out"
+        )
     if not (partial / PLAN).exists():
         takes = len(list(partial.glob("*.npz")))
         if takes:
@@ -253,21 +259,13 @@ def publish(planned: Plan, out: Path, *, note: str = "") -> Path:
     """
     partial = check(out, planned)
     takes = [_kept(take_path(partial, place), condition) for place, condition in enumerate(planned.conditions())]
-    whole = _beside(out, "whole")
-    shutil.rmtree(whole, ignore_errors=True)
     identity = f"protocol {planned.protocol_sha256}, rig {planned.rig_sha256}"
-    manifest = write(
-        whole,
-        takes=takes,
-        rate_hz=planned.rate_hz,
-        simulated=planned.simulated,
-        label=SIMULATED if planned.simulated else planned.source,
-        note="; ".join(filter(None, (f"recorded with palpate record, {planned.source}", note, f"SHA-256: {identity}"))),
-    )
-    if out.exists():
-        out.rmdir()
-    whole.replace(out)
-    storage.sync_folder(out.parent)
+    note = "; ".join(filter(None, (f"recorded with palpate record, {planned.source}", note, f"SHA-256: {identity}")))
+    label = SIMULATED if planned.simulated else planned.source
+    with storage.new_folder(out.resolve()) as whole:
+        manifest = write(
+            whole, takes=takes, rate_hz=planned.rate_hz, simulated=planned.simulated, label=label, note=note
+        )
     for kept in (*partial.glob("*.npz"), partial / PLAN):
         kept.unlink()
     return out / manifest.name
@@ -292,12 +290,6 @@ def _difference(key: str, there: object, asked: object) -> str:
     if file := {"protocol_sha256": "the protocol", "rig_sha256": "the rig"}.get(key):
         return f"{file} {str(there)[:12]}... there, {str(asked)[:12]}... asked for (SHA-256)"
     return f"{key} {there!r} there, {asked!r} asked for"
-
-
-def _beside(out: Path, kind: str) -> Path:
-    # Resolved, so that "." has a name too.
-    place = out.resolve()
-    return place.with_name(f".{place.name}.{kind}")
 
 
 def _kept(path: Path, condition: Condition) -> Take:

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
-import shutil
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
-
-from filelock import FileLock, Timeout
 
 from experiment import storage
 from experiment.apparatus import opening
@@ -29,9 +25,6 @@ from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.participant import Tick
 from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant
 from experiment.study import roster
-
-LOCK = "lock"
-"""In a folder that is being made."""
 
 Control = Literal["none", "silence"]
 
@@ -165,65 +158,28 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
     was_there, parents = out.exists(), [above for above in out.parents if not above.exists()]
     made = False
     try:
-        with _alone(out) as partial:
+        with storage.new_folder(out) as partial:
             source = partial / "sourcedata"
-            source.mkdir()
-            shutil.copyfile(protocol_file, source / "protocol.toml")
+            storage.create(source / "protocol.toml", protocol_file.read_bytes())
             opening.copy_rig(rig_file, source / "rig.toml")
             protocol = files.load(source / "protocol.toml")
             recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
-            storage.plan_path(partial).write_text(json.dumps(asdict(plan), indent=2) + "\n", "utf-8")
-            _move(partial, out)
+            storage.write_json(storage.plan_path(partial), asdict(plan))
         made = True
         yield
-    except BaseException:
+    except BaseException as ended:
         if made and not any(path.stat().st_size for path in storage.journals(out)):
-            shutil.rmtree(out, ignore_errors=True)
+            # In one step, so that a kill leaves all of it or nothing.
+            with suppress(OSError), storage.temporary(out.parent) as gone:
+                out.replace(gone)
         if was_there:
             out.mkdir(exist_ok=True)
         for folder in parents:
             with suppress(OSError):
                 folder.rmdir()
+        if isinstance(ended, OSError) and ended.errno in (errno.ENOTEMPTY, errno.EEXIST):
+            raise DatasetError(
+                f"{out}: another palpate rehearse is making it at this moment; allowed: one; give the same command "
+                "later, or choose another folder with --out"
+            ) from None
         raise
-
-
-@contextmanager
-def _alone(out: Path) -> Iterator[Path]:
-    """Give an empty folder to make `out` in, held for this call; the operating system releases it in any case."""
-    partial = out.with_name(f".{out.name}.partial")
-    partial.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(partial / LOCK)
-    try:
-        lock.acquire(blocking=False)
-    except Timeout:
-        raise _another(out) from None
-    try:
-        for left in partial.iterdir():
-            # A killed call left it.
-            if left.is_dir():
-                shutil.rmtree(left)
-        yield partial
-    except BaseException:
-        shutil.rmtree(partial, ignore_errors=True)
-        raise
-    finally:
-        lock.release()
-
-
-def _move(partial: Path, out: Path) -> None:
-    try:
-        if out.exists():
-            out.rmdir()
-        partial.replace(out)
-    except OSError as error:
-        if error.errno not in (errno.ENOTEMPTY, errno.EEXIST):
-            raise
-        raise _another(out) from None
-    (out / LOCK).unlink(missing_ok=True)
-
-
-def _another(out: Path) -> DatasetError:
-    return DatasetError(
-        f"{out}: another palpate rehearse is making it at this moment; allowed: one; give the same command later, or "
-        "choose another folder with --out"
-    )

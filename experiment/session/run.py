@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -200,10 +199,9 @@ def _keep_recordings(root: Path, given: Path | None, protocol: Protocol, planned
             raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
     else:
         manifest.load(folder, synthesis=protocol.footstep.synthesis, material_ids=planned.materials)
-        partial = kept.with_name(f".{kept.name}.partial")
-        shutil.rmtree(partial, ignore_errors=True)
-        shutil.copytree(folder, partial)
-        partial.replace(kept)
+        with storage.new_folder(kept) as partial:
+            for file in filter(Path.is_file, folder.rglob("*")):
+                storage.create(partial / file.relative_to(folder), file.read_bytes())
     return kept
 
 

@@ -442,14 +442,14 @@ def settle(
     """
     source = root / "sourcedata"
     kept, file = source / "protocol.toml", source / SEED
-    begun = {"sourcedata", f"sourcedata/{SEED}", f"sourcedata/{LOCK}"}
-    if not kept.exists() and root.exists() and {p.relative_to(root).as_posix() for p in root.rglob("*")} - begun:
+    if not kept.exists() and any(_of_something_else(path.relative_to(root)) for path in root.rglob("*")):
         raise DatasetError(f"{root}: this folder holds something else; choose another folder with --dataset")
     if (source / "rehearsal.json").exists():
         raise DatasetError(f"{root}: this is the dataset of a rehearsal; choose another folder with --dataset")
     source.mkdir(parents=True, exist_ok=True)
     with FileLock(source / LOCK):
         if not kept.exists():
+            storage.people_folder(root)
             drawn = secrets.randbelow(2**31) if seed is None else seed
             storage.write_json(file, {"seed": drawn, "purpose": purpose or "STUDY"})
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
@@ -466,3 +466,10 @@ def settle(
     if seed not in (None, settled):
         raise DatasetError(f"{root}: the study has the seed {settled}, not {seed}; leave out --seed")
     return settled
+
+
+def _of_something_else(path: Path) -> bool:
+    """Return whether a path is none that a refused or killed command leaves before the study begins."""
+    begun = {"sourcedata", f"sourcedata/{SEED}", f"sourcedata/{LOCK}", "sourcedata/.roster.jsonl.lock"}
+    temporary = path.parent.as_posix() in (".", "sourcedata") and storage.TEMPORARY.fullmatch(path.name)
+    return not temporary and path.as_posix() not in begun

@@ -47,6 +47,66 @@ def test_a_write_that_fails_leaves_the_old_file_alone(tmp_path: Path, monkeypatc
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("file", b"old")]
 
 
-def test_anyone_may_read_what_was_written(tmp_path: Path) -> None:
-    storage.write(tmp_path / "file", b"")
-    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o644
+@pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
+def test_modes_follow_the_umask_and_what_people_gave_is_their_owners(tmp_path: Path, umask: int) -> None:
+    """The group may enter only where the umask lets it write, which says that a laboratory shares its files."""
+    before = os.umask(umask)
+    try:
+        storage.write(tmp_path / "file", b"")
+        with storage.new_folder(tmp_path / "folder"):
+            pass
+        people = storage.people_folder(tmp_path)
+    finally:
+        os.umask(before)
+    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o666 & ~umask
+    assert (tmp_path / "folder").stat().st_mode & 0o777 == 0o777 & ~umask
+    assert people.stat().st_mode & 0o777 == (0o770 if umask == 0o002 else 0o700)
+
+
+LEFT, LINK = f".palpate-{'0' * 16}", f".palpate-{'1' * 16}"
+
+
+def test_a_write_sweeps_what_a_killed_one_left_and_nothing_else(tmp_path: Path) -> None:
+    """A link of such a name leads elsewhere; somebody else's file has another; and one is being written just now."""
+    folder = tmp_path / "folder"
+    (folder / LEFT).mkdir(parents=True)
+    (folder / LEFT / "deep").write_bytes(b"torn")
+    (folder / LEFT.replace("0", "3")).write_bytes(b"torn")
+    (folder / ".palpate-mine").write_bytes(b"mine")
+    (tmp_path / "precious").mkdir()
+    (tmp_path / "precious" / "file").write_bytes(b"mine")
+    (folder / LINK).symlink_to(tmp_path / "precious")
+    with storage.temporary(folder) as held:
+        storage.write(folder / "file", b"new")
+        assert {path.name for path in folder.iterdir()} == {"file", ".palpate-mine", LINK, held.name}
+    assert {path.name for path in folder.iterdir()} == {"file", ".palpate-mine", LINK}
+    assert (tmp_path / "precious" / "file").read_bytes() == b"mine"
+
+
+def test_a_file_that_another_sweep_takes_before_it_is_held_is_made_again(tmp_path: Path) -> None:
+    made: list[Path] = []
+
+    def swept_once(path: Path) -> None:
+        path.write_bytes(b"new")
+        made.append(path)
+        if len(made) == 1:
+            path.unlink()
+
+    with storage.temporary(tmp_path, swept_once) as path:
+        assert (path, path.read_bytes()) == (made[1], b"new")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_takes_its_place_whole_or_not_at_all(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "out"
+    with pytest.raises(KeyboardInterrupt), storage.new_folder(out) as partial:
+        storage.create(partial / "a" / "file", b"whole")
+        raise KeyboardInterrupt
+    assert list(out.parent.iterdir()) == []
+    with storage.new_folder(out) as partial:
+        storage.create(partial / "a" / "file", b"whole")
+        assert not out.exists()
+    assert [path.name for path in out.parent.iterdir()] == ["out"]
+    with pytest.raises(OSError, match="not empty"), storage.new_folder(out):
+        pass
+    assert (out / "a" / "file").read_bytes() == b"whole"

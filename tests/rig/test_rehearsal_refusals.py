@@ -98,37 +98,48 @@ def test_a_rehearsal_that_is_refused_before_the_first_session_leaves_nothing(
 def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_takes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The second begins while the first makes the folder, and again just when it has made it."""
+    """The second begins just when the first has made the folder."""
     out, refused = tmp_path / "made", 0
-    make, participant, is_begun = recorded_takes.make_recordings, session.rehearse_participant, study.is_begun
+    participant, is_begun = session.rehearse_participant, study.is_begun
 
     def second() -> None:
         nonlocal refused
         with monkeypatch.context() as within:
             # It looked before the first had made anything.
             within.setattr(study, "is_begun", lambda *_: False)
-            within.setattr(recorded_takes, "make_recordings", make)
             with pytest.raises(DatasetError, match="another palpate rehearse is making it at this moment"):
                 rehearse(out)
         refused += 1
 
-    def making(*at: Path, **what: Any) -> object:
-        second()
-        return make(*at, **what)
-
     def beginning(*of: Any) -> None:
-        plan = study.Plan(**json.loads((out / "sourcedata" / study.PLAN).read_text("utf-8")))
+        plan = study.Plan(**json.loads(storage.plan_path(out).read_text("utf-8")))
         second()
         assert is_begun(out, plan)
         monkeypatch.setattr(study, "rehearse_participant", participant)
         participant(*of)
 
-    monkeypatch.setattr(recorded_takes, "make_recordings", making)
     monkeypatch.setattr(study, "rehearse_participant", beginning)
     assert rehearse(out) == out
-    assert refused == 2
+    assert refused == 1
     assert [path.name for path in tmp_path.iterdir()] == ["made"]
-    assert not (out / study.LOCK).exists()
+    assert len(counted(out, "virtual")) == 40
+
+
+def test_of_two_that_make_one_folder_at_once_the_later_is_refused_and_takes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, make = tmp_path / "made", recorded_takes.make_recordings
+
+    def making(*at: Path, **what: Any) -> object:
+        with monkeypatch.context() as within:
+            within.setattr(recorded_takes, "make_recordings", make)
+            rehearse(out)
+        return make(*at, **what)
+
+    monkeypatch.setattr(recorded_takes, "make_recordings", making)
+    with pytest.raises(DatasetError, match="another palpate rehearse is making it at this moment"):
+        rehearse(out)
+    assert [path.name for path in tmp_path.iterdir()] == ["made"]
     assert len(counted(out, "virtual")) == 40
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
 from analysis.documents.output import MANIFEST, check, publish
+from experiment import storage
 from experiment.errors import DatasetError
 from tests.analysis.datasets import balanced, write_dataset
 from tests.conftest import Palpate
@@ -46,15 +48,18 @@ def test_a_folder_of_somebody_else_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_disk_that_fills_up_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(self: Path, mode: int) -> None:
-        if "b.csv" in self.name:
-            raise OSError(28, "No space left on device", str(self))
+    create = storage.create
+
+    def full(path: Path, content: bytes) -> None:
+        if "b.csv" in path.name:
+            raise OSError(28, "No space left on device", str(path))
+        create(path, content)
 
     for out, before in ((tmp_path / "new", {}), (tmp_path / "again", {"a.csv": b"1"})):
         if before:
             publish(out, before, "a label", "analyse")
         with monkeypatch.context() as patch:
-            patch.setattr(Path, "chmod", full)
+            patch.setattr(storage, "create", full)
             with pytest.raises(DatasetError, match=r"cannot write .*b\.csv.*: No space left"):
                 publish(out, {"a.csv": b"2", "deep/down/b.csv": b"2"}, "a label", "analyse")
         assert out.exists() == bool(before)
@@ -92,6 +97,41 @@ def test_an_interrupted_run_can_be_run_again(tmp_path: Path, monkeypatch: pytest
     assert _files(tmp_path) == {"a.csv": b"2", "b.csv": b"1"}
     publish(tmp_path, {"a.csv": b"3", "b.csv": b"3"}, "a label", "analyse")
     assert _files(tmp_path) == {"a.csv": b"3", "b.csv": b"3"}
+
+
+def test_what_a_kill_left_on_its_way_is_no_file_of_somebody_else_and_is_swept(tmp_path: Path) -> None:
+    """Killed before the manifest, and again while files took their places: the same command goes on."""
+    left = tmp_path / "out" / ".palpate-0123456789abcdef"
+    for _ in range(2):
+        (left / "figures").mkdir(parents=True)
+        (left / "figures" / "a.svg").write_bytes(b"torn")
+        publish(tmp_path / "out", {"figures/a.svg": b"whole"}, "a label", "analyse")
+        assert _files(tmp_path / "out") == {"figures/a.svg": b"whole"}
+
+
+@pytest.mark.parametrize("name", ["../precious.csv", "deep/../../precious.csv", "{}/precious.csv", "link/precious.csv"])
+def test_no_manifest_and_no_link_takes_a_file_outside(tmp_path: Path, name: str) -> None:
+    """A forged manifest names a file elsewhere with its right hash, as one that only an earlier run wrote."""
+    elsewhere, out = tmp_path / "elsewhere", tmp_path / "elsewhere" / "out"
+    publish(out, {"precious.csv": b"mine"}, "a label", "analyse")
+    (out / "precious.csv").rename(elsewhere / "precious.csv")
+    (out / "link").symlink_to(elsewhere)
+    name = name.format(elsewhere)
+    manifest = out / MANIFEST
+    manifest.write_text(manifest.read_text().replace('"precious.csv"', json.dumps(name)))
+    with pytest.raises(DatasetError, match=r"precious\.csv stands outside .*out, .* choose another --out"):
+        publish(out, {"a.csv": b"a"}, "a label", "analyse")
+    assert (elsewhere / "precious.csv").read_bytes() == b"mine"
+    assert not (out / "a.csv").exists()
+
+
+def test_nothing_is_written_through_a_link(tmp_path: Path) -> None:
+    publish(tmp_path / "out", {"a.csv": b"a"}, "a label", "analyse")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "out" / "figures").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(DatasetError, match=r"a\.svg stands outside .*out"):
+        publish(tmp_path / "out", {"figures/a.svg": b"a"}, "a label", "analyse")
+    assert list((tmp_path / "elsewhere").iterdir()) == []
 
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path: Path) -> None:
