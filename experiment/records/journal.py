@@ -28,6 +28,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from experiment.clock import Clock
 from experiment.errors import JournalError, SessionLocked
+from experiment.records import chain
 from experiment.records.entries import (
     FORMAT,
     Answer,
@@ -63,9 +64,6 @@ AnyEntry = Annotated[
     Field(discriminator="kind"),
 ]
 ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
-
-GENESIS = "0" * 64
-"""`prev` of the first line."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +114,7 @@ def read(path: Path) -> Contents:
         raise JournalError(f"{path}: cannot read the journal ({error.strerror}); give the path of a journal") from error
     size = data.rfind(b"\n") + 1
     lines: list[Line] = []
-    last_hash = GENESIS
+    last_hash = chain.GENESIS
     for n, line in enumerate(data[:size].splitlines()):
         lines.append(_verified(path, n, line, last_hash))
         last_hash = hashlib.sha256(line).hexdigest()
@@ -141,25 +139,18 @@ def read_if_begun(path: Path) -> Contents:
     return EMPTY
 
 
-def head_path(path: Path) -> Path:
-    """Return where the number and hash of a journal's last line stand."""
-    return path.with_suffix(".head")
-
-
 def _head(path: Path) -> tuple[int, str]:
     """Return how many lines the head says the journal has, and the hash of the last; 0 before the first line."""
     try:
-        head = head_path(path).read_text("ascii")
-        count, last_hash = head.split() if head else ("0", GENESIS)
-        return int(count), last_hash
-    except FileNotFoundError:
-        return 0, GENESIS
+        return chain.read_head(path)
     except (OSError, ValueError) as error:
-        raise JournalError(f"{head_path(path)}: cannot be read; restore it and the journal from a backup") from error
+        raise JournalError(
+            f"{chain.head_path(path)}: cannot be read; restore it and the journal from a backup"
+        ) from error
 
 
 def _check_head(path: Path, known_head: tuple[int, str], lines: list[bytes]) -> None:
-    (known, last_hash), head = known_head, head_path(path).name
+    (known, last_hash), head = known_head, chain.head_path(path).name
     remedy = "keep the file as it is and restore the journal from a backup"
     if len(lines) < known:
         raise JournalError(f"{path}: the journal is truncated: it had {known} lines and has {len(lines)}; {remedy}")
@@ -220,7 +211,7 @@ class Journal:
         try:
             _hold(self._file.fileno(), f"{path}: the journal is being written")
             self._cut()
-            self._head = os.open(head_path(path), os.O_RDWR | os.O_CREAT, 0o644)
+            self._head = os.open(chain.head_path(path), os.O_RDWR | os.O_CREAT, 0o644)
         except BaseException:
             self._file.close()
             raise
@@ -261,10 +252,10 @@ class Journal:
         try:
             self._write_head()
         except OSError as error:
-            raise unwritable(head_path(self._path), error) from error
+            raise unwritable(chain.head_path(self._path), error) from error
         self._whole = True
         check_place(self._file.fileno(), self._path)
-        check_place(self._head, head_path(self._path))
+        check_place(self._head, chain.head_path(self._path))
         return t_ns
 
     def close(self) -> None:
@@ -291,7 +282,7 @@ class Journal:
         os.fsync(self._head)
 
 
-EMPTY = Contents((), b"", 0, GENESIS)
+EMPTY = Contents((), b"", 0, chain.GENESIS)
 """A journal in which nothing is written yet."""
 
 
