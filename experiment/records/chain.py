@@ -9,9 +9,11 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from experiment import storage
 from experiment.errors import PalpateError
 
 GENESIS = "0" * 64
@@ -56,8 +58,8 @@ def read(path: Path, error: type[PalpateError]) -> Chain:
     Raises `error` if the file cannot be read, or if a line or the head does not fit.
     """
     try:
-        head, data = _head(path), _bytes(path)
-        while (now := _head(path)) != head:
+        head, data = read_head(path), _bytes(path)
+        while (now := read_head(path)) != head:
             # Somebody appended meanwhile.
             head, data = now, _bytes(path)
     except (OSError, ValueError) as problem:
@@ -71,6 +73,22 @@ def read(path: Path, error: type[PalpateError]) -> Chain:
     _check_head(path, head, links, error)
     size = data.rfind(b"\n") + 1
     return Chain(tuple(links), data[size:], size)
+
+
+def read_head(path: Path) -> tuple[int, str]:
+    """Return how many lines the head says a file has, and the hash of the last; 0 before the first line.
+
+    Raises `OSError` or `ValueError` if the head cannot be read.
+    """
+    try:
+        head = storage.read_bytes(head_path(path), 4096).decode("ascii")
+    except FileNotFoundError:
+        return 0, GENESIS
+    if not head:
+        return 0, GENESIS
+    if (found := re.fullmatch(r"([0-9]{12}) ([0-9a-f]{64})\n", head)) is None:
+        raise ValueError(f"its head is {head[:100]!r}")
+    return int(found[1]), found[2]
 
 
 def append(path: Path, chain: Chain, t_ns: int, entry: dict[str, object]) -> None:
@@ -89,33 +107,16 @@ def append(path: Path, chain: Chain, t_ns: int, entry: dict[str, object]) -> Non
 
 def _bytes(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return storage.read_bytes(path)
     except FileNotFoundError:
         return b""
-
-
-def _head(path: Path) -> tuple[int, str]:
-    try:
-        head = head_path(path).read_text("ascii")
-    except FileNotFoundError:
-        return 0, GENESIS
-    if not head:
-        return 0, GENESIS
-    count, last = head.split()
-    if head != _head_text(int(count), last):
-        raise ValueError(f"its head is {head[:100]!r}")
-    return int(count), last
-
-
-def _head_text(count: int, last: str) -> str:
-    return f"{count:012d} {last}\n"
 
 
 def _write_head(path: Path, count: int, last: str) -> None:
     """Write in place and always equally long, so that a kill leaves the old head or the new one."""
     descriptor = os.open(head_path(path), os.O_RDWR | os.O_CREAT, 0o666)
     try:
-        os.write(descriptor, _head_text(count, last).encode("ascii"))
+        os.write(descriptor, f"{count:012d} {last}\n".encode("ascii"))
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
@@ -125,10 +126,10 @@ def _verified(where: str, number: int, line: bytes, last: str, error: type[Palpa
     remedy = "keep the file as it is and restore it from a backup"
     older = "it was changed, or an older palpate wrote it"
     try:
-        document = json.loads(line)
+        document = storage.json_of(line)
         n, t_ns, prev, entry = (document[key] for key in ("n", "t_ns", "prev", "entry"))
         fits = set(document) == {"n", "t_ns", "prev", "entry"} and isinstance(t_ns, int) and isinstance(entry, dict)
-    except (ValueError, KeyError, TypeError, RecursionError) as problem:
+    except (ValueError, KeyError, TypeError) as problem:
         raise error(f"{where} is no chained line ({type(problem).__name__}): {older}; {remedy}") from problem
     if not fits or (n, prev) != (number, last):
         raise error(f"{where} does not follow the line before it: a line was changed or is missing; {remedy}")
