@@ -133,6 +133,12 @@ def new_folder(out: Path) -> Iterator[Path]:
     sync_folder(out.parent)
 
 
+def remove_folder(folder: Path) -> None:
+    """Remove a folder, as far as that is possible, in one step: after a kill, what is left of it is temporary."""
+    with suppress(OSError), temporary(folder.parent) as gone:
+        folder.replace(gone)
+
+
 @contextmanager
 def temporary(folder: Path, make: Callable[[Path], object] = Path.mkdir) -> Iterator[Path]:
     """Give what `make` makes, within `folder`; unless it is moved away, it is removed when the block ends.

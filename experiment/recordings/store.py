@@ -12,7 +12,6 @@ import hashlib
 import io
 import json
 import re
-import shutil
 import zipfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -187,15 +186,18 @@ def check(out: Path, planned: Plan) -> Path:
 
     Raises `RecordingError` if the folder is in use, or another plan was begun in it.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        what = "holds files already" if out.is_dir() else "is a file"
-        raise RecordingError(f"{out}: {what}; allowed: a new or empty folder; choose another with --out")
     # Resolved, so that "." has a name too.
     partial = out.resolve().with_name(f".{out.resolve().name}.partial")
     if partial.is_symlink():
         raise RecordingError(
             f"{partial}: got a link; allowed: a folder that palpate record made; remove it, or choose another --out"
         )
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        what = "holds files already" if out.is_dir() else "is a file"
+        if (out / MANIFEST).is_file():
+            what = "holds recordings already"
+            _finish(partial, (out / MANIFEST).read_bytes())
+        raise RecordingError(f"{out}: {what}; allowed: a new or empty folder; choose another with --out")
     if not (partial / PLAN).exists():
         takes = len(list(partial.glob("*.npz")))
         if takes:
@@ -249,7 +251,7 @@ def begun(planned: Plan, out: Path) -> Iterator[Path]:
     finally:
         lock.release()
         if not (partial / PLAN).exists() and not any(partial.glob("*.npz")):
-            shutil.rmtree(partial, ignore_errors=True)
+            storage.remove_folder(partial)
 
 
 def publish(planned: Plan, out: Path, *, note: str = "") -> Path:
@@ -266,9 +268,16 @@ def publish(planned: Plan, out: Path, *, note: str = "") -> Path:
         manifest = write(
             whole, takes=takes, rate_hz=planned.rate_hz, simulated=planned.simulated, label=label, note=note
         )
-    for kept in (*partial.glob("*.npz"), partial / PLAN):
-        kept.unlink()
+        content = manifest.read_bytes()
+        storage.write(partial / MANIFEST, content)
+    _finish(partial, content)
     return out / manifest.name
+
+
+def _finish(partial: Path, published: bytes) -> None:
+    """Remove the kept takes of published recordings, known by their manifest."""
+    if not partial.exists() or ((kept := partial / MANIFEST).is_file() and kept.read_bytes() == published):
+        storage.remove_folder(partial)
 
 
 def take_path(partial: Path, place: int) -> Path:

@@ -169,9 +169,7 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
         yield
     except BaseException as ended:
         if made and not any(path.stat().st_size for path in storage.journals(out)):
-            # In one step, so that a kill leaves all of it or nothing.
-            with suppress(OSError), storage.temporary(out.parent) as gone:
-                out.replace(gone)
+            storage.remove_folder(out)
         if was_there:
             out.mkdir(exist_ok=True)
         for folder in parents:

@@ -1,0 +1,414 @@
+"""A kill, EIO and a full disk at every file-changing call of every command that writes, and links that lead outside.
+
+`fault.c` counts the calls below a command's folder and fails one. A process that has imported everything forks a child
+for each fault, which runs the command as `palpate` does, and another for the same command once more. This has to
+succeed, or to say that it is done. Afterwards every file has the bytes that it has without a fault, and no temporary
+file is left.
+
+Run as a script of its own by `attacks`, so that the process that forks has no threads and the library loaded.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import hashlib
+import json
+import mmap
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import date, timedelta
+from pathlib import Path
+
+import pytest
+
+from analysis.documents import page
+from analysis.numerics import numerics
+from analysis.numerics import report as numerics_report
+from analysis.power import report as power_report
+from analysis.power import simulate
+from experiment import __main__ as palpate
+from experiment import storage
+from experiment.cli import analysis
+from experiment.rehearsal import session
+from tests.experiment.protocol.small import SMALL
+from tests.faults.campaign import Count, Size
+
+FAULTS = {signal.SIGKILL: "SIGKILL", errno.EIO: "EIO", errno.ENOSPC: "ENOSPC, and no room from then on,"}
+
+MOST = 100
+"""The whole tries so many calls of a command for each fault at most, and the subset one."""
+
+TODAY = date.today()
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command, the folder that it begins with, and what it says where there is nothing left to do.
+
+    Files whose names match `differing` hold times or random ids, so that only their names are compared. The tables of
+    `dataset` have to be what `palpate build` makes of it. `then` is another command that must not be locked out, None
+    for the same one again.
+    """
+
+    command: str
+    begins: str
+    done: str = "(?!)"
+    differing: str = "(?!)"
+    dataset: str | None = None
+    then: str | None = None
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a command ended: its exit code, or minus the signal; standard error; and its file-changing calls."""
+
+    code: int
+    said: str
+    calls: int
+
+
+ENROL = f"enrol protocol.toml -p 01 --consent-on {TODAY} --dataset study --seed 1"
+ROSTER = r"roster\.jsonl"
+
+STATES = {
+    "new": "",
+    "sealed": f"seal protocol.toml --approval-number 1 --approved-on {TODAY - timedelta(9)} "
+    f"--expires-on {TODAY + timedelta(9)}",
+    "without consent": "enrol protocol.toml -p 01 --dataset study --seed 1",
+    "enrolled": ENROL,
+    "rehearsed": "rehearse protocol.toml --out data --jobs 1 --json",
+    "recorded": "record protocol.toml --simulated --out recordings",
+}
+"""Folders that commands begin with -> what was done there last; each begins with 'new', those from 'enrolled' on too
+with the seal."""
+
+CASES = (
+    Case(STATES["sealed"], "new", done="is sealed already"),
+    Case(ENROL, "sealed", done="is enrolled already", differing=ROSTER),
+    Case(f"consent protocol.toml -p 01 --consent-on {TODAY} --dataset study", "sealed", then=ENROL, differing=ROSTER),
+    Case(
+        f"consent protocol.toml -p 01 --consent-on {TODAY} --dataset study",
+        "without consent",
+        done="consented on .* already",
+        differing=ROSTER,
+    ),
+    Case(ENROL.replace("01", "02", 1), "enrolled", done="is enrolled already", differing=ROSTER),
+    Case(
+        "withdraw protocol.toml -p 01 --reason asked --dataset study",
+        "study",
+        done="has withdrawn already",
+        differing=ROSTER,
+        dataset="study",
+    ),
+    Case("build study", "study", dataset="study"),
+    Case("build data", "rehearsed", dataset="data"),
+    Case(STATES["rehearsed"], "new", differing=".*", dataset="data"),
+    Case("analyse data --no-figures", "rehearsed"),
+    Case("export data --out tables", "rehearsed"),
+    Case("power protocol.toml --model data --studies 20 --participants 2 --jobs 1 --out power", "rehearsed"),
+    Case("numerics --quick --out numerics", "new"),
+    Case("import-counts --task one=one.csv --study small --source print --out counts", "new", done="never overwritten"),
+    Case(STATES["recorded"], "new", done="holds recordings already"),
+    Case("validate recordings --no-figures --out validation", "recorded"),
+)
+
+LIBRARY = ctypes.CDLL(None)
+
+
+def attacks(size: Size) -> Iterator[Count]:
+    """Compile the library, and run this module with it."""
+    if shutil.which("gcc") is None:
+        pytest.skip("needs gcc")
+    with tempfile.TemporaryDirectory(prefix="palpate-faults-") as folder:
+        library = Path(folder) / "fault.so"
+        source = Path(__file__).with_name("fault.c")
+        strict = ("-std=gnu11", "-O1", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC")
+        subprocess.run(["gcc", *strict, "-o", str(library), str(source), "-ldl"], check=True)
+        environment = os.environ | {"LD_PRELOAD": str(library), "OPENBLAS_NUM_THREADS": "1", "COLUMNS": "200"}
+        runs = [
+            subprocess.Popen(
+                [sys.executable, "-m", "tests.faults.files", str(Path(folder) / parts[0]), size.value, *parts],
+                cwd=Path(__file__).parents[2],
+                stdout=subprocess.PIPE,
+                env=environment,
+            )
+            for parts in ([["0", "1", "2", "3"]] if size is Size.SUBSET else [["0"], ["1"], ["2", "3"]])
+        ]
+        for said in [run.communicate()[0] for run in runs]:
+            for line in said.splitlines():
+                count = json.loads(line)
+                yield Count(**{**count, "failures": tuple(count["failures"])})
+        if any(run.returncode for run in runs):
+            raise SystemExit("the attack on files failed by itself; see standard error")
+
+
+def run(folder: Path, command: str, call: int = 0, fault: int = 0) -> Ended:
+    """Run `palpate` in a fork, with a fault at one call that changes files in `folder`."""
+    calls, said = mmap.mmap(-1, 8), os.memfd_create("said")
+    child = os.fork()
+    if child == 0:
+        code: object = 70
+        try:
+            signal.alarm(60)
+            os.dup2(os.open(os.devnull, os.O_RDWR), 0)
+            os.dup2(0, 1)
+            os.dup2(said, 2)
+            os.chdir(folder)
+            LIBRARY.fault_arm(str(folder).encode(), ctypes.c_long(call), fault)
+            code = called(command)
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            calls.write(LIBRARY.fault_seen().to_bytes(8, "little"))
+            sys.stderr.flush()
+            os._exit(code if isinstance(code, int) else 1)
+    _, status = os.waitpid(child, 0)
+    text = Path(f"/proc/self/fd/{said}").read_text("utf-8", "replace")
+    os.close(said)
+    return Ended(os.waitstatus_to_exitcode(status), text, int.from_bytes(calls[:8], "little"))
+
+
+def called(command: str) -> object:
+    """Return the exit code of `palpate` in this process and the present folder."""
+    sys.argv[:] = ["palpate", *command.split()]
+    try:
+        palpate.main()
+    except SystemExit as end:
+        return end.code or 0
+    return 0
+
+
+def files(folder: Path, differing: str = "(?!)") -> dict[str, str]:
+    """Every file but locks -> the hash of its bytes, or nothing where they differ from run to run; and every link."""
+    return {
+        str(path.relative_to(folder)): ""
+        if re.search(differing, path.name) or path.is_symlink()
+        else hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in folder.rglob("*")
+        if path.is_symlink() or (path.is_file() and not path.name.endswith("lock"))
+        # A session that was killed and goes on has its foot trace in two recordings.
+        if differing != ".*" or "_physio" not in path.name
+    }
+
+
+def temporary(folder: Path) -> list[str]:
+    return [path.name for path in folder.rglob(".*") if re.search(r"^\.palpate-|\.partial$", path.name)]
+
+
+class Laboratory:
+    """The folders that commands begin with, and copies of them that are attacked."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.states = root / "states"
+        small = re.sub(r"approved_on.*\nexpires_on.*\n", "", SMALL.replace("    60,\n", ""))
+        small = re.sub(r"(?<=participants = )\d", "2", re.sub(r"(?<=repetitions = )\d", "1", small))
+        small = re.sub(r"(?<=takes = )\d", "1", small).replace('"felt"', '"copy paper"', 1)
+        small = small.replace('id = "cork"', 'id = "typing paper"').replace("rate_hz = 4000", "rate_hz = 5000")
+        new = self.states / "new"
+        new.mkdir(parents=True)
+        (new / "protocol.toml").write_text(small, "utf-8")
+        rows = ("1,felt,felt,2", "1,cork,felt,1", "1,cork,cork,1", "2,felt,felt,2", "2,cork,cork,2")
+        (new / "one.csv").write_text("\n".join(["participant,presented,answered,count", *rows, ""]), "utf-8")
+        for state, command in STATES.items():
+            if command:
+                begins = "new" if state in ("sealed", "rehearsed", "recorded") else "sealed"
+                shutil.copytree(self.states / begins, self.states / state)
+                self.prepared(state, lambda command=command: called(command))
+        shutil.copytree(self.states / "enrolled", self.states / "study")
+        self.prepared("study", self.study)
+        for case in CASES:
+            if case.command.split()[0] in ("analyse", "export", "power", "numerics", "validate"):
+                # Here once, so that forks have what the command imports and computes.
+                self.copy(case.begins)
+                self.prepared("../case/inside", lambda command=case.command: called(command))
+
+    def prepared(self, state: str, act: Callable[[], object]) -> None:
+        """Do something in this process, which so imports all that the command does."""
+        before = Path.cwd()
+        os.chdir(self.states / state)
+        code = act()
+        os.chdir(before)
+        if code:
+            raise SystemExit(f"{state}: ended with {code}")
+
+    def study(self) -> object:
+        """Simulated participants in a study's folder, as if they were real."""
+        called(ENROL.replace("01", "02", 1))
+        rehearsed = self.states / "rehearsed" / "data"
+        shutil.copytree(rehearsed / "stimuli", "study/stimuli")
+        for beside in rehearsed.glob("sourcedata/*rig.toml"), rehearsed.glob("sourcedata/*.csv"):
+            for file in beside:
+                shutil.copy(file, "study/sourcedata")
+        header = session.header
+        vars(session)["header"] = lambda **given: header(**{**given, "control": None})
+        for who in ("01", "02"):
+            tasks = tuple(path.name.split("task-")[1].split("_")[0] for path in storage.journals(rehearsed))
+            job = session.Job(Path("study").resolve(), who, tuple(dict.fromkeys(tasks)), 1, "none", real_time=False)
+            session.rehearse_participant(job, lambda: None, None)
+        vars(session)["header"] = header
+        return called("build study")
+
+    def copy(self, state: str) -> Path:
+        """Return a fresh copy of a state in a folder of one name, so that paths in files are the same."""
+        shutil.rmtree(self.root / "case", ignore_errors=True)
+        return Path(shutil.copytree(self.states / state, self.root / "case" / "inside"))
+
+    def calls(self, case: Case) -> tuple[int, dict[str, str]]:
+        """Return how many calls of a command change files, and what the folder holds when it ends."""
+        folder = self.copy(case.begins)
+        ended = run(folder, case.command)
+        if case.then is not None:
+            run(folder, case.then)
+        elif ended.code:
+            raise SystemExit(f"{case.command}: ended with {ended.code}: {ended.said}")
+        return ended.calls, files(folder, case.differing)
+
+    def attack(self, case: Case, call: int, fault: int, wanted: dict[str, str]) -> tuple[list[str], bool]:
+        """Return what went wrong, and whether something was lost."""
+        folder = self.copy(case.begins)
+        wrong = []
+        first = run(folder, case.command, call, fault)
+        if first.code not in (0, 2, -fault) or "Traceback" in first.said:
+            wrong.append(f"ended with {first.code}: {first.said}")
+        lost = first.code == 0 and case.then is None and files(folder, case.differing) != wanted
+        again = run(folder, case.then or case.command)
+        if again.code != 0 and not (again.code == 2 and re.search(case.done, again.said)):
+            wrong.append(f"then ended with {again.code}: {again.said}")
+        if left := temporary(folder):
+            wrong.append(f"left {left}")
+        found = files(folder, case.differing)
+        if found != wanted:
+            wrong.append(f"other files: {sorted(dict(found.items() ^ wanted.items()))[:4]}")
+        if case.dataset is not None and not wrong:
+            before = files(folder)
+            built = run(folder, f"build {case.dataset}")
+            if built.code or files(folder) != before:
+                wrong.append(f"stale tables: {built.said} {sorted(dict(files(folder).items() ^ before.items()))[:4]}")
+        return wrong, lost
+
+
+def sample(calls: int, few: int, part: float) -> Sequence[int]:
+    """Return which calls are tried: all, or a few that lie evenly, `part` of the way from each to the next."""
+    return range(1, calls + 1) if calls <= few else [1 + int((place + part) * calls / few) for place in range(few)]
+
+
+def every_call(laboratory: Laboratory, part: int, size: Size) -> Count:
+    """One fault at the calls of every command, or of every third in the subset."""
+    fault, name = list(FAULTS.items())[part]
+    tried: Counter[str] = Counter()
+    failures = []
+    for case in CASES[part :: len(FAULTS)] if size is Size.SUBSET else CASES:
+        calls, wanted = laboratory.calls(case)
+        for call in sample(calls, size.of(2, MOST), (part + 0.5) / len(FAULTS)):
+            wrong, lost = laboratory.attack(case, call, fault, wanted)
+            tried.update(tried=1, survived=not wrong, lost=lost)
+            if wrong or lost:
+                failures.append(f"{case.command}: call {call} of {calls}: {'; '.join(wrong) or 'lost'}"[:500])
+    name = f"{name} at a file-changing call of a command that writes"
+    return Count(name, tried["tried"], tried["survived"], tried["lost"], tuple(failures))
+
+
+OUTSIDE = "../outside"
+TEMPORARY = ".palpate-0123456789abcdef"
+
+LINKS = (
+    *((STATES["rehearsed"], "new", link) for link in (".data.partial", ".data.whole", TEMPORARY)),
+    *((STATES["recorded"], "new", link) for link in (".recordings.partial", ".recordings.whole", TEMPORARY)),
+    *((CASES[13].command, "new", link) for link in (".counts.partial", TEMPORARY)),
+    *(
+        (f"build {study}", begins, f"{study}/{link}/{TEMPORARY}")
+        for study, begins in (("data", "rehearsed"),)
+        for link in (".", "sub-01/beh", "sourcedata")
+    ),
+    *(("analyse data --no-figures", "analysed", f"data/derivatives/palpate/{link}") for link in ("tables", TEMPORARY)),
+    ("export data --out tables", "analysed", f"tables/{TEMPORARY}"),
+)
+"""A command, the folder that it begins with, and where in that a link stands that leads outside."""
+
+MANIFESTS = (
+    "../../outside/precious.csv",
+    "{}/precious.csv",
+    "tables/../../../outside/precious.csv",
+    "link/precious.csv",
+)
+"""What a forged manifest says that an earlier export wrote."""
+
+
+def outside(laboratory: Laboratory) -> Count:
+    """Links that lead outside, and manifests that name files there."""
+    shutil.copytree(laboratory.states / "rehearsed", laboratory.states / "analysed")
+    for command in "analyse data --no-figures", "export data --out tables":
+        run(laboratory.states / "analysed", command)
+    attacked = [*LINKS, *(("export data --out tables", "analysed", manifest) for manifest in MANIFESTS)]
+    failures = []
+    for command, begins, where in attacked:
+        folder = laboratory.copy(begins)
+        precious = folder.parent / "outside"
+        (precious / "deep").mkdir(parents=True)
+        for file in precious / "precious.csv", precious / "deep" / "precious.csv":
+            file.write_text("mine", "utf-8")
+        before = files(precious)
+        if where in MANIFESTS:
+            (folder / "tables" / "link").symlink_to(precious)
+            path = folder / "tables" / "manifest.json"
+            manifest = json.loads(path.read_text("utf-8"))
+            manifest["palpate"][where.format(precious)] = [before["precious.csv"]]
+            path.write_text(json.dumps(manifest), "utf-8")
+        else:
+            shutil.rmtree(folder / where, ignore_errors=True)
+            (folder / where).symlink_to(precious)
+        ended = run(folder, command)
+        if ended.code not in (0, 2) or "Traceback" in ended.said or files(precious) != before:
+            failures.append(f"{command}: {where}: ended with {ended.code}, {sorted(files(precious))}: {ended.said}")
+    name = "a link or a manifest that leads outside a command's folder"
+    return Count(name, len(attacked), len(attacked) - len(failures), len(failures), tuple(failures))
+
+
+def remembered(compute: Callable[..., object]) -> Callable[..., object]:
+    """A function that computes once in the process that forks, whatever it is given."""
+    results: list[object] = []
+
+    def result(*given: object, **named: object) -> object:
+        if not results:
+            results.append(compute(*given, **named))
+        return results[0]
+
+    return result
+
+
+def quickened() -> None:
+    """What is computed from the same files is the same, and a rehearsal's tables are published as any others are."""
+    small = {"lengths": (250,), "table_sizes": (8, 30), "table_levels": (3,), "noise_s": (0.1,), "budget_s": 1e-3}
+    vars(numerics)["QUICK"] = replace(numerics.QUICK, **small, least_repeats=1, places=20)
+    for module, names in (simulate, ("run",)), (numerics, ("run",)), (numerics_report, ("figure", "svg", "png")):
+        vars(module).update({name: remembered(vars(module)[name]) for name in names})
+    drawings, tell = remembered(page.drawings), analysis.tell_analysis
+    vars(page)["drawings"] = lambda sheets: drawings(sheets) if sheets else {}
+    vars(power_report)["plot"] = remembered(power_report.plot)
+    vars(analysis)["tell_analysis"] = lambda *given, **named: sys.argv[1] == "rehearse" or tell(*given, **named)
+
+
+def main() -> None:
+    folder, size, parts = Path(sys.argv[1]), Size(sys.argv[2]), [int(part) for part in sys.argv[3:]]
+    said = os.dup(1)
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    quickened()
+    laboratory = Laboratory(folder)
+    for part in parts:
+        count = every_call(laboratory, part, size) if part < len(FAULTS) else outside(laboratory)
+        os.write(said, (json.dumps(asdict(count)) + "\n").encode())
+
+
+if __name__ == "__main__":
+    main()
