@@ -133,6 +133,14 @@ def test_a_head_behind_its_journal_is_a_kill_between_the_two(tmp_path: Path) -> 
         journal.read(path)
 
 
+@pytest.mark.parametrize("head", ["-3 abc", "3", "3 a b", "0x3 abc", f"{'9' * 5000} abc", "\u0663 abc", "nan abc"])
+def test_a_head_that_was_never_written_so_is_refused(tmp_path: Path, head: str) -> None:
+    write(tmp_path / "j")
+    journal.head_path(tmp_path / "j").write_text(head, "utf-8")
+    with pytest.raises(JournalError, match="restore it and the journal from a backup"):
+        journal.read(tmp_path / "j")
+
+
 @pytest.mark.parametrize("operation", ["write", "flush", "fsync", "_write_head"])
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
