@@ -17,6 +17,21 @@ from tests.analysis.datasets import balanced, write_dataset
 
 PRINTED = """study = "madeup"
 source = "Nobody: Nothing"
+chance = "0.5"
+task = [{ id = "live", participants = 7, trials = 10 }]
+levels = [{ stars = "*", p = "0.05", above = true }]
+t = [{ where = "page 2", tests = [{ task = "live", of = "sand", df = 6, t = "2.75", p = "0.033" }] }]
+one_way = [{ where = "page 2", task = "live", pair = ["sand", "snow"], df = [3, 24], f = "2.12", p = "0.11" }]
+two_way = [{ where = "page 2", effect = "task", df = [1, 92], f = "7.49", p = "7.43e-3" }]
+icc = [{ where = "page 2", value = "0.97" }]
+claim = [{ where = "page 1", task = "live", significant = 1, of = 2 }]
+[[table]]
+task = "live"
+where = "Table 1"
+cells = [
+  { presented = "sand", answered = "sand", mean = "0.79", sd = "0.24", stars = "*" },
+  { presented = "sand", answered = "snow", mean = "0.21", sd = "0.24" },
+]
 [[choices]]
 task = "live"
 where = "Table 2"
@@ -52,6 +67,7 @@ def make_bench(folder: Path) -> Path:
     folder.mkdir()
     text = shipped("okamoto2012.toml").read_text("utf-8")
     few = text.replace("limit = 36", "limit = 4")
+    few = few.replace("[ethics]\n", "[ethics]\napproved_on = 2020-01-01\nexpires_on = 2030-01-01\n")
     for key, value in (("participants", 3), ("repetitions", 1)):
         few = re.sub(rf"{key} = \d+", f"{key} = {value}", few)
     protocol_file = folder / "study.toml"
@@ -70,6 +86,8 @@ def make_bench(folder: Path) -> Path:
     (folder / "response.csv").write_text(response, "utf-8")
     rig = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("rehearsal-response.csv", "response.csv")
     (folder / "rig.toml").write_text(with_hash(rig, response.encode()), "utf-8")
+    audio = shipped("rigs/headless.toml").read_text("utf-8")
+    (folder / "audio.toml").write_text(audio, "utf-8")
     (folder / "printed.toml").write_text(PRINTED, "utf-8")
     shares = [0.4, 0.3, 0.2, 0.1]
     model = 'format = 1\nsource = "a pilot"\n' + "".join(

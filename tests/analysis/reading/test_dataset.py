@@ -92,6 +92,7 @@ def _first_row(column: int, cell: str) -> Callable[[str], str]:
         (EVENTS, _first_row(8, "fast"), "line 2: foot_speed: got 'fast'; allowed: a number from 0, or n/a"),
         (EVENTS, _first_row(8, "-0.5"), "line 2: foot_speed: got '-0.5'; allowed: a number from 0"),
         (EVENTS, _first_row(9, "1.5"), "line 2: frames_lost: got '1.5'; allowed: a whole number from 0, or n/a"),
+        (EVENTS, _first_row(9, "1e300"), "line 2: frames_lost: got '1e300'; allowed: a whole number from 0"),
         (EVENTS, _first_row(9, "-1"), "line 2: frames_lost: got '-1'; allowed: a whole number from 0"),
         (EVENTS, _first_row(11, "0.5"), "line 2: delivered: got '0.5'; allowed: 0, 1, or n/a"),
         (EVENTS, _first_row(12, "nan"), "line 2: onset_error: got 'nan'; allowed: a number, or n/a"),

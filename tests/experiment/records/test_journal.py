@@ -142,6 +142,14 @@ def test_a_head_behind_its_journal_is_a_kill_between_the_two(tmp_path: Path) -> 
             journal.read(path)
 
 
+@pytest.mark.parametrize("head", ["-3 abc", "3", "3 a b", "0x3 abc", f"{'9' * 5000} abc", "\u0663 abc", "nan abc"])
+def test_a_head_that_was_never_written_so_is_refused(tmp_path: Path, head: str) -> None:
+    write(tmp_path / "j")
+    chain.head_path(tmp_path / "j").write_text(head, "utf-8")
+    with pytest.raises(JournalError, match="restore it and the journal from a backup"):
+        journal.read(tmp_path / "j")
+
+
 def test_more_lines_than_the_head_names_are_a_head_that_was_deleted_or_replaced(tmp_path: Path) -> None:
     path = tmp_path / "j"
     data = write(path)

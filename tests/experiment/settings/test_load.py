@@ -247,6 +247,20 @@ def test_broken_syntax(tmp_path: Path, old: str, new: str, line: int, column: in
     assert problem.allowed.endswith("mend this first")
 
 
+@pytest.mark.parametrize(
+    "text", ["a." * 5000 + "a = 1", f"a = {'[' * 40}{']' * 40}", f"a = 0x{'f' * 6000}", f"format = {2**63}"]
+)
+def test_what_no_file_needs_is_refused(tmp_path: Path, text: str) -> None:
+    (problem,) = refused(tmp_path, text)
+    assert problem.allowed == "at most 32 of them, and whole numbers of 64 bits; mend this first"
+
+
+@pytest.mark.parametrize("day", ["2020-02-01T07:32:00", "2020-02-01T07:32:00Z", "07:32:00"])
+def test_a_date_with_a_time_is_no_date(tmp_path: Path, day: str) -> None:
+    (problem,) = refused(tmp_path, SMALL.replace("approved_on = 2020-02-01", f"approved_on = {day}"))
+    assert (problem.path, problem.allowed) == ("ethics.approved_on", "a date without quotes, such as 2012-04-01")
+
+
 @pytest.mark.parametrize("text", [f"a = {'[' * 5000}", f"a = {'9' * 5000}"])
 def test_absurd_text_is_refused(tmp_path: Path, text: str) -> None:
     (problem,) = refused(tmp_path, text)
