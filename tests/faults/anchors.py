@@ -106,7 +106,7 @@ class _Bench:
 
 def attacks(size: Size) -> Iterator[Count]:
     with tempfile.TemporaryDirectory() as folder:
-        bench = _Bench(Path(folder), size.of(2, 8))
+        bench = _Bench(Path(folder), size.of(2, 5))
         yield from _made_anew(bench)
         yield from _answers(bench, size)
         yield _cut(bench, size)
