@@ -20,7 +20,7 @@ from experiment.errors import DatasetError, PalpateError, RosterError
 from experiment.protocol import approval, files
 from experiment.protocol.approval import Seal
 from experiment.protocol.models import Protocol
-from experiment.records import journal
+from experiment.records import chain, journal
 from experiment.records.entries import Armed, Header, Purpose, Withdrawal
 from experiment.records.journal import Contents
 from experiment.study import roster as rosters
@@ -164,7 +164,7 @@ def _study(root: Path) -> _Study:
 def _refuse_strays(root: Path, journals: set[Path]) -> None:
     """Refuse what looks like a journal and stands where none is read from: a copy, or another dataset."""
     roster = storage.roster_path(root)
-    known = {*journals, *(journal.head_path(path) for path in journals), roster, journal.head_path(roster)}
+    known = {*journals, *(chain.head_path(path) for path in journals), roster, chain.head_path(roster)}
     source = root / "sourcedata"
     found = {path for path in source.rglob("*") if path.suffix in (".jsonl", ".head") or "_journal" in path.name}
     for path in sorted({*found, *root.rglob("*_journal.jsonl")} - known):

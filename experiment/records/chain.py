@@ -12,6 +12,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
+from experiment import storage
 from experiment.errors import PalpateError
 
 GENESIS = "0" * 64
@@ -56,8 +57,8 @@ def read(path: Path, error: type[PalpateError]) -> Chain:
     Raises `error` if the file cannot be read, or if a line or the head does not fit.
     """
     try:
-        head, data = _head(path), _bytes(path)
-        while (now := _head(path)) != head:
+        head, data = read_head(path), _bytes(path)
+        while (now := read_head(path)) != head:
             # Somebody appended meanwhile.
             head, data = now, _bytes(path)
     except (OSError, ValueError) as problem:
@@ -71,6 +72,23 @@ def read(path: Path, error: type[PalpateError]) -> Chain:
     _check_head(path, head, links, error)
     size = data.rfind(b"\n") + 1
     return Chain(tuple(links), data[size:], size)
+
+
+def read_head(path: Path) -> tuple[int, str]:
+    """Return how many lines the head says a file has, and the hash of the last; 0 before the first line.
+
+    Raises `OSError` or `ValueError` if the head cannot be read.
+    """
+    try:
+        head = storage.read_bytes(head_path(path), 4096).decode("ascii")
+    except FileNotFoundError:
+        return 0, GENESIS
+    if not head:
+        return 0, GENESIS
+    count, last = head.split()
+    if int(count) < 0 or head != _head_text(int(count), last):
+        raise ValueError(f"its head is {head[:100]!r}")
+    return int(count), last
 
 
 def append(path: Path, chain: Chain, t_ns: int, entry: dict[str, object]) -> None:
@@ -89,22 +107,9 @@ def append(path: Path, chain: Chain, t_ns: int, entry: dict[str, object]) -> Non
 
 def _bytes(path: Path) -> bytes:
     try:
-        return path.read_bytes()
+        return storage.read_bytes(path)
     except FileNotFoundError:
         return b""
-
-
-def _head(path: Path) -> tuple[int, str]:
-    try:
-        head = head_path(path).read_text("ascii")
-    except FileNotFoundError:
-        return 0, GENESIS
-    if not head:
-        return 0, GENESIS
-    count, last = head.split()
-    if head != _head_text(int(count), last):
-        raise ValueError(f"its head is {head[:100]!r}")
-    return int(count), last
 
 
 def _head_text(count: int, last: str) -> str:

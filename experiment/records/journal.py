@@ -15,7 +15,6 @@ import errno
 import hashlib
 import json
 import os
-import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -30,6 +29,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from experiment import storage
 from experiment.clock import Clock
 from experiment.errors import JournalError, SessionLocked
+from experiment.records import chain
 from experiment.records.entries import (
     FORMAT,
     Answer,
@@ -65,9 +65,6 @@ AnyEntry = Annotated[
     Field(discriminator="kind"),
 ]
 ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
-
-GENESIS = "0" * 64
-"""`prev` of the first line."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +115,7 @@ def read(path: Path) -> Contents:
         raise JournalError(f"{path}: cannot read the journal ({error.strerror}); give the path of a journal") from error
     size = data.rfind(b"\n") + 1
     lines: list[Line] = []
-    last_hash = GENESIS
+    last_hash = chain.GENESIS
     for n, line in enumerate(data[:size].splitlines()):
         lines.append(_verified(path, n, line, last_hash))
         last_hash = hashlib.sha256(line).hexdigest()
@@ -143,28 +140,18 @@ def read_if_begun(path: Path) -> Contents:
     return EMPTY
 
 
-def head_path(path: Path) -> Path:
-    """Return where the number and hash of a journal's last line stand."""
-    return path.with_suffix(".head")
-
-
 def _head(path: Path) -> tuple[int, str]:
     """Return how many lines the head says the journal has, and the hash of the last; 0 before the first line."""
     try:
-        head = storage.read_bytes(head_path(path), 4096).decode("ascii")
-    except FileNotFoundError:
-        return 0, GENESIS
+        return chain.read_head(path)
     except (OSError, ValueError) as error:
-        raise JournalError(f"{head_path(path)}: cannot be read; restore it and the journal from a backup") from error
-    if not head:
-        return 0, GENESIS
-    if (found := re.fullmatch(r"([0-9]{1,12})\s+(\S+)\s*", head)) is None:
-        raise JournalError(f"{head_path(path)}: cannot be read; restore it and the journal from a backup")
-    return int(found[1]), found[2]
+        raise JournalError(
+            f"{chain.head_path(path)}: cannot be read; restore it and the journal from a backup"
+        ) from error
 
 
 def _check_head(path: Path, known_head: tuple[int, str], lines: list[bytes]) -> None:
-    (known, last_hash), head = known_head, head_path(path).name
+    (known, last_hash), head = known_head, chain.head_path(path).name
     remedy = "keep the file as it is and restore the journal from a backup"
     if len(lines) < known:
         raise JournalError(f"{path}: the journal is truncated: it had {known} lines and has {len(lines)}; {remedy}")
@@ -225,7 +212,7 @@ class Journal:
         try:
             _hold(self._file.fileno(), f"{path}: the journal is being written")
             self._cut()
-            self._head = os.open(head_path(path), os.O_RDWR | os.O_CREAT, 0o644)
+            self._head = os.open(chain.head_path(path), os.O_RDWR | os.O_CREAT, 0o644)
         except BaseException:
             self._file.close()
             raise
@@ -266,10 +253,10 @@ class Journal:
         try:
             self._write_head()
         except OSError as error:
-            raise unwritable(head_path(self._path), error) from error
+            raise unwritable(chain.head_path(self._path), error) from error
         self._whole = True
         check_place(self._file.fileno(), self._path)
-        check_place(self._head, head_path(self._path))
+        check_place(self._head, chain.head_path(self._path))
         return t_ns
 
     def close(self) -> None:
@@ -296,7 +283,7 @@ class Journal:
         os.fsync(self._head)
 
 
-EMPTY = Contents((), b"", 0, GENESIS)
+EMPTY = Contents((), b"", 0, chain.GENESIS)
 """A journal in which nothing is written yet."""
 
 

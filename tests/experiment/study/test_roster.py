@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable
@@ -119,16 +120,18 @@ def test_the_file_holds_labels_and_days_alone(roster: Roster) -> None:
     roster.enrol("01", TODAY)
     roster.enrol("02", None)
     roster.consent("02", TODAY)
+    roster.correct("02", TODAY - timedelta(1), "the letter says so")
     roster.withdraw("01", "asked to stop")
     assert [json.loads(line)["entry"] for line in roster.path.read_text(encoding="utf-8").splitlines()] == [
         {"kind": "enrolled", "participant": "01", "consent_on": "2020-06-01"},
         {"kind": "enrolled", "participant": "02", "consent_on": None},
         {"kind": "consented", "participant": "02", "consent_on": "2020-06-01"},
+        {"kind": "corrected", "participant": "02", "consent_on": "2020-05-31", "reason": "the letter says so"},
         {"kind": "withdrawn", "participant": "01", "reason": "asked to stop"},
     ]
     read = Roster.load(roster.path)
     assert read == roster
-    assert (read.consent_on, read.withdrawn) == ({"01": TODAY, "02": TODAY}, {"01": "asked to stop"})
+    assert (read.consent_on, read.withdrawn) == ({"01": TODAY, "02": TODAY - timedelta(1)}, {"01": "asked to stop"})
 
 
 def test_lines_are_only_ever_appended(roster: Roster) -> None:
@@ -144,6 +147,47 @@ def test_lines_are_only_ever_appended(roster: Roster) -> None:
         assert now.startswith(before)
         assert now.count(b"\n") == before.count(b"\n") + 1
         before = now
+
+
+def test_each_line_has_its_number_and_time_and_the_hash_of_the_one_before(roster: Roster) -> None:
+    roster.now_ns = iter((5, 9)).__next__
+    roster.enrol("01", TODAY)
+    roster.enrol("02", None)
+    lines = roster.path.read_bytes().splitlines()
+    hashes = [hashlib.sha256(line).hexdigest() for line in lines]
+    read = [{name: json.loads(line)[name] for name in ("n", "t_ns", "prev")} for line in lines]
+    assert read == [{"n": 0, "t_ns": 5, "prev": chain.GENESIS}, {"n": 1, "t_ns": 9, "prev": hashes[0]}]
+    assert roster.lines.last == hashes[1]
+    assert roster.path.with_suffix(".head").read_text() == f"000000000002 {hashes[1]}\n"
+
+
+def test_a_roster_is_known_as_it_was_under_each_of_its_lines(roster: Roster) -> None:
+    roster.enrol("01", None)
+    before = roster.lines.last
+    roster.consent("01", TODAY)
+    roster.withdraw("01", "asked to stop")
+    then = Roster.load(roster.path).as_of(before)
+    assert (then.consent_on, then.withdrawn) == ({"01": None}, {})
+    with pytest.raises(RosterError, match="lacks a line that a session began under: it was cut or changed; restore"):
+        roster.as_of(chain.GENESIS)
+
+
+@pytest.mark.parametrize("days", [1, -10])
+def test_nobody_runs_whose_consent_is_of_the_future_or_before_the_approval(roster: Roster, days: int) -> None:
+    roster.enrol("01", TODAY + timedelta(days))
+    with pytest.raises(RosterError, match=r"got consent on 2020-.*; correct it \(palpate consent --correct\)"):
+        may_run(roster, "01", protocol())
+    roster.correct("01", TODAY, "the letter says so")
+    may_run(roster, "01", protocol())
+
+
+def test_only_a_consent_on_record_is_corrected(roster: Roster) -> None:
+    roster.enrol("01", None)
+    with pytest.raises(RosterError, match="participant 01 has no consent to correct; record it without --correct"):
+        roster.correct("01", TODAY, "the letter says so")
+    roster.consent("01", TODAY)
+    with pytest.raises(RosterError, match="allowed: one line of 1 to 200 characters"):
+        roster.correct("01", TODAY, "two\nlines")
 
 
 def test_without_consent_nobody_runs(roster: Roster) -> None:
@@ -224,9 +268,9 @@ def test_two_consoles_never_give_one_place_twice(roster: Roster) -> None:
 def test_a_torn_last_line_was_never_confirmed(roster: Roster) -> None:
     roster.enrol("01", TODAY)
     whole = roster.path.read_bytes()
-    roster.path.write_bytes(whole + b'{"kind": "enrolled", "partic')
+    roster.path.write_bytes(whole + b'{"n":1,"t_ns":')
     torn = Roster.load(roster.path)
-    assert list(torn.consent_on) == ["01"]
+    assert (list(torn.consent_on), torn.lines.torn) == (["01"], b'{"n":1,"t_ns":')
     torn.enrol("02", TODAY)
     assert list(Roster.load(roster.path).consent_on) == ["01", "02"]
 
