@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import subprocess
 import tempfile
 from collections.abc import Sequence
@@ -163,7 +164,7 @@ class Signer:
             keys = [line for line in storage.read_text(self.path).splitlines() if line.strip()]
         except (OSError, UnicodeDecodeError) as error:
             raise DatasetError(f"{self.path}: cannot be read ({error}); give a public key (.pub)") from error
-        if not keys or any("PRIVATE" in line or len(line.split()) < 2 for line in keys):
+        if not keys or not all(re.match(r"(ssh|ecdsa|sk)-\S+ \S", line) for line in keys):
             raise DatasetError(f"{self.path}: got no public SSH keys; allowed: one a line; give the key's .pub file")
         with tempfile.TemporaryDirectory() as folder:
             allowed, signature = Path(folder, "allowed"), Path(folder, "signature")

@@ -16,7 +16,7 @@ from experiment import storage
 from experiment.dataset import build, register, verify
 from experiment.dataset.verify import Report
 from experiment.errors import PalpateError
-from experiment.records import journal
+from experiment.records import chain, journal
 from tests.experiment.dataset.studies import make_study
 from tests.faults.campaign import Count, Size
 
@@ -51,7 +51,7 @@ def _rechain(path: Path, change: Callable[[int, dict[str, Any]], object]) -> Non
         lines.append(json.dumps(line, separators=(",", ":"), ensure_ascii=False).encode())
         last = hashlib.sha256(lines[-1]).hexdigest()
     path.write_bytes(b"".join(line + b"\n" for line in lines))
-    journal.head_path(path).write_text(f"{len(lines):012d} {last}\n")
+    chain.head_path(path).write_text(f"{len(lines):012d} {last}\n")
 
 
 @dataclass
@@ -106,7 +106,7 @@ class _Bench:
 
 def attacks(size: Size) -> Iterator[Count]:
     with tempfile.TemporaryDirectory() as folder:
-        bench = _Bench(Path(folder), size.of(2, 8))
+        bench = _Bench(Path(folder), size.of(2, 5))
         yield from _made_anew(bench)
         yield from _answers(bench, size)
         yield _cut(bench, size)

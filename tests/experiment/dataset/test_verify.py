@@ -12,7 +12,7 @@ from experiment import storage
 from experiment.dataset import build, register
 from experiment.dataset.verify import Report, verify
 from experiment.errors import DatasetError
-from experiment.records import journal
+from experiment.records import chain
 from experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
@@ -90,7 +90,7 @@ def test_a_tail_that_was_cut_is_refused_by_the_head(study: MadeStudy) -> None:
 
 def test_a_head_that_was_deleted_is_refused(study: MadeStudy) -> None:
     path = study.journal()
-    journal.head_path(path).unlink()
+    chain.head_path(path).unlink()
     cut(path, 9)
     assert "no " in refused(verify(study.root))[inside(study, path)]
 
@@ -129,7 +129,7 @@ def test_a_roster_line_that_was_cut_is_refused(study: MadeStudy, anchored: Path)
     path = storage.roster_path(study.root)
     cut(path, 1)
     assert inside(study, path) in refused(verify(study.root))
-    journal.head_path(path).unlink()
+    chain.head_path(path).unlink()
     cut(path, 1)
     assert refused(verify(study.root))
     assert (
