@@ -30,6 +30,8 @@ from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.entries import Entry
+from experiment.settings.characters import quoted
+from experiment.settings.load import Line
 from experiment.study.schedule import Draws
 
 LOCK = ".study.lock"
@@ -111,7 +113,7 @@ class Withdrawn(Entry):
 
     kind: Literal["withdrawn"] = "withdrawn"
     participant: str
-    reason: Annotated[str, Field(pattern=r"^[^\p{Cc}]{1,200}$")]
+    reason: Annotated[Line, Field(max_length=200)]
 
 
 AnyEntry = Annotated[Enrolled | Consented | Withdrawn, Field(discriminator="kind")]
@@ -165,7 +167,8 @@ class Roster:
             entry = Withdrawn(participant=participant, reason=reason)
         except ValidationError as error:
             raise RosterError(
-                f"got the reason {reason[:40]!r}; allowed: one line of 1 to 200 characters; shorten it"
+                f"got the reason {quoted(reason)}; allowed: one line of 1 to 200 characters, none of them a control "
+                "or invisible one; mend it"
             ) from error
         self._append(entry)
 
