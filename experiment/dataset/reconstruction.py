@@ -26,8 +26,9 @@ from experiment.dataset.bids import (
     write_events,
     write_participants,
 )
-from experiment.errors import DatasetError
+from experiment.errors import DatasetError, ProtocolError
 from experiment.records.events import NO_ANSWER
+from experiment.settings.load import Confined, Name, Text, checked
 
 COLUMNS = ("participant", "presented", "answered", "count")
 """Header of a counts file."""
@@ -80,7 +81,23 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
 def materials_of(path: Path) -> tuple[str, ...]:
     """Return every material that a counts file presents, in its order. Raises `DatasetError` if it cannot be read."""
     rows = csv.DictReader(_text(path).splitlines())
-    return tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
+    found = tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
+    _check(path, {"presented": found})
+    return found
+
+
+class _Texts(Confined):
+    """What of a study without texts here comes from whoever imports it."""
+
+    presented: tuple[Name, ...] = ()
+    source: Text = "none"
+
+
+def _check(where: Path, texts: dict[str, object]) -> None:
+    try:
+        checked(where, _Texts, texts)
+    except ProtocolError as error:
+        raise DatasetError(f"{where}: {error.problems[0]}; mend it") from error
 
 
 def _text(path: Path) -> str:
@@ -173,6 +190,8 @@ def study_text(study: str, counts: Mapping[str, Path], source: str | None = None
     `counts` maps task ids to counts files; `source` says where they come from, which a study outside `STUDIES` needs.
     Raises `DatasetError` if the id or a file is bad, or the study has neither texts here nor a source.
     """
+    if source is not None:
+        _check(Path("--source"), {"source": source})
     if study in STUDIES:
         return STUDIES[study] if source is None else replace(STUDIES[study], source=source)
     if not re.fullmatch(r"[a-z][a-z0-9]*", study):
