@@ -9,6 +9,7 @@ up. A counts file is a CSV of how often each participant gave each answer to eac
 from __future__ import annotations
 
 import csv
+import io
 import re
 import textwrap
 from collections import Counter
@@ -54,7 +55,7 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
     Participants are whole numbers, with or without leading zeros, but each is spelt in one way throughout the file.
     Raises `DatasetError` if the file is anything else; the error names file and line.
     """
-    lines = csv.reader(_text(path).splitlines(), strict=True)
+    lines = csv.reader(io.StringIO(_text(path), newline=""), strict=True)
     counts: dict[int, dict[tuple[str, str], int]] = {}
     spelt: dict[int, str] = {}
     try:
@@ -80,7 +81,7 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
 
 def materials_of(path: Path) -> tuple[str, ...]:
     """Return every material that a counts file presents, in its order. Raises `DatasetError` if it cannot be read."""
-    rows = csv.DictReader(_text(path).splitlines())
+    rows = csv.DictReader(io.StringIO(_text(path), newline=""))
     found = tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
     _check(path, {"presented": found})
     return found
