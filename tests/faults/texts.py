@@ -96,7 +96,7 @@ def attacks(size: Size) -> Iterator[Count]:
         yield _file("a protocol", document(), folder / "p.toml", ("check", "FILE"), size)
         rig = _tables(shipped("rigs/rehearsal.toml")) | {"audio": _tables(shipped("rigs/headless.toml"))["audio"]}
         rig["tracker"] |= {"driver": "palpate-frames"}
-        yield _file("a rig", rig, folder / "r.toml", ("doctor", "--rig", "FILE"), size)
+        yield _file("a rig", rig, folder / "r.toml", ("doctor", "--rig", "FILE"), size, most=24)
         takes = folder / "takes"
         takes.mkdir()
         yield _file("recordings", MANIFEST, takes / "manifest.toml", ("validate", str(takes)), size, most=45)
@@ -144,7 +144,7 @@ def _write(path: Path, tables: dict[str, Any]) -> None:
     path.write_text("".join(f"{key} = {_toml(value)}\n" for key, value in tables.items()), "utf-8")
 
 
-def _drawn(place: int, size: Size, most: int = 24) -> Iterator[str]:
+def _drawn(place: int, size: Size, most: int = 12) -> Iterator[str]:
     """A few kinds for the text at this place."""
     count = size.of(1, most)
     return (KINDS[(STEP * (place * count + one)) % len(KINDS)] for one in range(count))
@@ -177,7 +177,7 @@ def _code(character: str) -> str:
     return f"U+{ord(character):04X}"
 
 
-def _file(what: str, tables: dict[str, Any], path: Path, command: tuple[str, ...], size: Size, most: int = 24) -> Count:
+def _file(what: str, tables: dict[str, Any], path: Path, command: tuple[str, ...], size: Size, most: int = 12) -> Count:
     tally = _Tally(f"a hidden character in a text of {what}")
     texts: list[tuple[Where, str]] = [(where, held) for where, held in leaves(tables) if isinstance(held, str)]
     if size is Size.SUBSET:
@@ -298,7 +298,7 @@ def _imitated(size: Size) -> Count:
     """In the text every word carries a mark, so wherever lines break, it shows which line is the text's."""
     tally = _Tally("a text that imitates the board's page")
     for where, _ in with_text():
-        for by in range(1, size.of(4, 93)):
+        for by in range(1, size.of(4, 47)):
             for wide in ("x", "紙"):
                 words = (wide * by + " " + FORGED * 3).split()
                 study = Protocol.model_validate(changed(document(), where, "\n".join(f"{one}@" for one in words)))

@@ -54,7 +54,12 @@ def test_a_bad_counts_file_is_refused_by_line(tmp_path: Path, content: str, mess
 
 @pytest.mark.parametrize(
     ("name", "got"),
-    [("=sand", "'=sand'"), ("s\x1bnd", "'s<U+001B>nd' with U+001B"), ("\u202esand", "'<U+202E>sand' with U+202E")],
+    [
+        ("=sand", "'=sand'"),
+        ("sa\x85nd", "'sa nd' with U+0085"),
+        ("s\x1bnd", "'s<U+001B>nd' with U+001B"),
+        ("\u202esand", "'<U+202E>sand' with U+202E"),
+    ],
 )
 def test_a_material_of_a_counts_file_has_a_name_that_can_be_shown(tmp_path: Path, name: str, got: str) -> None:
     path = tmp_path / "counts.csv"
