@@ -55,7 +55,7 @@ class ProtocolError(PalpateError):
         self.problems = tuple(problems)
         count = len(self.problems)
         head = f"{file}: {count} error{'s' if count != 1 else ''}"
-        super().__init__("\n".join([head, *(f"  {p}" for p in self.problems)]))
+        super().__init__("\n".join(line.replace("\n", " ") for line in (head, *(f"  {p}" for p in self.problems))))
 
     def __reduce__(self) -> tuple[type[ProtocolError], tuple[str, tuple[Problem, ...]]]:
         """Let the error pass whole from one process to another."""

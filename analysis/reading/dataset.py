@@ -26,6 +26,7 @@ from analysis.reading.study import Part, Study, Task, check_chances, exclude
 from experiment import storage
 from experiment.errors import DatasetError
 from experiment.records.events import EVENT_COLUMNS, NO_ANSWER
+from experiment.settings.characters import JOINERS, hidden, quoted
 
 if TYPE_CHECKING:
     from experiment.protocol.models import Protocol
@@ -140,7 +141,21 @@ def _json(path: Path, remedy: str) -> dict[str, Any]:
         raise DatasetError(f"{path}: got no JSON ({error}); make the dataset again") from error
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: got {type(content).__name__}; allowed: a JSON object; make the dataset again")
+    _refuse_hidden(path, content)
     return content
+
+
+def _refuse_hidden(path: Path, held: object) -> None:
+    """Refuse a text, wherever it stands in a document, with a character that a page or a table must not show."""
+    if isinstance(held, Mapping):
+        held = [*held, *held.values()]
+    if isinstance(held, list):
+        for one in held:
+            _refuse_hidden(path, one)
+    elif isinstance(held, str) and hidden(held, "\n" + JOINERS):
+        raise DatasetError(
+            f"{path}: got {quoted(held)}; allowed: text without control or invisible characters; make the dataset again"
+        )
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
@@ -159,6 +174,7 @@ def _table(path: Path) -> tuple[list[str], list[list[str]]]:
     text = _text(path, "make the dataset again")
     if not text.endswith("\n"):
         raise DatasetError(f"{path} ends in the middle of a line; it is truncated: make the dataset again")
+    _refuse_hidden(path, text.replace("\t", " "))
     lines = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
     for number, line in enumerate(lines, start=1):
         if len(line) != len(lines[0]):

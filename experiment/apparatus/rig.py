@@ -29,7 +29,7 @@ from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
 from experiment.protocol.models import Step
 from experiment.settings import load as files
-from experiment.settings.load import Broken, Confined, Name, Rules, Text
+from experiment.settings.load import ONE_LINE, Broken, Confined, Line, Name, Rules
 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
@@ -40,6 +40,7 @@ Address = Annotated[
         pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
         description="host:port, such as 127.0.0.1:4711",
     ),
+    ONE_LINE,
 ]
 
 
@@ -82,7 +83,9 @@ class ShapingRig(Confined):
     """
 
     response: Annotated[
-        str, Field(pattern=r"^[^/\\\s]+\.csv$", description="the name of a .csv file in the folder of the rig file")
+        str,
+        Field(pattern=r"^[^/\\\s]+\.csv$", description="the name of a .csv file in the folder of the rig file"),
+        ONE_LINE,
     ]
     response_sha256: Annotated[
         str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints them")
@@ -283,8 +286,8 @@ class AudioRig(Confined):
         delivered: what counts as delivered.
     """
 
-    host_api: Text
-    device: Text
+    host_api: Line
+    device: Line
     rate_hz: Annotated[int, Field(ge=8000, le=192_000)]
     block: Annotated[int, Field(ge=16, le=8192)]
     channels: AudioChannels
@@ -429,8 +432,9 @@ class TrackerRig(Confined):
             pattern=r"^(palpate-frames|[A-Za-z_][\w.]*:[A-Za-z_]\w*)$",
             description="palpate-frames, or package.module:Class of a driver of your own",
         ),
+        ONE_LINE,
     ] = FRAMES
-    port: Text
+    port: Line
     baud: Annotated[int, Field(ge=9600, le=12_000_000)]
     rate_hz: Annotated[int, Field(ge=1000, le=5000)]
     stall_ms: Annotated[int, Field(ge=50, le=200)]

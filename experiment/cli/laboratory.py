@@ -45,7 +45,7 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
             {"file": str(protocol_file), "valid": True, "sha256": approval.sha256(protocol), "protocol": document}
         )
     else:
-        typer.echo(page.page(protocol))
+        typer.echo(page.page(protocol, str(protocol_file)))
 
 
 @commands.command(

@@ -9,6 +9,7 @@ up. A counts file is a CSV of how often each participant gave each answer to eac
 from __future__ import annotations
 
 import csv
+import io
 import re
 import textwrap
 from collections import Counter
@@ -27,8 +28,9 @@ from experiment.dataset.bids import (
     participants,
     write_files,
 )
-from experiment.errors import DatasetError
+from experiment.errors import DatasetError, ProtocolError
 from experiment.records.events import NO_ANSWER
+from experiment.settings.load import Confined, Name, Text, checked
 
 COLUMNS = ("participant", "presented", "answered", "count")
 """Header of a counts file."""
@@ -54,7 +56,7 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
     Participants are whole numbers, with or without leading zeros, but each is spelt in one way throughout the file.
     Raises `DatasetError` if the file is anything else; the error names file and line.
     """
-    lines = csv.reader(_text(path).splitlines(), strict=True)
+    lines = csv.reader(io.StringIO(_text(path), newline=""), strict=True)
     counts: dict[int, dict[tuple[str, str], int]] = {}
     spelt: dict[int, str] = {}
     try:
@@ -80,11 +82,27 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
 
 def materials_of(path: Path) -> tuple[str, ...]:
     """Return every material that a counts file presents, in its order. Raises `DatasetError` if it cannot be read."""
-    rows = csv.DictReader(_text(path).splitlines())
+    rows = csv.DictReader(io.StringIO(_text(path), newline=""))
     try:
-        return tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
+        found = tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
     except csv.Error as error:
         raise DatasetError(f"{path}: line {rows.line_num}: {error}; write plain CSV") from error
+    _check(path, {"presented": found})
+    return found
+
+
+class _Texts(Confined):
+    """What of a study without texts here comes from whoever imports it."""
+
+    presented: tuple[Name, ...] = ()
+    source: Text = "none"
+
+
+def _check(where: Path, texts: dict[str, object]) -> None:
+    try:
+        checked(where, _Texts, texts)
+    except ProtocolError as error:
+        raise DatasetError(f"{where}: {error.problems[0]}; mend it") from error
 
 
 def _text(path: Path) -> str:
@@ -177,6 +195,8 @@ def study_text(study: str, counts: Mapping[str, Path], source: str | None = None
     `counts` maps task ids to counts files; `source` says where they come from, which a study outside `STUDIES` needs.
     Raises `DatasetError` if the id or a file is bad, or the study has neither texts here nor a source.
     """
+    if source is not None:
+        _check(Path("--source"), {"source": source})
     if study in STUDIES:
         return STUDIES[study] if source is None else replace(STUDIES[study], source=source)
     if not re.fullmatch(r"[a-z][a-z0-9]*", study):

@@ -25,7 +25,7 @@ from experiment.errors import Problem, ProtocolError
 from experiment.protocol import rules
 from experiment.protocol.models import Protocol
 from experiment.settings import load
-from experiment.settings.load import Confined, Rules, Text
+from experiment.settings.load import Confined, Line, Rules, Text
 
 
 def canonical(protocol: Protocol) -> bytes:
@@ -57,7 +57,7 @@ class Seal(Confined):
     RULES: ClassVar[Rules] = rules.ethics
 
     protocol_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits")]
-    approval_number: Text
+    approval_number: Line
     board: Text
     approved_on: date
     expires_on: date

@@ -11,7 +11,6 @@ from datetime import date
 from itertools import pairwise
 from typing import Any
 
-from experiment.records.events import NO_ANSWER
 from experiment.settings.load import Broken, Table, written
 from experiment.storage import Place
 
@@ -39,9 +38,9 @@ def duration(table: Table) -> Iterator[Broken]:
 
 
 def material(table: Table) -> Iterator[Broken]:
-    """No material is called `(none)` or `n/a`, which stand in tables for a missing answer or value."""
-    if table.get("id") in (NO_ANSWER, "n/a"):
-        yield Broken(("id",), f"any name but '{NO_ANSWER}' and 'n/a', which stand for missing values in tables")
+    """No material is called `n/a`, which stands in tables for a missing value."""
+    if table.get("id") == "n/a":
+        yield Broken(("id",), "any name but 'n/a', which stands for a missing value in tables")
 
 
 def synthesis(table: Table) -> Iterator[Broken]:

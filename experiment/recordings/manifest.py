@@ -39,7 +39,7 @@ from experiment.errors import ProtocolError, RecordingError
 from experiment.protocol.models import Synthesis
 from experiment.recordings.readers import wav_samples
 from experiment.settings import load as settings
-from experiment.settings.load import Confined
+from experiment.settings.load import ONE_LINE, Confined, Name, Remark
 
 MANIFEST = "manifest.toml"
 
@@ -70,8 +70,10 @@ class _Zero(Confined):
 
 
 class _Take(Confined):
-    file: Annotated[str, Field(pattern=r"^[^/\\]+\.wav$", description="the name of a .wav file in this folder")]
-    material: Annotated[str, Field(min_length=1)] | None = None
+    file: Annotated[
+        str, Field(pattern=r"^[^/\\]+\.wav$", description="the name of a .wav file in this folder"), ONE_LINE
+    ]
+    material: Name | None = None
     speed_mm_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     achieved_mm_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     zero: _Zero | None = None
@@ -83,8 +85,8 @@ class _Take(Confined):
 
 class _Manifest(Confined):
     format: Literal[1]
-    label: str
-    note: str = ""
+    label: Remark
+    note: Remark = ""
     simulated: bool
     rate_hz: Annotated[int, Field(ge=1)]
     samples: Annotated[int, Field(ge=1)]

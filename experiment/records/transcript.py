@@ -20,6 +20,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
 from experiment.records.stimulus import Onset
+from experiment.settings.characters import plain
 
 
 def text(contents: Contents) -> str:
@@ -49,7 +50,7 @@ def text(contents: Contents) -> str:
         lines.append(f"The last line is torn: {len(contents.torn)} bytes that were never confirmed were left out.")
     if done.footer is None:
         lines.append("The session has no footer: it ended without saying why. It can be resumed.")
-    return "\n".join(lines)
+    return "\n".join(plain(line, keep="") for line in lines)
 
 
 def _said(entry: AnyEntry) -> str:

@@ -23,11 +23,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from experiment import storage
 from experiment.errors import Problem, ProtocolError
+from experiment.settings import characters
 from experiment.storage import Place
 
 Table = Mapping[str, Any]
@@ -38,7 +39,13 @@ LARGEST = 2**20
 BROKEN_RULE = "broken_rule"
 """Type of the validation error that stands for broken rules."""
 
-Text = Annotated[str, Field(pattern=r"\S", description="text, not blank")]
+VISIBLE = "without control or invisible characters"
+ONE_LINE = AfterValidator(characters.one_line)
+"""Of a field with a pattern of its own: that it is one line without control or invisible characters."""
+
+Remark = Annotated[str, Field(description=f"text {VISIBLE}"), AfterValidator(characters.free)]
+Text = Annotated[str, Field(pattern=r"\S", description=f"text, not blank, {VISIBLE}"), AfterValidator(characters.free)]
+Line = Annotated[str, Field(pattern=r"\S", description=f"one line of text, not blank, {VISIBLE}"), ONE_LINE]
 Label = Annotated[
     str,
     Field(
@@ -49,9 +56,11 @@ Label = Annotated[
 Name = Annotated[
     str,
     Field(
-        pattern=r"^[^\s\p{Cc}]([^\p{Cc}]{0,38}[^\s\p{Cc}])?$",
-        description="one line of 1 to 40 characters, no blank at either end",
+        pattern=r"^[\p{L}\p{N}]([^\p{Cc}]{0,38}[^\s\p{Cc}])?$",
+        description="one line of 1 to 40 characters, a letter or digit first, no blank last, without double quotes "
+        "and control or invisible characters",
     ),
+    AfterValidator(characters.naming),
 ]
 Key = Annotated[
     str,
@@ -371,8 +380,9 @@ def _shown(value: object) -> str:
         return str(value).lower()
     if isinstance(value, date | time):
         return f"the date or time {value.isoformat()}"
-    shown = f"'{value}'" if isinstance(value, str) else str(value)
-    shown = " ".join(shown.split())
+    if isinstance(value, str):
+        return characters.quoted(value)
+    shown = str(value)
     return shown if len(shown) <= 60 else shown[:57] + "..."
 
 

@@ -32,6 +32,8 @@ from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
 from experiment.records.chain import Chain
 from experiment.records.entries import Entry, Purpose, Record, Withdrawal
+from experiment.settings.characters import quoted
+from experiment.settings.load import Line
 from experiment.study.schedule import Draws
 
 LOCK = ".study.lock"
@@ -108,7 +110,7 @@ class Consented(Entry):
     consent_on: date
 
 
-Reason = Annotated[str, Field(pattern=r"^[^\p{Cc}]{1,200}$")]
+Reason = Annotated[Line, Field(max_length=200)]
 """One line that names no person and no state of health."""
 
 
@@ -286,7 +288,8 @@ def _with_reason(kind: type[Reasoned], reason: str, **facts: object) -> Reasoned
         return kind.model_validate({**facts, "reason": reason})
     except ValidationError as error:
         raise RosterError(
-            f"got the reason {reason[:40]!r}; allowed: one line of 1 to 200 characters; shorten it"
+            f"got the reason {quoted(reason)}; allowed: one line of 1 to 200 characters, none of them a control or "
+            "invisible one; mend it"
         ) from error
 
 

@@ -17,6 +17,7 @@ from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.wires.serial_line import SerialLine
+from experiment.settings.characters import hidden
 from tests.conftest import Palpate
 
 
@@ -29,6 +30,26 @@ def protocol(tmp_path: Path) -> Path:
 
 def lines(text: str) -> list[str]:
     return text.strip().splitlines()
+
+
+NASTY = "a\x1b[2J\u202e\nb"
+
+
+@pytest.mark.parametrize("command", ["check", "journal", "build", "analyse", "audit", "spectrum", "plan"])
+def test_a_file_name_is_never_printed_raw(palpate: Palpate, tmp_path: Path, command: str) -> None:
+    code, out, err = palpate(command, tmp_path / f"{NASTY}.toml")
+    assert (code, out) == (2, "")
+    assert "<U+001B>[2J<U+202E>" in err
+    assert not hidden(err, "\n")
+    assert not any(line.startswith("b") for line in err.splitlines())
+
+
+def test_json_escapes_what_is_not_printed_raw(palpate: Palpate, tmp_path: Path, protocol: Path) -> None:
+    moved = protocol.rename(tmp_path / f"{NASTY}.toml")
+    code, out, _ = palpate("check", moved, "--json")
+    assert code == 0
+    assert not hidden(out, "\n")
+    assert json.loads(out)["file"] == str(moved)
 
 
 def test_check_prints_the_boards_page(palpate: Palpate, protocol: Path) -> None:

@@ -19,9 +19,10 @@ from hypothesis import strategies as st
 
 from experiment.clock import ManualClock
 from experiment.errors import JournalError, SessionLocked
-from experiment.records import chain, journal
+from experiment.records import chain, journal, transcript
 from experiment.records.entries import Answer, Footer, Phase
 from experiment.records.journal import AnyEntry
+from experiment.settings.characters import hidden
 from tests.experiment.session.bench import HEADER
 
 pytestmark = pytest.mark.fsync
@@ -59,6 +60,16 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     assert contents.entries == ENTRIES
     assert [line.t_ns for line in contents.lines] == [10, 15, 20, 25]
     assert contents.torn == b""
+
+
+def test_a_journal_is_told_without_control_characters(tmp_path: Path, without_fsync: None) -> None:
+    nasty = "a\x1b[2J\u202e\n     0.000 s  b"
+    write(tmp_path / "j", (HEADER, Phase(state="paused", detail=nasty), Footer(reason="complete", answered=1)))
+    with (tmp_path / "j").open("ab") as file:
+        file.write(b'{"torn": "\x1b[2J')
+    told = transcript.text(journal.read(tmp_path / "j"))
+    assert not hidden(told, "\n")
+    assert "paused a<U+001B>[2J<U+202E><U+000A>     0.000 s  b" in told
 
 
 def test_each_line_carries_the_hash_of_the_one_before(tmp_path: Path) -> None:

@@ -147,11 +147,26 @@ MISTAKES = [
     ('title = "The first"', 'title = " "', "tasks[0].title", "' '", "text, not blank"),
 ]
 
+TEXTS = [
+    ('title = "The first"', r'title = "The\tfirst"', "tasks[0].title", "'The first' with U+0009", "without control"),
+    (
+        'title = "The first"',
+        r'title = "The \u202efirst"',
+        "tasks[0].title",
+        "The <U+202E>first' with U+202E",
+        "without",
+    ),
+    ('id = "felt"', 'id = "(none)"', "materials[0].id", "'(none)'", "a letter or digit first"),
+    ('id = "felt"', 'id = "=felt"', "materials[0].id", "'=felt'", "a letter or digit first"),
+    ('id = "felt"', r'id = "fe\u200dlt"', "materials[0].id", "'fe<U+200D>lt' with U+200D", "invisible"),
+    ('id = "gone"', r'id = "go\nne"', "exclusion[1].id", "'go ne' with U+000A", "one line"),
+]
+
 # The problem stands in the line of this text, not in that of the change.
 ELSEWHERE = {"answers.no_answer_key": 'no_answer_key = "0"', "analysis[1].tasks": 'tasks = ["one"]'}
 
 
-@pytest.mark.parametrize(("old", "new", "path", "got", "allowed"), MISTAKES, ids=[mistake[2] for mistake in MISTAKES])
+@pytest.mark.parametrize(("old", "new", "path", "got", "allowed"), [*MISTAKES, *TEXTS])
 def test_one_mistake(tmp_path: Path, old: str, new: str, path: str, got: str, allowed: str) -> None:
     assert SMALL.count(old) == 1
     text = SMALL.replace(old, new)

@@ -248,7 +248,7 @@ def test_what_has_happened_does_not_happen_again(roster: Roster) -> None:
         roster.withdraw("02", "asked to stop")
 
 
-@pytest.mark.parametrize("reason", ["", "two\nlines", "x" * 201])
+@pytest.mark.parametrize("reason", ["", " ", "two\nlines", "x" * 201, "a\x1b[2J", "a\u202eb", "a\u200bb"])
 def test_a_reason_is_one_line(roster: Roster, reason: str) -> None:
     roster.enrol("01", TODAY)
     with pytest.raises(RosterError, match="allowed: one line of 1 to 200 characters"):
