@@ -12,16 +12,17 @@ hesitates or turns inside the gate is as slow as it was from top to bottom; one 
 gives a second `Gate`, which replaces the first. A foot that lands without having passed the whole gate gives nothing:
 it must be lifted above the top again. Nothing is given after contact, bounces included, until the foot has done so.
 
-A `Gate` is given when a sample lies `SETTLED_MM` below the bottom, so that noise cannot take it back. A `Contact` shows at
-the first sample at `NEAR_MM` or lower, and is given once the next one confirms it, at twice `NEAR_MM` or lower: a single
-false reading is no contact.
+A `Gate` is given when a sample lies `SETTLED_MM` below the bottom, so that noise cannot take it back. A `Contact` shows
+at the first sample at `NEAR_MM` or lower, and is given once the next one confirms it, at twice `NEAR_MM` or lower: a
+single false reading is no contact.
 
 Contact cannot be read off as a crossing: a foot at rest is near contact height, and noise decides when it crosses. It
 is the root of a straight line, fitted by least squares to the samples between `NEAR_MM` and `FAR_MM` above contact in
 the last `APPROACH_US` before a sample lies at `NEAR_MM` or lower; its time may be a few milliseconds ahead. Where
-frames are missing and fewer than three samples are left, the line runs from the bottom of the gate to that sample. A foot that slows down lands later than the line says, by at most d^2 a / (7 v^3) with d =
-FAR_MM, speed v and deceleration a at contact: 0.16 ms at 200 mm/s and 1000 mm/s^2. Noise of 0.1 mm rms at 1 kHz adds
-up to 0.12 mm / v rms: 0.6 ms at 200 mm/s. Contact is never put more than `LATEST_US` after its sample.
+frames are missing and fewer than three samples are left, the line runs from the bottom of the gate to that sample. A
+foot that slows down lands later than the line says, by at most d^2 a / (7 v^3) with d = FAR_MM, speed v and
+deceleration a at contact: 0.16 ms at 200 mm/s and 1000 mm/s^2. Noise of 0.1 mm rms at 1 kHz adds up to 0.12 mm / v rms:
+0.6 ms at 200 mm/s. Contact is never put more than `LATEST_US` after its sample.
 
 A tracker may be wrong, so `Scrutiny` stands on either side of this. It drops a lone reading that no foot could reach,
 and a passage counts only if heights and times agree with what a foot, the rig's rate and the frames counted as missing
@@ -186,7 +187,7 @@ class Scrutiny:
         return abs(other[1] - one[1]) <= (other[0] - one[0]) * FASTEST_MM_S / 1e6 + max(self._noise_mm, JUMP_MM)
 
     def _jump_mm(self, us: NDArray[np.int64], mm: NDArray[np.float64], i: int) -> float:
-        """Return by how much more than allowed sample `i + 1` lies off where its neighbours' speed puts it after `i`."""
+        """Return by how much more than allowed sample `i + 1` is off where its neighbours' speed puts it after `i`."""
         before, after = max(i - SIDE, 0), min(i + 1 + SIDE, us.size - 1)
         slopes = [(mm[b] - mm[a]) / (us[b] - us[a]) for a, b in ((before, i), (i + 1, after)) if b > a]
         apart_us = us[i + 1] - us[i]

@@ -4,8 +4,8 @@ When the foot crosses the gate's bottom, its stimulus is synthesised and prepare
 foot moves on, contact is predicted from every sample and the stimulus is aimed at it, until it can no longer be moved.
 When the foot lands, a stimulus that could not be scheduled sounds at once. If the foot stops, turns back or hesitates
 between gate and contact, the stimulus is withdrawn and the step ends. What one attempt leaves over of the tracker's
-samples belongs to the next. A step whose tracker contradicts itself, or the session's clock, breaks off once its tail is
-on file: it was felt, and does not count.
+samples belongs to the next. A step whose tracker contradicts itself, or the session's clock, breaks off once its tail
+is on file: it was felt, and does not count.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ class Taken:
         self._feed.put_back(rest)
 
     def link(self, device_us: float) -> LinkCounts:
-        """Return the frames counted until the newest read; received ones up to a device time in it or the read before."""
+        """Return the frames counted until the newest read; received ones up to a device time in it or the one before."""
         newest = 0 if self._newest is None else int(np.searchsorted(self._newest.device_us, device_us, side="right"))
         later = self._filed_us.size - int(np.searchsorted(self._filed_us, device_us, side="right"))
         return self._counts.since(self._before)._replace(received=self._received - later + newest)
@@ -143,8 +143,8 @@ TAIL_US = 100_000
 """How long the foot is recorded after contact, so that the landing is on file."""
 
 TAILS = 5
-"""So often it is recorded as long again where the tracker's clock seems to have fallen behind: reads that were only held
-up, by half a second or less, clear it."""
+"""So often it is recorded as long again where the tracker's clock seems to have fallen behind: reads that were only
+held up, by half a second or less, clear it."""
 
 PATH = 20_000
 """Readings that are kept of a falling foot, for 4 s or more."""
