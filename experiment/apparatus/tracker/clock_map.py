@@ -72,8 +72,8 @@ PACE_KNOWN_US = 1_000_000
 PACE_NEAR_US = 300_000
 """Reads before a step that a jump of the clock within it is seen against, microseconds: three long stalls."""
 
-PACE_READS = 4096
-"""Reads that are kept: 6 to 49 s."""
+PACE_SLOT_US, PACE_SLOTS = 5_000, 4096
+"""Of each such stretch of device time the read with the least delay is kept, microseconds, for 20 s or more."""
 
 _DELAY_EDGES_US = (0.0, *np.geomspace(1.0, 1e6, 121).tolist())
 
@@ -193,11 +193,16 @@ class Pace:
     """When the reads of a device came, by which its clock is held against the session's."""
 
     def __init__(self) -> None:
-        self._reads: deque[tuple[int, float]] = deque(maxlen=PACE_READS)
+        self._reads: deque[tuple[int, float]] = deque(maxlen=PACE_SLOTS)
 
     def read(self, device_us: int, arrived_ns: int) -> None:
         """Take the device time of a read's newest sample, microseconds, and the session time of its arrival."""
-        self._reads.append((device_us, arrived_ns / 1e3 - device_us))
+        delay_us = arrived_ns / 1e3 - device_us
+        if self._reads and self._reads[-1][0] // PACE_SLOT_US == device_us // PACE_SLOT_US:
+            if delay_us >= self._reads[-1][1]:
+                return
+            self._reads.pop()
+        self._reads.append((device_us, delay_us))
 
     @property
     def known(self) -> bool:

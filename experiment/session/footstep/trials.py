@@ -44,15 +44,13 @@ class FootstepDevices:
 
     A `ZeroedTracker` is zeroed before the first attempt, and after it was reconnected. `tracker_port` is what the
     journal calls its port, and `noise_mm` the noise of its sensor, mm rms, if the rig file states it. Its readings are
-    held against `scrutiny`, and its clock against the session's unless in `simulated_time`. `materials` are prepared,
-    by their ids.
+    held against `scrutiny`. `materials` are prepared, by their ids.
     """
 
     tracker: Tracker
     tracker_port: str
     noise_mm: float | None
     scrutiny: Scrutiny
-    simulated_time: bool
     actuator: Actuator | None
     materials: Mapping[str, Basis] | None
 
@@ -109,7 +107,6 @@ def open_footsteps(
             noise_mm=NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm,
             resolution_mm=rig.tracker.resolution_mm,
         ),
-        simulated_time=clock_map is not None,
         actuator=actuator,
         materials=materials,
     )
@@ -156,7 +153,7 @@ class Footsteps:
         self._log = log
         self._answers = {m.key: Meaning(m.id, _spoken(m.id, m.spoken[0])) for m in protocol.materials}
         self._watch = Watch(
-            feed=Feed(devices.tracker, simulated_time=devices.simulated_time),
+            feed=Feed(devices.tracker, simulated_time=clock.simulated),
             scrutiny=devices.scrutiny,
             detector=GateDetector(step),
             predictor=LandingPredictor(step, noise_mm=NOISE_MM if devices.noise_mm is None else devices.noise_mm),

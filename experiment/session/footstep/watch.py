@@ -122,7 +122,7 @@ class Taken:
         self._feed.put_back(rest)
 
     def link(self, device_us: float) -> LinkCounts:
-        """Return the frames counted until the newest read; received ones up to a device time in it or the one before."""
+        """Return the frames counted until the newest read, received ones up to a time in it or in the one before."""
         newest = 0 if self._newest is None else int(np.searchsorted(self._newest.device_us, device_us, side="right"))
         later = self._filed_us.size - int(np.searchsorted(self._filed_us, device_us, side="right"))
         return self._counts.since(self._before)._replace(received=self._received - later + newest)

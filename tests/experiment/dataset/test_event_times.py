@@ -121,7 +121,6 @@ def run(dataset_root: Path, clock: ManualClock, tracker: Wandering, keys: str, t
             tracker_port="wandering",
             noise_mm=0.1,
             scrutiny=Scrutiny(rate_hz=1000, noise_mm=0.1),
-            simulated_time=True,
             actuator=None,
             materials=None,
         ),

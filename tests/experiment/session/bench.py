@@ -94,7 +94,6 @@ class Bench:
                 tracker_port="scripted",
                 noise_mm=0.1,
                 scrutiny=Scrutiny(rate_hz=1000, noise_mm=0.1),
-                simulated_time=True,
                 actuator=self.actuator if virtual else None,
                 materials=self.materials(protocol) if virtual else None,
             ),
