@@ -431,7 +431,7 @@ LIES: dict[str, Lie] = {
 
 
 def _lies(size: Size) -> Iterator[Count]:
-    seeds = size.of(1, 8)
+    seeds = size.of(1, 4)
     for place, (name, lie) in enumerate(LIES.items()):
         tried, failures = 0, []
         for at, speed_mm_s in enumerate(SPEEDS_MM_S if size is Size.WHOLE else SPEEDS_MM_S[place % 5 :: 5]):
@@ -514,7 +514,7 @@ GOOD: dict[str, Good] = {
 def _honest(size: Size) -> Iterator[Count]:
     for place, (name, good) in enumerate(GOOD.items()):
         failures = []
-        tries = size.of(1, 40)
+        tries = size.of(1, 30)
         for seed in range(tries):
             rng = np.random.default_rng([100 + place, seed])
             wire = good.place(

@@ -236,7 +236,7 @@ def test_a_step_whose_times_jump_inside_the_gate_was_felt_and_does_not_count(
     told = "the tracker's times leave room for 20 frames where 0 are missing; see to the device's clock"
     assert (broken.trial, broken.attempt, broken.felt, broken.reason) == (1, 1, True, told)
     assert one.console.shown.count(f"This step does not count: {told}.") == 1
-    assert one.console.armed == [(1, 1), (1, 2), (2, 1), (3, 1)]
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
     steps = [entry for entry in entries(tmp_path, "virtual") if isinstance(entry, FootStep)]
     assert [step.speed_mm_s for step in steps] == pytest.approx([100.0] * 3)
 
