@@ -72,8 +72,8 @@ PACE_KNOWN_US = 1_000_000
 PACE_NEAR_US = 300_000
 """Reads before a step that a jump of the clock within it is seen against, microseconds: three long stalls."""
 
-PACE_SLOT_US, PACE_SLOTS = 5_000, 4096
-"""Of each such stretch of device time the read with the least delay is kept, microseconds, for 20 s or more."""
+PACE_SLOT_US, PACE_SLOTS = 20_000, 512
+"""Of each such stretch of device time the read with the least delay is kept, microseconds, for 10 s or more."""
 
 _DELAY_EDGES_US = (0.0, *np.geomspace(1.0, 1e6, 121).tolist())
 

@@ -116,6 +116,7 @@ class Scrutiny:
         self._period_us = 1e6 / rate_hz
         self._rate_hz = rate_hz
         self._noise_mm = NOISE_TIMES * noise_mm + 1.25 * resolution_mm
+        self._apart_mm = max(self._noise_mm, JUMP_MM)
 
     def sift(self, state: Sifted, samples: Samples) -> tuple[Sifted, Samples]:
         """Return the state after the next samples, and those that are believed by now, however samples are cut.
@@ -146,13 +147,19 @@ class Scrutiny:
         us, mm = [read[0] for read in passed], [read[1] for read in passed]
         return after, replace(samples, device_us=np.array(us, np.int64), height_mm=np.array(mm, np.float64))
 
-    def fault(self, path: Sequence[tuple[int, float]], gate: Gate, contact: Contact, missing: int) -> str:
+    def fault(self, path: Sequence[Samples], gate: Gate, contact: Contact, missing: int) -> str:
         """Return why the passage cannot be counted; empty if nothing speaks against it.
 
-        `path` are the believed readings until contact was given, at least one of them above the gate, and `missing` is
-        how many frames are known to be missing of all that were sent meanwhile.
+        `path` are the believed samples, read by read, from above the gate until contact was given. `missing` is how
+        many frames are known to be missing of all that were sent meanwhile.
         """
-        us, mm = np.array([read[0] for read in path]), np.array([read[1] for read in path])
+        reads: list[Samples] = []
+        for read in reversed(path):
+            reads.insert(0, read)
+            if read.device_us.size and read.device_us[0] < gate.top_us - 2 * SIDE * self._period_us:
+                break
+        us = np.concatenate([read.device_us for read in reads])
+        mm = np.concatenate([read.height_mm for read in reads])
         top = max(int(np.searchsorted(us, gate.top_us)) - 1, 0)
         bottom = int(np.searchsorted(us, gate.bottom_us))
         apart_us = np.diff(us)
@@ -174,9 +181,9 @@ class Scrutiny:
             return (
                 f"no reading for {longest_us / 1e3:.0f} ms where the foot crossed the gate; see to the tracker's line"
             )
-        jumps_mm = [self._jump_mm(us, mm, i) for i in range(top, bottom)]
-        if max(jumps_mm) > 0:
-            worst = top + int(np.argmax(jumps_mm))
+        jumps_mm = self._jumps_mm(us, mm, np.arange(max(top, 1), bottom))
+        if jumps_mm.max(initial=0.0) > 0:
+            worst = max(top, 1) + int(np.argmax(jumps_mm))
             return (
                 f"the tracker's heights jump from {mm[worst]:.1f} to {mm[worst + 1]:.1f} mm inside the gate, "
                 "as no foot does; see to the sensor"
@@ -184,18 +191,21 @@ class Scrutiny:
         return ""
 
     def _near(self, one: tuple[int, float], other: tuple[int, float]) -> bool:
-        return abs(other[1] - one[1]) <= (other[0] - one[0]) * FASTEST_MM_S / 1e6 + max(self._noise_mm, JUMP_MM)
+        return abs(other[1] - one[1]) <= (other[0] - one[0]) * FASTEST_MM_S / 1e6 + self._apart_mm
 
-    def _jump_mm(self, us: NDArray[np.int64], mm: NDArray[np.float64], i: int) -> float:
-        """Return by how much more than allowed sample `i + 1` is off where its neighbours' speed puts it after `i`."""
-        before, after = max(i - SIDE, 0), min(i + 1 + SIDE, us.size - 1)
-        slopes = [(mm[b] - mm[a]) / (us[b] - us[a]) for a, b in ((before, i), (i + 1, after)) if b > a]
-        apart_us = us[i + 1] - us[i]
-        off_mm = abs(mm[i + 1] - mm[i] - apart_us * float(np.mean(slopes)))
+    def _jumps_mm(self, us: NDArray[np.int64], mm: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return by how much more than allowed the sample after each of `at` is off what its neighbours' speed makes.
+
+        Samples stand on both sides of every one.
+        """
+        before, after = np.maximum(at - SIDE, 0), np.minimum(at + 1 + SIDE, us.size - 1)
+        apart_us = us[at + 1] - us[at]
+        slopes = (mm[at] - mm[before]) / (us[at] - us[before]) + (mm[after] - mm[at + 1]) / (us[after] - us[at + 1])
         # Noise of the neighbours' speed counts for more, the longer the pair is apart.
         weight = apart_us / (2 * SIDE * self._period_us)
-        allowed_mm = max(JUMP_MM, self._noise_mm * math.hypot(weight, 1 + weight) / math.hypot(1, 9) * 8)
-        return float(off_mm - allowed_mm)
+        noise_mm = self._noise_mm * np.hypot(weight, 1 + weight) / math.hypot(1 / 8, 9 / 8)
+        off_mm: NDArray[np.float64] = np.abs(mm[at + 1] - mm[at] - apart_us * slopes / 2)
+        return off_mm - np.maximum(JUMP_MM, noise_mm)
 
 
 class GateState(NamedTuple):

@@ -146,8 +146,8 @@ TAILS = 5
 """So often it is recorded as long again where the tracker's clock seems to have fallen behind: reads that were only
 held up, by half a second or less, clear it."""
 
-PATH = 20_000
-"""Readings that are kept of a falling foot, for 4 s or more."""
+PATH = 4096
+"""Reads that are kept of a falling foot: 6 s or more."""
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ class _Step:
         self._gate: Gate | None = None
         self._contact: Contact | None = None
         self._sifted = Sifted()
-        self._path: deque[tuple[int, float]] = deque(maxlen=PATH)
+        self._path: deque[Samples] = deque(maxlen=PATH)
         self._sounding: Sounding | None = None
         if parts.sounder is not None:
             self._sounding = Sounding(parts.sounder, material, self._taken.session_ns, parts.clock)
@@ -254,11 +254,11 @@ class _Step:
         state, falling = detector.init(), predictor.init()
         while True:
             self._sifted, samples = self._parts.scrutiny.sift(self._sifted, self._taken.next())
+            self._path.append(samples)
             state, events = detector.step(state, samples)
             upcoming = deque(events)
             aim_at: Landing | None = None
             for us, mm in zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True):
-                self._path.append((us, mm))
                 if state.landing is not None and us == state.landing.given_us:
                     # The next sample tells whether this is contact.
                     break

@@ -304,12 +304,11 @@ def test_a_lone_reading_at_the_panel_is_no_contact() -> None:
 
 def fault(us: NDArray[np.int64], mm: Heights, *, missing: int = 0, rate_hz: int = 1000) -> str:
     events = watch(us, mm)
-    path = list(zip(us.tolist(), mm.tolist(), strict=True))
     gate, contact = events[-2:]
     assert isinstance(gate, Gate)
     assert isinstance(contact, Contact)
-    scrutiny = Scrutiny(rate_hz=rate_hz, noise_mm=0.01)
-    return scrutiny.fault([read for read in path if read[0] <= contact.given_us + 1000], gate, contact, missing)
+    path = [samples(us[at : at + 7], mm[at : at + 7]) for at in range(0, us.size, 7)]
+    return Scrutiny(rate_hz=rate_hz, noise_mm=0.01).fault(path, gate, contact, missing)
 
 
 @pytest.mark.parametrize("speed_mm_s", [50.0, 170.0, 400.0])
