@@ -449,6 +449,12 @@ class TrackerRig(Confined):
         heights_mm: NDArray[np.float64] = np.interp(counts, *self._points)
         return heights_mm
 
+    @property
+    def resolution_mm(self) -> float:
+        """Return what one count is at most, mm."""
+        counts, mm = self._points
+        return float(np.abs(np.diff(mm) / np.diff(counts)).max())
+
     @cached_property
     def _points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Readings and heights of the calibration."""

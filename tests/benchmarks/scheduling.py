@@ -30,7 +30,7 @@ from experiment.apparatus.panel.conditioning import Played, open_drive
 from experiment.apparatus.ports import Actuator
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState
+from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState, Scrutiny
 from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.clock import MonotonicClock
 from experiment.desk.terminal import TerminalConsole
@@ -211,7 +211,8 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
         screen = TerminalConsole(write=opened.enter_context(Path(os.devnull).open("w")), ask=input, heading="REHEARSAL")
         actuator = Timed(played)
         parts = Watch(
-            feed=Feed(tracker),
+            feed=Feed(tracker, simulated_time=True),
+            scrutiny=Scrutiny(rate_hz=1000, noise_mm=0.1),
             detector=Noted(tracker, actuator),
             predictor=LandingPredictor(STEP, noise_mm=0.1),
             clock=clock,

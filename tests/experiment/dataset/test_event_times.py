@@ -15,6 +15,7 @@ from experiment.apparatus import rig
 from experiment.apparatus.tracker import clock_map as clock_maps
 from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
 from experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples, encode
+from experiment.apparatus.tracker.gate import Scrutiny
 from experiment.apparatus.tracker.serial_tracker import KEPT_S
 from experiment.clock import ManualClock
 from experiment.dataset import build
@@ -116,7 +117,14 @@ def run(dataset_root: Path, clock: ManualClock, tracker: Wandering, keys: str, t
     order = tuple(PlannedTrial(trial=n, presented=("copy paper",)) for n in range(1, trials + 1))
     changed = {"order": order, "task": "real", "block_trials": trials, "rig_sha256": rig.sha256(rig.load(rig_file))}
     devices = attempt.Devices(
-        kind=FootstepDevices(tracker, tracker_port="wandering", noise_mm=0.1, actuator=None, materials=None),
+        kind=FootstepDevices(
+            tracker,
+            tracker_port="wandering",
+            noise_mm=0.1,
+            scrutiny=Scrutiny(rate_hz=1000, noise_mm=0.1),
+            actuator=None,
+            materials=None,
+        ),
         console=ScriptedConsole(clock, keys, before_ask=lambda: clock.sleep_ns(4_000_000_000)),
         clock=clock,
         masker=None,
