@@ -1,0 +1,156 @@
+"""What many sessions in one process leave behind: nothing."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from tests.faults.live import KEYS, PATIENCE_S, Laboratory, Life, palpate
+
+EACH_S = 10.0
+"""Between two samples of the process."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a process holds."""
+
+    at_s: float
+    rss_kib: int
+    threads: int
+    descriptors: int
+    children: int
+
+    @classmethod
+    def of(cls, pid: int, at_s: float) -> Sample:
+        process = Path(f"/proc/{pid}")
+        status = dict(line.split(":", 1) for line in (process / "status").read_text().splitlines())
+        tasks = list((process / "task").iterdir())
+        return cls(
+            at_s=round(at_s, 1),
+            rss_kib=int(status["VmRSS"].split()[0]),
+            threads=len(tasks),
+            descriptors=len(list((process / "fd").iterdir())),
+            children=sum(len((task / "children").read_text().split()) for task in tasks),
+        )
+
+
+def one_after_the_other() -> None:
+    """Run the commands that come as lines of JSON on standard input; an empty line is the last."""
+    while line := input("[next] "):
+        try:
+            palpate(*json.loads(line))
+            code = 0
+        except SystemExit as end:
+            code = int(end.code or 0)
+        print(f"[ended {code}]", flush=True)
+    input("[idle] ")
+
+
+def real_time(minutes: float, out: Path, *, repetitions: int, pace_s: float) -> str:
+    """Run sessions in one process by the wall clock, write samples to a file, and return a line about them.
+
+    The participant steps `pace_s` after the trial was armed.
+    """
+    begun_s = time.monotonic()
+    ends_s, due_s = begun_s + minutes * 60, begun_s
+    sessions = answers = 0
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        Laboratory(Path(folder) / "laboratory", repetitions=repetitions, sound=True) as there,
+        out.open("w") as file,
+    ):
+        datasets = there.datasets()
+        todo: list[list[str]] = []
+        life = Life(there.world, one_after_the_other)
+        while "[next] " not in life.text:
+            life.next(time.monotonic() + 0.1)
+        warm = Sample.of(life.pid, 0.0)
+
+        def sampled(label: str) -> Sample:
+            sample = Sample.of(life.pid, time.monotonic() - begun_s)
+            state = {"state": label, "sessions": sessions, "answers": answers}
+            print(json.dumps(asdict(sample) | state), file=file, flush=True)
+            return sample
+
+        sampled("before the first session")
+        between: list[Sample] = []
+        within: list[Sample] = []
+        step_s: float | None = None
+        begins = True
+        while True:
+            if begins:
+                begins = False
+                if time.monotonic() >= ends_s:
+                    break
+                if not todo:
+                    dataset = next(datasets)
+                    for number in range(1, 11):
+                        tasks = there.enrol(dataset, f"{number:02d}", seed=1)
+                        todo += [there.command(dataset, f"{number:02d}", task) for task in tasks]
+                life.type(json.dumps(todo.pop(0)) + "\n")
+                heard_s = time.monotonic()
+            until_s = min(due_s, step_s or due_s)
+            seen = life.next(until_s)
+            now_s = time.monotonic()
+            if step_s is not None and now_s >= step_s:
+                step_s = None
+                there.world.begin("step", 200, answers)
+            if now_s >= due_s:
+                due_s = now_s + EACH_S
+                within.append(sampled("in a session"))
+            if seen == "end" or now_s - heard_s > 60 + pace_s:
+                raise RuntimeError(f"the session ended or hangs: {life.text[-500:]}")
+            if isinstance(seen, str):
+                continue
+            heard_s = now_s
+            if seen["armed"]:
+                step_s = now_s + pace_s
+            elif seen["asked"]:
+                life.type("q\n" if now_s >= ends_s else list(KEYS)[answers % len(KEYS)] + "\n")
+            elif seen["trial"]:
+                answers += 1
+            elif seen["ended"]:
+                if seen["ended"] != "[ended 0]":
+                    raise RuntimeError(f"a session failed: {life.text[-500:]}")
+                sessions += 1
+                between.append(sampled("between two sessions"))
+                begins = True
+            else:
+                life.type("\n")
+        life.type("\n")
+        while "[idle] " not in life.text:
+            life.next(time.monotonic() + 0.1)
+        last = sampled("after the last session")
+        life.type("\n")
+        while life.next(time.monotonic() + PATIENCE_S) != "end":
+            pass
+    first = between[0]
+    settled = [sample for sample in within if sample.at_s > 120] or within
+    return (
+        f"{minutes:g} min, {sessions} sessions, {answers} answers in one process: memory {warm.rss_kib / 1024:.1f} MiB "
+        f"before the first session, {first.rss_kib / 1024:.1f} after it, {last.rss_kib / 1024:.1f} after the last "
+        f"({(last.rss_kib - first.rss_kib) / 1024:+.1f}); in sessions from 2 min on {settled[0].rss_kib / 1024:.1f} to "
+        f"{max(s.rss_kib for s in settled) / 1024:.1f}, {settled[-1].rss_kib / 1024:.1f} at the last sample; threads "
+        f"{warm.threads} before, {first.threads} after the first session and {last.threads} after the last; "
+        f"descriptors {warm.descriptors}, {first.descriptors} and {last.descriptors}; children {last.children}"
+    )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(prog="python -m tests.faults.endurance", description=__doc__)
+    parser.add_argument("--minutes", type=float, default=80.0)
+    parser.add_argument("--out", type=Path, required=True, help="file of samples, one JSON line each")
+    parser.add_argument("--repetitions", type=int, default=50, help="of each of four materials in a session")
+    parser.add_argument("--pace", type=float, default=2.0, help="seconds from arming to the step")
+    asked = parser.parse_args()
+    sys.stdout.write(real_time(asked.minutes, asked.out, repetitions=asked.repetitions, pace_s=asked.pace) + "\n")
+
+
+if __name__ == "__main__":
+    main()
