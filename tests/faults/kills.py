@@ -24,7 +24,7 @@ from re import Match
 from experiment.records.entries import Footer
 from tests.faults.campaign import Count, Size
 from tests.faults.ledger import Ledger
-from tests.faults.live import KEYS, PATIENCE_S, Laboratory, Life, palpate
+from tests.faults.live import KEYS, PATIENCE_S, Laboratory, Life, World, palpate, rig_of
 
 LABORATORIES = 2
 """At a time, one a core."""
@@ -57,13 +57,14 @@ class Attack:
     """What is done at one of some moments, and what must be seen then.
 
     `act` returns whether the experimenter goes on as if nothing had been. `prepared` is done in the new process before
-    the command. `ended` returns what is wrong with how the life ended.
+    the command. `ended` returns what is wrong with how the life ended. `piped` has its output lead into a pipe.
     """
 
     moments: tuple[Moment, ...]
     act: Callable[[Run], bool]
     ended: Callable[[Run], list[str]]
-    prepared: Callable[[Run], None] = lambda run: None  # noqa: E731
+    prepared: Callable[[Run], None] = lambda run: None
+    piped: bool = False
 
 
 @dataclass
@@ -78,6 +79,8 @@ class Run:
     acted: bool = False
     since: int = 0
     """Answers that were confirmed since."""
+    wrong: list[str] = field(default_factory=list)
+    """What the attack itself found wrong."""
 
     def says(self, *words: str) -> list[str]:
         """Return what is wrong with a life that had to end in words."""
@@ -119,6 +122,13 @@ def control_c(run: Run) -> bool:
 
 def hung_up(run: Run) -> bool:
     run.life.hang_up()
+    return False
+
+
+def closed(run: Run) -> bool:
+    run.life.close_out()
+    # Blind, so that whoever waits for a line goes on.
+    run.life.type("\n\n")
     return False
 
 
@@ -165,6 +175,25 @@ def deleted(run: Run) -> bool:
     return True
 
 
+def doubled(run: Run) -> bool:
+    """Remove every lock, and have a second runner begin on devices of its own."""
+    for lock in run.ledger.dataset.rglob("*.lock"):
+        lock.unlink()
+    folder = run.there.folder / f"second-{time.monotonic_ns()}"
+    folder.mkdir()
+    world = World(folder, sound=False)
+    rig = rig_of(world, folder)
+    command = run.there.command(run.ledger.dataset, run.ledger.participant, run.ledger.task, rig)
+    second = Life(world, lambda: palpate(*command))
+    while second.next(time.monotonic() + PATIENCE_S) != "end":
+        run.wrong.append("a second runner was let in")
+        second.kill()
+    if "by another runner" not in second.text:
+        run.wrong.append(f"the second runner it refused was told {second.text[-200:]!r}")
+    world.close()
+    return True
+
+
 def crowded(run: Run) -> None:
     """No file may grow by more than a few lines: the disk is full."""
     held = [path.stat().st_size for path in run.ledger.journal.parent.glob("*") if path.is_file()]
@@ -205,10 +234,12 @@ ATTACKS = {
     "SIGHUP": Attack(EVERYWHERE, signalled(signal.SIGHUP), paused),
     "terminal closed": Attack(EVERYWHERE[1:], hung_up, paused),
     "Ctrl-C": Attack(EVERYWHERE, control_c, paused),
+    "standard output closed": Attack(EVERYWHERE[1:], closed, paused, piped=True),
     "tracker unplugged for up to 0.3 s": Attack(IN_TRIALS, unplugged, goes_on),
     "panel off the network": Attack((Moment("armed", 0.0),), deafened, hears_again),
     "dataset moved in mid-session": Attack(IN_TRIALS, moved, moved_back),
     "dataset deleted in mid-session": Attack(IN_TRIALS, deleted, moved_back),
+    "lock removed, second runner": Attack((Moment("asked", 0.0), Moment("confirm", 0.0)), doubled, goes_on),
     "disk full": Attack((Moment("fork", 0.0),), as_it_was, in_words, crowded),
 }
 """By the name of the row. Of an attack's moments the next is taken in turn."""
@@ -224,21 +255,26 @@ class Study:
         self._there = there
         self._dice = random.Random(seed)
         self._seed = seed
-        self._datasets = there.datasets()
+        self._datasets = enumerate(there.datasets())
         self._sessions = self._all()
         self._session: Ledger | None = None
         self.tallies: dict[str, Tally] = defaultdict(Tally)
 
     def _all(self) -> Iterator[Ledger]:
-        for number, dataset in enumerate(self._datasets):
+        for number, dataset in self._datasets:
             for participant in ("01", "02"):
                 tasks = self._there.enrol(dataset, participant, self._seed + number)
                 for task in tasks:
                     yield Ledger(dataset, participant, task)
 
+    def _begin_anew(self) -> None:
+        """What went wrong in one session spoils no other."""
+        self._session, self._sessions = None, self._all()
+
     def run(self, todo: list[str]) -> None:
         """Make each attack of the list once, in this order as far as the sessions allow."""
         turns: dict[str, int] = defaultdict(int)
+        self._begin_anew()
         while todo:
             session = self._session or next(self._sessions)
             self._session = session
@@ -254,6 +290,8 @@ class Study:
             if session.is_complete() and not acted:
                 wrong += session.table()
                 self._session = None
+            if wrong:
+                self._begin_anew()
             tally = self.tallies[name]
             tally.tried += acted
             tally.survived += acted and not wrong
@@ -276,7 +314,7 @@ class Study:
                 attack.prepared(Run(there, session, life=None, dice=copied, trials=trials))  # type: ignore[arg-type]
             palpate(*command)
 
-        life = Life(there.world, begin)
+        life = Life(there.world, begin, piped=attack is not None and attack.piped)
         run = Run(there, session, life, dice, trials)
         delay_s = dice.uniform(0.0, moment.delay_s) if moment else 0.0
         due_s = time.monotonic() + delay_s if moment and moment.after == "fork" else float("inf")
@@ -312,7 +350,7 @@ class Study:
         there.world.do("ping")
         wrong = ["it hung"] if hangs else []
         if attack is not None and run.acted:
-            wrong += attack.ended(run)
+            wrong += run.wrong + attack.ended(run)
         elif not hangs:
             wrong += run.says()
         return run.acted, wrong + session.wrong(there.world.heard)
@@ -394,7 +432,6 @@ def main() -> None:
         for row, count in rows.items():
             if not row.startswith("SIGKILL"):
                 study.run([row] * count)
-        study.run([])
     print(json.dumps({row: vars(tally) for row, tally in study.tallies.items()}))
 
 

@@ -129,15 +129,21 @@ class World:
 class Life:
     """One process of palpate on a pseudo-terminal, from its fork to its end."""
 
-    def __init__(self, world: World, run: Callable[[], object]) -> None:
+    def __init__(self, world: World, run: Callable[[], object], *, piped: bool = False) -> None:
+        """Fork; `piped` has standard output lead into a pipe instead, which can be closed."""
         self._world = world
+        self._out, into = os.pipe() if piped else (-1, -1)
         self.text = ""
         self._at = 0
         self.status: int | None = None
         """As `os.waitpid` gives it; None while it lives."""
         self.pid, self._terminal = pty.fork()
         if self.pid == 0:
+            if piped:
+                os.dup2(into, 1)
             _child(run)
+        if piped:
+            os.close(into)
 
     def type(self, text: str) -> None:
         with suppress(OSError):
@@ -151,12 +157,13 @@ class Life:
                 return found
             if self.status is not None:
                 return "end"
-            ready, _, _ = select.select(
-                [self._terminal, self._world.said], [], [], max(until_s - time.monotonic(), 0.0)
-            )
+            read = [self._terminal, self._world.said, *([self._out] if self._out >= 0 else [])]
+            ready, _, _ = select.select(read, [], [], max(until_s - time.monotonic(), 0.0))
             if not ready:
                 return "late"
-            if self._terminal in ready:
+            if self._out in ready:
+                self._read_pipe()
+            elif self._terminal in ready:
                 self._read()
             elif self._world.listen():
                 return "heard"
@@ -169,19 +176,35 @@ class Life:
         os.close(self._terminal)
         self._terminal = os.open(os.devnull, os.O_RDONLY)
 
+    def close_out(self) -> None:
+        """Close the far end of the pipe that standard output leads into."""
+        os.close(self._out)
+        self._out = -1
+
     def _read(self) -> None:
         try:
             data = os.read(self._terminal, 65536)
         except OSError:
             data = b""
         if data:
-            # Little is kept of what was seen before, however long the session.
-            kept = max(self._at - KEPT, 0)
-            self.text = self.text[kept:] + data.decode("utf-8", "replace").replace("\r", "")
-            self._at -= kept
+            self._show(data)
             return
         _, self.status = os.waitpid(self.pid, 0)
         os.close(self._terminal)
+        while self._out >= 0:
+            self._read_pipe()
+
+    def _read_pipe(self) -> None:
+        data = os.read(self._out, 65536)
+        self._show(data)
+        if not data:
+            self.close_out()
+
+    def _show(self, data: bytes) -> None:
+        # Little is kept of what was seen before, however long the session.
+        gone = max(self._at - KEPT, 0)
+        self.text = self.text[gone:] + data.decode("utf-8", "replace").replace("\r", "")
+        self._at -= gone
 
 
 def _child(run: Callable[[], object]) -> NoReturn:
@@ -210,6 +233,12 @@ def palpate(*arguments: object) -> None:
     import_module("experiment.__main__").main()
 
 
+def rig_of(world: World, folder: Path) -> Path:
+    """Write the rig file of devices into a folder."""
+    port, address = (f'"{world.named[name]}"' for name in ("port", "address"))
+    return write_rig(folder, "rehearsal", port=port, address=address)
+
+
 class Laboratory:
     """A folder with study, seal, rig file and recordings, beside the devices that the rig file names."""
 
@@ -233,13 +262,14 @@ class Laboratory:
         # From here on they stand in for a laboratory's own.
         manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")
         self.world = World(folder, sound=sound)
-        named = self.world.named
-        self.rig = write_rig(folder, "rehearsal", port=f'"{named["port"]}"', address=f'"{named["address"]}"')
+        self.rig = rig_of(self.world, folder)
         if sound:
-            os.environ |= {"JACK_DEFAULT_SERVER": named["server"], "JACK_NO_START_SERVER": "1"}
+            os.environ |= {"JACK_DEFAULT_SERVER": self.world.named["server"], "JACK_NO_START_SERVER": "1"}
             audio = shipped("rigs/headless.toml").read_text("utf-8").partition("\n[audio]")[2]
             audio = re.sub(r"calibrated_on = \S+", f"calibrated_on = {date.today()}", audio)
-            audio = audio.replace('device = "rehearsal"', 'device = "system"').replace("block = 128", f"block = {BLOCK}")
+            audio = audio.replace('device = "rehearsal"', 'device = "system"').replace(
+                "block = 128", f"block = {BLOCK}"
+            )
             self.rig.write_text(self.rig.read_text("utf-8") + "\n[audio]" + audio, "utf-8")
         for module in WARM:
             import_module(module)
@@ -264,9 +294,9 @@ class Laboratory:
         self.call("enrol", self.study, "-p", participant, "--consent-on", date.today(), "--dataset", dataset, *first)
         return roster.find(roster.allocate(self.protocol, seed), participant).tasks
 
-    def command(self, dataset: Path, participant: str, task: str) -> list[str]:
-        """Return the arguments that begin or continue a session."""
-        where = ["--rig", self.rig, "--dataset", dataset, "--recordings", self.recordings]
+    def command(self, dataset: Path, participant: str, task: str, rig: Path | None = None) -> list[str]:
+        """Return the arguments that begin or continue a session, on the laboratory's rig or another."""
+        where = ["--rig", rig or self.rig, "--dataset", dataset, "--recordings", self.recordings]
         return [str(word) for word in ("run", self.study, "-p", participant, "--task", task, *where)]
 
     def datasets(self) -> Iterator[Path]:
