@@ -140,8 +140,8 @@ def real_time(minutes: float, out: Path, *, repetitions: int, pace_s: float) -> 
         f"{warm.rss_kib / 1024:.1f} MiB before the first session, {settled.rss_kib / 1024:.1f} after {WARM_SESSIONS}, "
         f"{max(later, default=0) / 1024:.1f} at most and {last.rss_kib / 1024:.1f} after the last "
         f"({(last.rss_kib - settled.rss_kib) / 1024:+.1f}). Before the first, after {WARM_SESSIONS} and after the "
-        f"last: threads {warm.threads}, {settled.threads}, {last.threads}; files {warm.descriptors}, {settled.descriptors}, "
-        f"{last.descriptors}; processes {warm.children}, {settled.children}, {last.children}."
+        f"last: threads {warm.threads}, {settled.threads}, {last.threads}; files {warm.descriptors}, "
+        f"{settled.descriptors}, {last.descriptors}; processes {warm.children}, {settled.children}, {last.children}."
     )
 
 

@@ -21,7 +21,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from re import Match
 
-from experiment.records.entries import Footer
 from tests.faults.campaign import Count, Size
 from tests.faults.ledger import Ledger
 from tests.faults.live import KEYS, PATIENCE_S, Laboratory, Life, World, palpate, rig_of
@@ -94,8 +93,8 @@ class Run:
 
     def footed(self) -> list[str]:
         """Return what is wrong with a journal whose session had to pause."""
-        entries = self.ledger.entries()
-        return [] if not entries or isinstance(entries[-1], Footer) else ["the journal has no footer"]
+        begun = self.ledger.journal.exists() and self.ledger.journal.stat().st_size
+        return ["the journal has no footer"] if begun and not self.ledger.footer() else []
 
 
 def killed(run: Run) -> bool:
@@ -287,7 +286,7 @@ class Study:
                 turns[row] += 1
                 todo.remove(row)
             name = row if acted and row is not None else "a life without an attack"
-            if session.is_complete() and not acted:
+            if session.footer() == "complete" and not acted:
                 wrong += session.table()
                 self._session = None
             if wrong:

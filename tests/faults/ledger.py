@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from experiment import storage
+from experiment.errors import JournalError
 from experiment.records import journal
 from experiment.records.entries import Answer, Armed, Footer, Redo
 from experiment.records.events import NO_ANSWER
@@ -53,7 +54,10 @@ class Ledger:
         An answer that was on disk before it could be confirmed counts as confirmed from now on.
         """
         wrong, self._screen = self._screen, []
-        entries = self.entries()
+        try:
+            entries = self.entries()
+        except JournalError as error:
+            return [*wrong, f"the journal is refused: {error}"]
         if not entries:
             return [*wrong, *(f"trial {trial} is lost with its journal" for trial in self._confirmed), *map(str, heard)]
         answers = Counter(e.trial for e in entries if isinstance(e, Answer))
@@ -91,9 +95,13 @@ class Ledger:
         wanted = sorted(self._confirmed.items())
         return [] if found == wanted else [f"{name} has {found}; the ledger has {wanted}"]
 
-    def is_complete(self) -> bool:
-        last = self.entries()[-1:]
-        return any(isinstance(e, Footer) and e.reason == "complete" for e in last)
+    def footer(self) -> str:
+        """Return why the session ended, as the journal's last line has it; nothing where that is no footer."""
+        try:
+            last = self.entries()[-1:]
+        except JournalError:
+            return ""
+        return "".join(e.reason for e in last if isinstance(e, Footer))
 
 
 def _attempts(entries: tuple[AnyEntry, ...]) -> list[str]:
