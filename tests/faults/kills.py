@@ -31,7 +31,7 @@ LABORATORIES = 2
 
 @dataclass(frozen=True)
 class Moment:
-    """When an attack comes: `delay_s` at most after something, drawn anew for each life.
+    """When an attack comes: `delay_s` at most after something, drawn anew for each life; 0 is before anything is typed.
 
     `after` is `fork`, a group of `SCREEN`, `heard` (by the panel), `typed` (the Enter that confirms an answer), `grown`
     (the journal, after that) or `last` (the answer after which nothing remains).
@@ -126,8 +126,9 @@ def hung_up(run: Run) -> bool:
 
 def closed(run: Run) -> bool:
     run.life.close_out()
-    # Blind, so that whoever waits for a line goes on.
+    # Blind, so that whoever waits for a line or a step goes on.
     run.life.type("\n\n")
+    run.there.world.begin("step", 250, 1)
     return False
 
 
@@ -218,7 +219,7 @@ EVERYWHERE = (
     Moment("trial", 0.03),
     Moment("last", 0.2),
 )
-IN_TRIALS = (Moment("armed", 0.6), Moment("asked", 0.02), Moment("confirm", 0.0))
+IN_TRIALS = (Moment("armed", 0.25), Moment("asked", 0.0), Moment("confirm", 0.0))
 
 ATTACKS = {
     "SIGKILL while a session starts": Attack((Moment("fork", 0.5), Moment("familiar", 0.01)), killed, is_dead),
@@ -320,10 +321,20 @@ class Study:
         heard_s = time.monotonic()
         stays, hangs = True, False
 
+        def strike() -> None:
+            nonlocal due_s, stays
+            due_s = float("inf")
+            if attack is not None:
+                run.acted = True
+                stays = attack.act(run)
+
         def came(what: str) -> None:
             nonlocal due_s
-            if moment is not None and moment.after == what and not run.acted and due_s == float("inf"):
-                due_s = time.monotonic() + delay_s
+            if moment is None or moment.after != what or run.acted or due_s < float("inf"):
+                return
+            due_s = time.monotonic() + delay_s
+            if moment.delay_s == 0:
+                strike()
 
         while True:
             seen = life.next(min(due_s, heard_s + PATIENCE_S))
@@ -331,10 +342,7 @@ class Study:
                 break
             if seen == "late":
                 if due_s <= time.monotonic():
-                    due_s = float("inf")
-                    if attack is not None:
-                        run.acted = True
-                        stays = attack.act(run)
+                    strike()
                 elif hangs:
                     break
                 else:
@@ -345,7 +353,7 @@ class Study:
             if seen == "heard":
                 came("heard")
             elif isinstance(seen, Match):
-                self._react(run, seen, came, stays=stays)
+                self._react(run, seen, came, lambda: stays)
         there.world.do("ping")
         wrong = ["it hung"] if hangs else []
         if attack is not None and run.acted:
@@ -354,7 +362,7 @@ class Study:
             wrong += run.says()
         return run.acted, wrong + session.wrong(there.world.heard)
 
-    def _react(self, run: Run, seen: Match[str], came: Callable[[str], None], *, stays: bool) -> None:
+    def _react(self, run: Run, seen: Match[str], came: Callable[[str], None], stays: Callable[[], bool]) -> None:
         """Do what the experimenter and the participant do; the dead are not answered, but what they said counts."""
         ledger, life = run.ledger, run.life
         if seen["trial"]:
@@ -364,9 +372,10 @@ class Study:
             if ledger.answered == run.trials:
                 came("last")
             return
-        if not stays:
+        if stays():
+            came(seen.lastgroup or "")
+        if not stays():
             return
-        came(seen.lastgroup or "")
         if seen["armed"]:
             run.there.world.begin("step", run.dice.choice([150, 250, 350]), run.dice.randrange(10**6))
         elif seen["asked"]:

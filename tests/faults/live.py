@@ -209,7 +209,7 @@ class Life:
 
 def _child(run: Callable[[], object]) -> NoReturn:
     """What the forked process does: nothing of its parent's is open, and it ends here."""
-    code = 70
+    code = 1
     try:
         os.closerange(3, 256)
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(n, mode, closefd=False) for n, mode in enumerate("rww"))
@@ -220,7 +220,9 @@ def _child(run: Callable[[], object]) -> NoReturn:
     except SystemExit as end:
         code = int(end.code or 0)
     except BaseException as error:
-        os.write(2, f"FAULT {type(error).__name__}: {error}\n".encode())
+        # The terminal may be gone.
+        with suppress(OSError):
+            os.write(2, f"FAULT {type(error).__name__}: {error}\n".encode())
     finally:
         with suppress(BaseException):
             sys.stdout.flush()
