@@ -114,7 +114,7 @@ def open_masker(
 ) -> AudioMasker:
     """Return the masker on the rig's headphones, silent as yet; its stream was opened for this noise.
 
-    `dose_before` is what the participant's earlier sessions of the day used up.
+    `dose_before` is what the participant's sessions of the 24 hours before used up.
     """
     from experiment.apparatus.audio.masker import AudioMasker
 

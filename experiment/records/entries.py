@@ -85,15 +85,33 @@ class Trace(Record):
 
 
 class MaskerSet(Entry):
-    """The masker's level from now on, dB(A), None for silence; the day's dose so far, and L_EX,8h of that dose.
+    """The masker's level from now on, dB(A), None for silence; the dose so far, and L_EX,8h of that dose.
 
-    A dose of 1 is 80 dB(A) for eight hours (Directive 2003/10/EC, lower action value); None where there is none.
+    `dose` is what the participant's sessions used up in the 24 hours before the runner began, and what this runner's
+    masker played since; the masker's own is thus the difference of two entries of one runner. A dose of 1 is 80 dB(A)
+    for eight hours (Directive 2003/10/EC, lower action value). A level is None for no dose.
     """
 
     kind: Literal["masker"] = "masker"
     level_db_a: float | None
     dose: float
     daily_level_db_a: float | None
+
+
+class Exposure(Entry):
+    """What a session in real time has done to the participant so far, every few seconds while it is under way.
+
+    `dose` is that of `MaskerSet`; None without a masker. `stimuli` counts the steps on record with a stimulus, by all
+    runners of the session, and `vibration_s` is how long these lasted together, s. `boot` and `up_ns` are the machine's
+    uptime, from which the age of an entry is known whatever its clock is set to; None where it tells neither.
+    """
+
+    kind: Literal["exposure"] = "exposure"
+    dose: float | None
+    stimuli: int
+    vibration_s: float
+    boot: str | None
+    up_ns: int | None
 
 
 class Phase(Entry):

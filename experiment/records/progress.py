@@ -24,6 +24,7 @@ class Progress:
     blocks, both in that order. `attempts` counts the attempts begun by trial. Trial and attempt are given of what was
     armed without its end on disk (`armed`), and of a step on disk without its answer (`unanswered`). `footer` is the
     last one, if the session has ended since it was last resumed. `masker_db_a` is the level chosen last, dB(A).
+    `stimuli` were played in steps on record, `vibration_s` together, s.
     """
 
     header: Header
@@ -34,6 +35,8 @@ class Progress:
     unanswered: tuple[int, int] | None = None
     footer: Footer | None = None
     masker_db_a: float | None = None
+    stimuli: int = 0
+    vibration_s: float = 0.0
 
     @property
     def remaining(self) -> tuple[PlannedTrial, ...]:
@@ -55,7 +58,11 @@ class Progress:
             attempts = {**self.attempts, entry.trial: entry.attempt}
             return replace(done, attempts=attempts, armed=(entry.trial, entry.attempt), unanswered=None)
         if isinstance(entry, FootStep):
-            return replace(done, armed=None, unanswered=(entry.trial, entry.attempt))
+            ended = replace(done, armed=None, unanswered=(entry.trial, entry.attempt))
+            if entry.stimulus is None:
+                return ended
+            lasted_s = entry.stimulus.samples / entry.stimulus.rate_hz
+            return replace(ended, stimuli=self.stimuli + 1, vibration_s=self.vibration_s + lasted_s)
         if isinstance(entry, BrokenOff):
             ended = replace(done, armed=None)
             return ended._later(entry.trial) if entry.felt else ended

@@ -3,7 +3,18 @@
 from __future__ import annotations
 
 from experiment.clock import utc
-from experiment.records.entries import Answer, Armed, Footer, Header, MaskerSet, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.entries import (
+    Answer,
+    Armed,
+    Exposure,
+    Footer,
+    Header,
+    MaskerSet,
+    Phase,
+    Redo,
+    Resumed,
+    TrackerOpened,
+)
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
@@ -24,7 +35,10 @@ def text(contents: Contents) -> str:
         f"The journal has {len(contents.lines)} lines. Each carries the hash of the one before, and all were verified.",
         "",
     ]
-    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_said(line.entry)}" for line in contents.lines[1:]]
+    # There is an exposure every few seconds; the last one tells what the others told.
+    last = max((n for n, entry in enumerate(contents.entries) if isinstance(entry, Exposure)), default=0)
+    told = [line for n, line in enumerate(contents.lines) if n and (n == last or not isinstance(line.entry, Exposure))]
+    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_said(line.entry)}" for line in told]
     lines += [
         "",
         f"{len(done.answered)} of {len(header.order)} trials are answered. The last entry is of "
@@ -47,7 +61,10 @@ def _said(entry: AnyEntry) -> str:
             return f"zeroed: the foot rests at {entry.offset_mm:+.2f} mm from contact, spread {entry.spread_mm:.2f} mm"
         case MaskerSet():
             level = "silent" if entry.level_db_a is None else f"at {entry.level_db_a:.0f} dB(A)"
-            return f"the masker is {level}; {entry.dose:.1%} of the day's dose is used up"
+            return f"the masker is {level}; {entry.dose:.1%} of the dose of 24 hours is used up"
+        case Exposure():
+            dose = "" if entry.dose is None else f"; {entry.dose:.1%} of the masker's dose of 24 hours is used up"
+            return f"so far {entry.stimuli} stimuli were played, {entry.vibration_s:.1f} s together{dose}"
         case Phase():
             return f"{entry.state} {entry.detail}".rstrip()
         case Armed():

@@ -25,7 +25,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock,
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from experiment.session.kind import FarEnds, Log, Meaning, Seen
+from experiment.session.kind import FarEnds, Limits, Log, Meaning, Seen
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -53,8 +53,10 @@ class FootstepDevices:
     actuator: Actuator | None
     materials: Mapping[str, Basis] | None
 
-    def begin(self, *, protocol: Protocol, header: Header, console: Console, clock: Clock, log: Log) -> Footsteps:
-        return Footsteps(self, protocol=protocol, header=header, console=console, clock=clock, log=log)
+    def begin(
+        self, *, protocol: Protocol, header: Header, console: Console, clock: Clock, log: Log, limits: Limits
+    ) -> Footsteps:
+        return Footsteps(self, protocol=protocol, header=header, console=console, clock=clock, log=log, limits=limits)
 
 
 def open_footsteps(
@@ -129,6 +131,7 @@ class Footsteps:
         console: Console,
         clock: Clock,
         log: Log,
+        limits: Limits,
     ) -> None:
         """Set up before the first attempt; arguments as in `KindDevices.begin`."""
         step = protocol.footstep.step
@@ -139,12 +142,14 @@ class Footsteps:
         self._console = console
         self._clock = clock
         self._log = log
+        self._limits = limits
         self._answers = {m.key: Meaning(m.id, _spoken(m.id, m.spoken[0])) for m in protocol.materials}
         self._watch = Watch(
             feed=Feed(devices.tracker),
             detector=GateDetector(step),
             predictor=LandingPredictor(step, noise_mm=NOISE_MM if devices.noise_mm is None else devices.noise_mm),
             clock=clock,
+            limits=limits,
             sounder=Sounder(devices.materials, devices.actuator) if devices.materials and devices.actuator else None,
         )
         self._opened: TrackerOpened | None = None
@@ -157,6 +162,8 @@ class Footsteps:
         broken, self._broken = self._broken, None
         if isinstance(tracker, ZeroedTracker) and tracker.due:
             self._zero(tracker)
+        if self._limits.over():
+            return
         if broken is not None and not broken.felt:
             console.rearm(trial=planned.trial, attempt=attempt, reason=broken.reason)
             self._armed = Armed(planned, attempt, None)
@@ -166,6 +173,8 @@ class Footsteps:
             begun_ns = clock.now_ns()
             console.place(trial=planned.trial, material=planned.presented[0])
             laid_ns = clock.now_ns() - begun_ns
+            if self._limits.over():
+                return
         self._watch.feed.drain()
         console.arm(trial=planned.trial, attempt=attempt, trials=self._trials)
         dead_time_ms = None if answered_ns is None else lasted_ms(clock, answered_ns + laid_ns)

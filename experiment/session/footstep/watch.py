@@ -26,6 +26,7 @@ from experiment.clock import Clock
 from experiment.errors import TrackerStopped
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.session.footstep.stimulus import Sounder, Sounding
+from experiment.session.kind import Limits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -123,18 +124,22 @@ class Taken:
             self._newest = None
 
 
+AHEAD_NS = 5_000_000
+"""From samples to the actuator takes less, ns."""
+
 TAIL_US = 100_000
 """How long the foot is recorded after contact, so that the landing is on file."""
 
 
 @dataclass(frozen=True)
 class Watch:
-    """What steps are watched with; `sounder` is None in a task without synthesis."""
+    """What steps are watched with, and how long; `sounder` is None in a task without synthesis."""
 
     feed: Feed
     detector: GateDetector
     predictor: LandingPredictor
     clock: Clock
+    limits: Limits
     sounder: Sounder | None
 
 
@@ -226,8 +231,12 @@ class _Step:
         """Follow the foot to its contact; return why it will not land, or nothing."""
         detector, predictor, sounding = self._parts.detector, self._parts.predictor, self._sounding
         state, falling = detector.init(), predictor.init()
+        ahead_ns = AHEAD_NS + (self._parts.sounder.actuator.lead_ns if self._parts.sounder is not None else 0)
         while True:
             samples = self._taken.next()
+            # What is asked for from here on can be taken back until its lead before it sounds.
+            if reason := self._parts.limits.over(ahead_ns):
+                return reason
             state, events = detector.step(state, samples)
             upcoming = deque(events)
             aim_at: Landing | None = None

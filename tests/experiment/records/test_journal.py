@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+import shutil
+import sys
 import tempfile
 from collections.abc import Callable
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 import pytest
 from hypothesis import given, settings
@@ -42,6 +45,14 @@ def write(path: Path, entries: tuple[AnyEntry, ...] = ENTRIES) -> bytes:
     return path.read_bytes()
 
 
+def write_head(path: Path, behind: int = 0) -> None:
+    """Write the head that a journal has, or had some lines ago."""
+    lines = path.read_bytes().split(b"\n")[:-1]
+    known = len(lines) - behind
+    last = hashlib.sha256(lines[known - 1]).hexdigest() if known else journal.GENESIS
+    journal.head_path(path).write_text(f"{known:012d} {last}\n")
+
+
 def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     write(tmp_path / "j")
     contents = journal.read(tmp_path / "j")
@@ -61,6 +72,7 @@ def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: P
     path = tmp_path / "cut"
     for length in range(len(data) + 1):
         path.write_bytes(data[:length])
+        write_head(path)
         contents = journal.read(path)
         kept = data[:length].count(b"\n")
         assert contents.entries == ENTRIES[:kept]
@@ -69,7 +81,6 @@ def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: P
         opened.append(ANSWER if kept else HEADER)
         opened.close()
         assert journal.read(path).entries == (*ENTRIES[:kept], ANSWER if kept else HEADER)
-        journal.head_path(path).unlink()
 
 
 @given(position=st.integers(min_value=0), bit=st.integers(min_value=0, max_value=7))
@@ -133,7 +144,24 @@ def test_a_head_behind_its_journal_is_a_kill_between_the_two(tmp_path: Path) -> 
         journal.read(path)
 
 
-@pytest.mark.parametrize("operation", ["write", "flush", "fsync", "_write_head"])
+def test_more_lines_than_the_head_names_are_a_head_that_was_deleted_or_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    data = write(path)
+    for lines in range(len(ENTRIES) + 1):
+        path.write_bytes(b"".join(data.splitlines(keepends=True)[:lines]))
+        for behind in range(lines + 1):
+            write_head(path, behind)
+            if behind == lines:
+                journal.head_path(path).unlink()
+            if behind < 2:
+                assert len(journal.read(path).lines) == lines
+                continue
+            known = rf"a j\.head of {lines - behind}" if behind < lines else r"no j\.head"
+            with pytest.raises(JournalError, match=rf"got {lines} lines and {known}; allowed: one that names {lines}"):
+                journal.read(path)
+
+
+@pytest.mark.parametrize("operation", ["write", "fsync", "_write_head"])
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str, after: bool
@@ -169,7 +197,7 @@ def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
 class InterruptedFile:
     """A file of which one method is replaced."""
 
-    def __init__(self, file: BinaryIO, name: str, method: Callable[..., object]) -> None:
+    def __init__(self, file: FileIO, name: str, method: Callable[..., object]) -> None:
         self._file = file
         setattr(self, name, method)
 
@@ -190,6 +218,71 @@ def test_a_journal_of_another_format_is_refused_in_words(tmp_path: Path, format_
         journal.read(path)
 
 
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize("what", ["journal", "head", "folder"])
+def test_a_journal_that_goes_is_noticed_at_the_next_entry(tmp_path: Path, what: str, moved: bool) -> None:
+    path = tmp_path / "sub-01" / "j"
+    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened.append(HEADER)
+    gone = {"journal": path, "head": journal.head_path(path), "folder": path.parent}[what]
+    if moved:
+        gone.rename(tmp_path / "elsewhere")
+    elif gone.is_dir():
+        shutil.rmtree(gone)
+    else:
+        gone.unlink()
+    if not moved and what != "folder":
+        # Another file of its name is not the one that is being written.
+        gone.touch()
+    with pytest.raises(JournalError, match=r"the file is gone: .* put it back"):
+        opened.append(ANSWER)
+    opened.close()
+
+
+def test_a_disk_that_is_full_leaves_whole_lines_and_takes_the_next_when_it_has_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "j"
+    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened.append(HEADER)
+
+    def full(content: memoryview) -> int:
+        if len(content) < 20:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return real(content[: len(content) // 2])
+
+    real = opened._file.write
+    with monkeypatch.context() as patched:
+        patched.setattr(opened, "_file", InterruptedFile(opened._file, "write", full))
+        with pytest.raises(JournalError, match=r"cannot be written \(No space left on device\); see to the disk"):
+            opened.append(ANSWER)
+    assert opened.accepts
+    assert journal.read(path).entries == (HEADER,)
+    opened.append(ENTRIES[3])
+    opened.close()
+    assert journal.read(path).entries == (HEADER, ENTRIES[3])
+
+
+def test_a_head_that_cannot_be_written_leaves_a_journal_that_can_be_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "j"
+    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened.append(HEADER)
+
+    def failing() -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(opened, "_write_head", failing)
+    with pytest.raises(JournalError, match=r"j\.head: cannot be written \(Input/output error\)"):
+        opened.append(ANSWER)
+    assert not opened.accepts
+    with pytest.raises(JournalError, match="an earlier entry was interrupted"):
+        opened.append(ANSWER)
+    opened.close()
+    assert journal.read(path).entries == (HEADER, ANSWER)
+
+
 def test_a_missing_journal_is_named(tmp_path: Path) -> None:
     with pytest.raises(JournalError, match="give the path of a journal"):
         journal.read(tmp_path / "none")
@@ -204,3 +297,26 @@ def test_a_participant_is_held_by_one_runner(tmp_path: Path) -> None:
         pass
     with journal.locked(tmp_path, "01"):
         pass
+
+
+@pytest.mark.skipif(not hasattr(os, "O_DIRECTORY"), reason="the system locks files alone")
+def test_no_second_runner_is_let_in_by_removing_the_lock(tmp_path: Path) -> None:
+    with journal.locked(tmp_path, "01"):
+        (tmp_path / ".sub-01.lock").unlink()
+        with pytest.raises(SessionLocked, match="participant 01 is being run by"), journal.locked(tmp_path, "01"):
+            pass
+    with journal.locked(tmp_path, "01"):
+        pass
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the system has no such locks")
+def test_a_journal_that_is_written_is_held(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened.append(HEADER)
+    before = path.read_bytes()
+    with pytest.raises(SessionLocked, match="the journal is being written by another runner"):
+        journal.Journal(path, ManualClock(0), journal.EMPTY)
+    assert path.read_bytes() == before
+    opened.close()
+    journal.Journal(path, ManualClock(0), journal.read(path)).close()
