@@ -1,15 +1,24 @@
-"""What many sessions in one process leave behind: nothing."""
+"""What many sessions in one process leave behind: nothing.
+
+`attacks` rehearses them, in simulated time, through serial line and sockets. `--minutes` runs `palpate run` in real
+time on a live laboratory, with a masker on a sound server, and writes a sample of the process every ten seconds.
+"""
 
 from __future__ import annotations
 
 import argparse
+import gc
 import json
+import os
+import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from tests.faults.campaign import Count, Size
 from tests.faults.live import KEYS, PATIENCE_S, Laboratory, Life, palpate
 
 EACH_S = 10.0
@@ -41,6 +50,52 @@ class Sample:
             descriptors=len(list((process / "fd").iterdir())),
             children=sum(len((task / "children").read_text().split()) for task in tasks),
         )
+
+
+REHEARSED = 25
+"""Sessions of one rehearsal of the shipped study, of four trials each; the first rehearsal warms the process up."""
+
+MOST_KIB = 10_000
+"""What the process may grow by."""
+
+
+def attacks(size: Size) -> Iterator[Count]:
+    """Rehearse one study after another in a process of its own."""
+    sessions = size.of(1, 16) * REHEARSED
+    with tempfile.TemporaryDirectory() as folder:
+        told = subprocess.run(
+            [sys.executable, "-m", "tests.faults.endurance", "--sessions", str(sessions), "--out", f"{folder}/samples"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if told.returncode:
+            yield Count("sessions in one process", sessions, 0, 0, (told.stderr[-500:],))
+            return
+        first, *_, last = [Sample(**json.loads(line)) for line in Path(folder, "samples").read_text().splitlines()]
+    left = sum(max(getattr(last, name) - getattr(first, name), 0) for name in ("threads", "descriptors", "children"))
+    grown_kib = last.rss_kib - first.rss_kib
+    survived = sessions if grown_kib <= MOST_KIB and not left else 0
+    yield Count(
+        "sessions in one process", sessions, survived, left, () if survived else (f"{grown_kib:+} KiB, {left} left",)
+    )
+
+
+def rehearsed(sessions: int, out: Path) -> None:
+    """Rehearse so many sessions in this process after those that warm it up, with a sample after each rehearsal."""
+    from experiment.protocol.files import shipped
+    from experiment.rehearsal import study
+
+    with tempfile.TemporaryDirectory() as folder, out.open("w") as file:
+        protocol = Path(folder) / "study.toml"
+        text = shipped("okamoto2012.toml").read_text("utf-8").replace("repetitions = 10", "repetitions = 1")
+        protocol.write_text(text.replace("limit = 36", "limit = 4"), "utf-8")
+        for number in range(1 + sessions // REHEARSED):
+            at = Path(folder) / f"rehearsal-{number}"
+            rig = shipped("rigs/rehearsal.toml")
+            study.rehearse(protocol_file=protocol, rig_file=rig, out=at, participants=None, seed=number)
+            gc.collect()
+            print(json.dumps(asdict(Sample.of(os.getpid(), float(number)))), file=file, flush=True)
 
 
 def one_after_the_other() -> None:
@@ -148,10 +203,14 @@ def real_time(minutes: float, out: Path, *, repetitions: int, pace_s: float) -> 
 def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m tests.faults.endurance", description=__doc__)
     parser.add_argument("--minutes", type=float, default=80.0)
+    parser.add_argument("--sessions", type=int, help="rehearse so many sessions instead")
     parser.add_argument("--out", type=Path, required=True, help="file of samples, one JSON line each")
     parser.add_argument("--repetitions", type=int, default=20, help="of each of four materials in a session")
     parser.add_argument("--pace", type=float, default=2.0, help="seconds from arming to the step")
     asked = parser.parse_args()
+    if asked.sessions:
+        rehearsed(asked.sessions, asked.out)
+        return
     sys.stdout.write(real_time(asked.minutes, asked.out, repetitions=asked.repetitions, pace_s=asked.pace) + "\n")
 
 
