@@ -477,7 +477,7 @@ class AnchorsRig(Confined):
         key: the private SSH key that signs each anchor.
     """
 
-    file: Text
+    file: Line
     key: Text | None = None
 
 
