@@ -478,7 +478,7 @@ class AnchorsRig(Confined):
     """
 
     file: Line
-    key: Text | None = None
+    key: Line | None = None
 
 
 class Rig(Confined):
