@@ -117,6 +117,31 @@ def test_takes_are_removed_only_when_the_recordings_are_on_disk(
     assert any(storage.TEMPORARY.fullmatch(name) for name in synced)
 
 
+def test_a_kill_after_the_recordings_took_their_place_leaves_no_take_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Takes of anything else than what stands there are kept."""
+    with monkeypatch.context() as killed:
+        killed.setattr(storage, "remove_folder", lambda _: None)
+        record(World(good()), tmp_path / "set")
+    assert names(tmp_path) == [".set.partial", "set"]
+    whole = (tmp_path / "set" / "manifest.toml").read_bytes()
+    for content, left in (whole + b"# of another day", [".set.partial", "set"]), (whole, ["set"]):
+        (tmp_path / "set" / "manifest.toml").write_bytes(content)
+        with pytest.raises(RecordingError, match="set: holds recordings already; allowed: a new or empty folder"):
+            record(World(good()), tmp_path / "set")
+        assert names(tmp_path) == left
+
+
+def test_takes_are_never_looked_for_behind_a_link(tmp_path: Path) -> None:
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "plan.json").write_text("precious")
+    (tmp_path / ".set.partial").symlink_to(tmp_path / "mine")
+    with pytest.raises(RecordingError, match=r"\.set\.partial: got a link; allowed: a folder that palpate record made"):
+        record(World(good()), tmp_path / "set")
+    assert (tmp_path / "mine" / "plan.json").read_text() == "precious"
+
+
 def test_a_damaged_take_is_named_before_the_next_is_recorded(tmp_path: Path) -> None:
     interrupted(tmp_path / "set", 3)
     damaged = tmp_path / ".set.partial" / "0001.npz"

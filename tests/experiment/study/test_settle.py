@@ -1,0 +1,50 @@
+"""What stands in a study's folder before it begins: what locks nobody out, and what belongs to something else."""
+
+from __future__ import annotations
+
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+from experiment import storage
+from experiment.errors import DatasetError, RosterError
+from experiment.study import roster
+from tests.experiment.protocol.small import SMALL
+
+DAY = date(2020, 6, 1)
+
+
+@pytest.fixture
+def protocol_file(tmp_path: Path) -> Path:
+    path = tmp_path / "small.toml"
+    path.write_text(SMALL, "utf-8")
+    return path
+
+
+def test_consent_before_enrolment_is_refused_and_locks_nobody_out(tmp_path: Path, protocol_file: Path) -> None:
+    with pytest.raises(RosterError, match="participant '01' is not enrolled; enrol them first"):
+        roster.consent(protocol_file, "01", DAY, root=tmp_path / "study")
+    path = roster.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
+    assert roster.Roster.load(path).consent_on == {"01": DAY}
+
+
+@pytest.mark.parametrize("left", ["sourcedata/.palpate-0123456789abcdef", ".palpate-0123456789abcdef"])
+def test_what_a_kill_left_on_its_way_locks_nobody_out(tmp_path: Path, protocol_file: Path, left: str) -> None:
+    (tmp_path / "study" / "sourcedata").mkdir(parents=True)
+    (tmp_path / "study" / left).write_bytes(b"torn")
+    roster.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
+    assert roster.seed_of(tmp_path / "study") == 1
+
+
+@pytest.mark.parametrize("there", ["notes.txt", "sourcedata/notes.txt", ".hidden", "deep/.palpate-0123456789abcdef"])
+def test_a_folder_of_something_else_is_refused_and_stays_as_it_is(
+    tmp_path: Path, protocol_file: Path, there: str
+) -> None:
+    path = tmp_path / "study" / there
+    path.parent.mkdir(parents=True)
+    path.write_bytes(b"mine")
+    with pytest.raises(DatasetError, match="this folder holds something else; choose another folder with --dataset"):
+        roster.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
+    assert path.read_bytes() == b"mine"
+    assert not storage.roster_path(tmp_path / "study").exists()
