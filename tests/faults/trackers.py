@@ -532,7 +532,7 @@ def _frames(size: Size) -> Iterator[Count]:
         good = [encode(at, 1000 * at, reading) for at, reading in enumerate(counts)]
         spoilt = spoiler(good, rng)
         wire = [frame if at % 4 == 0 else spoilt[at] for at, frame in enumerate(good)]
-        decoder, invented = Decoder(), []
+        decoder, invented = Decoder(period_us=1000.0), []
         for at in range(0, len(wire), 100):
             decoder, found = decoder.feed(b"".join(wire[at : at + 100]))
             for us, reading in zip(found.device_us.tolist(), found.counts.tolist(), strict=True):
@@ -541,7 +541,7 @@ def _frames(size: Size) -> Iterator[Count]:
                     invented.append(f"{us} us, {reading} counts")
             if found.restarted:
                 # The rest of another good frame may be whole: told as a restart, which ends a session in words.
-                decoder = Decoder()
+                decoder = Decoder(period_us=1000.0)
         yield Count(f"spoilt frames: {name}", tried, tried - len(invented), len(invented), tuple(invented))
 
 
