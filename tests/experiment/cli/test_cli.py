@@ -235,6 +235,29 @@ class TestALaboratorysStudy:
         assert palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")[0] == 0
         assert "participant 01 withdrew (asked to stop)" in self.run(palpate, protocol, rig)[2]
 
+    @pytest.mark.parametrize(("days", "allowed"), [(1, "up to"), (-400, "from")])
+    def test_a_day_on_which_nobody_can_have_consented_is_refused(
+        self, palpate: Palpate, protocol: Path, days: int, allowed: str
+    ) -> None:
+        root = protocol.with_name("dataset")
+        self.seal(palpate, protocol)
+        day = date.today() + timedelta(days)
+        code, _, err = palpate("enrol", protocol, "-p", "01", "--consent-on", day, "--dataset", root)
+        assert code == 2
+        assert f"participant 01: got consent on {day}; allowed: {allowed} " in err
+        assert not root.exists()
+        self.enrol(palpate, protocol)
+        where = ("-p", "01", "--dataset", root)
+        assert f"allowed: {allowed} " in palpate("consent", protocol, "--consent-on", day, *where)[2]
+        before = date.today() - timedelta(1)
+        asked = ("consent", protocol, "--consent-on", before, *where, "--correct")
+        assert "got one of --correct and --reason" in palpate(*asked)[2]
+        assert palpate(*asked, "--reason", "the letter says so")[0] == 0
+        entries = [
+            json.loads(line)["entry"] for line in (root / "sourcedata" / "roster.jsonl").read_text().splitlines()
+        ]
+        assert [entry["consent_on"] for entry in entries] == [str(date.today()), str(before)]
+
     def test_a_refused_enrolment_begins_nothing(self, palpate: Palpate, protocol: Path) -> None:
         assert "allowed: 01" in self.enrol(palpate, protocol, "02")[2]
         assert not protocol.with_name("dataset").exists()

@@ -69,7 +69,7 @@ class MadeStudy:
     def run(self, asked: Header, keys: str = "capt") -> None:
         """One session under this header, whatever it says."""
         clock = ManualClock(START_NS)
-        steps = [framed(step_samples(2_000_000 * n, 100.0 * n)) for n in range(1, len(keys) + 1)]
+        steps = [framed(step_samples(600_000 * n, 100.0 * n)) for n in range(1, len(keys) + 1)]
         devices = ScriptedTracker(steps, clock=clock), ScriptedConsole(clock, keys), ScriptedActuator()
         Bench(*devices, clock, []).run(self.protocol, asked, self.root)
 
