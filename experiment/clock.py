@@ -80,7 +80,7 @@ class ManualClock:
     def sleep_ns(self, duration_ns: int) -> None:
         self._now_ns += max(duration_ns, 0)
 
-    def uptime(self) -> None:
+    def uptime(self) -> Uptime | None:
         return None
 
 

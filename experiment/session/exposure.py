@@ -46,7 +46,7 @@ class Exposed:
         self._console = console
         self._clock = clock
         self._log = log
-        self._spent = ""
+        self._over = ""
         self._failed: Exception | None = None
         self._due_ns = clock.now_ns()
         self._closing = threading.Event()
@@ -65,7 +65,7 @@ class Exposed:
             self._thread.join()
 
     def over(self, ahead_ns: int = 0) -> str:
-        """Return why nothing may be felt `ahead_ns` from now, or nothing while it may; raises what went wrong so far.
+        """Return why nothing may be felt `ahead_ns` from now, or nothing while it may; what is over stays over.
 
         Raises `JournalError` if the exposure cannot be put on disk.
         """
@@ -73,7 +73,9 @@ class Exposed:
             raise self._failed
         if self._clock.simulated:
             self._silence()
-        return self._spent or (self._ended if self._clock.now_ns() + ahead_ns > self._ends_ns else "")
+        if not self._over and self._clock.now_ns() + ahead_ns > self._ends_ns:
+            self._over = self._ended
+        return self._over
 
     def look(self) -> None:
         """Silence the masker if time or dose are used up, and put the exposure on disk if that is due."""
@@ -86,8 +88,8 @@ class Exposed:
     def _silence(self) -> None:
         if self._masking is None:
             return
-        self._spent = self._spent or self._masking.spent()
-        if self._spent or self._clock.now_ns() > self._ends_ns:
+        self._over = self._over or self._masking.spent()
+        if self._over or self._clock.now_ns() > self._ends_ns:
             self._masking.silence()
 
     def _told(self) -> Exposure:

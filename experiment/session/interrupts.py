@@ -6,6 +6,7 @@ interrupted (`Held.let_through`), for until contact nothing was felt that cannot
 
 from __future__ import annotations
 
+import multiprocessing
 import signal
 import threading
 import time
@@ -60,14 +61,11 @@ class Held:
 def held() -> Iterator[Held]:
     """Have interrupts wait until the end; one that came is raised then, unless something else was.
 
-    This holds only where Ctrl-C is Python's own `KeyboardInterrupt`: in the main thread, and with nobody else's
+    This holds only for signals that are Python's own `KeyboardInterrupt`: in the main thread, and with nobody else's
     handler.
     """
     waits = Held()
-    if not _ours():
-        yield waits
-        return
-    held = [number for number in SIGNALS if signal.getsignal(number) is signal.default_int_handler]
+    held = _handled_by(signal.default_int_handler)
     for number in held:
         signal.signal(number, waits.come)
     try:
@@ -81,8 +79,8 @@ def held() -> Iterator[Held]:
 
 @contextmanager
 def all_alike() -> Iterator[None]:
-    """Have every signal that would end the process interrupt it as Ctrl-C does, where `held` holds that."""
-    ending = [number for number in SIGNALS if signal.getsignal(number) is signal.SIG_DFL] if _ours() else []
+    """Have every signal that would end the process interrupt it as Ctrl-C does; a worker is for its parent to end."""
+    ending = _handled_by(signal.SIG_DFL) if multiprocessing.parent_process() is None else []
     for number in ending:
         signal.signal(number, signal.default_int_handler)
     try:
@@ -92,6 +90,7 @@ def all_alike() -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL)
 
 
-def _ours() -> bool:
-    ours = threading.current_thread() is threading.main_thread()
-    return ours and signal.getsignal(signal.SIGINT) is signal.default_int_handler
+def _handled_by(handler: object) -> list[int]:
+    if threading.current_thread() is not threading.main_thread():
+        return []
+    return [number for number in SIGNALS if signal.getsignal(number) is handler]

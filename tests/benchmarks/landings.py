@@ -45,7 +45,7 @@ from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
 from experiment.session.masker import open_sound
-from tests.benchmarks.scheduling import loaded, spread
+from tests.benchmarks.scheduling import Endless, loaded, spread
 
 STEPS, SESSIONS = 2000, 1
 REST_MM = 30.0
@@ -114,6 +114,7 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
             detector=GateDetector(protocol.footstep.step),
             predictor=LandingPredictor(protocol.footstep.step, noise_mm=NOISE_MM),
             clock=clock,
+            limits=Endless(),
             sounder=Sounder(materials, actuator),
         )
         begun_ns = clock.now_ns()

@@ -48,6 +48,14 @@ from experiment.session.footstep.watch import Feed, Watch, watch
 from experiment.session.masker import open_sound
 from experiment.synthesis.waveforms import Stimulus
 
+
+class Endless:
+    """Implements `Limits`: everything may be felt."""
+
+    def over(self, ahead_ns: int = 0) -> str:
+        return ""
+
+
 STEPS = 2000
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
@@ -207,6 +215,7 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
             detector=Noted(tracker, actuator),
             predictor=LandingPredictor(STEP, noise_mm=0.1),
             clock=clock,
+            limits=Endless(),
             sounder=Sounder(materials, actuator),
         )
         rng = np.random.default_rng(2)
