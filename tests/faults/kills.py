@@ -229,7 +229,7 @@ ATTACKS = {
     "SIGKILL as the panel sounds": Attack((Moment("heard", 0.0), Moment("heard", 0.15)), killed, is_dead),
     "SIGKILL at the question": Attack((Moment("asked", 0.02), Moment("confirm", 0.0)), killed, is_dead),
     "SIGKILL as an answer is written": Attack((Moment("typed", 0.008), Moment("grown", 0.001)), killed, is_dead),
-    "SIGKILL after an answer is confirmed": Attack((Moment("trial", 0.03),), killed, is_dead),
+    "SIGKILL after an answer is confirmed": Attack((Moment("trial", 0.0), Moment("trial", 0.03)), killed, is_dead),
     "SIGKILL as footer and tables are written": Attack((Moment("last", 0.25),), killed, is_dead),
     "SIGTERM": Attack(EVERYWHERE, signalled(signal.SIGTERM), paused),
     "SIGHUP": Attack(EVERYWHERE, signalled(signal.SIGHUP), paused),
@@ -409,14 +409,20 @@ def attacks(size: Size) -> Iterator[Count]:
     """Run laboratories beside one another, and add up their rows."""
     rows = WHOLE if size is Size.WHOLE else SUBSET
     with tempfile.TemporaryDirectory() as folder:
+        shares = [
+            {
+                row: (count + (place + number) % LABORATORIES) // LABORATORIES
+                for place, (row, count) in enumerate(rows.items())
+            }
+            for number in range(LABORATORIES)
+        ]
         running = [
             subprocess.Popen(
                 [sys.executable, "-m", "tests.faults.kills", f"{folder}/{number}", str(1 + number), json.dumps(share)],
                 stdout=subprocess.PIPE,
                 env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
             )
-            for number in range(LABORATORIES)
-            if (share := {row: len(range(number, count, LABORATORIES)) for row, count in rows.items()})
+            for number, share in enumerate(shares)
         ]
         told = [json.loads(one.communicate()[0]) for one in running]
     for row in rows:
@@ -439,7 +445,7 @@ def main() -> None:
         random.Random(seed).shuffle(kills)
         study.run(kills)
         for row, count in rows.items():
-            if not row.startswith("SIGKILL"):
+            if count and not row.startswith("SIGKILL"):
                 study.run([row] * count)
     print(json.dumps({row: vars(tally) for row, tally in study.tallies.items()}))
 

@@ -157,7 +157,7 @@ class Life:
                 return found
             if self.status is not None:
                 return "end"
-            read = [self._terminal, self._world.said, *([self._out] if self._out >= 0 else [])]
+            read = [self._terminal, self._world.said.fileno(), *([self._out] if self._out >= 0 else [])]
             ready, _, _ = select.select(read, [], [], max(until_s - time.monotonic(), 0.0))
             if not ready:
                 return "late"
@@ -212,9 +212,7 @@ def _child(run: Callable[[], object]) -> NoReturn:
     code = 1
     try:
         os.closerange(3, 256)
-        sys.stdin, sys.stdout, sys.stderr = (os.fdopen(n, mode, closefd=False) for n, mode in enumerate("rww"))
-        sys.stdout.reconfigure(line_buffering=True)
-        sys.stderr.reconfigure(line_buffering=True)
+        sys.stdin, sys.stdout, sys.stderr = (os.fdopen(n, mode, 1, closefd=False) for n, mode in enumerate("rww"))
         run()
         code = 0
     except SystemExit as end:
