@@ -305,6 +305,7 @@ class History:
                 tracker=Foot(machine, clock, dice),
                 tracker_port="scripted",
                 noise_mm=0.1,
+                scrutiny=Scrutiny(rate_hz=1000, noise_mm=0.1),
                 actuator=panel if virtual else None,
                 materials={m: Constant(**vars(basis), rendered=[]) for m, basis in silent.items()} if virtual else None,
             ),

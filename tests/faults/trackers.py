@@ -53,6 +53,7 @@ def outcome(tracker: Tracker, settings: TrackerRig, clock: Clock) -> WatchedStep
         detector=GateDetector(STEP),
         predictor=LandingPredictor(STEP, noise_mm=noise_mm),
         clock=clock,
+        limits=Endless(),
         sounder=None,
     )
     try:

@@ -110,7 +110,7 @@ class Lines:
 
     @property
     def contents(self) -> Contents:
-        return Contents(tuple(self.lines), b"", 0, journal.GENESIS)
+        return Contents(tuple(self.lines), b"", 0, chain.GENESIS)
 
 
 def watched(
@@ -187,7 +187,7 @@ def told(clock: ManualClock, dose: float, level_db_a: float | None = LEVEL_DB_A)
 
 
 def of(lines: list[Line], clock: ManualClock) -> float:
-    return dose_before([Contents(tuple(lines), b"", 0, journal.GENESIS)], clock)
+    return dose_before([Contents(tuple(lines), b"", 0, chain.GENESIS)], clock)
 
 
 def test_a_dose_is_forgotten_after_24_hours_and_not_at_midnight() -> None:
