@@ -18,7 +18,7 @@ from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import TrackerRig
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples, encode
-from experiment.apparatus.tracker.gate import GateDetector, Scrutiny
+from experiment.apparatus.tracker.gate import GateDetector, Scrutiny, Sifted
 from experiment.apparatus.tracker.guarded import GuardedTracker
 from experiment.apparatus.tracker.landing import STOPPED, TURNED_BACK, LandingPredictor
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
@@ -37,6 +37,8 @@ OFF = 0.02
 
 OFF_MS = 3.0
 """No contact of a good device may be further off, ms; gate.py says by how much a foot that slows down is early."""
+
+COUNT_MM = BASE.resolution_mm
 
 SPEEDS_MM_S = (50.0, 100.0, 170.0, 250.0, 400.0)
 
@@ -525,24 +527,28 @@ SPOILERS: dict[str, Spoiler] = {
 
 
 def _frames(size: Size) -> Iterator[Count]:
-    """Three of four frames are spoilt; no reading may come out that no frame held."""
+    """Three of four frames of a moving foot are spoilt; no reading may be believed that no frame held."""
     for place, (name, spoiler) in enumerate(SPOILERS.items()):
         tried = size.of(3_000, 250_000)
         rng = np.random.default_rng([200, place])
-        counts = rng.integers(0, 65536, tried * 4 // 3).tolist()
+        seconds = np.arange(tried * 4 // 3) / 1e3
+        counts = BASE.counts(25 + 20 * np.sin(2 * np.pi * seconds) + rng.normal(0, 0.1, seconds.size)).tolist()
         good = [encode(at, 1000 * at, reading) for at, reading in enumerate(counts)]
         spoilt = spoiler(good, rng)
         wire = [frame if at % 4 == 0 else spoilt[at] for at, frame in enumerate(good)]
-        decoder, invented = Decoder(period_us=1000.0), []
+        scrutiny = Scrutiny(rate_hz=1000, noise_mm=0.1)
+        decoder, sifted, invented = Decoder(period_us=1000.0), Sifted(), []
         for at in range(0, len(wire), 100):
             decoder, found = decoder.feed(b"".join(wire[at : at + 100]))
-            for us, reading in zip(found.device_us.tolist(), found.counts.tolist(), strict=True):
+            samples = Samples(found.device_us, found.counts.astype(float) * COUNT_MM, b"", found.ends, 0)
+            sifted, believed = scrutiny.sift(sifted, samples)
+            for us, mm in zip(believed.device_us.tolist(), believed.height_mm.tolist(), strict=True):
                 sent = us // 1000
-                if us % 1000 or not 0 <= sent < len(counts) or counts[sent] != reading:
-                    invented.append(f"{us} us, {reading} counts")
+                if us % 1000 or not 0 <= sent < len(counts) or counts[sent] != round(mm / COUNT_MM):
+                    invented.append(f"{us} us, {mm:.1f} mm")
             if found.restarted:
                 # The rest of another good frame may be whole: told as a restart, which ends a session in words.
-                decoder = Decoder(period_us=1000.0)
+                decoder, sifted = Decoder(period_us=1000.0), Sifted()
         yield Count(f"spoilt frames: {name}", tried, tried - len(invented), len(invented), tuple(invented))
 
 
