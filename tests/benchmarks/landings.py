@@ -45,7 +45,8 @@ from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
 from experiment.session.masker import open_sound
-from tests.benchmarks.scheduling import Endless, loaded, spread
+from tests.benchmarks.scheduling import loaded, spread
+from tests.experiment.session.scripted import Endless
 
 STEPS, SESSIONS = 2000, 1
 REST_MM = 30.0

@@ -47,14 +47,7 @@ from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, watch
 from experiment.session.masker import open_sound
 from experiment.synthesis.waveforms import Stimulus
-
-
-class Endless:
-    """Implements `Limits`: everything may be felt."""
-
-    def over(self, ahead_ns: int = 0) -> str:
-        return ""
-
+from tests.experiment.session.scripted import Endless
 
 STEPS = 2000
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)

@@ -24,6 +24,7 @@ from experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
+from experiment.apparatus.tracker.gate import Scrutiny
 from experiment.clock import Uptime
 from experiment.errors import AudioError
 from experiment.protocol import files

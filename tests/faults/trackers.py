@@ -28,6 +28,7 @@ from experiment.protocol.models import Step
 from experiment.rehearsal.footstep.foot import Hesitation
 from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
+from tests.experiment.session.scripted import Endless
 from tests.faults.campaign import Count, Size
 from tests.faults.wire import BASE, Fed, Floats, Wire, encoded, honest
 

@@ -33,6 +33,13 @@ def rest_samples(start_us: int, height_mm: float) -> Samples:
     return Samples(device_us, np.full(200, height_mm), bytes(200), np.arange(200) + 1, START_NS)
 
 
+class Endless:
+    """Implements `Limits`: everything may be felt."""
+
+    def over(self, ahead_ns: int = 0) -> str:
+        return ""
+
+
 class ScriptedTracker:
     """Implements `Tracker`: one scripted step after each `drain`. Its clock is the session's from the first read on."""
 

@@ -17,7 +17,7 @@ from experiment.apparatus.tracker.frames import Samples
 from experiment.clock import ManualClock, MonotonicClock, Uptime
 from experiment.errors import JournalError, ScreenGone
 from experiment.protocol.models import Protocol
-from experiment.records import journal, transcript
+from experiment.records import chain, journal, transcript
 from experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
 from experiment.records.footstep import BrokenOff, FootStep
 from experiment.records.journal import AnyEntry, Contents, Line
