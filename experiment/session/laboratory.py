@@ -11,15 +11,16 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from experiment import __version__
+from experiment import __version__, storage
 from experiment.apparatus import host
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock, utc
 from experiment.protocol import approval
 from experiment.protocol.models import Protocol
+from experiment.records import journal
 from experiment.records.entries import Header, Purpose
-from experiment.session import masker
+from experiment.session import exposure, masker
 from experiment.session.attempt import Devices
 from experiment.session.footstep.trials import open_footsteps
 from experiment.session.kind import FarEnds
@@ -45,14 +46,15 @@ def open_laboratory(
     """Open what a task needs, and yield the opened parts; they are closed when this is left.
 
     Files that the rig names are found from `rig_folder`. Earlier sessions of the participant in `dataset` count towards
-    the masker's dose of the day. `recordings` is None if the task needs none; `ends` is what stands at the far ends of
+    the masker's dose of 24 hours. `recordings` is None if the task needs none; `ends` is what stands at the far ends of
     the ports. Raises `PalpateError` if a part cannot be opened; what was opened before it is closed again.
     """
     with ExitStack() as opened:
         priority = opened.enter_context(host.raised()) if ends.real_time else ""
         sound: masker.Sound | None = None
         if rig.audio is not None:
-            dose = masker.dose_before(dataset, protocol, participant, clock)
+            paths = (storage.journal_path(dataset, participant, task.id) for task in protocol.tasks)
+            dose = exposure.dose_before([journal.read(path) for path in paths if path.exists()], clock)
             device = ends.sound_device(opened)
             sound = masker.open_sound(rig, protocol, clock=clock, dose_before=dose, opened=opened, device=device)
             ends.wire_sound()

@@ -11,9 +11,7 @@ import threading
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from pathlib import Path
 
-from experiment import storage
 from experiment.apparatus import opening
 from experiment.apparatus.audio.masker import RESERVE_S, ROUND_S, AudioMasker
 from experiment.apparatus.audio.stream import AudioStream
@@ -23,9 +21,8 @@ from experiment.clock import Clock, day
 from experiment.desk.port import Console
 from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
-from experiment.records import journal
 from experiment.records.entries import MaskerSet
-from experiment.session import exposure, scene
+from experiment.session import scene
 
 STEP_DB = 2.0
 """One key changes the level by this much, dB."""
@@ -152,12 +149,3 @@ def open_sound(
     )
     opened.callback(stream.close)
     return Sound(stream, opening.open_masker(rig, stream=stream, noise=noise, clock=clock, dose_before=dose_before))
-
-
-def dose_before(dataset: Path, protocol: Protocol, participant: str, clock: Clock) -> float:
-    """Return what a participant's sessions of the last 24 hours used up of the masker's dose.
-
-    Raises `JournalError` if a journal cannot be trusted.
-    """
-    paths = (storage.journal_path(dataset, participant, task.id) for task in protocol.tasks)
-    return exposure.dose_before([journal.read(path) for path in paths if path.exists()], clock)

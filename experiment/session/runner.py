@@ -51,7 +51,9 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
             return done.footer
         opening.copy_rig(rig_file, rig_path(path))
         with closing(SessionLog(path, devices.clock, contents, done)) as log:
-            return _Session(protocol=protocol, devices=devices, log=log, spent_ns=spent_ns(contents)).run(contents)
+            session = _Session(protocol=protocol, devices=devices, log=log, spent_ns=spent_ns(contents))
+            with closing(session):
+                return session.run(contents)
 
 
 def _check_same_session(path: Path, found: Header, asked: Header) -> None:
@@ -152,6 +154,10 @@ class _Session:
             pause = "interrupted at the keyboard"
         self._follow(Event.PAUSE if pause else Event.EXHAUSTED)
         return self._end("paused" if pause else "complete", pause)
+
+    def close(self) -> None:
+        """Leave nothing that watches it."""
+        self._exposed.close()
 
     def _trials(self) -> str:
         """Run attempt after attempt until every trial is answered; return why the session pauses, or nothing."""

@@ -189,7 +189,7 @@ class SerialTracker:
 
     def _open(self, port: str) -> None:
         self._port = SerialPort(port, self._settings.baud)
-        self._decoder: Decoder = Decoder(period_us=1e6 / self._settings.rate_hz)
+        self._decoder = Decoder(period_us=1e6 / self._settings.rate_hz)
         self._clock_state: ClockState | None = None
         self._failure: Exception | None = None
         self._closing = False
