@@ -49,8 +49,8 @@ class Prefix(Record):
 class Anchor(Record):
     """What a dataset held at one moment."""
 
-    anchored_utc: str
-    study: str
+    anchored_utc: Annotated[str, Field(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9:]{8}\+00:00$")]
+    study: Annotated[str, Field(pattern=r"^[a-z][a-z0-9]{0,31}$")]
     purpose: Purpose
     protocol_sha256: Sha256
     prefixes: tuple[Prefix, ...]

@@ -101,7 +101,8 @@ def _together(root: Path, told: set[str]) -> Iterator[Finding]:
         if finding.text not in told:
             yield finding
     if not doubts:
-        yield Finding("holds", "headers", "each journal is of its path, the sealed protocol, the seed and the roster")
+        of = "protocol and the plan of the rehearsal" if dataset.roster is None else "sealed protocol, seed and roster"
+        yield Finding("holds", "headers", f"each journal is of its path, the {of}")
         yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")
 
 

@@ -14,6 +14,7 @@ from scipy import stats
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
+from experiment.dataset.verify import verify
 from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.rehearsal.footstep.foot import Faults, Foot, Trajectory
@@ -156,6 +157,8 @@ def test_the_foot_trace_is_the_frames_that_the_journal_names(one: Path) -> None:
 
 def test_a_finished_rehearsal_is_not_run_again(tmp_path: Path) -> None:
     root = rehearse(tmp_path / "rehearsal")
+    report = verify(root)
+    assert (report.title, report.refused) == (f"REHEARSAL of okamoto2012: {root}", 0)
     before = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
     rehearse(tmp_path / "rehearsal")
     assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == before

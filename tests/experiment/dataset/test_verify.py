@@ -199,6 +199,10 @@ def test_an_edited_cell_and_a_lost_table_are_told(study: MadeStudy) -> None:
     assert set(found) == {inside(study, table) for table in tables}
 
 
+def test_what_is_no_data_of_a_study_says_so_first(tmp_path: Path) -> None:
+    assert verify(make_study(tmp_path / "pilot", pilot=True).root).title.startswith("PILOT of okamoto2012: ")
+
+
 def test_a_reconstruction_proves_nothing(repository_root: Path) -> None:
     report = verify(repository_root / "participants" / "okamoto2012")
     assert [(one.word, one.item) for one in report.findings] == [("note", "RECONSTRUCTION")]
