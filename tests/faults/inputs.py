@@ -436,7 +436,7 @@ ODD = (
 def odd_files(folder: Path, whole: bool) -> tuple[int, list[str]]:
     """Put each odd thing in the place of each file, and run its command; return how many, and what went wrong."""
     cases = [(kind, file, what) for kind in KINDS for file in kind.files for what in ODD]
-    cases = cases if whole else cases[:: len(cases) // 24]
+    cases = cases if whole else cases[:: len(cases) // 10]
 
     def one(place: int) -> str:
         kind, file, what = cases[place]
@@ -515,15 +515,15 @@ def attacks(size: Size) -> Iterator[Count]:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         make_bench(folder / "bench")
-        each = size.of(20, 3125)
+        each = size.of(12, 3125)
         for kind, wrong in fuzzed(folder, each * len(KINDS)).items():
             yield Count(f"fuzzed input: {kind}", each, each - len(wrong), failures=tuple(wrong))
-        count = size.of(4, 240)
+        count = size.of(2, 240)
         wrong = alone(folder, count)
         yield Count("fuzzed input, in a process of its own", count, count - len(wrong), failures=tuple(wrong))
         count, wrong = odd_files(folder, size is Size.WHOLE)
         yield Count("device, pipe, folder, 10 GB in place of a file", count, count - len(wrong), failures=tuple(wrong))
-        count = size.of(9, 180)
+        count = size.of(5, 180)
         wrong = interrupted(folder, count)
         yield Count("Ctrl-C in the first 2 s of a command", count, count - len(wrong), failures=tuple(wrong))
 
