@@ -251,6 +251,9 @@ class Laboratory:
             ("min_s = 180", "min_s = 0"),
             ("break_min_s = 300", "break_min_s = 0"),
             ("limit = 36", "limit = 1"),
+            # Few takes, so that a session begins soon.
+            ("takes = 3", "takes = 1"),
+            ("speeds_mm_s = [50, 100, 200, 300]", "speeds_mm_s = [50, 300]"),
             ("repetitions = 10", f"repetitions = {repetitions}"),
         ):
             assert old in text, old
