@@ -108,6 +108,7 @@ class SerialTracker:
         self._counts = LinkCounts()
         self._lock = threading.Lock()
         self._held: _Arrival | None = None
+        self._decoder = Decoder()
         self._closing = False
         self._open(port)
         self._identity = identity_of(port)
