@@ -130,7 +130,10 @@ def consent(
         str | None, typer.Option("--reason", help="Why it is corrected: one line that names no person.")
     ] = None,
 ) -> None:
-    """Record the consent of an enrolled participant, or correct its day."""
+    """Record the consent of an enrolled participant.
+
+    With --correct and --reason another day takes the place of the one on record, which stays in the roster.
+    """
     from experiment.study import roster
 
     if correct != (reason is not None):
