@@ -46,7 +46,7 @@ from tests.faults.campaign import Count, Size
 
 FAULTS = {signal.SIGKILL: "SIGKILL", errno.EIO: "EIO", errno.ENOSPC: "ENOSPC, and no room from then on,"}
 
-MOST = 40
+MOST = 100
 """The whole tries so many calls of a command for each fault at most, and the subset one."""
 
 SLOW = ("power", "numerics", "validate")
