@@ -15,7 +15,17 @@ from pathlib import Path
 README = Path(__file__).with_name("README.md")
 BEGIN, END = "<!-- campaign -->", "<!-- end of campaign -->"
 
-PARTS: tuple[str, ...] = ("kills", "exposure", "endurance", "files", "journals", "anchors", "texts", "inputs", "trackers")
+PARTS: tuple[str, ...] = (
+    "kills",
+    "exposure",
+    "endurance",
+    "files",
+    "journals",
+    "anchors",
+    "texts",
+    "inputs",
+    "trackers",
+)
 """Modules of this folder that hold the parts, in the order of the table."""
 
 
