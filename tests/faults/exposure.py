@@ -31,8 +31,8 @@ from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.records.entries import PlannedTrial
-from experiment.session import attempt, masker, runner
-from experiment.session.exposure import Exposed
+from experiment.session import attempt, runner
+from experiment.session.exposure import Exposed, dose_before
 from experiment.session.footstep.trials import FootstepDevices
 from tests.experiment.session.bench import HEADER, Constant, in_pieces
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, step_samples
@@ -283,7 +283,8 @@ class History:
             machine, clock = self._machine, MachineClock(self._machine)
             with on(machine):
                 machine.dead = False
-                believed = masker.dose_before(self._dataset, self._protocol, "01", clock)
+                paths = sorted(self._dataset.glob("sourcedata/sub-01/*_journal.jsonl"))
+                believed = dose_before([journal.read(path) for path in paths], clock)
                 known = dose(self._played, machine.now_ns - DAY_NS, machine.now_ns)
                 where = f"runner {number}: {believed:.5f} believed, {known:.5f} played"
                 yield f"dose after {before}", abs(believed - known) <= 0.01 * known + 1e-6, 0.0, where

@@ -102,6 +102,6 @@ def test_real_recordings_need_fresh_takes(recorded: Path, tmp_path: Path) -> Non
 
 
 def test_an_empty_folder_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(PalpateError, match=r"manifest.toml: cannot be read .*; allowed: a folder of recordings"):
+    with pytest.raises(PalpateError, match=r"manifest.toml: cannot be read; allowed: a folder of recordings"):
         call("validate", tmp_path)
     assert not any(tmp_path.iterdir())

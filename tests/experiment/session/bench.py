@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +25,14 @@ from experiment.records.stimulus import Computed, Delivered
 from experiment.session import attempt, runner
 from experiment.session.footstep.trials import FootstepDevices
 from experiment.synthesis.waveforms import Basis
-from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole, ScriptedTracker, step_samples
+from tests.experiment.session.scripted import (
+    START_NS,
+    ScriptedActuator,
+    ScriptedConsole,
+    ScriptedTracker,
+    rest_samples,
+    step_samples,
+)
 from tests.experiment.synthesis.stimuli import Given, given
 
 HEADER = Header(
@@ -115,6 +122,16 @@ def in_pieces(step: Samples) -> list[Samples]:
         piece, step = step.cut(min(4, step.device_us.size))
         pieces.append(piece)
     return pieces
+
+
+def as_read(steps: int, speed_mm_s: float) -> list[Samples]:
+    """Steps as a port gives them in real time, 4 ms a read; after each the foot stays where it is for a second."""
+    pieces = []
+    for n in range(1, steps + 1):
+        step = step_samples(2_000_000 * n, speed_mm_s)
+        for part in (step, *(rest_samples(int(step.device_us[-1]) + 1000 + 200_000 * i, 0.0) for i in range(5))):
+            pieces += in_pieces(part)
+    return [replace(piece, arrived_ns=START_NS + 1000 * int(piece.device_us[-1])) for piece in pieces]
 
 
 def bench(keys: str, steps: list[Samples | PalpateError] | None = None, lost: tuple[int, ...] = ()) -> Bench:

@@ -26,8 +26,8 @@ from experiment.session import exposure
 from experiment.session.exposure import EVERY_NS, LOOK_S, WINDOW_NS, Exposed, dose_before
 from experiment.session.masker import Masking
 from experiment.session.runner import SessionLog
-from tests.experiment.session.bench import Bench, bench, entries, header, in_pieces
-from tests.experiment.session.scripted import START_NS, ScriptedConsole, step_samples
+from tests.experiment.session.bench import Bench, as_read, bench, entries, header
+from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
 HOUR_NS = 3600 * 10**9
 LEVEL_DB_A = 80.0
@@ -320,7 +320,7 @@ def lasting(protocol: Protocol, seconds: float) -> Protocol:
 
 def real_time(keys: str, clock: ManualClock) -> Bench:
     """A foot of 100 mm/s, read in pieces of 4 ms, each of which takes as long."""
-    one = bench(keys, [piece for n in (1, 2) for piece in in_pieces(step_samples(2_000_000 * n, 100.0))])
+    one = bench(keys, as_read(2, 100.0))
     one.clock, one.console, one.tracker._clock = clock, ScriptedConsole(clock, keys), clock
     read = one.tracker.read
 
@@ -352,7 +352,7 @@ def test_no_stimulus_sounds_after_the_end_and_one_before_it_is_answered(
     over = f"the protocol's {short.exposure.session_min:g} min of a session are over"
     assert footer == Footer(reason="paused", detail=over, answered=len(sounded))
     assert all(sound_ns <= ends_ns for sound_ns in sounded)
-    assert len(sounded) == (after_ms > 301), "the contact is known after 296 ms, and 5 are left for the actuator"
+    assert len(sounded) == (after_ms > 305), "the contact is known after 300 ms, and 5 are left for the actuator"
     broken = [entry for entry in entries(tmp_path, "virtual") if isinstance(entry, BrokenOff)]
     assert [(entry.reason, entry.felt) for entry in broken] == ([] if sounded else [(over, False)])
 
@@ -375,8 +375,8 @@ def test_nothing_is_armed_when_the_end_comes_at_a_prompt(protocol: Protocol, tmp
 def test_a_session_in_real_time_tells_its_exposure_and_simulated_time_does_not(
     protocol: Protocol, tmp_path: Path
 ) -> None:
-    real_time("cp", Machine()).run(lasting(protocol, 2.5), header("virtual"), tmp_path / "real")
-    real_time("cp", ManualClock(START_NS)).run(lasting(protocol, 2.5), header("virtual"), tmp_path / "simulated")
+    real_time("cp", Machine()).run(lasting(protocol, 5.0), header("virtual"), tmp_path / "real")
+    real_time("cp", ManualClock(START_NS)).run(lasting(protocol, 5.0), header("virtual"), tmp_path / "simulated")
     assert not any(isinstance(entry, Exposure) for entry in entries(tmp_path / "simulated", "virtual"))
     written = entries(tmp_path / "real", "virtual")
     assert isinstance(written[0], Header)

@@ -18,7 +18,7 @@ from experiment.records.entries import Answer, Armed, Footer, Header, Phase, Red
 from experiment.records.footstep import FootStep
 from experiment.records.stimulus import Stimulus
 from experiment.session.footstep.watch import BrokenStep, WatchedStep, watch
-from tests.experiment.session.bench import COMPUTED, ORDER, bench, entries, header
+from tests.experiment.session.bench import COMPUTED, ORDER, as_read, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole, ScriptedTracker, step_samples
 
 
@@ -134,7 +134,7 @@ def test_the_dead_time_after_an_answer_is_journaled_without_the_laying_out(
     clock = Going(START_NS)
     one = bench("crpt")
     one.clock, one.console = clock, SlowConsole(clock, "crpt")
-    one.tracker = ScriptedTracker([step_samples(2_000_000 * n, 150.0) for n in range(1, 5)], clock=clock)
+    one.tracker = ScriptedTracker(as_read(4, 150.0), clock=clock)
     one.run(protocol, header(task), tmp_path)
     steps = [e for e in entries(tmp_path, task) if isinstance(e, FootStep)]
     assert [(step.trial, step.attempt) for step in steps] == [(1, 1), (2, 1), (2, 2), (3, 1)]
