@@ -1,7 +1,12 @@
 """Lines that nobody changes unseen: each has its number, its time and the hash of the line before it.
 
-Beside the file stands its head: the number of its lines and the hash of the last, written after each line. So a file
-that was cut is told from one that is whole, as long as nobody writes the head anew as well.
+A line is `{"n": 3, "t_ns": ..., "prev": "<SHA-256 of line 2>", "entry": {...}}`. What stands after the last newline is
+torn: a write that never finished, so nothing that was confirmed. It is reported and dropped; whatever else does not fit
+is refused.
+
+A chain alone cannot show that its end was cut off. So beside the file stands its head: the number of its lines and the
+hash of the last, written after each line. A file that is shorter than its head says is refused, and so is one that is
+longer by more than the one line that a kill can leave between the two.
 """
 
 from __future__ import annotations
@@ -10,11 +15,13 @@ import hashlib
 import json
 import os
 import re
+import sys
 from dataclasses import dataclass
+from io import FileIO
 from pathlib import Path
 
 from experiment import storage
-from experiment.errors import PalpateError
+from experiment.errors import PalpateError, SessionLocked
 
 GENESIS = "0" * 64
 """`prev` of the first line."""
@@ -55,71 +62,47 @@ def head_path(path: Path) -> Path:
 def read(path: Path, error: type[PalpateError]) -> Chain:
     """Read and verify a file of chained lines; one that was never begun is empty.
 
-    Raises `error` if the file cannot be read, or if a line or the head does not fit.
+    Raises `error` if the file or its head cannot be read, is gone, or does not fit.
     """
-    try:
-        head, data = read_head(path), _bytes(path)
-        while (now := read_head(path)) != head:
-            # Somebody appended meanwhile.
-            head, data = now, _bytes(path)
-    except (OSError, ValueError) as problem:
-        raise error(f"{path}: cannot read the file or its head ({problem}); restore both from a backup") from problem
-    lines = data[: data.rfind(b"\n") + 1].split(b"\n")[:-1]
+    # The head first: read the other way round, a file that is being written would seem cut off.
+    head, data = _head(path, error), _bytes(path, error)
+    while (now := _head(path, error)) != head:
+        # Somebody appended meanwhile.
+        head, data = now, _bytes(path, error)
+    if data is None and head[0]:
+        raise error(f"{path}: the file is missing: it had {head[0]} lines; restore it from a backup")
+    *lines, torn = (data or b"").split(b"\n")
     links: list[Link] = []
     for number, line in enumerate(lines):
-        links.append(
-            _verified(f"{path}: line {number + 1}", number, line, links[-1].sha256 if links else GENESIS, error)
-        )
+        last = links[-1].sha256 if links else GENESIS
+        links.append(_verified(f"{path}: line {number + 1}", number, line, last, error))
     _check_head(path, head, links, error)
-    size = data.rfind(b"\n") + 1
-    return Chain(tuple(links), data[size:], size)
+    return Chain(tuple(links), torn, len(data or b"") - len(torn))
 
 
-def read_head(path: Path) -> tuple[int, str]:
-    """Return how many lines the head says a file has, and the hash of the last; 0 before the first line.
-
-    Raises `OSError` or `ValueError` if the head cannot be read.
-    """
-    try:
-        head = storage.read_bytes(head_path(path), 4096).decode("ascii")
-    except FileNotFoundError:
-        return 0, GENESIS
-    if not head:
-        return 0, GENESIS
-    if (found := re.fullmatch(r"([0-9]{12}) ([0-9a-f]{64})\n", head)) is None:
-        raise ValueError(f"its head is {head[:100]!r}")
-    return int(found[1]), found[2]
-
-
-def append(path: Path, chain: Chain, t_ns: int, entry: dict[str, object]) -> None:
-    """Write one more line after what `read` returned, in place of its torn end; it is on disk when this returns."""
-    document = {"n": len(chain.links), "t_ns": t_ns, "prev": chain.last, "entry": entry}
-    line = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
-    if len(chain.links) > 1:
-        _write_head(path, len(chain.links), chain.last)
-    with path.open("ab") as file:
-        file.truncate(chain.size)
-        file.write(line + b"\n")
-        file.flush()
-        os.fsync(file.fileno())
-    _write_head(path, len(chain.links) + 1, hashlib.sha256(line).hexdigest())
-
-
-def _bytes(path: Path) -> bytes:
+def _bytes(path: Path, error: type[PalpateError]) -> bytes | None:
     try:
         return storage.read_bytes(path)
     except FileNotFoundError:
-        return b""
+        return None
+    except OSError as problem:
+        raise error(f"{path}: cannot be read ({problem.strerror}); restore it from a backup") from problem
 
 
-def _write_head(path: Path, count: int, last: str) -> None:
-    """Write in place and always equally long, so that a kill leaves the old head or the new one."""
-    descriptor = os.open(head_path(path), os.O_RDWR | os.O_CREAT, 0o666)
+def _head(path: Path, error: type[PalpateError]) -> tuple[int, str]:
+    """Return how many lines the head says a file has, and the hash of the last; 0 before the first line."""
+    file = head_path(path)
     try:
-        os.write(descriptor, f"{count:012d} {last}\n".encode("ascii"))
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+        head = storage.read_bytes(file, 4096).decode("ascii")
+    except FileNotFoundError:
+        return 0, GENESIS
+    except (OSError, ValueError) as problem:
+        raise error(f"{file}: cannot be read; restore it and {path.name} from a backup") from problem
+    if not head:
+        return 0, GENESIS
+    if (found := re.fullmatch(r"([0-9]{12}) ([0-9a-f]{64})\n", head)) is None:
+        raise error(f"{file}: is no head of a file; restore it and {path.name} from a backup")
+    return int(found[1]), found[2]
 
 
 def _verified(where: str, number: int, line: bytes, last: str, error: type[PalpateError]) -> Link:
@@ -137,12 +120,101 @@ def _verified(where: str, number: int, line: bytes, last: str, error: type[Palpa
 
 
 def _check_head(path: Path, head: tuple[int, str], links: list[Link], error: type[PalpateError]) -> None:
-    known, last = head
-    remedy = f"restore {path.name} and {head_path(path).name} from a backup"
+    (known, last), file = head, head_path(path).name
+    remedy = "keep the file as it is and restore it from a backup"
     if len(links) < known:
         raise error(f"{path}: the file is truncated: it had {known} lines and has {len(links)}; {remedy}")
-    if len(links) > known + 1:
-        # A kill leaves one line at most without its head.
-        raise error(f"{path}: has {len(links)} lines, and {head_path(path).name} knows of {known}; {remedy}")
     if (links[known - 1].sha256 if known else GENESIS) != last:
-        raise error(f"{path}: line {known} is not the one that {head_path(path).name} names; {remedy}")
+        raise error(f"{path}: line {known} is not the one that {file} names; {remedy}")
+    if len(links) > known + 1:
+        raise error(
+            f"{path}: got {len(links)} lines and {f'a {file} of {known}' if known else f'no {file}'}; allowed: one "
+            f"that names {len(links)}, or one less after a kill; restore both files from a backup"
+        )
+
+
+class Writer:
+    """A file of chained lines that is open for appending, and held against other writers.
+
+    `whole` tells whether a line may follow: no write was interrupted halfway. `descriptors` are those of the file and
+    of its head.
+    """
+
+    def __init__(self, path: Path, chain: Chain) -> None:
+        """Continue `path` after what `read` returned, dropping its torn end.
+
+        Raises `SessionLocked` if another writer has it open, and `OSError`.
+        """
+        self._count, self._last, self._size = len(chain.links), chain.last, chain.size
+        self.whole = True
+        # Without a buffer, which would be written after all once a full disk has room again.
+        self._file = FileIO(path, "ab")
+        try:
+            hold(self._file.fileno(), f"{path}: the file is being written")
+            self._cut()
+            self._head = os.open(head_path(path), os.O_RDWR | os.O_CREAT, 0o666)
+        except BaseException:
+            self._file.close()
+            raise
+        if self._count:
+            self._write_head()
+        storage.sync_folder(path.parent)
+
+    @property
+    def descriptors(self) -> tuple[int, int]:
+        """The open file and the open head."""
+        return self._file.fileno(), self._head
+
+    def append(self, t_ns: int, entry: dict[str, object]) -> None:
+        """Write one more line; it is on disk when this returns. Raises `OSError`."""
+        document = {"n": self._count, "t_ns": t_ns, "prev": self._last, "entry": entry}
+        line = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+        # An interrupt from here on leaves it open whether the line is on disk; only reading the file again tells.
+        self.whole = False
+        try:
+            write_through(self._file, line + b"\n")
+        except OSError:
+            # This raises too if it cannot be cut off again.
+            self._cut()
+            self.whole = True
+            raise
+        self._count += 1
+        self._size += len(line) + 1
+        self._last = hashlib.sha256(line).hexdigest()
+        self._write_head()
+        self.whole = True
+
+    def close(self) -> None:
+        """Close both files; nothing is pending."""
+        self._file.close()
+        os.close(self._head)
+
+    def _cut(self) -> None:
+        self._file.truncate(self._size)
+        os.fsync(self._file.fileno())
+
+    def _write_head(self) -> None:
+        """Write in place and always equally long, so that a kill leaves the old head or the new one."""
+        os.lseek(self._head, 0, os.SEEK_SET)
+        os.write(self._head, f"{self._count:012d} {self._last}\n".encode("ascii"))
+        os.fsync(self._head)
+
+
+def write_through(file: FileIO, content: bytes) -> None:
+    """Append to a file without a buffer, and wait until it is on disk. Raises `OSError`."""
+    left = memoryview(content)
+    while left:
+        left = left[file.write(left) :]
+    os.fsync(file.fileno())
+
+
+def hold(file: int, got: str) -> None:
+    """Lock an open file or folder until it is closed. Raises `SessionLocked`; `OSError` where there are no locks."""
+    if sys.platform == "win32":
+        return
+    import fcntl
+
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise SessionLocked(f"{got} by another runner; end it there, or wait until it ends") from error

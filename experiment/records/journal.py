@@ -1,35 +1,26 @@
 """The journal of one session: append-only JSON lines, each on disk before the session moves on.
 
-A line is `{"n": 3, "t_ns": ..., "prev": "<SHA-256 of line 2>", "entry": {...}}`. The hash chain makes any later
-change to a line visible. What stands after the last newline is torn: a write that never finished, so nothing
-that was confirmed. It is reported and dropped; anything else that does not fit is refused.
-
-A chain alone cannot show that its end was cut off. So the number and the hash of the last line on disk stand in a
-file of their own beside the journal (`.head`), written after the line. A journal that is shorter than its head says is
-refused, and so is one that is longer by more than the one line that a kill can leave between the two.
+Its lines are chained, so that nobody changes or cuts it unseen; `chain.py` tells how, and what a torn line does.
 """
 
 from __future__ import annotations
 
 import errno
-import hashlib
 import json
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from io import FileIO
 from pathlib import Path
 from typing import Annotated
 
 from filelock import FileLock, Timeout
 from pydantic import Field, TypeAdapter, ValidationError
 
-from experiment import storage
 from experiment.clock import Clock
 from experiment.errors import JournalError, SessionLocked
 from experiment.records import chain
+from experiment.records.chain import Chain
 from experiment.records.entries import (
     FORMAT,
     Answer,
@@ -45,7 +36,6 @@ from experiment.records.entries import (
     Withdrawal,
 )
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
-from experiment.storage import sync_folder
 
 AnyEntry = Annotated[
     Header
@@ -77,17 +67,18 @@ class Line:
 
 @dataclass(frozen=True)
 class Contents:
-    """A journal as read from disk.
+    """A journal as read from disk: its whole lines, oldest first, and the chain that they are.
 
-    `lines` are the whole lines, oldest first; there are none when not even the header was finished. `torn` are the
-    bytes after the last newline, and `size` those up to and including it. `last_hash` is the SHA-256 of the last whole
-    line, the `prev` of the next.
+    There are no lines when not even the header was finished.
     """
 
     lines: tuple[Line, ...]
-    torn: bytes
-    size: int
-    last_hash: str
+    chain: Chain = chain.EMPTY
+
+    @property
+    def torn(self) -> bytes:
+        """The bytes after the last newline."""
+        return self.chain.torn
 
     @property
     def entries(self) -> tuple[AnyEntry, ...]:
@@ -102,29 +93,18 @@ class Contents:
         return self.lines[0].entry
 
 
+EMPTY = Contents(())
+"""A journal in which nothing is written yet."""
+
+
 def read(path: Path) -> Contents:
     """Read and verify a journal.
 
     Raises `JournalError` if the file cannot be read, or if a whole line is broken, missing or changed.
     """
-    # The head first: read the other way round, a journal that is being written would seem cut off.
-    head = _head(path)
-    try:
-        data = storage.read_bytes(path)
-    except OSError as error:
-        raise JournalError(f"{path}: cannot read the journal ({error.strerror}); give the path of a journal") from error
-    size = data.rfind(b"\n") + 1
-    lines: list[Line] = []
-    last_hash = chain.GENESIS
-    for n, line in enumerate(data[:size].splitlines()):
-        lines.append(_verified(path, n, line, last_hash))
-        last_hash = hashlib.sha256(line).hexdigest()
-    known, whole = head[0], data[:size].splitlines()
-    if len(whole) > known + 1 and _head(path) != head:
-        # It is being written: both have grown since the head was read.
-        return read(path)
-    _check_head(path, head, whole)
-    return Contents(tuple(lines), data[size:], size, last_hash)
+    if not path.is_file():
+        raise JournalError(f"{path}: cannot read the journal: it is no file; give the path of a journal")
+    return read_if_begun(path)
 
 
 def read_if_begun(path: Path) -> Contents:
@@ -132,55 +112,21 @@ def read_if_begun(path: Path) -> Contents:
 
     Raises `JournalError` as `read`, and if the journal is gone although its head is there.
     """
-    if path.exists():
-        return read(path)
-    known, _ = _head(path)
-    if known:
-        raise JournalError(f"{path}: the journal is missing: it had {known} lines; restore it from a backup")
-    return EMPTY
+    found = chain.read(path, JournalError)
+    lines = (_line(f"{path}: line {number}", link, number == 1) for number, link in enumerate(found.links, start=1))
+    return Contents(tuple(lines), found)
 
 
-def _head(path: Path) -> tuple[int, str]:
-    """Return how many lines the head says the journal has, and the hash of the last; 0 before the first line."""
+def _line(where: str, link: chain.Link, first: bool) -> Line:
+    remedy = "keep the file as it is and restore it from a backup"
     try:
-        return chain.read_head(path)
-    except (OSError, ValueError) as error:
-        raise JournalError(
-            f"{chain.head_path(path)}: cannot be read; restore it and the journal from a backup"
-        ) from error
-
-
-def _check_head(path: Path, known_head: tuple[int, str], lines: list[bytes]) -> None:
-    (known, last_hash), head = known_head, chain.head_path(path).name
-    remedy = "keep the file as it is and restore the journal from a backup"
-    if len(lines) < known:
-        raise JournalError(f"{path}: the journal is truncated: it had {known} lines and has {len(lines)}; {remedy}")
-    if known and hashlib.sha256(lines[known - 1]).hexdigest() != last_hash:
-        raise JournalError(f"{path}: line {known} is not the one that {head} names; {remedy}")
-    if len(lines) > known + 1:
-        raise JournalError(
-            f"{path}: got {len(lines)} lines and {f'a {head} of {known}' if known else f'no {head}'}; allowed: one "
-            f"that names {len(lines)}, or one less after a kill; restore both files from a backup"
-        )
-
-
-def _verified(path: Path, n: int, line: bytes, last_hash: str) -> Line:
-    where = f"{path}: line {n + 1}"
-    remedy = "keep the file as it is and restore the journal from a backup"
-    try:
-        document = storage.json_of(line)
-        number, t_ns, prev = document["n"], document["t_ns"], document["prev"]
-        _check_format(where, document["entry"])
-        entry = ENTRY.validate_json(json.dumps(document["entry"]))
-    except (ValueError, KeyError, TypeError, ValidationError) as error:
+        _check_format(where, link.entry)
+        entry = ENTRY.validate_json(json.dumps(link.entry))
+    except (KeyError, ValidationError) as error:
         raise JournalError(f"{where} is no journal entry ({type(error).__name__}); {remedy}") from error
-    if number != n or prev != last_hash:
-        raise JournalError(f"{where} does not follow the line before it: a line was changed or is missing; {remedy}")
-    if not isinstance(t_ns, int):
-        raise JournalError(f"{where} has no time; {remedy}")
-    if isinstance(entry, Header) != (n == 0):
+    if isinstance(entry, Header) != first:
         raise JournalError(f"{where}: a journal holds one header, in its first line; {remedy}")
-    return Line(t_ns, entry)
+    return Line(link.t_ns, entry)
 
 
 def _check_format(where: str, entry: dict[str, object]) -> None:
@@ -202,97 +148,35 @@ class Journal:
         """
         self._path = path
         self._clock = clock
-        self._count = len(contents.lines)
-        self._last_hash = contents.last_hash
-        self._size = contents.size
-        self._whole = True
+        self._begun = bool(contents.lines)
         path.parent.mkdir(parents=True, exist_ok=True)
-        # Without a buffer, which would be written after all once a full disk has room again.
-        self._file = FileIO(path, "ab")
-        try:
-            _hold(self._file.fileno(), f"{path}: the journal is being written")
-            self._cut()
-            self._head = os.open(chain.head_path(path), os.O_RDWR | os.O_CREAT, 0o644)
-        except BaseException:
-            self._file.close()
-            raise
-        if self._count:
-            self._write_head()
-        sync_folder(path.parent)
+        self._writer = chain.Writer(path, contents.chain)
 
     @property
     def accepts(self) -> bool:
         """Whether an entry may follow: the journal has a header, and no write was interrupted halfway."""
-        return self._whole and self._count > 0
+        return self._writer.whole and self._begun
 
     def append(self, entry: AnyEntry) -> int:
         """Write one entry, wait until it is on disk, and return the session time written with it, ns.
 
         Raises `JournalError` if the disk does not take it, or if the journal no longer stands where it was begun.
         """
-        if not self._whole:
+        if not self._writer.whole:
             raise JournalError(f"{self._path}: an earlier entry was interrupted; run the same command again")
         t_ns = self._clock.now_ns()
-        document = {
-            "n": self._count,
-            "t_ns": t_ns,
-            "prev": self._last_hash,
-            "entry": entry.model_dump(mode="json"),
-        }
-        line = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
-        # An interrupt from here on leaves it open whether the line is on disk; only reading the file again tells.
-        self._whole = False
         try:
-            write_through(self._file, line + b"\n")
+            self._writer.append(t_ns, entry.model_dump(mode="json"))
         except OSError as error:
-            self._whole = self._taken_back()
             raise unwritable(self._path, error) from error
-        self._count += 1
-        self._size += len(line) + 1
-        self._last_hash = hashlib.sha256(line).hexdigest()
-        try:
-            self._write_head()
-        except OSError as error:
-            raise unwritable(chain.head_path(self._path), error) from error
-        self._whole = True
-        check_place(self._file.fileno(), self._path)
-        check_place(self._head, chain.head_path(self._path))
+        self._begun = True
+        for file, path in zip(self._writer.descriptors, (self._path, chain.head_path(self._path)), strict=True):
+            check_place(file, path)
         return t_ns
 
     def close(self) -> None:
         """Close the files; nothing is pending."""
-        self._file.close()
-        os.close(self._head)
-
-    def _taken_back(self) -> bool:
-        """Return whether what was written of a line could be cut off again."""
-        try:
-            self._cut()
-        except OSError:
-            return False
-        return True
-
-    def _cut(self) -> None:
-        self._file.truncate(self._size)
-        os.fsync(self._file.fileno())
-
-    def _write_head(self) -> None:
-        """Write in place and always equally long, so that a kill leaves the old head or the new one."""
-        os.lseek(self._head, 0, os.SEEK_SET)
-        os.write(self._head, f"{self._count:012d} {self._last_hash}\n".encode("ascii"))
-        os.fsync(self._head)
-
-
-EMPTY = Contents((), b"", 0, chain.GENESIS)
-"""A journal in which nothing is written yet."""
-
-
-def write_through(file: FileIO, content: bytes) -> None:
-    """Append to a file without a buffer, and wait until it is on disk. Raises `OSError`."""
-    left = memoryview(content)
-    while left:
-        left = left[file.write(left) :]
-    os.fsync(file.fileno())
+        self._writer.close()
 
 
 def unwritable(path: Path, error: OSError) -> JournalError:
@@ -316,18 +200,6 @@ def check_place(file: int, path: Path) -> None:
         )
 
 
-def _hold(file: int, got: str) -> None:
-    """Lock an open file or folder until it is closed. Raises `SessionLocked`; `OSError` where there are no locks."""
-    if sys.platform == "win32":
-        return
-    import fcntl
-
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise SessionLocked(f"{got} by another runner; end it there, or wait until it ends") from error
-
-
 @contextmanager
 def _held_folder(folder: Path, got: str) -> Iterator[None]:
     """Hold a folder itself, so that nobody is let in by removing the file that is locked in it."""
@@ -337,7 +209,7 @@ def _held_folder(folder: Path, got: str) -> Iterator[None]:
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         try:
-            _hold(descriptor, got)
+            chain.hold(descriptor, got)
         except OSError as error:
             # A network's file system may lock files alone; there the lock file and the journal's own lock remain.
             if error.errno not in (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL):

@@ -13,7 +13,7 @@ from experiment.apparatus import opening
 from experiment.clock import Clock
 from experiment.errors import JournalError, PalpateError, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records import journal
+from experiment.records import chain, journal
 from experiment.records.entries import Footer, Header, Phase, Redo, Resumed, Trace
 from experiment.records.journal import AnyEntry
 from experiment.records.progress import Progress, progress, spent_ns
@@ -96,7 +96,7 @@ class SessionLog:
     def keep(self, raw: bytes) -> Trace:
         offset = self._frames.tell()
         try:
-            journal.write_through(self._frames, raw)
+            chain.write_through(self._frames, raw)
         except OSError as error:
             raise journal.unwritable(self._frames_path, error) from error
         journal.check_place(self._frames.fileno(), self._frames_path)

@@ -237,7 +237,8 @@ class Roster:
             with FileLock(self.path.with_name(f".{self.path.name}.lock")):
                 latest = Roster.load(self.path)
                 latest._apply(entry)
-                chain.append(self.path, latest.lines, self.now_ns(), entry.model_dump(mode="json"))
+                with closing(chain.Writer(self.path, latest.lines)) as opened:
+                    opened.append(self.now_ns(), entry.model_dump(mode="json"))
                 self.lines = chain.read(self.path, RosterError)
         except OSError as error:
             raise RosterError(f"{self.path}: cannot write the roster ({error.strerror}); mend that first") from error

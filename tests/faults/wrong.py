@@ -302,14 +302,14 @@ WRONG = (
     Wrong("another seed in its file", _replaced(_seed, b'"seed": 1', b'"seed": 2'), "seed 1; allowed: 2"),
     Wrong("another purpose in its file", _replaced(_seed, b"STUDY", b"PILOT"), "purpose STUDY; allowed: PILOT"),
     Wrong("no seed", _gone(_seed), "seed and purpose of the study cannot be read"),
-    Wrong("no roster", _gone(_roster), "roster.jsonl: the file is truncated"),
+    Wrong("no roster", _gone(_roster), "roster.jsonl: the file is missing"),
     Wrong("no roster and no head of it", _gone(_roster, _head(_roster)), "lacks a line that a session began under"),
     Wrong("a roster written anew", _written_anew, "lacks a line that a session began under"),
     Wrong("a roster that forgot a withdrawal", _forgotten("01"), "and the roster does not"),
     Wrong("a roster that forgot a withdrawal without a session", _forgotten(THIRD), "and the roster does not"),
     Wrong("a consent after the session", _consent_later, "the session was not allowed to begin: .* 2001-09-20"),
     Wrong("a consent before the approval", _consent_before_approval, "begin: .* allowed: from 2001-01-01"),
-    Wrong("a journal deleted", _gone(MadeStudy.journal), "the journal is missing"),
+    Wrong("a journal deleted", _gone(MadeStudy.journal), "the file is missing"),
     Wrong(
         "a journal deleted with its head", _gone(_head(MadeStudy.journal), MadeStudy.journal), "no journal gives these"
     ),

@@ -175,7 +175,7 @@ def test_a_truncated_journal_is_refused_and_nothing_is_overwritten(tmp_path: Pat
     path.write_bytes(path.read_bytes()[:-2000])
     before = path.read_bytes()
     for call in (lambda: rehearse(root), lambda: build.build(root)):
-        with pytest.raises(JournalError, match=r"is truncated: it had .* restore the journal from a backup"):
+        with pytest.raises(JournalError, match=r"is truncated: it had .* restore it from a backup"):
             call()
     assert path.read_bytes() == before
 
@@ -184,7 +184,7 @@ def test_a_missing_journal_is_refused(tmp_path: Path, one: Path) -> None:
     root = tmp_path / "rehearsal"
     shutil.copytree(one, root)
     storage.journal_path(root, "01", "real").unlink()
-    with pytest.raises(JournalError, match=r"the journal is missing: it had \d+ lines; restore it from a backup"):
+    with pytest.raises(JournalError, match=r"the file is missing: it had \d+ lines; restore it from a backup"):
         rehearse(root)
 
 

@@ -37,7 +37,7 @@ def _levels(entries: list[AnyEntry]) -> list[object]:
     steps = tuple(
         build.Placed(entry, entry.at_us or 0, 0.0, 0.0, 0.0) for entry in entries if isinstance(entry, BrokenOff)
     )
-    rows = build._rows(build._Session(Contents(lines=lines, torn=b"", size=0, last_hash=""), steps), "PARTICIPANT")
+    rows = build._rows(build._Session(Contents(lines), steps), "PARTICIPANT")
     return [row.get("masker_level", "no column") for row in rows]
 
 

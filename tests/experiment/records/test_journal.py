@@ -87,7 +87,7 @@ def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: P
         contents = journal.read(path)
         kept = data[:length].count(b"\n")
         assert contents.entries == ENTRIES[:kept]
-        assert len(contents.torn) == length - contents.size
+        assert len(contents.torn) == length - contents.chain.size
         opened = journal.Journal(path, ManualClock(0), contents)
         opened.append(ANSWER if kept else HEADER)
         opened.close()
@@ -114,7 +114,7 @@ def test_a_missing_or_doubled_line_is_refused(tmp_path: Path) -> None:
     chain.head_path(path).unlink()
     for changed in ([lines[0], *lines[2:]], [*lines[:2], lines[1], *lines[2:]], lines[1:]):
         path.write_bytes(b"".join(changed))
-        with pytest.raises(JournalError, match="restore the journal from a backup"):
+        with pytest.raises(JournalError, match="restore it from a backup"):
             journal.read(path)
 
 
@@ -123,7 +123,7 @@ def test_a_broken_last_line_with_its_newline_is_refused(tmp_path: Path) -> None:
     data = write(path)
     chain.head_path(path).unlink()
     path.write_bytes(data[:-10] + b"\n")
-    with pytest.raises(JournalError, match="line 4 is no journal entry"):
+    with pytest.raises(JournalError, match="line 4 is no chained line"):
         journal.read(path)
 
 
@@ -157,7 +157,7 @@ def test_a_head_behind_its_journal_is_a_kill_between_the_two(tmp_path: Path) -> 
 def test_a_head_that_was_never_written_so_is_refused(tmp_path: Path, head: str) -> None:
     write(tmp_path / "j")
     chain.head_path(tmp_path / "j").write_text(head, "utf-8")
-    with pytest.raises(JournalError, match="restore it and the journal from a backup"):
+    with pytest.raises(JournalError, match="restore it and j from a backup"):
         journal.read(tmp_path / "j")
 
 
@@ -186,7 +186,8 @@ def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
     path = tmp_path / "j"
     opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
     opened.append(HEADER)
-    owner = {"fsync": os, "_write_head": opened}.get(operation, opened._file)
+    writer = opened._writer
+    owner = {"fsync": os, "_write_head": writer}.get(operation, writer._file)
     real = getattr(owner, operation)
 
     def interrupted(*arguments: object) -> object:
@@ -194,8 +195,8 @@ def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
             real(*arguments)
         raise KeyboardInterrupt
 
-    if owner is opened._file:
-        monkeypatch.setattr(opened, "_file", InterruptedFile(opened._file, operation, interrupted))
+    if owner is writer._file:
+        monkeypatch.setattr(writer, "_file", InterruptedFile(writer._file, operation, interrupted))
     else:
         monkeypatch.setattr(owner, operation, interrupted)
     with pytest.raises(KeyboardInterrupt):
@@ -268,9 +269,10 @@ def test_a_disk_that_is_full_leaves_whole_lines_and_takes_the_next_when_it_has_r
             raise OSError(errno.ENOSPC, "No space left on device")
         return real(content[: len(content) // 2])
 
-    real = opened._file.write
+    writer = opened._writer
+    real = writer._file.write
     with monkeypatch.context() as patched:
-        patched.setattr(opened, "_file", InterruptedFile(opened._file, "write", full))
+        patched.setattr(writer, "_file", InterruptedFile(writer._file, "write", full))
         with pytest.raises(JournalError, match=r"cannot be written \(No space left on device\); see to the disk"):
             opened.append(ANSWER)
     assert opened.accepts
@@ -290,8 +292,8 @@ def test_a_head_that_cannot_be_written_leaves_a_journal_that_can_be_continued(
     def failing() -> None:
         raise OSError(errno.EIO, "Input/output error")
 
-    monkeypatch.setattr(opened, "_write_head", failing)
-    with pytest.raises(JournalError, match=r"j\.head: cannot be written \(Input/output error\)"):
+    monkeypatch.setattr(opened._writer, "_write_head", failing)
+    with pytest.raises(JournalError, match=r"j: cannot be written \(Input/output error\)"):
         opened.append(ANSWER)
     assert not opened.accepts
     with pytest.raises(JournalError, match="an earlier entry was interrupted"):
@@ -332,7 +334,7 @@ def test_a_journal_that_is_written_is_held(tmp_path: Path) -> None:
     opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
     opened.append(HEADER)
     before = path.read_bytes()
-    with pytest.raises(SessionLocked, match="the journal is being written by another runner"):
+    with pytest.raises(SessionLocked, match="j: the file is being written by another runner"):
         journal.Journal(path, ManualClock(0), journal.EMPTY)
     assert path.read_bytes() == before
     opened.close()

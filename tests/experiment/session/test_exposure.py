@@ -17,7 +17,7 @@ from experiment.apparatus.tracker.frames import Samples
 from experiment.clock import ManualClock, MonotonicClock, Uptime
 from experiment.errors import JournalError, ScreenGone
 from experiment.protocol.models import Protocol
-from experiment.records import chain, journal, transcript
+from experiment.records import journal, transcript
 from experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
 from experiment.records.footstep import BrokenOff, FootStep
 from experiment.records.journal import AnyEntry, Contents, Line
@@ -110,7 +110,7 @@ class Lines:
 
     @property
     def contents(self) -> Contents:
-        return Contents(tuple(self.lines), b"", 0, chain.GENESIS)
+        return Contents(tuple(self.lines))
 
 
 def watched(
@@ -187,7 +187,7 @@ def told(clock: ManualClock, dose: float, level_db_a: float | None = LEVEL_DB_A)
 
 
 def of(lines: list[Line], clock: ManualClock) -> float:
-    return dose_before([Contents(tuple(lines), b"", 0, chain.GENESIS)], clock)
+    return dose_before([Contents(tuple(lines))], clock)
 
 
 def test_a_dose_is_forgotten_after_24_hours_and_not_at_midnight() -> None:
