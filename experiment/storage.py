@@ -237,6 +237,11 @@ def plan_path(dataset: Path) -> Path:
     return dataset / "sourcedata" / "rehearsal.json"
 
 
+def seed_path(dataset: Path) -> Path:
+    """Return where the one seed that names every draw of a study, and what the study is for, stand in its dataset."""
+    return dataset / "sourcedata" / "seed.json"
+
+
 def roster_path(dataset: Path) -> Path:
     """Return where the roster of a study stands inside its dataset."""
     return dataset / "sourcedata" / "roster.jsonl"

@@ -44,17 +44,21 @@ class Believed:
     sessions: tuple[tuple[Path, Contents], ...]
 
 
-class _Plan(BaseModel):
-    """What `rehearsal.json` says of the sessions of a rehearsal."""
+class Plan(BaseModel):
+    """What is rehearsed, kept in the dataset, so that an interrupted rehearsal continues as it was begun.
+
+    A folder without it is no rehearsal, and none writes into it. `label` is for whoever opens the file.
+    """
 
     model_config = ConfigDict(frozen=True, strict=True)
 
-    label: Literal["REHEARSAL"]
+    label: Literal["REHEARSAL"] = "REHEARSAL"
     protocol_sha256: str
     rig_sha256: str
     participants: int
     seed: int
-    control: str
+    control: Literal["none", "silence"]
+    real_time: bool
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class _Study:
     purpose: Purpose
     seed: int
     tasks: dict[str, tuple[str, ...]]
-    plan: _Plan | None
+    plan: Plan | None
     roster: Roster | None
     seal: Seal | None
 
@@ -75,7 +79,7 @@ class _Study:
 def has_journals(root: Path) -> bool:
     """Return whether a dataset was made from journals, even if some are gone; others hold tables alone."""
     source = root / "sourcedata"
-    settled = (source / rosters.SEED, storage.plan_path(root), storage.roster_path(root))
+    settled = (storage.seed_path(root), storage.plan_path(root), storage.roster_path(root))
     return any(path.exists() for path in settled) or any(source.glob("sub-*/*_journal.*"))
 
 
@@ -148,11 +152,11 @@ def _study(root: Path) -> _Study:
         tasks = {one.participant: one.tasks for one in rosters.allocate(protocol, seed)}
         seal = approval.held(kept, protocol) if any(path.stat().st_size for path in storage.journals(root)) else None
         return _Study(root, protocol, sha256, purpose, seed, tasks, None, roster, seal)
-    for path in (storage.roster_path(root), root / "sourcedata" / rosters.SEED):
+    for path in (storage.roster_path(root), storage.seed_path(root)):
         if path.exists():
             raise DatasetError(f"{path}: stands in the dataset of a rehearsal; allowed: none; take it out of there")
     try:
-        plan = _Plan.model_validate_json(plan_file.read_bytes())
+        plan = Plan.model_validate_json(storage.read_bytes(plan_file))
     except (OSError, ValidationError) as error:
         raise DatasetError(f"{plan_file}: is no plan of a rehearsal; restore it, or rehearse anew") from error
     if plan.protocol_sha256 != sha256:

@@ -241,14 +241,15 @@ def import_counts(
     labels = {number: f"{number:0{max(2, len(str(numbers[-1])))}d}" for number in numbers}
     with new_dataset(out) as root:
         people = ({"participant_id": f"sub-{labels[n]}"} for n in numbers)
-        write_files(description(root, _description(study, tables, software_version)))
-        write_files(participants(root, people, origin="RECONSTRUCTION"))
+        files = description(root, _description(study, tables, software_version))
+        files |= participants(root, people, origin="RECONSTRUCTION")
         for task, table in tables.items():
             text = _task_text(study, task)
             for number in sorted(table):
-                write_files(events(root, labels[number], text, _trials(table[number], study.materials)))
-            storage.write_bytes(root / "sourcedata" / counts[task].name, storage.read_bytes(counts[task]))
-        storage.write_bytes(root / "sourcedata" / "README", _source(study, counts).encode())
+                files |= events(root, labels[number], text, _trials(table[number], study.materials))
+            files[root / "sourcedata" / counts[task].name] = storage.read_bytes(counts[task])
+        files[root / "sourcedata" / "README"] = _source(study, counts).encode()
+        write_files(files)
     return out
 
 

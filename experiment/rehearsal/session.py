@@ -69,8 +69,8 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
 
     `screen` shows what an experimenter would see; None for no screen. Raises `PalpateError` if a part failed.
     """
-    protocol = files.load(job.dataset / "sourcedata" / "protocol.toml")
-    rig_file = job.dataset / "sourcedata" / "rig.toml"
+    kept = storage.protocol_path(job.dataset)
+    protocol, rig_file = files.load(kept), kept.with_name("rig.toml")
     rig = rigs.load(rig_file)
     materials = SimulatedMaterials(protocol.footstep.synthesis.rate_hz, protocol.footstep.synthesis.samples)
     for position, task_id in enumerate(job.tasks, start=1):
@@ -190,7 +190,7 @@ def _silenced(basis: Basis) -> Basis:
 def _simulated_now_ns(job: Job, task_id: str, position: int) -> int:
     """Return where simulated time stands: after the journal's last entry, or at the task's start."""
     path = storage.journal_path(job.dataset, job.participant, task_id)
-    lines = journal.read(path).lines if path.exists() else ()
+    lines = journal.read_if_begun(path).lines
     return lines[-1].t_ns if lines else SIMULATED_START_NS + (position - 1) * TASK_NS
 
 

@@ -6,7 +6,6 @@ import errno
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -15,6 +14,7 @@ from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
 from experiment.dataset import build
+from experiment.dataset.beliefs import Plan
 from experiment.desk.port import Console
 from experiment.errors import DatasetError
 from experiment.protocol import approval, files
@@ -26,26 +26,6 @@ from experiment.rehearsal.footstep.participant import Tick
 from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant
 from experiment.study import roster
 
-Control = Literal["none", "silence"]
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What is rehearsed, as for `rehearse`; kept on disk, so that an interrupted rehearsal continues as it was begun.
-
-    A folder without it is no rehearsal and is never written to.
-
-    `label` is REHEARSAL, for whoever opens the file.
-    """
-
-    label: str
-    protocol_sha256: str
-    rig_sha256: str
-    participants: int
-    seed: int
-    control: Control
-    real_time: bool
-
 
 def rehearse(
     *,
@@ -54,7 +34,7 @@ def rehearse(
     out: Path | None,
     participants: int | None,
     seed: int,
-    control: Control = "none",
+    control: Literal["none", "silence"] = "none",
     real_time: bool = False,
     jobs: int = 1,
     total: Callable[[int], None] = lambda _: None,
@@ -95,7 +75,14 @@ def rehearse(
     # Errors in the rig's files are reported before a folder is made.
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     out = (out or Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}").resolve()
-    plan = Plan("REHEARSAL", approval.sha256(protocol), rigs.sha256(rig), count, seed, control, real_time)
+    plan = Plan(
+        protocol_sha256=approval.sha256(protocol),
+        rig_sha256=rigs.sha256(rig),
+        participants=count,
+        seed=seed,
+        control=control,
+        real_time=real_time,
+    )
     allocations = roster.allocate(protocol, seed)[:count]
     todo = [Job(out, one.participant, one.tasks, seed, control, real_time) for one in allocations]
     with ExitStack() as refused:
@@ -138,7 +125,7 @@ def is_begun(out: Path, plan: Plan) -> bool:
         ) from None
     if not isinstance(found, dict):
         found = {}
-    wanted = asdict(plan)
+    wanted = plan.model_dump()
     differing = [
         f"{name} {found.get(name)} there, {wanted[name]} asked for"
         for name in wanted
@@ -159,12 +146,12 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
     made = False
     try:
         with storage.new_folder(out) as partial:
-            source = partial / "sourcedata"
-            storage.create(source / "protocol.toml", protocol_file.read_bytes())
-            opening.copy_rig(rig_file, source / "rig.toml")
-            protocol = files.load(source / "protocol.toml")
+            kept = storage.protocol_path(partial)
+            storage.create(kept, storage.read_bytes(protocol_file))
+            opening.copy_rig(rig_file, kept.with_name("rig.toml"))
+            protocol = files.load(kept)
             recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
-            storage.write_json(storage.plan_path(partial), asdict(plan))
+            storage.write_json(storage.plan_path(partial), plan.model_dump())
         made = True
         yield
     except BaseException as ended:

@@ -54,7 +54,7 @@ def open_laboratory(
         sound: masker.Sound | None = None
         if rig.audio is not None:
             paths = (storage.journal_path(dataset, participant, task.id) for task in protocol.tasks)
-            dose = exposure.dose_before([journal.read(path) for path in paths if path.exists()], clock)
+            dose = exposure.dose_before([journal.read_if_begun(path) for path in paths], clock)
             device = ends.sound_device(opened)
             sound = masker.open_sound(rig, protocol, clock=clock, dose_before=dose, opened=opened, device=device)
             ends.wire_sound()

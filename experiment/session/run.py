@@ -178,7 +178,7 @@ def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None
         )
     for earlier in tasks[: tasks.index(task_id)]:
         path = storage.journal_path(root, who, earlier)
-        entries = journal.read(path).entries if path.exists() else ()
+        entries = journal.read_if_begun(path).entries
         footer = progress(entries).footer if entries else None
         if footer is None or footer.reason != "complete":
             raise RosterError(f"participant {who} does task '{earlier}' before '{task_id}'; run that one first")
@@ -215,10 +215,9 @@ def _wait_for_break(
 ) -> None:
     """Let the protocol's break pass since the participant's other tasks."""
     for other in allocation.tasks:
-        path = storage.journal_path(root, allocation.participant, other)
-        if other == task_id or not path.exists():
+        if other == task_id:
             continue
-        lines = journal.read(path).lines
+        lines = journal.read_if_begun(storage.journal_path(root, allocation.participant, other)).lines
         left_ns = lines[-1].t_ns + int(protocol.task_order.break_min_s * 1e9) - clock.now_ns() if lines else 0
         if left_ns > 0:
             console.show(f"The break after task {other} lasts {left_ns / 60e9:.1f} min more; then the session starts.")

@@ -38,9 +38,6 @@ from experiment.study.schedule import Draws
 
 LOCK = ".study.lock"
 
-SEED = "seed.json"
-"""The file beside the journals with the one seed that names every draw of a study."""
-
 
 @dataclass(frozen=True)
 class Allocation:
@@ -360,7 +357,7 @@ class _Settled(Record):
 
 
 def _settled(root: Path) -> _Settled:
-    file = root / "sourcedata" / SEED
+    file = storage.seed_path(root)
     try:
         return _Settled.model_validate_json(storage.read_bytes(file))
     except (OSError, ValidationError) as error:
@@ -444,18 +441,17 @@ def settle(
 
     The protocol's copy is written last: without it the study has not begun.
     """
-    source = root / "sourcedata"
-    kept, file = source / "protocol.toml", source / SEED
+    kept, lock = storage.protocol_path(root), root / "sourcedata" / LOCK
     if not kept.exists() and any(_of_something_else(path.relative_to(root)) for path in root.rglob("*")):
         raise DatasetError(f"{root}: this folder holds something else; choose another folder with --dataset")
-    if (source / "rehearsal.json").exists():
+    if storage.plan_path(root).exists():
         raise DatasetError(f"{root}: this is the dataset of a rehearsal; choose another folder with --dataset")
-    source.mkdir(parents=True, exist_ok=True)
-    with FileLock(source / LOCK):
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(lock):
         if not kept.exists():
             storage.people_folder(root)
             drawn = secrets.randbelow(2**31) if seed is None else seed
-            storage.write_json(file, {"seed": drawn, "purpose": purpose or "STUDY"})
+            storage.write_json(storage.seed_path(root), {"seed": drawn, "purpose": purpose or "STUDY"})
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
             raise DatasetError(
@@ -474,6 +470,6 @@ def settle(
 
 def _of_something_else(path: Path) -> bool:
     """Return whether a path is none that a refused or killed command leaves before the study begins."""
-    begun = {"sourcedata", f"sourcedata/{SEED}", f"sourcedata/{LOCK}", "sourcedata/.roster.jsonl.lock"}
+    begun = {"sourcedata", "sourcedata/seed.json", f"sourcedata/{LOCK}", "sourcedata/.roster.jsonl.lock"}
     temporary = path.parent.as_posix() in (".", "sourcedata") and storage.TEMPORARY.fullmatch(path.name)
     return not temporary and path.as_posix() not in begun

@@ -119,7 +119,7 @@ def _as_rehearsal(study: MadeStudy, _: Path) -> None:
     storage.write_json(
         storage.plan_path(study.root), {**plan, "participants": 15, "seed": 1, "control": "none", "real_time": False}
     )
-    for path in (storage.roster_path(study.root), study.root / "sourcedata" / roster.SEED):
+    for path in (storage.roster_path(study.root), storage.seed_path(study.root)):
         path.unlink()
     chain.head_path(storage.roster_path(study.root)).unlink()
 
@@ -165,7 +165,7 @@ def _head(path: Callable[[MadeStudy], Path]) -> Callable[[MadeStudy], Path]:
 
 
 def _seed(study: MadeStudy) -> Path:
-    return study.root / "sourcedata" / roster.SEED
+    return storage.seed_path(study.root)
 
 
 def _foot(study: MadeStudy) -> Path:

@@ -11,7 +11,7 @@ import pytest
 
 from experiment import storage
 from experiment.apparatus import opening
-from experiment.dataset import build
+from experiment.dataset import beliefs, build
 from experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
 from experiment.protocol.files import shipped
 from experiment.records import journal
@@ -112,7 +112,7 @@ def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_t
         refused += 1
 
     def beginning(*of: Any) -> None:
-        plan = study.Plan(**json.loads(storage.plan_path(out).read_text("utf-8")))
+        plan = beliefs.Plan(**json.loads(storage.plan_path(out).read_text("utf-8")))
         second()
         assert is_begun(out, plan)
         monkeypatch.setattr(study, "rehearse_participant", participant)
