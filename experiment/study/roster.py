@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 from datetime import date
 from itertools import permutations
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal
 
 from filelock import FileLock
 from pydantic import Field, TypeAdapter, ValidationError
@@ -130,7 +130,6 @@ class Withdrawn(Entry):
 
 AnyEntry = Annotated[Enrolled | Consented | Corrected | Withdrawn, Field(discriminator="kind")]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
-Reasoned = TypeVar("Reasoned", Corrected, Withdrawn)
 
 
 @dataclass
@@ -170,21 +169,21 @@ class Roster:
         Participants enrol in the order of their labels, which keeps tasks balanced. Raises `RosterError` if the label
         is taken, or is not the next one.
         """
-        self._append(Enrolled(participant=participant, consent_on=consent_on))
+        self._append(Enrolled, participant=participant, consent_on=consent_on)
 
     def consent(self, participant: str, consent_on: date) -> None:
         """Record the consent of a participant who enrolled without it.
 
         Raises `RosterError` if the participant is not enrolled, has consented already, or has withdrawn.
         """
-        self._append(Consented(participant=participant, consent_on=consent_on))
+        self._append(Consented, participant=participant, consent_on=consent_on)
 
     def correct(self, participant: str, consent_on: date, reason: str) -> None:
         """Record another day of consent than the one on record, which stays in the file.
 
         Raises `RosterError` if there is no consent to correct, or if the reason is no line of text.
         """
-        self._append(_with_reason(Corrected, reason, participant=participant, consent_on=consent_on))
+        self._append(Corrected, participant=participant, consent_on=consent_on, reason=reason)
 
     def withdraw(self, participant: str, reason: str) -> None:
         """Record that a participant withdrew; the reason is one line that names no person and no state of health.
@@ -192,7 +191,7 @@ class Roster:
         Raises `RosterError` if the participant is not enrolled or has withdrawn already, or if the reason is no such
         line.
         """
-        self._append(_with_reason(Withdrawn, reason, participant=participant))
+        self._append(Withdrawn, participant=participant, reason=reason)
 
     def may_run(self, participant: str, protocol: Protocol, *, approved_on: date, today: date) -> None:
         """Return when `participant` may be run in the study of `protocol`.
@@ -228,7 +227,14 @@ class Roster:
                 ) from error
         return roster
 
-    def _append(self, entry: AnyEntry) -> None:
+    def _append(self, kind: type[AnyEntry], **facts: object) -> None:
+        try:
+            entry = kind.model_validate(facts)
+        except ValidationError as error:
+            raise RosterError(
+                f"got the reason {quoted(str(facts.get('reason')))}; allowed: one line of 1 to 200 characters, none of "
+                "them a control or invisible one; mend it"
+            ) from error
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with FileLock(self.path.with_name(f".{self.path.name}.lock")):
@@ -279,16 +285,6 @@ class Roster:
         """Return the next label; as wide as those enrolled, or as `width` while nobody is."""
         width = len(next(iter(self.consent_on), "0" * width))
         return f"{len(self.consent_on) + 1:0{width}d}"
-
-
-def _with_reason(kind: type[Reasoned], reason: str, **facts: object) -> Reasoned:
-    try:
-        return kind.model_validate({**facts, "reason": reason})
-    except ValidationError as error:
-        raise RosterError(
-            f"got the reason {quoted(reason)}; allowed: one line of 1 to 200 characters, none of them a control or "
-            "invisible one; mend it"
-        ) from error
 
 
 def check_consent(participant: str, consent_on: date | None, *, approved_on: date | None, today: date) -> None:

@@ -43,13 +43,13 @@ class FootstepDevices:
     """Implements `KindDevices`; what the task's scene leaves out is None.
 
     A `ZeroedTracker` is zeroed before the first attempt, and after it was reconnected. `tracker_port` is what the
-    journal calls its port, and `noise_mm` the noise of its sensor, mm rms, if the rig file states it. Its readings are
-    held against `scrutiny`. `materials` are prepared, by their ids.
+    journal calls its port, and `noise_mm` the noise of its sensor, mm rms. Its readings are held against `scrutiny`.
+    `materials` are prepared, by their ids.
     """
 
     tracker: Tracker
     tracker_port: str
-    noise_mm: float | None
+    noise_mm: float
     scrutiny: Scrutiny
     actuator: Actuator | None
     materials: Mapping[str, Basis] | None
@@ -100,15 +100,12 @@ def open_footsteps(
     tracker = opening.open_tracker(rig, clock=clock, port=port, clock_map=clock_map, contact_mm=contact_mm)
     opened.callback(tracker.close)
     ends.check(tracker, rig)
+    noise_mm = NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm
     return FootstepDevices(
         tracker,
         tracker_port=port or rig.tracker.port,
-        noise_mm=rig.tracker.noise_mm,
-        scrutiny=Scrutiny(
-            rate_hz=rig.tracker.rate_hz,
-            noise_mm=NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm,
-            resolution_mm=rig.tracker.resolution_mm,
-        ),
+        noise_mm=noise_mm,
+        scrutiny=Scrutiny(rate_hz=rig.tracker.rate_hz, noise_mm=noise_mm, resolution_mm=rig.tracker.resolution_mm),
         actuator=actuator,
         materials=materials,
     )
@@ -160,7 +157,7 @@ class Footsteps:
             feed=Feed(devices.tracker, simulated_time=clock.simulated),
             scrutiny=devices.scrutiny,
             detector=GateDetector(step),
-            predictor=LandingPredictor(step, noise_mm=NOISE_MM if devices.noise_mm is None else devices.noise_mm),
+            predictor=LandingPredictor(step, noise_mm=devices.noise_mm),
             clock=clock,
             limits=limits,
             sounder=Sounder(devices.materials, devices.actuator) if devices.materials and devices.actuator else None,
