@@ -2,7 +2,8 @@
 
 `trials.csv` is tidy, with one row for each attempt. R reads `long.csv`, the counts by participant and cell. JASP reads
 `wide.csv` for repeated measures, with one row for each participant. `psychopy.csv` has the columns of PsychoPy's own
-data files. Files are UTF-8 with commas; a missing value is NA, or empty for PsychoPy.
+data files. Files are UTF-8 with commas; a missing value is NA, or empty for PsychoPy; an apostrophe stands before a
+text that a spreadsheet would compute.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pathlib import Path
 import pandas as pd
 
 from analysis.documents.output import check, publish
+from analysis.documents.tables import cell
 from analysis.identification.confusion import confusion_of
 from analysis.reading.dataset import MISSING, read_pooled
 from analysis.reading.study import Study
@@ -63,7 +65,7 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("trial", "trial left out; NA: the whole participant", "whole number"),
         ("attempt", "attempt left out; NA: the whole participant", "whole number"),
         ("rule", "rule of the protocol, or what happened", "text"),
-        ("reason", "in words", "text"),
+        ("reason", "in words; an apostrophe leads what a spreadsheet would compute", "text"),
     ),
     "psychopy.csv": (
         LABEL,
@@ -114,6 +116,8 @@ def files(study: Study) -> dict[str, bytes]:
         if name in described:
             frame.insert(0, LABEL[0], study.label or "measured")
             frame = frame[[column for column, _, _ in described[name]]]
+        texts = frame.select_dtypes(include=["object", "string"]).columns
+        frame[texts] = frame[texts].map(cell, na_action="ignore")
         missing = "" if name == "psychopy.csv" else "NA"
         written[name] = frame.to_csv(index=False, na_rep=missing, lineterminator="\n").encode()
     return written

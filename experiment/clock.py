@@ -7,8 +7,18 @@ time. Nothing else in palpate asks the operating system for the time.
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from datetime import UTC, date, datetime
+from pathlib import Path
 from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Uptime:
+    """How long a machine has been switched on, ns, and which time that is; nobody who sets a clock changes it."""
+
+    boot: str
+    ns: int
 
 
 class Clock(Protocol):
@@ -22,10 +32,20 @@ class Clock(Protocol):
         """Let `duration_ns` pass."""
         ...
 
+    def uptime(self) -> Uptime | None:
+        """Return the machine's uptime; None where the machine cannot tell, and in simulated time."""
+        ...
+
     @property
     def simulated(self) -> bool:
         """Whether its time moves only when somebody lets it pass."""
         ...
+
+
+BOOT = Path("/proc/sys/kernel/random/boot_id")
+"""Where Linux names each start of the machine."""
+
+_tells = hasattr(time, "CLOCK_BOOTTIME") and BOOT.exists()
 
 
 class MonotonicClock:
@@ -42,6 +62,9 @@ class MonotonicClock:
     def sleep_ns(self, duration_ns: int) -> None:
         time.sleep(max(duration_ns, 0) / 1e9)
 
+    def uptime(self) -> Uptime | None:
+        return Uptime(BOOT.read_text("ascii").strip(), time.clock_gettime_ns(time.CLOCK_BOOTTIME)) if _tells else None
+
 
 class ManualClock:
     """Simulated time: it moves only when somebody lets time pass."""
@@ -56,6 +79,9 @@ class ManualClock:
 
     def sleep_ns(self, duration_ns: int) -> None:
         self._now_ns += max(duration_ns, 0)
+
+    def uptime(self) -> Uptime | None:
+        return None
 
 
 def lasted_ms(clock: Clock, since_ns: int) -> float | None:

@@ -15,6 +15,7 @@ PalpateError                exit code 2, one line for the experimenter
 ├── JournalError            a journal that cannot be trusted or continued
 │   └── SessionLocked       another runner holds this participant
 ├── SessionError            a step that the session's state does not allow
+├── ScreenGone              the experimenter's screen takes nothing more
 ├── Interrupted             ended at the keyboard; exit code 130
 ├── PowerError              a choice model, a number or a cluster that simulated studies cannot be run with
 └── DatasetError            a dataset that cannot be read, or would be overwritten
@@ -54,7 +55,7 @@ class ProtocolError(PalpateError):
         self.problems = tuple(problems)
         count = len(self.problems)
         head = f"{file}: {count} error{'s' if count != 1 else ''}"
-        super().__init__("\n".join([head, *(f"  {p}" for p in self.problems)]))
+        super().__init__("\n".join(line.replace("\n", " ") for line in (head, *(f"  {p}" for p in self.problems))))
 
     def __reduce__(self) -> tuple[type[ProtocolError], tuple[str, tuple[Problem, ...]]]:
         """Let the error pass whole from one process to another."""
@@ -111,6 +112,10 @@ class SessionLocked(JournalError):
 
 class SessionError(PalpateError):
     """A step that the session's present state does not allow."""
+
+
+class ScreenGone(PalpateError):
+    """The experimenter's screen takes nothing more: its terminal or pipe was closed."""
 
 
 class Interrupted(PalpateError):

@@ -31,10 +31,17 @@ from experiment.errors import DatasetError, PublishedError
 PRINT = "PRINT"
 """Stands for an origin where printed numbers are compared with one another, not with a dataset."""
 
-OWN = {"REHEARSAL": "rehearsed", "RECONSTRUCTION": "recomputed", "PARTICIPANT": "measured", PRINT: "recomputed"}
+OWN = {
+    "REHEARSAL": "rehearsed",
+    "RECONSTRUCTION": "recomputed",
+    "PARTICIPANT": "measured",
+    "PILOT": "measured",
+    PRINT: "recomputed",
+}
 """Heading of the numbers with which the printed ones are compared, by origin."""
 
 ABOUT = {
+    "PILOT": "A pilot's answers are no data of the study. This comparison says nothing about the paper's results.",
     "REHEARSAL": "A rehearsal's answers are simulated. This comparison says how close the simulation comes to the "
     "paper, and nothing about the paper's results.",
     "RECONSTRUCTION": "The dataset was searched for so that it agrees with the printed tables: agreement shows that "

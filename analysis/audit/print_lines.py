@@ -12,6 +12,7 @@ the check finds the numbers that can stand behind them.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
@@ -198,8 +199,9 @@ def smallest(printed: Printed, reading: Reading) -> int:
 
 def common(printed: Sequence[Printed], reading: Reading) -> Iterator[int]:
     """Yield, rising, the numbers of trials of which all the percentages can be shares."""
-    for trials in range(1, max(map(_enough, printed)) + 1):
-        if all(counts(one, trials, reading) for one in printed):
+    different = {one.text: one for one in printed}.values()
+    for trials in range(1, max(map(_enough, different)) + 1):
+        if all(counts(one, trials, reading) for one in different):
             yield trials
 
 
@@ -350,8 +352,9 @@ def _common(cited: Citation, choices: PrintedChoices, percentages: Sequence[Prin
 def _unequal(cited: Citation, choices: PrintedChoices, percentages: Sequence[Printed]) -> Line:
     """Return the line of the fewest trials that the percentages need when pairs may differ in them."""
     all_of = choices.trials * choices.participants
+    often = Counter(printed.text for printed in percentages)
     for verdict, reading in zip(FITS, READINGS.values(), strict=True):
-        least = sum(smallest(printed, reading) for printed in percentages)
+        least = sum(count * smallest(Printed(text), reading) for text, count in often.items())
         for total, who in ((choices.trials, "all participants together"), (all_of, "every participant")):
             if least <= total:
                 reason = f"this holds if pairs were shown unequally often and {choices.trials} are the trials of {who}"

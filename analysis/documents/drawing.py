@@ -33,7 +33,9 @@ STYLE: Any = {
     "hatch.linewidth": 0.6,
     "svg.fonttype": "path",
     "svg.hashsalt": "palpate",
+    "text.parse_math": False,
 }
+"""A dollar sign is one: what stands between two in a name is no formula."""
 
 COLUMN_MM, PAGE_MM = 85.0, 178.0
 """Widths of one and of two columns of a journal; the second includes the spacing between them."""

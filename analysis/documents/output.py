@@ -101,7 +101,7 @@ def _holds_data(description: Path) -> bool:
     if not description.is_file():
         return False
     try:
-        content = json.loads(description.read_text(encoding="utf-8"))
+        content = storage.json_of(storage.read_bytes(description))
     except (OSError, ValueError):
         return True
     return not (isinstance(content, dict) and content.get("DatasetType") == "derivative")
@@ -116,7 +116,7 @@ def _manifest(out: Path, command: Command) -> dict[str, list[str]]:
             raise DatasetError(f"{out} holds files that are not palpate's; choose a new or empty folder for --out")
         return {}
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = storage.json_of(storage.read_bytes(path))
         wrote, files = str(content["command"]), content["palpate"]
         ours = {str(name): [str(digest) for digest in digests] for name, digests in files.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
@@ -136,4 +136,4 @@ def _document(files: Mapping[str, list[str]], label: str, command: Command) -> b
 
 
 def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(storage.read_bytes(path)).hexdigest()

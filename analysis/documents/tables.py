@@ -130,27 +130,45 @@ def table_text(table: Table, width: int = WIDTH) -> str:
 
 def markdown(section: Section, label: str) -> str:
     """Return the section as Markdown, below the dataset's label."""
-    parts = [f"**{label}**"] if label else []
-    parts += [f"## {section.title}", *section.paragraphs]
+    parts = [f"**{_markdown(label)}**"] if label else []
+    parts += [f"## {_markdown(section.title)}", *map(_markdown, section.paragraphs)]
     for table in section.tables:
         if table.title:
-            parts.append(f"### {table.title}")
+            parts.append(f"### {_markdown(table.title)}")
         rule = "|".join(":--" if column in table.left else "--:" for column in range(len(table.header)))
         rows = [_markdown_row(table.header), f"|{rule}|", *map(_markdown_row, table.rows)]
-        parts += ["\n".join(rows), *table.notes]
+        parts += ["\n".join(rows), *map(_markdown, table.notes)]
     return "\n\n".join(parts) + "\n"
 
 
 def comma_separated(section: Section, label: str) -> str:
-    """Return the records as CSV with full precision; the first column repeats the dataset's label."""
+    """Return the records as CSV with full precision; the first column repeats the dataset's label.
+
+    Texts are written as `cell` returns them.
+    """
     columns = list(dict.fromkeys(key for record in section.records for key in record))
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["dataset", *columns])
     for record in section.records:
-        cells = [record.get(column) for column in columns]
-        writer.writerow([label or "measured", *("" if cell is None else cell for cell in cells)])
+        writer.writerow([cell(label or "measured"), *(cell(record.get(column)) for column in columns)])
     return file.getvalue()
+
+
+FORMULA = re.compile(r"[=+\-@\t\r\n\uff1d\uff0b\uff0d\uff20]")
+"""What a text begins with that a spreadsheet takes for a formula; the last four are the wide signs."""
+
+NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)(e[-+]?[0-9]+)?%?", re.IGNORECASE)
+
+
+def cell(value: object) -> object:
+    """Return a cell of a CSV file: nothing for None, and a text that a spreadsheet would compute behind an apostrophe.
+
+    Numbers stay as they are, and so do numbers that are written as text.
+    """
+    if isinstance(value, str) and FORMULA.match(value) and not NUMBER.fullmatch(value):
+        return f"'{value}"
+    return "" if value is None else value
 
 
 def _blocks(sizes: Sequence[int], width: int) -> list[list[int]]:
@@ -178,7 +196,12 @@ def _line(row: Sequence[str], columns: Sequence[int], widths: Sequence[int], lef
 
 
 def _markdown_row(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(re.sub(r"([|*<\\])", r"\\\1", cell) for cell in cells) + " |"
+    return "| " + " | ".join(_markdown(cell) for cell in cells) + " |"
+
+
+def _markdown(text: str) -> str:
+    """Return text on one line in which no character makes a cell, a tag, a link or emphasis."""
+    return re.sub(r"([\\`|*<\[\]])", r"\\\1", " ".join(text.split()))
 
 
 SPECIAL = {
@@ -200,18 +223,19 @@ SPECIAL = {
     "<": r"$<$",
     ">": r"$>$",
     "|": r"$|$",
+    "[": "{[}",
 }
 
 
 def latex(section: Section, label: str) -> str:
     """Return the section's tables, each with the dataset's label, if it has one, in its caption."""
-    parts = [f"% {section.title}", *([f"% {label}"] if label else [])]
+    parts = [f"% {' '.join(text.split())}" for text in (section.title, label) if text]
     return "\n".join([*parts, *(_table(table, section.title, label) for table in section.tables)]) + "\n"
 
 
 def escaped(text: str) -> str:
-    """Return text in which every character stands for itself."""
-    return "".join(SPECIAL.get(character, character) for character in text.replace("->", "→"))
+    """Return text on one line in which every character stands for itself."""
+    return "".join(SPECIAL.get(character, character) for character in " ".join(text.replace("->", "→").split()))
 
 
 def _table(table: Table, title: str, label: str) -> str:

@@ -237,7 +237,7 @@ def _synthesis(axes: Axes, rows: Sequence[Measured]) -> None:
     shown = [one for one in rows if point.items() <= one.given.items()]
     _curves(axes, shown)
     decades = [log10(one.error) for one in shown if one.error > 0]
-    axes.set_yscale("log")
+    _logarithmic(axes)
     if decades:
         axes.set_ylim(10.0 ** floor(min(decades)), 10.0 ** ceil(max(decades)))
     axes.grid(visible=True, **RULE)
@@ -286,11 +286,17 @@ def _noise(axes: Axes, measured: Sequence[Measured]) -> None:
 
 def _below(axes: Axes, measured: Sequence[Measured], subject: str, title: str) -> list[Measured]:
     axes.set_xscale("log")
-    axes.set_yscale("log")
+    _logarithmic(axes)
     axes.grid(visible=True, **RULE)
     axes.set_title(title, fontsize=9)
     axes.tick_params(labelsize=8)
     return [one for one in measured if one.subject == subject]
+
+
+def _logarithmic(axes: Axes) -> None:
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda error, _: f"{error:g}"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _curves(

@@ -325,6 +325,17 @@ def _tasks_known(table: Any) -> Iterator[Broken]:
                 yield Broken((*path, "task"), f"one of: {', '.join(sorted(map(str, known)))}")
 
 
+def _cells_once(table: Any) -> Iterator[Broken]:
+    for key in ("table", "text", "score", "choices"):
+        for path, block in _dicts(table, key):
+            seen = set()
+            for place, cell in _dicts(block, "cells"):
+                named = str([cell.get(part) for part in ("presented", "answered", "name", "pair")])
+                if named in seen:
+                    yield Broken((*path, *place), "each cell once; remove one of them")
+                seen.add(named)
+
+
 def _something_printed(table: Any) -> Iterator[Broken]:
     keys = ("table", "score", "t", "one_way", "two_way", "anova", "choices", "icc")
     if not any(table.get(key) for key in keys):
@@ -353,7 +364,7 @@ def _nulls_stated(table: Any) -> Iterator[Broken]:
 
 
 def _published_rules(table: Any) -> Iterator[Broken]:
-    for rule in (_tasks_known, _something_printed, _levels_stated, _nulls_stated):
+    for rule in (_tasks_known, _cells_once, _something_printed, _levels_stated, _nulls_stated):
         yield from rule(table)
 
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from decimal import Decimal
 from fractions import Fraction
-from functools import reduce
+from functools import cached_property, reduce
 
 End = Fraction | float
 """A rational number, or an infinity."""
@@ -137,7 +137,7 @@ class Printed:
         """The number in floating point; a percentage is a ratio."""
         return float(self._decimal)
 
-    @property
+    @cached_property
     def exact(self) -> Fraction:
         """The number exactly as it stands."""
         return Fraction(self._decimal)
@@ -152,7 +152,7 @@ class Printed:
         """Whether an upper bound is printed in the place of a number."""
         return self.text.startswith("<")
 
-    @property
+    @cached_property
     def rounded(self) -> Interval:
         """Every value that rounding, half up, half down or half to even, prints like this."""
         if self.is_bound:
@@ -160,7 +160,7 @@ class Printed:
         half = self.exact_unit / 2
         return Interval(self.exact - half, self.exact + half)
 
-    @property
+    @cached_property
     def truncated(self) -> Interval:
         """Every value that prints like this when its further digits are cut off."""
         if self.is_bound:
@@ -173,14 +173,14 @@ class Printed:
             return Interval(self.exact, self.exact + self.exact_unit, open_high=True)
         return Interval(self.exact - self.exact_unit, self.exact, open_low=True)
 
-    @property
+    @cached_property
     def either(self) -> Interval:
         """Every value that rounding or truncation prints like this."""
         both = self.rounded, self.truncated
         low, high = min(both, key=lambda one: (one.low, one.open_low)), max(both, key=lambda one: one.high)
         return Interval(low.low, high.high, low.open_low, high.open_high)
 
-    @property
+    @cached_property
     def exact_unit(self) -> Fraction:
         """One unit of the last printed digit, exactly."""
         if self.text == "0" or self.is_bound:

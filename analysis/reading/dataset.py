@@ -23,8 +23,10 @@ import pandas as pd
 
 from analysis.documents.tables import plural
 from analysis.reading.study import Part, Study, Task, check_chances, exclude
+from experiment import storage
 from experiment.errors import DatasetError
 from experiment.records.events import EVENT_COLUMNS, NO_ANSWER
+from experiment.settings.characters import JOINERS, hidden, quoted
 
 if TYPE_CHECKING:
     from experiment.protocol.models import Protocol
@@ -36,7 +38,7 @@ FURTHER = {
 }
 """The name of each further column in the frame, and in the events file."""
 
-ORIGINS = ("PARTICIPANT", "REHEARSAL", "RECONSTRUCTION")
+ORIGINS = ("PARTICIPANT", "PILOT", "REHEARSAL", "RECONSTRUCTION")
 
 
 def read(root: Path) -> Study:
@@ -123,7 +125,7 @@ def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
 
 def _text(path: Path, remedy: str) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return storage.read_text(path)
     except FileNotFoundError as error:
         raise DatasetError(f"{path} is missing; {remedy}") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -132,12 +134,28 @@ def _text(path: Path, remedy: str) -> str:
 
 def _json(path: Path, remedy: str) -> dict[str, Any]:
     try:
-        content = json.loads(_text(path, remedy))
+        content = storage.json_of(_text(path, remedy))
     except json.JSONDecodeError as error:
         raise DatasetError(f"{path}: line {error.lineno} is not JSON ({error.msg}); make the dataset again") from error
+    except ValueError as error:
+        raise DatasetError(f"{path}: got no JSON ({error}); make the dataset again") from error
     if not isinstance(content, dict):
         raise DatasetError(f"{path}: got {type(content).__name__}; allowed: a JSON object; make the dataset again")
+    _refuse_hidden(path, content)
     return content
+
+
+def _refuse_hidden(path: Path, held: object) -> None:
+    """Refuse a text, wherever it stands in a document, with a character that a page or a table must not show."""
+    if isinstance(held, Mapping):
+        held = [*held, *held.values()]
+    if isinstance(held, list):
+        for one in held:
+            _refuse_hidden(path, one)
+    elif isinstance(held, str) and hidden(held, "\n" + JOINERS):
+        raise DatasetError(
+            f"{path}: got {quoted(held)}; allowed: text without control or invisible characters; make the dataset again"
+        )
 
 
 def _sidecar(path: Path) -> dict[str, Any]:
@@ -156,6 +174,7 @@ def _table(path: Path) -> tuple[list[str], list[list[str]]]:
     text = _text(path, "make the dataset again")
     if not text.endswith("\n"):
         raise DatasetError(f"{path} ends in the middle of a line; it is truncated: make the dataset again")
+    _refuse_hidden(path, text.replace("\t", " "))
     lines = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
     for number, line in enumerate(lines, start=1):
         if len(line) != len(lines[0]):
@@ -247,7 +266,7 @@ def _whole(cell: str, where: str) -> int:
 ALLOWED: Mapping[str, Callable[[float], bool]] = {
     "a number": math.isfinite,
     "a number from 0": lambda value: 0 <= value < math.inf,
-    "a whole number from 0": lambda value: 0 <= value < math.inf and value.is_integer(),
+    "a whole number from 0": lambda value: 0 <= value < 2**53 and value.is_integer(),
     "0, 1": lambda value: value in (0, 1),
 }
 """The words of an error -> the check of a value."""

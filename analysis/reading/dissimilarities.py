@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.published.printed import Printed
+from experiment import storage
 from experiment.errors import DatasetError
 
 
@@ -75,8 +77,7 @@ def from_file(path: Path, materials: Sequence[str]) -> Dissimilarities:
         DatasetError: the file cannot be read, a pair is missing or there twice, or a value is not a number from 0.
     """
     try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = list(csv.DictReader(file))
+        rows = list(csv.DictReader(io.StringIO(storage.read_bytes(path).decode(), newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DatasetError(
             f"{path} cannot be read ({error}); give a CSV file with the columns {', '.join(COLUMNS)}"

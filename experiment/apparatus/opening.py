@@ -114,7 +114,7 @@ def open_masker(
 ) -> AudioMasker:
     """Return the masker on the rig's headphones, silent as yet; its stream was opened for this noise.
 
-    `dose_before` is what the participant's earlier sessions of the day used up.
+    `dose_before` is what the participant's sessions of the 24 hours before used up.
     """
     from experiment.apparatus.audio.masker import AudioMasker
 
@@ -143,16 +143,16 @@ def copy_rig(rig_file: Path, copy: Path) -> None:
     if shaping is not None:
         beside[shaping.response] = "table", response_table(rig_file.parent, shaping)
     if driver is not None:
-        beside[driver.name] = "driver", driver.read_bytes()
+        beside[driver.name] = "driver", storage.read_bytes(driver)
     for name, (what, content) in beside.items():
         file = copy.with_name(name)
-        if file.exists() and file.read_bytes() != content:
+        if file.exists() and storage.read_bytes(file) != content:
             raise RigError(
                 f"{file}: got another {what} of this name from an earlier session; allowed: one name for each {what}; "
                 f"rename the new {what}, in the rig file too"
             )
         storage.write(file, content)
-    storage.write(copy, rig_file.read_bytes())
+    storage.write(copy, storage.read_bytes(rig_file))
 
 
 def open_tracker(

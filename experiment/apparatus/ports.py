@@ -120,11 +120,11 @@ class Actuator(Protocol):
 
 @dataclass(frozen=True)
 class MaskerExposure:
-    """What the masker has done to the ears today.
+    """What the masker has done to the ears.
 
     Attributes:
         level_db_a: level now; None for silence.
-        dose: of the day, 1 being 80 dB(A) for eight hours (Directive 2003/10/EC, lower action value).
+        dose: of 24 hours, 1 being 80 dB(A) for eight hours (Directive 2003/10/EC, lower action value).
         daily_level_db_a: L_EX,8h of that dose; None for none.
         left_s: how long this level may go on until the dose is 1, s; None in silence.
     """
@@ -156,7 +156,7 @@ class Masker(Protocol):
         """Go to another level, and return the one in force: the level wanted, or the nearest that is allowed.
 
         Raises:
-            AudioError: the dose of the day is used up.
+            AudioError: the dose is used up.
         """
         ...
 

@@ -24,11 +24,12 @@ import rfc8785
 from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
+from experiment import storage
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
 from experiment.protocol.models import Step
 from experiment.settings import load as files
-from experiment.settings.load import Broken, Confined, Name, Rules, Text
+from experiment.settings.load import ONE_LINE, Broken, Confined, Line, Name, Rules
 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
@@ -39,6 +40,7 @@ Address = Annotated[
         pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
         description="host:port, such as 127.0.0.1:4711",
     ),
+    ONE_LINE,
 ]
 
 
@@ -81,7 +83,9 @@ class ShapingRig(Confined):
     """
 
     response: Annotated[
-        str, Field(pattern=r"^[^/\\\s]+\.csv$", description="the name of a .csv file in the folder of the rig file")
+        str,
+        Field(pattern=r"^[^/\\\s]+\.csv$", description="the name of a .csv file in the folder of the rig file"),
+        ONE_LINE,
     ]
     response_sha256: Annotated[
         str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints them")
@@ -155,7 +159,7 @@ def response_table(folder: Path, shaping: ShapingRig) -> bytes:
     """
     path = folder / shaping.response
     try:
-        content = path.read_bytes()
+        content = storage.read_bytes(path)
     except OSError as error:
         raise RigError(
             f"{path}: cannot be read ({error.strerror}); allowed: the response table of the rig file; restore it"
@@ -282,8 +286,8 @@ class AudioRig(Confined):
         delivered: what counts as delivered.
     """
 
-    host_api: Text
-    device: Text
+    host_api: Line
+    device: Line
     rate_hz: Annotated[int, Field(ge=8000, le=192_000)]
     block: Annotated[int, Field(ge=16, le=8192)]
     channels: AudioChannels
@@ -428,8 +432,9 @@ class TrackerRig(Confined):
             pattern=r"^(palpate-frames|[A-Za-z_][\w.]*:[A-Za-z_]\w*)$",
             description="palpate-frames, or package.module:Class of a driver of your own",
         ),
+        ONE_LINE,
     ] = FRAMES
-    port: Text
+    port: Line
     baud: Annotated[int, Field(ge=9600, le=12_000_000)]
     rate_hz: Annotated[int, Field(ge=1000, le=5000)]
     stall_ms: Annotated[int, Field(ge=50, le=200)]
@@ -443,6 +448,12 @@ class TrackerRig(Confined):
         """Return the height above the panel of each reading, mm; that of the outermost points beyond them."""
         heights_mm: NDArray[np.float64] = np.interp(counts, *self._points)
         return heights_mm
+
+    @property
+    def resolution_mm(self) -> float:
+        """Return what one count is at most, mm."""
+        counts, mm = self._points
+        return float(np.abs(np.diff(mm) / np.diff(counts)).max())
 
     @cached_property
     def _points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -458,6 +469,18 @@ class TrackerRig(Confined):
         return whole
 
 
+class AnchorsRig(Confined):
+    """Where each session's end is anchored outside of the dataset. Paths begin in the folder of the rig file.
+
+    Attributes:
+        file: the register, best on another disk or a shared drive.
+        key: the private SSH key that signs each anchor.
+    """
+
+    file: Line
+    key: Line | None = None
+
+
 class Rig(Confined):
     """A whole rig.
 
@@ -469,6 +492,7 @@ class Rig(Confined):
         accelerometer: what measures the panel; only `palpate record` needs it.
         audio: the audio device, where there is one: for the masker, the loopback and an actuator with `driver =
             "audio"`.
+        anchors: where each session's end is anchored.
     """
 
     RULES: ClassVar[Rules] = _rig_rules
@@ -479,6 +503,7 @@ class Rig(Confined):
     actuator: ActuatorRig
     accelerometer: AccelerometerRig | None = None
     audio: AudioRig | None = None
+    anchors: AnchorsRig | None = None
 
     _folder: Path | None = PrivateAttr(None)
 
@@ -509,9 +534,11 @@ def load(path: Path) -> Rig:
 def sha256(rig: Rig) -> str:
     """Return the SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
-    Ports and addresses are left out: a device that comes back under another name is the same device.
+    Ports and addresses are left out: a device that comes back under another name is the same device. Anchors
+    measure nothing.
     """
-    where = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}, "audio": {"device"}}
+    where: dict[str, Any] = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}}
+    where |= {"audio": {"device"}, "anchors": True}
     return hashlib.sha256(rfc8785.dumps(rig.model_dump(mode="json", exclude_none=True, exclude=where))).hexdigest()
 
 

@@ -33,6 +33,8 @@ COMMANDS = {
         "journal": ("laboratory", "Verify a journal and print it as text."),
         "withdraw": ("laboratory", "Record that a participant withdrew."),
         "build": ("laboratory", "Rebuild a dataset's tables from its journals."),
+        "anchor": ("laboratory", "Anchor a dataset in a register outside of it."),
+        "verify": ("laboratory", "Say what is proven of a dataset, and what is not."),
     },
     "Analyse": {
         "analyse": ("analysis", "Make the tables and the report of a dataset."),

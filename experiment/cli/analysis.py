@@ -57,6 +57,7 @@ def export(
     """
     from analysis import export as exports
 
+    _believe(*datasets)
     for path in exports.export(datasets, out):
         typer.echo(path)
 
@@ -85,6 +86,7 @@ def audit(
     """
     from analysis.audit import audit as audits
 
+    _believe(Path(target))
     result = audits.audit(target, against)
     if as_json:
         options.put(result.as_dict())
@@ -142,6 +144,7 @@ def power(
     if out is not None:
         output.check(out, (), "power")
     protocol = files.load(protocol_file)
+    _believe(Path(model))
     chosen = choice_models.find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)
     planned = planned_tests.design(protocol, printed.pairs() if printed else {}, alpha)
@@ -233,11 +236,21 @@ def tell_analysis(
     """Analyse datasets, and print what was found."""
     from analysis import analyse as analyses
 
+    _believe(*datasets)
     result = analyses.analyse(datasets, out, figures=figures, dissimilarities=dissimilarities)
     if as_json:
         options.put(result.as_dict())
     else:
         typer.echo(result.text())
+
+
+def _believe(*datasets: Path) -> None:
+    """Refuse a dataset whose journals are not all its own, or do not give its tables."""
+    from experiment.dataset import beliefs, build
+
+    for dataset in datasets:
+        if beliefs.has_journals(dataset):
+            build.check_tables(dataset)
 
 
 def _sizes(text: str) -> list[int]:

@@ -2,15 +2,17 @@
 
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
-from typing import Annotated, Any, cast
+from typing import Annotated, Any, TextIO, cast
 
 import typer
 import typer.main
 
 from experiment import __version__
 from experiment.cli import COMMANDS, overview
-from experiment.errors import Interrupted, PalpateError
+from experiment.errors import Interrupted, PalpateError, ProtocolError
+from experiment.settings.characters import plain
 
 
 class Commands(typer.core.TyperGroup):
@@ -65,8 +67,26 @@ def palpate(
     """Run vibrotactile psychophysics: from an ethics-reviewed protocol to published tables."""
 
 
+class _Door:
+    """A stream on which a control or invisible character is written as its code: what files hold may hold any."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        return self._stream.write(plain(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
 def main() -> None:
     """Run the command. An error becomes its message and exit code 2; raises `KeyboardInterrupt` on Ctrl-C."""
+    with redirect_stdout(cast("TextIO", _Door(sys.stdout))), redirect_stderr(cast("TextIO", _Door(sys.stderr))):
+        _run()
+
+
+def _run() -> None:
     try:
         app()
     except SystemExit as end:
@@ -76,13 +96,14 @@ def main() -> None:
         raise
     except PalpateError as error:
         for line in (str(error), *getattr(error, "__notes__", ())):
-            print(f"palpate: {line}", file=sys.stderr)  # noqa: T201
+            keep = "\n" if isinstance(error, ProtocolError) else ""
+            print(f"palpate: {plain(line, keep)}", file=sys.stderr)  # noqa: T201
         raise SystemExit(error.exit_code) from None
     except BrokenPipeError:
         sys.stderr.close()
         raise SystemExit(1) from None
     except OSError as error:
-        where = f"{error.filename}: " if error.filename else ""
+        where = plain(f"{error.filename}: ", keep="") if error.filename else ""
         print(f"palpate: {where}{error.strerror or error}; mend that, then run the command again", file=sys.stderr)  # noqa: T201
         raise SystemExit(2) from None
     except Exception as error:

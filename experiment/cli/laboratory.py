@@ -9,10 +9,13 @@ import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder
+from experiment.errors import RosterError
 
 commands = options.room()
 
 DAY = ["%Y-%m-%d"]
+
+Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")]
 
 
 @commands.command(epilog="Example: palpate check protocols/okamoto2012.toml")
@@ -42,7 +45,7 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
             {"file": str(protocol_file), "valid": True, "sha256": approval.sha256(protocol), "protocol": document}
         )
     else:
-        typer.echo(page.page(protocol))
+        typer.echo(page.page(protocol, str(protocol_file)))
 
 
 @commands.command(
@@ -92,11 +95,23 @@ def enrol(
     seed: Annotated[
         int | None, typer.Option("--seed", min=0, help="Seed of the study's random draws [default: a random one].")
     ] = None,
+    pilot: Annotated[
+        bool,
+        typer.Option(
+            "--pilot",
+            help="Begin the dataset of a pilot, no data of the study [default folder: participants/STUDY-pilot].",
+        ),
+    ] = False,
 ) -> None:
-    """Enrol the next participant of a study."""
+    """Enrol the next participant of a study.
+
+    The first one begins the dataset. Whether it is that of a pilot is settled then; later commands find a pilot by
+    --dataset.
+    """
     from experiment.study import roster
 
-    path = roster.enrol(protocol_file, participant, consent_on.date() if consent_on else None, root=dataset, seed=seed)
+    consented = consent_on.date() if consent_on else None
+    path = roster.enrol(protocol_file, participant, consented, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}\nSeed of the study: {roster.seed_of(path.parents[1])}")
 
 
@@ -108,11 +123,19 @@ def consent(
         datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day on which consent was given.")
     ],
     dataset: StudyFolder = None,
+    correct: Annotated[
+        bool, typer.Option("--correct", help="Correct the day on record, which stays in the roster.")
+    ] = False,
+    reason: Annotated[
+        str | None, typer.Option("--reason", help="Why it is corrected: one line that names no person.")
+    ] = None,
 ) -> None:
-    """Record the consent of an enrolled participant."""
+    """Record the consent of an enrolled participant, or correct its day."""
     from experiment.study import roster
 
-    path = roster.consent(protocol_file, participant, consent_on.date(), root=dataset)
+    if correct != (reason is not None):
+        raise RosterError("got one of --correct and --reason; allowed: both or neither; say why the day is corrected")
+    path = roster.consent(protocol_file, participant, consent_on.date(), root=dataset, correction=reason)
     typer.echo(f"Participant {participant} has consented: {path}")
 
 
@@ -255,7 +278,11 @@ def withdraw(
     ],
     dataset: StudyFolder = None,
 ) -> None:
-    """Record that a participant withdrew."""
+    """Record that a participant withdrew.
+
+    Their journals say so too, and no data of theirs is analysed. To finish a withdrawal that was interrupted, run the
+    same command again.
+    """
     from experiment.dataset import build as datasets
     from experiment.study import roster
 
@@ -264,11 +291,71 @@ def withdraw(
 
 
 @commands.command(epilog="Example: palpate build participants/study")
-def build(
-    dataset: Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")],
-) -> None:
+def build(dataset: Dataset) -> None:
     """Rebuild a dataset's tables from its journals."""
     from experiment.dataset import build as datasets
 
     datasets.build(dataset)
     typer.echo(f"Dataset: {dataset}")
+
+
+@commands.command(epilog="Example: palpate anchor participants/study --to /mnt/register.jsonl --sign lab_key")
+def anchor(
+    dataset: Dataset,
+    to: Annotated[
+        Path | None, typer.Option("--to", help="The register: a file on another disk or a shared drive.")
+    ] = None,
+    key: Annotated[Path | None, typer.Option("--sign", help="Private SSH key that signs the anchor there.")] = None,
+) -> None:
+    """Anchor a dataset in a register outside of it.
+
+    An anchor tells how many lines the roster and each journal have, and the hash of the last. Without options it is
+    kept in the dataset alone, and its number belongs into the lab book. `palpate run` does the same at each session's
+    end, with the register that the rig file names.
+    """
+    from experiment.dataset import register
+    from experiment.errors import DatasetError
+
+    if key and not to:
+        raise DatasetError("got --sign without --to; allowed: both, or --to alone; name the register too")
+    made = register.keep(dataset)
+    typer.echo(f"For the lab book: {made.line}")
+    if to:
+        typer.echo(register.enter(made, dataset, to, key))
+
+
+@commands.command(
+    epilog="Example: palpate verify participants/study --register /mnt/register.jsonl --signer lab_key.pub"
+)
+def verify(
+    dataset: Dataset,
+    registers: Annotated[
+        list[Path] | None, typer.Option("--register", help="A register outside of the dataset; may be repeated.")
+    ] = None,
+    numbers: Annotated[
+        list[str] | None, typer.Option("--number", help="An anchor's number in the lab book; may be repeated.")
+    ] = None,
+    signer: Annotated[
+        Path | None, typer.Option("--signer", help="Public SSH key (.pub); only anchors that it signed count.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what is proven of a dataset, and what is not.
+
+    Every finding is printed: that it holds, or that it is REFUSED. Nothing is changed. The exit code is 2 if anything
+    is refused.
+    """
+    from dataclasses import asdict
+
+    from experiment.dataset import verify as verifying
+    from experiment.dataset.register import Signer
+    from experiment.errors import DatasetError
+
+    report = verifying.verify(dataset, registers or (), numbers or (), Signer(signer) if signer else None)
+    if as_json:
+        options.put(asdict(report))
+    else:
+        words = {"holds": "holds  ", "refused": "REFUSED", "note": "note   "}
+        found = [f"  {words[one.word]}  {one.item}: {one.text}" for one in report.findings]
+        typer.echo("\n".join([report.title, *found, *report.verdict]))
+    raise typer.Exit(DatasetError.exit_code if report.refused else 0)

@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from experiment.settings.characters import hidden
+
 ProtocolFile = Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML).")]
 Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")]
 StudyFolder = Annotated[
@@ -25,20 +27,26 @@ def room() -> typer.Typer:
 
 
 def put(document: object) -> None:
-    """Print a document as JSON."""
+    """Print a document as JSON, in ASCII if it holds characters that do not leave as they are."""
     import json
 
-    typer.echo(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False))
+    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
+    typer.echo(json.dumps(document, indent=2, allow_nan=False) if hidden(text, "\n") else text)
 
 
 @contextmanager
 def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
-    """Show a progress bar on standard error; yield what sets its total and draws it, and what advances it."""
+    """Show a progress bar on standard error; yield what sets its total and draws it, and what advances it.
+
+    It moves about on the terminal with control characters, so it writes to the stream of the process itself.
+    """
+    import sys
+
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=Console(stderr=True), disable=quiet)
+    bar = Progress(*columns, console=Console(file=sys.__stderr__), disable=quiet)
     task = bar.add_task(label, total=None)
 
     def begin(total: int) -> None:

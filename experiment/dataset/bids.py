@@ -25,14 +25,18 @@ from experiment.records.events import EVENT_COLUMNS, FURTHER_COLUMNS, NO_ANSWER
 BIDS_VERSION = "1.10.0"
 MISSING = "n/a"
 
-Origin = Literal["PARTICIPANT", "REHEARSAL", "RECONSTRUCTION"]
+Origin = Literal["PARTICIPANT", "PILOT", "REHEARSAL", "RECONSTRUCTION"]
 
 LABELS: dict[Origin, str] = {
     "PARTICIPANT": "",
+    "PILOT": "PILOT - participants in the room, no data of the study",
     "REHEARSAL": "REHEARSAL - simulated participants",
     "RECONSTRUCTION": "RECONSTRUCTION - consistent with the printed tables, no original data",
 }
 """What stands at the head of every file of such a dataset; a study's own data carries no label."""
+
+Files = dict[Path, bytes]
+"""What is to be written where."""
 
 PARTICIPANT_COLUMNS: dict[str, dict[str, object]] = {
     "participant_id": {"Description": "Label of the participant, as in the folder's name."},
@@ -112,26 +116,31 @@ def new_dataset(out: Path) -> Iterator[Path]:
         raise DatasetError(f"cannot make {out}: {error.strerror}; free the place or choose another") from error
 
 
-def write_table(path: Path, columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> int:
-    """Write a tab-separated table and return its number of rows.
+def write_files(files: Files) -> None:
+    """Write every file whole. Raises `DatasetError` if the file system refuses."""
+    for path, content in files.items():
+        storage.write_bytes(path, content)
+
+
+def table(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> bytes:
+    """Return a tab-separated table.
 
     A value is `n/a` where it is None, not a number, or left out; true and false are 1 and 0. Raises `ValueError` if a
-    key is no column, or a text holds a tab or a line end.
+    key is no column, and `DatasetError` if a text is empty or holds a tab or a line end.
     """
     lines = ["\t".join(columns)]
     for row in rows:
         if unknown := set(row) - set(columns):
             raise ValueError(f"no such columns: {sorted(unknown)}; allowed: {list(columns)}")
         lines.append("\t".join(_cell(row.get(column)) for column in columns))
-    storage.write_bytes(path, ("\n".join(lines) + "\n").encode())
-    return len(lines) - 1
+    return ("\n".join(lines) + "\n").encode()
 
 
-def write_description(root: Path, text: DatasetText) -> None:
-    """Write `dataset_description.json` and `README`; the label of a rehearsal or reconstruction leads both."""
+def description(root: Path, text: DatasetText) -> Files:
+    """Return `dataset_description.json` and `README`; the label of what is no data of a study leads both."""
     label = LABELS[text.origin]
     name = _labelled(text.name, text.origin)
-    description: dict[str, object] = {
+    content: dict[str, object] = {
         "Name": name,
         "BIDSVersion": BIDS_VERSION,
         "DatasetType": "raw",
@@ -141,18 +150,22 @@ def write_description(root: Path, text: DatasetText) -> None:
         "Palpate": {"Study": text.study, "Origin": text.origin, "Label": label, "Tasks": list(text.tasks)},
     }
     if text.references:
-        description["ReferencesAndLinks"] = list(text.references)
-    storage.write_json(root / "dataset_description.json", description)
-    storage.write_bytes(root / "README", f"{name}\n\n{text.readme.strip()}\n".encode())
+        content["ReferencesAndLinks"] = list(text.references)
+    return {
+        root / "dataset_description.json": storage.json_bytes(content),
+        root / "README": f"{name}\n\n{text.readme.strip()}\n".encode(),
+    }
 
 
-def write_participants(root: Path, rows: Iterable[Mapping[str, object]], *, origin: Origin) -> None:
-    """Write `participants.tsv` and its sidecar; columns as in `PARTICIPANT_COLUMNS`, `origin` the same in all rows."""
+def participants(root: Path, rows: Iterable[Mapping[str, object]], *, origin: Origin) -> Files:
+    """Return `participants.tsv` and its sidecar; columns as in `PARTICIPANT_COLUMNS`, `origin` the same in all rows."""
     rows = ({**row, "origin": origin} for row in rows)
-    write_table(root / "participants.tsv", tuple(PARTICIPANT_COLUMNS), rows)
     columns = {name: dict(text) for name, text in PARTICIPANT_COLUMNS.items()}
     columns["participant_id"]["Description"] = _labelled(str(columns["participant_id"]["Description"]), origin)
-    storage.write_json(root / "participants.json", columns)
+    return {
+        root / "participants.tsv": table(tuple(PARTICIPANT_COLUMNS), rows),
+        root / "participants.json": storage.json_bytes(columns),
+    }
 
 
 def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
@@ -166,8 +179,8 @@ def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
     return root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_{suffix}"
 
 
-def write_events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[str, object]]) -> None:
-    """Write the events of one session, and the sidecar that describes every column.
+def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[str, object]]) -> Files:
+    """Return the events of one session, and the sidecar that describes every column.
 
     `participant` is a label without `sub-`; a row is one attempt. Its keys are the columns of `EVENT_COLUMNS`, and
     those of `FURTHER_COLUMNS`, which stand in the table where some row has them.
@@ -176,7 +189,6 @@ def write_events(root: Path, participant: str, task: TaskText, rows: Iterable[Ma
     attempts = list(rows)
     known = {name for row in attempts for name in row}
     texts = {**EVENT_COLUMNS, **{name: text for name, text in FURTHER_COLUMNS.items() if name in known}}
-    count = write_table(path, tuple(texts), attempts)
     columns: dict[str, dict[str, object]] = {name: dict(text) for name, text in texts.items()}
     columns["presented"]["Levels"] = dict(task.materials)
     columns["answered"]["Levels"] = {**task.materials, NO_ANSWER: "no material was named"}
@@ -187,12 +199,12 @@ def write_events(root: Path, participant: str, task: TaskText, rows: Iterable[Ma
         "Instructions": task.instructions,
         "StimulusPresentation": dict(task.stimulus_presentation),
         "Materials": list(task.materials),
-        "Rows": count,
+        "Rows": len(attempts),
         **({"SessionId": task.session_id} if task.session_id else {}),
         **task.notes,
         **columns,
     }
-    storage.write_json(path.with_suffix(".json"), sidecar)
+    return {path: table(tuple(texts), attempts), path.with_suffix(".json"): storage.json_bytes(sidecar)}
 
 
 def write_physio(
@@ -262,5 +274,5 @@ def _cell(value: object) -> str:
         return repr(value) if np.isfinite(value) else MISSING
     text = str(value)
     if not text or re.search(r"[\t\r\n]", text):
-        raise ValueError(f"a cell must be text on one line without tabs, got {text!r}")
+        raise DatasetError(f"got the text {text[:60]!r}; allowed in a table: one line without tabs; correct its source")
     return text

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -14,25 +17,36 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker import frames
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.dataset import bids
-from experiment.errors import DatasetError
-from experiment.protocol import files
+from experiment.dataset.beliefs import Believed, believed, collected
+from experiment.errors import DatasetError, PalpateError
 from experiment.protocol.models import Protocol, Task
 from experiment.records import journal
-from experiment.records.entries import Answer, MaskerSet, Redo, TrackerOpened
+from experiment.records.entries import Answer, MaskerSet, Purpose, Redo, TrackerOpened
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.stimulus import Onset
 from experiment.storage import foot_path, rig_path
-from experiment.study.roster import Roster
 
 LONGEST_GAP_S = 600.0
 """After a longer pause the foot trace continues in a recording of its own, instead of that many rows of n/a. The same
 happens where time goes back by more than a frame."""
 
+ORIGINS: dict[Purpose, bids.Origin] = {"STUDY": "PARTICIPANT", "PILOT": "PILOT", "REHEARSAL": "REHEARSAL"}
+"""What produced the rows of a dataset, by what its sessions are for."""
+
+READ = {
+    "dataset_description.json": ("Name", "Palpate"),
+    "_events.json": ("TaskTitle", "Instructions", "Materials", "Rows", "SessionId"),
+}
+"""What analysis reads of JSON files, by the end of their names; the rest is told by each version in its own words."""
+
 README = {
     "REHEARSAL": """
 Everything in this dataset was made by simulated participants, on simulated materials, with a simulated foot
 behind real ports. It shows that the study's whole path works. It says nothing about any participant or material.
+""",
+    "PILOT": """
+Recorded with palpate in a pilot: participants were in the room, and nothing here is data of the study.
 """,
     "PARTICIPANT": """
 Recorded with palpate. The journals under sourcedata/ are the record of what happened: every line carries the
@@ -71,37 +85,62 @@ class Placed:
 def build(root: Path) -> None:
     """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
 
-    `sourcedata/` holds `protocol.toml`, the journals, and beside each its rig file. A journal without a header is one
-    of a session which never started: it is left out. Raises `DatasetError` if a part is missing, or a foot trace is not
-    the one its journal names; `JournalError` if a journal is broken.
+    A journal without a header is one of a session which never started: it is left out. Raises what `believed` raises,
+    and `DatasetError` if there is no journal, or a foot trace is not the one its journal names.
     """
-    protocol = files.load_kept(root / "sourcedata" / "protocol.toml")
-    found = storage.journals(root)
-    if not found:
+    dataset = believed(root)
+    if not storage.journals(root):
         raise DatasetError(f"{root}: got no journal; allowed: one or more; run a session first")
+    sessions = _sessions(dataset)
+    bids.write_files(_tables(root, dataset, sessions))
+    for path, session in sessions.items():
+        _write_foot(root, session, path, ORIGINS[dataset.purpose])
+
+
+def check_tables(root: Path) -> Believed:
+    """Return what `believed` returns, if the journals give the tables on disk and name the raw frames of the foot.
+
+    Raises what `believed` raises, and `DatasetError` for the first table or trace that differs: it was edited, or is
+    older than the journals.
+    """
+    dataset = believed(root)
+    for doubt in edited(root, dataset):
+        raise doubt
+    for path, session in _sessions(dataset).items():
+        _frames(path, session)
+    return dataset
+
+
+def edited(root: Path, dataset: Believed) -> list[PalpateError]:
+    """Return an error for each table on disk that is not the one that the journals give."""
+    doubts: list[PalpateError] = []
+    for path, content in _tables(root, dataset, _sessions(dataset)).items():
+        with collected(doubts):
+            _check_table(root, path, content)
+    return doubts
+
+
+def _sessions(dataset: Believed) -> dict[Path, _Session]:
+    return {path: _session(path, contents) for path, contents in dataset.sessions}
+
+
+def _tables(root: Path, dataset: Believed, sessions: Mapping[Path, _Session]) -> bids.Files:
+    """Return all files but those of the foot's height."""
+    protocol, origin = dataset.protocol, ORIGINS[dataset.purpose]
+    withdrawn = dataset.roster.withdrawn if dataset.roster is not None else {}
     first_tasks: dict[str, str] = {}
-    withdrawn = Roster.load(storage.roster_path(root)).withdrawn
-    origin: bids.Origin = "PARTICIPANT"
-    for path in found:
-        session = _read(path)
-        if not session.contents.lines:
-            continue
+    files: bids.Files = {}
+    for session in sessions.values():
         header = session.contents.header
-        origin = "REHEARSAL" if header.rehearsal else "PARTICIPANT"
         first_tasks.setdefault(header.participant, bids.MISSING)
         if header.task_position == 1:
             first_tasks[header.participant] = header.task
         task = _task_text(protocol, protocol.task(header.task), origin, header.session_id)
-        bids.write_events(root, header.participant, task, _rows(session, origin))
-        _write_foot(root, session, path, origin)
-    bids.write_participants(
-        root,
-        [
-            {"participant_id": f"sub-{who}", "first_task": first, "withdrawn": who in withdrawn}
-            for who, first in first_tasks.items()
-        ],
-        origin=origin,
-    )
+        files |= bids.events(root, header.participant, task, _rows(session, origin))
+    people = [
+        {"participant_id": f"sub-{who}", "first_task": first, "withdrawn": who in withdrawn}
+        for who, first in first_tasks.items()
+    ]
     rehearsed = origin == "REHEARSAL"
     text = bids.DatasetText(
         study=protocol.study.id,
@@ -114,11 +153,35 @@ def build(root: Path) -> None:
         readme=README[origin],
         software_version=__version__,
     )
-    bids.write_description(root, text)
+    return files | bids.participants(root, people, origin=origin) | bids.description(root, text)
 
 
-def _read(path: Path) -> _Session:
-    contents = journal.read(path)
+def _check_table(root: Path, path: Path, content: bytes) -> None:
+    """Refuse a table that is not the one that the journals give."""
+    remedy = f"it was edited, or the journals are newer; make the tables again (palpate build {root})"
+    read = next((keys for end, keys in READ.items() if path.name.endswith(end)), None)
+    if read is None and path.suffix != ".tsv":
+        if not path.exists():
+            raise DatasetError(f"{path}: is missing; make the tables again (palpate build {root})")
+        return
+    try:
+        found = storage.read_bytes(path)
+        if read is not None:
+            on_disk, given = json.loads(found), json.loads(content)
+            if not isinstance(on_disk, dict):
+                raise ValueError("no JSON object")
+            if differing := [key for key in read if on_disk.get(key) != given.get(key)]:
+                raise DatasetError(f"{path}: {differing[0]} is not what the journals give: {remedy}")
+            return
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{path}: cannot be read ({error}): {remedy}") from error
+    lines = zip_longest(found.split(b"\n"), content.split(b"\n"))
+    for number, (on_disk, given) in enumerate(lines, start=1):
+        if on_disk != given:
+            raise DatasetError(f"{path}: line {number} is not what the journal gives: {remedy}")
+
+
+def _session(path: Path, contents: journal.Contents) -> _Session:
     zero_ns: int | None = None
     zero_mm = 0.0
     steps: list[Placed] = []
@@ -213,21 +276,10 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
     rig = rigs.load(rig_path(journal_file))
     if rigs.sha256(rig) != header.rig_sha256:
         raise DatasetError(f"{rig_path(journal_file)}: is not the rig that the session was run on; restore the file")
-    path = foot_path(journal_file)
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
     rate_hz = rig.tracker.rate_hz
     places: list[NDArray[np.float64]] = []
     heights: list[NDArray[np.float64]] = []
-    for placed in session.steps:
-        step = placed.step
-        part = raw[step.trace.offset : step.trace.offset + step.trace.length]
-        if hashlib.sha256(part).hexdigest() != step.trace.sha256:
-            raise DatasetError(
-                f"{path}: the frames of trial {step.trial} are not those that the journal names; restore the file"
-            )
+    for placed, part in zip(session.steps, _frames(journal_file, session), strict=True):
         _, decoded = frames.Decoder(near_us=int(placed.at_us)).feed(part)
         seconds = placed.seconds(decoded.device_us)
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
@@ -250,6 +302,27 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
             description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
             origin=origin,
         )
+
+
+def _frames(journal_file: Path, session: _Session) -> list[bytes]:
+    """Return the raw frames of each step. Raises `DatasetError` if they are not those that the journal names."""
+    if not session.steps:
+        return []
+    path = foot_path(journal_file)
+    try:
+        raw = storage.read_bytes(path, 2**30)
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
+    parts = []
+    for placed in session.steps:
+        step = placed.step
+        part = raw[step.trace.offset : step.trace.offset + step.trace.length]
+        if hashlib.sha256(part).hexdigest() != step.trace.sha256:
+            raise DatasetError(
+                f"{path}: the frames of trial {step.trial} are not those that the journal names; restore the file"
+            )
+        parts.append(part)
+    return parts
 
 
 def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str) -> bids.TaskText:

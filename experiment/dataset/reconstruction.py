@@ -9,6 +9,7 @@ up. A counts file is a CSV of how often each participant gave each answer to eac
 from __future__ import annotations
 
 import csv
+import io
 import re
 import textwrap
 from collections import Counter
@@ -21,13 +22,15 @@ from experiment.dataset.bids import (
     LABELS,
     DatasetText,
     TaskText,
+    description,
+    events,
     new_dataset,
-    write_description,
-    write_events,
-    write_participants,
+    participants,
+    write_files,
 )
-from experiment.errors import DatasetError
+from experiment.errors import DatasetError, ProtocolError
 from experiment.records.events import NO_ANSWER
+from experiment.settings.load import Confined, Name, Text, checked
 
 COLUMNS = ("participant", "presented", "answered", "count")
 """Header of a counts file."""
@@ -53,7 +56,7 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
     Participants are whole numbers, with or without leading zeros, but each is spelt in one way throughout the file.
     Raises `DatasetError` if the file is anything else; the error names file and line.
     """
-    lines = csv.reader(_text(path).splitlines(), strict=True)
+    lines = csv.reader(io.StringIO(_text(path), newline=""), strict=True)
     counts: dict[int, dict[tuple[str, str], int]] = {}
     spelt: dict[int, str] = {}
     try:
@@ -79,14 +82,33 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
 
 def materials_of(path: Path) -> tuple[str, ...]:
     """Return every material that a counts file presents, in its order. Raises `DatasetError` if it cannot be read."""
-    rows = csv.DictReader(_text(path).splitlines())
-    return tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
+    rows = csv.DictReader(io.StringIO(_text(path), newline=""))
+    try:
+        found = tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
+    except csv.Error as error:
+        raise DatasetError(f"{path}: line {rows.line_num}: {error}; write plain CSV") from error
+    _check(path, {"presented": found})
+    return found
+
+
+class _Texts(Confined):
+    """What of a study without texts here comes from whoever imports it."""
+
+    presented: tuple[Name, ...] = ()
+    source: Text = "none"
+
+
+def _check(where: Path, texts: dict[str, object]) -> None:
+    try:
+        checked(where, _Texts, texts)
+    except ProtocolError as error:
+        raise DatasetError(f"{where}: {error.problems[0]}; mend it") from error
 
 
 def _text(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        return storage.read_text(path)
+    except (OSError, ValueError) as error:
         raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of counts in UTF-8") from error
 
 
@@ -173,6 +195,8 @@ def study_text(study: str, counts: Mapping[str, Path], source: str | None = None
     `counts` maps task ids to counts files; `source` says where they come from, which a study outside `STUDIES` needs.
     Raises `DatasetError` if the id or a file is bad, or the study has neither texts here nor a source.
     """
+    if source is not None:
+        _check(Path("--source"), {"source": source})
     if study in STUDIES:
         return STUDIES[study] if source is None else replace(STUDIES[study], source=source)
     if not re.fullmatch(r"[a-z][a-z0-9]*", study):
@@ -216,13 +240,14 @@ def import_counts(
     numbers = sorted({number for table in tables.values() for number in table})
     labels = {number: f"{number:0{max(2, len(str(numbers[-1])))}d}" for number in numbers}
     with new_dataset(out) as root:
-        write_description(root, _description(study, tables, software_version))
-        write_participants(root, ({"participant_id": f"sub-{labels[n]}"} for n in numbers), origin="RECONSTRUCTION")
+        people = ({"participant_id": f"sub-{labels[n]}"} for n in numbers)
+        write_files(description(root, _description(study, tables, software_version)))
+        write_files(participants(root, people, origin="RECONSTRUCTION"))
         for task, table in tables.items():
             text = _task_text(study, task)
             for number in sorted(table):
-                write_events(root, labels[number], text, _trials(table[number], study.materials))
-            storage.write_bytes(root / "sourcedata" / counts[task].name, counts[task].read_bytes())
+                write_files(events(root, labels[number], text, _trials(table[number], study.materials)))
+            storage.write_bytes(root / "sourcedata" / counts[task].name, storage.read_bytes(counts[task]))
         storage.write_bytes(root / "sourcedata" / "README", _source(study, counts).encode())
     return out
 

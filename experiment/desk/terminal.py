@@ -6,11 +6,15 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, TextIO
 
 from experiment.desk.port import RESTS
+from experiment.errors import ScreenGone
 from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
 
 if TYPE_CHECKING:
     from experiment.recordings.store import Condition
     from experiment.recordings.workflow import Step
+
+
+GONE = "the screen is gone ({})"
 
 
 class TerminalConsole:
@@ -30,10 +34,16 @@ class TerminalConsole:
             return self._read(prompt)
         except EOFError:
             raise KeyboardInterrupt from None
+        except (OSError, ValueError) as error:
+            raise ScreenGone(GONE.format(error)) from error
 
     def show(self, text: str) -> None:
-        self._write.write(text + "\n")
-        self._write.flush()
+        try:
+            self._write.write(text + "\n")
+            self._write.flush()
+        except (OSError, ValueError) as error:
+            # A stream that was closed is a ValueError.
+            raise ScreenGone(GONE.format(error)) from error
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
         self.show(f"{self._heading}  Familiarisation, {min_s / 60:.1f} to {max_s / 60:.1f} min. {instruction}")

@@ -25,7 +25,7 @@ from experiment.errors import Problem, ProtocolError
 from experiment.protocol import rules
 from experiment.protocol.models import Protocol
 from experiment.settings import load
-from experiment.settings.load import Confined, Rules, Text
+from experiment.settings.load import Confined, Line, Rules, Text
 
 
 def canonical(protocol: Protocol) -> bytes:
@@ -57,7 +57,7 @@ class Seal(Confined):
     RULES: ClassVar[Rules] = rules.ethics
 
     protocol_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits")]
-    approval_number: Text
+    approval_number: Line
     board: Text
     approved_on: date
     expires_on: date
@@ -104,26 +104,45 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
 
     Raises `ProtocolError` if the protocol is not sealed, was changed since, or is not approved on this day.
     """
-    path = seal_path(protocol_path)
-    if not path.exists():
-        allowed = "a protocol that was approved and sealed; have it approved, then seal it (palpate seal)"
-        _refuse(path, [Problem("seal", None, "no seal", allowed)])
-    seal = load.read(path, Seal)
-    found = sha256(protocol)
-    problems = _contradictions(protocol, seal)
-    if seal.protocol_sha256 != found:
-        allowed = (
-            f"the hash of {protocol_path.name} ({found[:12]}...): the protocol was changed after its approval; "
-            "undo the change, or have it approved and seal it again"
-        )
-        problems.append(Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
+    seal = read(protocol_path)
+    problems = _changed(protocol_path, protocol, seal)
     if today < seal.approved_on:
         problems.append(Problem("approved_on", None, str(seal.approved_on), f"no later than today ({today}); wait"))
     if today > seal.expires_on:
         allowed = f"no earlier than today ({today}): the approval has expired; have it renewed and seal again"
         problems.append(Problem("expires_on", None, str(seal.expires_on), allowed))
-    _refuse(path, problems)
+    _refuse(seal_path(protocol_path), problems)
     return seal
+
+
+def held(protocol_path: Path, protocol: Protocol) -> Seal:
+    """Return the seal of `protocol`, as loaded from `protocol_path`, whether it has expired since or not.
+
+    Raises `ProtocolError` if the protocol is not sealed, or was changed since.
+    """
+    seal = read(protocol_path)
+    _refuse(seal_path(protocol_path), _changed(protocol_path, protocol, seal))
+    return seal
+
+
+def read(protocol_path: Path) -> Seal:
+    """Return the seal beside a protocol file. Raises `ProtocolError` if there is none, or if it cannot be read."""
+    path = seal_path(protocol_path)
+    if not path.exists():
+        allowed = "a protocol that was approved and sealed; have it approved, then seal it (palpate seal)"
+        _refuse(path, [Problem("seal", None, "no seal", allowed)])
+    return load.read(path, Seal)
+
+
+def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Problem]:
+    problems = _contradictions(protocol, seal)
+    if seal.protocol_sha256 != (found := sha256(protocol)):
+        allowed = (
+            f"the hash of {protocol_path.name} ({found[:12]}...): the protocol was changed after its approval; "
+            "undo the change, or have it approved and seal it again"
+        )
+        problems.append(Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
+    return problems
 
 
 def _refuse(path: Path, problems: list[Problem]) -> None:

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from experiment.protocol import rules
-from experiment.settings.load import Confined, Key, Label, Name, Rules, Text
+from experiment.settings.load import Confined, Key, Label, Name, Remark, Rules, Text
 
 
 class Study(Confined):
@@ -48,10 +48,10 @@ class Ethics(Confined):
 
     board: Text
     statement: Text
-    approval_number: str = ""
+    approval_number: Remark = ""
     approved_on: date | None = None
     expires_on: date | None = None
-    contact: str = ""
+    contact: Remark = ""
 
 
 class Eligibility(Confined):

@@ -1,36 +1,71 @@
-"""A protocol as one page of plain text that states every fact of the file to an ethics board."""
+"""A protocol as one page of plain text that states every fact of the file to an ethics board.
+
+Words of the file cannot pass for words of palpate, and so not for a limit or a heading: free text stands on lines of
+its own, each behind a bar, and names stand between double quotes and are never broken.
+"""
 
 from __future__ import annotations
 
 import textwrap
+import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 from experiment.protocol import approval
 from experiment.protocol.models import ExclusionRule, PlannedTest, Protocol, Task
+from experiment.settings.characters import plain
 
 WIDTH = 92
-"""Characters a line, at most."""
+"""Columns of a line, at most."""
 
 LEFT_EMPTY = "(left for the laboratory)"
 """How an empty field reads."""
+
+BAR = "| "
+"""Stands before each line of free text."""
+
+UNBROKEN, SECOND_HALF = "\ue000", "\ue001"
+"""Stand for a blank inside a name, and for the second column of a wide character, while lines are broken; no text holds
+them."""
+
+
+@dataclass(frozen=True)
+class Free:
+    """Text of the file, as the board is to read it, word for word."""
+
+    text: str
+
+
+def named(name: str) -> str:
+    """Return a name of the file between double quotes, to be kept on one line."""
+    return f'"{plain(name, keep="")}"'.replace(" ", UNBROKEN)
 
 
 def say(text: str, indent: str = "", first: str | None = None) -> list[str]:
     """Return a wrapped paragraph; `first` stands before its first line instead of `indent`."""
     begin = indent if first is None else first
-    text = " ".join(text.split())
-    return textwrap.wrap(text, WIDTH, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False)
+    wide = "".join(one + SECOND_HALF * (unicodedata.east_asian_width(one) in "WF") for one in " ".join(text.split()))
+    lines = textwrap.wrap(wide, WIDTH, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False)
+    return [line.replace(SECOND_HALF, "").replace(UNBROKEN, " ") for line in lines]
+
+
+def quote(text: str, indent: str = "    ", first: str | None = None) -> list[str]:
+    """Return free text behind bars."""
+    begin = indent if first is None else first
+    return say(plain(text, keep="\n"), indent + BAR, begin + BAR)
 
 
 def item(text: str) -> list[str]:
     return say(text, indent="    ", first="  - ")
 
 
-def facts(*named: tuple[str, str]) -> Iterator[str]:
+def facts(*known: tuple[str, str | Free]) -> Iterator[str]:
     """Yield lines with names on the left and values on the right."""
-    left = max(len(name) for name, _ in named) + 4
-    for name, value in named:
-        yield from say(value or LEFT_EMPTY, indent=" " * left, first=f"  {name}".ljust(left))
+    left = max(len(name) for name, _ in known) + 4
+    for name, value in known:
+        text = value.text.strip() if isinstance(value, Free) else value
+        lines = quote if isinstance(value, Free) and text else say
+        yield from lines(text or LEFT_EMPTY, indent=" " * left, first=f"  {name}".ljust(left))
 
 
 def table(rows: Sequence[Sequence[str]]) -> Iterator[str]:
@@ -51,8 +86,8 @@ def count(things: int, noun: str) -> str:
     return f"{things} {noun}{'s' if things != 1 else ''}"
 
 
-def page(protocol: Protocol) -> str:
-    """Return the page, in lines of at most 92 characters, ending in a newline."""
+def page(protocol: Protocol, file: str) -> str:
+    """Return the page of the protocol in `file`, in lines of at most 92 columns, ending in a newline."""
     sections: tuple[tuple[str, Iterable[str]], ...] = (
         ("Ethics approval", _ethics(protocol)),
         ("Participants and consent", _participants(protocol)),
@@ -67,7 +102,7 @@ def page(protocol: Protocol) -> str:
         ("Planned analysis", _analysis(protocol)),
         ("Left for the laboratory", _left_empty(protocol)),
     )
-    lines = [*say(protocol.study.title), "=" * WIDTH, *_title(protocol)]
+    lines = [f"Protocol of the study {protocol.study.id}", "=" * WIDTH, *_title(protocol, file)]
     for place, (heading, body) in enumerate(sections, start=1):
         lines += ["", f"{place}. {heading}", "-" * WIDTH, *body]
     return "\n".join(lines) + "\n"
@@ -77,16 +112,22 @@ def _trials(protocol: Protocol, task: Task) -> int:
     return task.repetitions * len(protocol.materials)
 
 
-def _title(protocol: Protocol) -> Iterator[str]:
+def _title(protocol: Protocol, file: str) -> Iterator[str]:
     yield from facts(
-        ("Study", protocol.study.id),
-        ("Source", protocol.study.source),
+        ("Title", Free(protocol.study.title)),
+        ("Source", Free(protocol.study.source)),
+        ("File", Free(file)),
         ("File format", str(protocol.format)),
         ("SHA-256", approval.sha256(protocol)),
     )
     yield from say(
-        "The SHA-256 identifies this version of the protocol. It changes with any fact on this page, and an approval "
-        "holds for this version alone.",
+        "The SHA-256 identifies this version of the protocol. It changes with any fact on this page but the name of "
+        "the file, and an approval holds for this version alone.",
+        indent="  ",
+    )
+    yield from say(
+        "What stands behind a bar (|) or between double quotes is text of the file, word for word. All else on this "
+        "page is written by palpate from the values of the file, and these values hold whatever a text may say.",
         indent="  ",
     )
 
@@ -94,12 +135,12 @@ def _title(protocol: Protocol) -> Iterator[str]:
 def _ethics(protocol: Protocol) -> Iterator[str]:
     ethics = protocol.ethics
     yield from facts(
-        ("Board", ethics.board),
-        ("Statement", ethics.statement),
-        ("Approval number", ethics.approval_number),
+        ("Board", Free(ethics.board)),
+        ("Statement", Free(ethics.statement)),
+        ("Approval number", Free(ethics.approval_number)),
         ("Approved on", str(ethics.approved_on or "")),
         ("Expires on", str(ethics.expires_on or "")),
-        ("Contact", ethics.contact),
+        ("Contact", Free(ethics.contact)),
     )
 
 
@@ -109,7 +150,7 @@ def _participants(protocol: Protocol) -> Iterator[str]:
         "these criteria:"
     )
     for criterion in protocol.eligibility.criteria:
-        yield from item(criterion)
+        yield from quote(criterion, first="  - ")
     yield ""
     if protocol.consent.required:
         yield from say(
@@ -118,7 +159,7 @@ def _participants(protocol: Protocol) -> Iterator[str]:
         )
     else:
         yield from say("This protocol does not require consent. Participants are told:")
-    yield from say(protocol.consent.statement, indent="    ")
+    yield from quote(protocol.consent.statement)
 
 
 def _recorded(protocol: Protocol) -> Iterator[str]:
@@ -185,11 +226,13 @@ def _tasks(protocol: Protocol) -> Iterator[str]:
     for task in protocol.tasks:
         wanted = task.familiarisation
         yield ""
-        yield from say(f"{task.id}: {task.title}")
+        yield from say(f"Task {task.id}:")
         yield from facts(
+            ("Title", Free(task.title)),
             ("Stimuli", _STIMULUS[task.stimulus]),
-            ("Familiarisation", f"{wanted.instruction} ({number(wanted.min_s)} to {number(wanted.max_s)} s)"),
-            ("Instruction", task.instruction),
+            ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
+            ("", Free(wanted.instruction)),
+            ("Instruction", Free(task.instruction)),
             ("Order", _order(task)),
         )
 
@@ -215,8 +258,9 @@ def _order(task: Task) -> str:
 
 def _materials(protocol: Protocol) -> Iterator[str]:
     for one in protocol.materials:
-        spoken = " or ".join(f'"{word}"' for word in one.spoken)
-        yield from item(f"{one.id}. {one.description} Participants say {spoken}; the key is [{one.key}].")
+        spoken = " or ".join(map(named, one.spoken))
+        yield from item(f"{named(one.id)}: participants say {spoken}; the key is [{one.key}].")
+        yield from quote(one.description)
 
 
 _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coefficients of their spectra"}
@@ -235,8 +279,9 @@ def _stimuli(protocol: Protocol) -> Iterator[str]:
     yield from say(
         f"Frequencies outside {number(tactile.low_hz)} to {number(tactile.high_hz)} Hz are left out of every stimulus "
         f"of a task if together they stay below {number(tactile.floor_m_s2)} m/s^2 (rms) in every material; otherwise "
-        f"they are left out of none. Source: {tactile.source}"
+        "they are left out of none. Source:"
     )
+    yield from quote(tactile.source)
     yield from say(
         f"The speed of the foot is measured while it moves down from {number(step.gate_top_mm)} to "
         f"{number(step.gate_bottom_mm)} mm above the panel, and the stimulus starts when it reaches "
@@ -244,9 +289,9 @@ def _stimuli(protocol: Protocol) -> Iterator[str]:
         "and the trial is armed again at once."
     )
     yield from say(
-        f"Headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that this holds: "
-        f"{masker.criterion}"
+        f"Headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that this holds:"
     )
+    yield from quote(masker.criterion)
 
 
 def _limits(protocol: Protocol) -> Iterator[str]:
@@ -266,7 +311,7 @@ def _limits(protocol: Protocol) -> Iterator[str]:
 
 def _answers(protocol: Protocol) -> Iterator[str]:
     answers = protocol.answers
-    keys = "".join(f"[{material.key}] {material.id}, " for material in protocol.materials)
+    keys = "".join(f"[{material.key}] {named(material.id)}, " for material in protocol.materials)
     yield from say(
         f"Answers are {answers.mode}. Participants answer aloud after each trial, and the experimenter presses the "
         "key for what they said:"
@@ -287,7 +332,8 @@ def _exclusion(protocol: Protocol) -> Iterator[str]:
             "is one block."
         )
     for rule in protocol.exclusion:
-        yield from item(f"{rule.id}: {_condition(rule)}, {_ACTION[rule.action]}. Reason: {rule.reason.rstrip('.')}.")
+        yield from item(f"{named(rule.id)}: {_condition(rule)}, {_ACTION[rule.action]}. Reason:")
+        yield from quote(rule.reason)
 
 
 _ACTION = {
@@ -317,13 +363,15 @@ def _condition(rule: ExclusionRule) -> str:
 def _analysis(protocol: Protocol) -> Iterator[str]:
     for planned in protocol.analysis:
         yield from item(_planned(planned))
+        for text in (planned.form, planned.question):
+            yield from quote(text) if text else ()
 
 
 def _planned(planned: PlannedTest) -> str:
     chance = "" if planned.chance is None else f" of {number(planned.chance)}"
-    form = "" if planned.form is None else f" ({planned.form})"
+    asked = "Question:" if planned.form is None else "Form and question:"
     tasks = f"task{'s' if len(planned.tasks) > 1 else ''} {' and '.join(planned.tasks)}"
-    return f"{planned.test}{chance}{form}; {tasks}; alpha {number(planned.alpha)}. {planned.question}"
+    return f"{planned.test}{chance}; {tasks}; alpha {number(planned.alpha)}. {asked}"
 
 
 def _left_empty(protocol: Protocol) -> Iterator[str]:

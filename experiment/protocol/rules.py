@@ -11,8 +11,8 @@ from datetime import date
 from itertools import pairwise
 from typing import Any
 
-from experiment.records.events import NO_ANSWER
-from experiment.settings.load import Broken, Place, Table, written
+from experiment.settings.load import Broken, Table, written
+from experiment.storage import Place
 
 MAX_COUNTERBALANCED = 6
 """Tasks that may be counterbalanced; more have over 720 orders, and no study balances those."""
@@ -27,7 +27,8 @@ MAX_COUNTED = 400
 def ethics(table: Table) -> Iterator[Broken]:
     """`expires_on` comes after `approved_on`."""
     approved, expires = table.get("approved_on"), table.get("expires_on")
-    if isinstance(approved, date) and isinstance(expires, date) and expires <= approved:
+    # A date with a time is a date too, for Python, and compares with none.
+    if type(approved) is type(expires) is date and expires <= approved:
         yield Broken(("expires_on",), f"a date after approved_on ({approved})")
 
 
@@ -37,9 +38,9 @@ def duration(table: Table) -> Iterator[Broken]:
 
 
 def material(table: Table) -> Iterator[Broken]:
-    """No material is called `(none)` or `n/a`, which stand in tables for a missing answer or value."""
-    if table.get("id") in (NO_ANSWER, "n/a"):
-        yield Broken(("id",), f"any name but '{NO_ANSWER}' and 'n/a', which stand for missing values in tables")
+    """No material is called `n/a`, which stands in tables for a missing value."""
+    if table.get("id") == "n/a":
+        yield Broken(("id",), "any name but 'n/a', which stands for a missing value in tables")
 
 
 def synthesis(table: Table) -> Iterator[Broken]:

@@ -25,7 +25,6 @@ sha256 = "..."
 from __future__ import annotations
 
 import hashlib
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,13 +34,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from experiment import storage
 from experiment.errors import ProtocolError, RecordingError
 from experiment.protocol.models import Synthesis
 from experiment.recordings.readers import wav_samples
 from experiment.settings import load as settings
-from experiment.settings.load import Confined
+from experiment.settings.load import ONE_LINE, Confined, Name, Remark
 
 MANIFEST = "manifest.toml"
+
+LARGEST = 8 * 2**20
+"""No manifest is larger, bytes: tens of thousands of takes."""
 
 
 @dataclass(frozen=True)
@@ -67,8 +70,10 @@ class _Zero(Confined):
 
 
 class _Take(Confined):
-    file: Annotated[str, Field(pattern=r"^[^/\\]+\.wav$", description="the name of a .wav file in this folder")]
-    material: Annotated[str, Field(min_length=1)] | None = None
+    file: Annotated[
+        str, Field(pattern=r"^[^/\\]+\.wav$", description="the name of a .wav file in this folder"), ONE_LINE
+    ]
+    material: Name | None = None
     speed_mm_s: Annotated[float, Field(gt=0, allow_inf_nan=False)]
     achieved_mm_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
     zero: _Zero | None = None
@@ -80,8 +85,8 @@ class _Take(Confined):
 
 class _Manifest(Confined):
     format: Literal[1]
-    label: str
-    note: str = ""
+    label: Remark
+    note: Remark = ""
     simulated: bool
     rate_hz: Annotated[int, Field(ge=1)]
     samples: Annotated[int, Field(ge=1)]
@@ -95,7 +100,7 @@ def sha256(directory: Path) -> str:
     Raises `RecordingError` if the manifest cannot be read.
     """
     _read(directory / MANIFEST)
-    return hashlib.sha256((directory / MANIFEST).read_bytes()).hexdigest()
+    return hashlib.sha256(storage.read_bytes(directory / MANIFEST)).hexdigest()
 
 
 def is_simulated(directory: Path) -> bool:
@@ -182,20 +187,12 @@ def _condition(material: str | None, speed_mm_s: float, number: int) -> str:
 
 
 def _read(path: Path) -> _Manifest:
-    try:
-        text = path.read_text(encoding="utf-8")
-        document = tomllib.loads(text)
-    except OSError as error:
+    if not path.is_file():
         raise RecordingError(
-            f"{path}: cannot be read ({error.strerror}); allowed: a folder of recordings with its {MANIFEST}; "
-            "name another folder"
-        ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise RecordingError(
-            f"{path}: got no TOML ({error}); allowed: a TOML file; restore it from its copy"
-        ) from error
+            f"{path}: cannot be read; allowed: a folder of recordings with its {MANIFEST}; name another folder"
+        )
     try:
-        return settings.checked(path, _Manifest, document, settings.locate(text))
+        return settings.checked(path, _Manifest, *settings.parsed(path, LARGEST))
     except ProtocolError as error:
         first, *others = error.problems
         more = f" ({len(others)} more)" if others else ""
@@ -204,7 +201,7 @@ def _read(path: Path) -> _Manifest:
 
 def _samples(path: Path, *, take: _Take, manifest: _Manifest) -> NDArray[np.float64]:
     try:
-        content = path.read_bytes()
+        content = storage.read_bytes(path)
     except OSError as error:
         raise RecordingError(
             f"{path}: cannot be read ({error.strerror}); allowed: the file that the manifest names; restore it"

@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import wavfile
 
+from experiment import storage
 from experiment.errors import RecordingError
 
 LARGEST_STEP_ERROR = 0.5
@@ -98,7 +99,7 @@ def read(path: Path, *, channel: str | None = None) -> Recording:
     there is no column of times, or times do not rise in even steps. The error names the line where there is one.
     """
     try:
-        content = path.read_bytes()
+        content = storage.read_bytes(path)
     except OSError as error:
         raise RecordingError(
             f"{path}: cannot be read ({error.strerror}); allowed: a WAV, .lvm or text file; name another file"

@@ -207,7 +207,7 @@ def check(out: Path, planned: Plan) -> Path:
             )
         return partial
     try:
-        found = json.loads((partial / PLAN).read_text("utf-8"))
+        found = storage.json_of(storage.read_bytes(partial / PLAN))
     except ValueError as error:
         raise RecordingError(f"{partial / PLAN}: got no JSON ({error}); remove {partial} to start clean") from error
     wanted = json.loads(json.dumps(asdict(planned)))
@@ -303,7 +303,7 @@ def _difference(key: str, there: object, asked: object) -> str:
 
 def _kept(path: Path, condition: Condition) -> Take:
     try:
-        with np.load(io.BytesIO(path.read_bytes()), allow_pickle=False) as content:
+        with np.load(io.BytesIO(storage.read_bytes(path)), allow_pickle=False) as content:
             samples_m_s2, achieved_mm_s = content["samples_m_s2"], float(content["achieved_mm_s"])
             zeros = content["zero"].tolist()
             zero = Zero(zeros[0], zeros[1], round(zeros[2])) if zeros else None

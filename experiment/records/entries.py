@@ -6,17 +6,22 @@ kind of trial leaves on record of an attempt stands in a module of its own (`foo
 
 from __future__ import annotations
 
+from hashlib import sha256
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-FORMAT: Literal[4] = 4
+FORMAT: Literal[5] = 5
 """The format of the journal: its models and their meaning.
 
 Format 1 was never written down. Format 2 had one line from device time to session time, without drift, for all steps
 since the tracker was opened, and no times of scheduling and arming. Format 3 presented one material as plain text and
-journaled the hash of an acceleration waveform on rigs that play voltages.
+journaled the hash of an acceleration waveform on rigs that play voltages. Format 4 told rehearsals alone from studies,
+and said nothing of an attempt before it had ended.
 """
+
+Purpose = Literal["STUDY", "PILOT", "PRACTICE", "REHEARSAL"]
+"""What a session is for. Only sessions of one purpose stand in one dataset, and only a STUDY is data of its study."""
 
 
 class Record(BaseModel):
@@ -42,10 +47,11 @@ class Header(Entry):
     `session_id` are 32 hexadecimal digits that no other session has: copies of one in two datasets are told by it.
     `recordings_sha256` is that of the recordings' manifest, which holds the hash of every take; None without synthesis.
     `order` falls into blocks of `block_trials`; a trial that is put off is run again at the end of its block.
+    `roster_sha256` is the hash of the roster's last line when the session began; None in a rehearsal, which has none.
     """
 
     kind: Literal["header"] = "header"
-    format: Literal[4] = FORMAT
+    format: Literal[5] = FORMAT
     session_id: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     study: str
     protocol_sha256: str
@@ -53,14 +59,20 @@ class Header(Entry):
     rig: str
     rig_sha256: str
     recordings_sha256: str | None
+    roster_sha256: str | None
     seed: int
     participant: str
     task: str
     task_position: int
-    rehearsal: bool
+    purpose: Purpose
     started_utc: str
     block_trials: int
     order: tuple[PlannedTrial, ...]
+
+    def rehearsed_id(self, control: str) -> str:
+        """Return the `session_id` of this session as a rehearsal: the same whenever it is rehearsed again."""
+        facts = f"{self.protocol_sha256} {self.rig_sha256} {self.recordings_sha256} {control}"
+        return sha256(f"{facts} {self.seed} {self.participant} {self.task}".encode()).hexdigest()[:32]
 
 
 class TrackerOpened(Entry):
@@ -81,9 +93,11 @@ class Trace(Record):
 
 
 class MaskerSet(Entry):
-    """The masker's level from now on, dB(A), None for silence; the day's dose so far, and L_EX,8h of that dose.
+    """The masker's level from now on, dB(A), None for silence; the dose so far, and L_EX,8h of that dose.
 
-    A dose of 1 is 80 dB(A) for eight hours (Directive 2003/10/EC, lower action value); None where there is none.
+    `dose` is what the participant's sessions used up in the 24 hours before the runner began, and what this runner's
+    masker played since; the masker's own is thus the difference of two entries of one runner. A dose of 1 is 80 dB(A)
+    for eight hours (Directive 2003/10/EC, lower action value). A level is None for no dose.
     """
 
     kind: Literal["masker"] = "masker"
@@ -92,12 +106,37 @@ class MaskerSet(Entry):
     daily_level_db_a: float | None
 
 
+class Exposure(Entry):
+    """What a session in real time has done to the participant so far, every few seconds while it is under way.
+
+    `dose` is that of `MaskerSet`; None without a masker. `stimuli` counts the steps on record with a stimulus, by all
+    runners of the session, and `vibration_s` is how long these lasted together, s. `boot` and `up_ns` are the machine's
+    uptime, from which the age of an entry is known whatever its clock is set to; None where it tells neither.
+    """
+
+    kind: Literal["exposure"] = "exposure"
+    dose: float | None
+    stimuli: int
+    vibration_s: float
+    boot: str | None
+    up_ns: int | None
+
+
 class Phase(Entry):
     """The session entered a state of its transition table."""
 
     kind: Literal["phase"] = "phase"
     state: str
     detail: str = ""
+
+
+class Armed(Entry):
+    """An attempt begins: from now on its stimulus may be felt. On disk before any sound of it is possible."""
+
+    kind: Literal["armed"] = "armed"
+    trial: int
+    attempt: int
+    presented: tuple[str, ...]
 
 
 class Answer(Entry):
@@ -137,3 +176,10 @@ class Footer(Entry):
     reason: Literal["complete", "paused", "error"]
     detail: str = ""
     answered: int
+
+
+class Withdrawal(Entry):
+    """The participant withdrew after this session: an old roster put back in place does not undo it."""
+
+    kind: Literal["withdrawal"] = "withdrawal"
+    reason: str

@@ -37,6 +37,7 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
         "Description": "What produced this row.",
         "Levels": {
             "PARTICIPANT": "a participant in the room",
+            "PILOT": "a participant in the room, in a pilot of the study",
             "REHEARSAL": "simulated participants, simulated materials",
             "RECONSTRUCTION": "consistent with printed tables, no original data",
         },

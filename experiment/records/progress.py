@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 from itertools import pairwise
 
-from experiment.records.entries import Answer, Footer, Header, MaskerSet, PlannedTrial, Redo, Resumed
+from experiment.records.entries import Answer, Armed, Footer, Header, MaskerSet, PlannedTrial, Redo, Resumed, Withdrawal
 from experiment.records.footstep import BrokenOff, FootStep
 from experiment.records.journal import AnyEntry, Contents
 
@@ -21,18 +21,22 @@ class Progress:
     """Where a session stands.
 
     `answered` are the trials with an answer that counts, and `put_off` those that were put off to the end of their
-    blocks, both in that order. `attempts` counts the attempts begun by trial. `unanswered` is the trial and attempt
-    whose step is on disk but whose answer is not, and `footer` the last one, if the session has ended since it was last
-    resumed. `masker_db_a` is the level chosen last, dB(A).
+    blocks, both in that order. `attempts` counts the attempts begun by trial. Trial and attempt are given of what was
+    armed without its end on disk (`armed`), and of a step on disk without its answer (`unanswered`). `footer` is the
+    last one, if the session has ended since it was last resumed. `masker_db_a` is the level chosen last, dB(A).
+    `stimuli` were played in steps on record, `vibration_s` together, s.
     """
 
     header: Header
     answered: tuple[int, ...] = ()
     put_off: tuple[int, ...] = ()
     attempts: Mapping[int, int] = field(default_factory=dict)
+    armed: tuple[int, int] | None = None
     unanswered: tuple[int, int] | None = None
     footer: Footer | None = None
     masker_db_a: float | None = None
+    stimuli: int = 0
+    vibration_s: float = 0.0
 
     @property
     def remaining(self) -> tuple[PlannedTrial, ...]:
@@ -49,23 +53,29 @@ class Progress:
 
     def after(self, entry: AnyEntry) -> Progress:
         """Return where the session stands after one more entry."""
+        if isinstance(entry, Withdrawal):
+            return self
         done = replace(self, footer=entry if isinstance(entry, Footer) else None)
+        if isinstance(entry, Armed):
+            attempts = {**self.attempts, entry.trial: entry.attempt}
+            return replace(done, attempts=attempts, armed=(entry.trial, entry.attempt), unanswered=None)
         if isinstance(entry, FootStep):
-            return replace(done._begun(entry), unanswered=(entry.trial, entry.attempt))
+            ended = replace(done, armed=None, unanswered=(entry.trial, entry.attempt))
+            if entry.stimulus is None:
+                return ended
+            lasted_s = entry.stimulus.samples / entry.stimulus.rate_hz
+            return replace(ended, stimuli=self.stimuli + 1, vibration_s=self.vibration_s + lasted_s)
         if isinstance(entry, BrokenOff):
-            begun = replace(done._begun(entry), unanswered=None)
-            return begun._later(entry.trial) if entry.felt else begun
+            ended = replace(done, armed=None)
+            return ended._later(entry.trial) if entry.felt else ended
         if isinstance(entry, Answer):
             return replace(done, answered=(*done._without(entry.trial), entry.trial), unanswered=None)
         if isinstance(entry, Redo):
-            redone = replace(done, answered=done._without(entry.trial), unanswered=None)
+            redone = replace(done, answered=done._without(entry.trial), armed=None, unanswered=None)
             return redone._later(entry.trial) if entry.put_off else redone
         if isinstance(entry, MaskerSet) and entry.level_db_a is not None:
             return replace(done, masker_db_a=entry.level_db_a)
         return done
-
-    def _begun(self, entry: FootStep | BrokenOff) -> Progress:
-        return replace(self, attempts={**self.attempts, entry.trial: entry.attempt})
 
     def _without(self, trial: int) -> tuple[int, ...]:
         return tuple(one for one in self.answered if one != trial)

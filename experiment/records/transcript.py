@@ -3,11 +3,24 @@
 from __future__ import annotations
 
 from experiment.clock import utc
-from experiment.records.entries import Answer, Footer, Header, MaskerSet, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.entries import (
+    Answer,
+    Armed,
+    Exposure,
+    Footer,
+    Header,
+    MaskerSet,
+    Phase,
+    Redo,
+    Resumed,
+    TrackerOpened,
+    Withdrawal,
+)
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
 from experiment.records.stimulus import Onset
+from experiment.settings.characters import plain
 
 
 def text(contents: Contents) -> str:
@@ -16,7 +29,7 @@ def text(contents: Contents) -> str:
     zero_ns = contents.lines[0].t_ns
     done = progress(contents.entries)
     lines = [
-        *(["REHEARSAL - simulated participant"] if header.rehearsal else []),
+        *([f"{header.purpose}: no session of a study"] if header.purpose != "STUDY" else []),
         f"Study {header.study}, participant {header.participant}, task {header.task} (the participant's "
         f"task number {header.task_position}).",
         f"The session began at {header.started_utc} with {header.software}, rig {header.rig} and seed {header.seed}.",
@@ -24,7 +37,10 @@ def text(contents: Contents) -> str:
         f"The journal has {len(contents.lines)} lines. Each carries the hash of the one before, and all were verified.",
         "",
     ]
-    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_said(line.entry)}" for line in contents.lines[1:]]
+    # There is an exposure every few seconds; the last one tells what the others told.
+    last = max((n for n, entry in enumerate(contents.entries) if isinstance(entry, Exposure)), default=0)
+    told = [line for n, line in enumerate(contents.lines) if n and (n == last or not isinstance(line.entry, Exposure))]
+    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_said(line.entry)}" for line in told]
     lines += [
         "",
         f"{len(done.answered)} of {len(header.order)} trials are answered. The last entry is of "
@@ -34,7 +50,7 @@ def text(contents: Contents) -> str:
         lines.append(f"The last line is torn: {len(contents.torn)} bytes that were never confirmed were left out.")
     if done.footer is None:
         lines.append("The session has no footer: it ended without saying why. It can be resumed.")
-    return "\n".join(lines)
+    return "\n".join(plain(line, keep="") for line in lines)
 
 
 def _said(entry: AnyEntry) -> str:
@@ -47,9 +63,14 @@ def _said(entry: AnyEntry) -> str:
             return f"zeroed: the foot rests at {entry.offset_mm:+.2f} mm from contact, spread {entry.spread_mm:.2f} mm"
         case MaskerSet():
             level = "silent" if entry.level_db_a is None else f"at {entry.level_db_a:.0f} dB(A)"
-            return f"the masker is {level}; {entry.dose:.1%} of the day's dose is used up"
+            return f"the masker is {level}; {entry.dose:.1%} of the dose of 24 hours is used up"
+        case Exposure():
+            dose = "" if entry.dose is None else f"; {entry.dose:.1%} of the masker's dose of 24 hours is used up"
+            return f"so far {entry.stimuli} stimuli were played, {entry.vibration_s:.1f} s together{dose}"
         case Phase():
             return f"{entry.state} {entry.detail}".rstrip()
+        case Armed():
+            return f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, armed"
         case FootStep():
             link = entry.link
             played = "a stimulus was played" if entry.stimulus else "no stimulus"
@@ -73,9 +94,11 @@ def _said(entry: AnyEntry) -> str:
             return f"the session was resumed with {len(entry.remaining)} trials left{torn}"
         case Footer():
             return f"the session ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}"
+        case Withdrawal():
+            return f"the participant has withdrawn ({entry.reason}): no data of theirs is analysed"
 
 
-def _presented(entry: FootStep | BrokenOff) -> str:
+def _presented(entry: Armed | FootStep | BrokenOff) -> str:
     return " and ".join(entry.presented)
 
 

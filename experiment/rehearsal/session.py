@@ -98,9 +98,11 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
                 position=position,
                 seed=job.seed,
                 recordings=recordings,
-                control=job.control,
+                purpose="REHEARSAL",
+                roster_sha256=None,
                 clock=clock,
             )
+            asked = asked.model_copy(update={"session_id": asked.rehearsed_id(job.control)})
             footer = runner.run(
                 protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=job.dataset
             )

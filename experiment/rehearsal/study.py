@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -27,15 +26,14 @@ from experiment.rehearsal.footstep.participant import Tick
 from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant
 from experiment.study import roster
 
-PLAN = "rehearsal.json"
-"""Stands beside the journals; a folder without it is no rehearsal and is never written to."""
-
 Control = Literal["none", "silence"]
 
 
 @dataclass(frozen=True)
 class Plan:
     """What is rehearsed, as for `rehearse`; kept on disk, so that an interrupted rehearsal continues as it was begun.
+
+    A folder without it is no rehearsal and is never written to.
 
     `label` is REHEARSAL, for whoever opens the file.
     """
@@ -133,7 +131,7 @@ def is_begun(out: Path, plan: Plan) -> bool:
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return False
     try:
-        found = json.loads((out / "sourcedata" / PLAN).read_text("utf-8"))
+        found = storage.json_of(storage.read_bytes(storage.plan_path(out)))
     except (OSError, ValueError):
         raise DatasetError(
             f"{out}: is no rehearsal, and a rehearsal never writes into anything else; choose another folder with --out"
@@ -166,7 +164,7 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
             opening.copy_rig(rig_file, source / "rig.toml")
             protocol = files.load(source / "protocol.toml")
             recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
-            storage.write_json(source / PLAN, asdict(plan))
+            storage.write_json(storage.plan_path(partial), asdict(plan))
         made = True
         yield
     except BaseException as ended:

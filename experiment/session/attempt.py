@@ -11,11 +11,11 @@ from enum import StrEnum
 from experiment.apparatus.ports import Masker
 from experiment.clock import Clock
 from experiment.desk.port import Console
-from experiment.errors import SessionError, TrackerStopped
+from experiment.errors import JournalError, SessionError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records.entries import Answer, Header, PlannedTrial, Redo
+from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
 from experiment.session import interrupts
-from experiment.session.kind import KindDevices, Log
+from experiment.session.kind import KindDevices, Limits, Log
 from experiment.session.masker import KEYS, Masking
 
 
@@ -97,15 +97,23 @@ class Attempts:
     """The attempts of one session, one after the other."""
 
     def __init__(
-        self, *, protocol: Protocol, header: Header, devices: Devices, log: Log, masking: Masking | None
+        self,
+        *,
+        protocol: Protocol,
+        header: Header,
+        devices: Devices,
+        log: Log,
+        masking: Masking | None,
+        limits: Limits,
     ) -> None:
         """Set up before the first attempt; `masking` is None for a session without a masker."""
         self._spoken = protocol.answers
         self._console, self._clock = devices.console, devices.clock
         self._log = log
         self._masking = masking
+        self._limits = limits
         self._kind = devices.kind.begin(
-            protocol=protocol, header=header, console=devices.console, clock=devices.clock, log=log
+            protocol=protocol, header=header, console=devices.console, clock=devices.clock, log=log, limits=limits
         )
         self._answered_ns: int | None = None
         self._outage = ""
@@ -124,9 +132,22 @@ class Attempts:
             # Nothing had begun: nothing is on file of it, and the same attempt is armed again.
             self._outage = str(stopped)
             return Event.LOST
+        if self._limits.over():
+            # While something was laid out, or the tracker zeroed.
+            return Event.BROKEN_OFF
+        self._log.write(Armed(trial=planned.trial, attempt=attempt, presented=planned.presented))
         # Whatever goes wrong, the attempt is put on disk first: it may have been felt.
         with interrupts.held() as interrupt:
-            seen = self._kind.watch(interrupt.let_through)
+            try:
+                seen = self._kind.watch(interrupt.let_through)
+            except JournalError:
+                # What was felt is not on disk; the next runner finds the attempt armed, and puts it off.
+                raise
+            except BaseException as ended:
+                why = "interrupted at the keyboard" if isinstance(ended, KeyboardInterrupt) else str(ended)
+                reason = f"nothing was felt: {why}"
+                self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
+                raise
             self._log.write(seen.entry)
             if seen.failed is not None:
                 raise seen.failed

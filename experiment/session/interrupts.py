@@ -1,10 +1,12 @@
 """Ctrl-C while a step is under way, or a session's last line is written: it comes when what was felt is on file.
 
-The wait for a foot may be interrupted (`Held.let_through`), for until contact nothing was felt that cannot be told.
+A terminal that is closed, and a system that shuts down, end a session as Ctrl-C does. The wait for a foot may be
+interrupted (`Held.let_through`), for until contact nothing was felt that cannot be told.
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import signal
 import threading
 import time
@@ -13,6 +15,10 @@ from contextlib import contextmanager
 
 PATIENCE_S = 5.0
 """A key pressed again so long after the first is raised at once, s: what it waits for may never end."""
+
+
+SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+"""What interrupts a session, Ctrl-C first."""
 
 
 class Held:
@@ -55,18 +61,36 @@ class Held:
 def held() -> Iterator[Held]:
     """Have interrupts wait until the end; one that came is raised then, unless something else was.
 
-    This holds only where Ctrl-C is Python's own `KeyboardInterrupt`: in the main thread, and with nobody else's
+    This holds only for signals that are Python's own `KeyboardInterrupt`: in the main thread, and with nobody else's
     handler.
     """
     waits = Held()
-    ours = threading.current_thread() is threading.main_thread()
-    if not ours or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
-        yield waits
-        return
-    signal.signal(signal.SIGINT, waits.come)
+    held = _handled_by(signal.default_int_handler)
+    for number in held:
+        signal.signal(number, waits.come)
     try:
         yield waits
     finally:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for number in held:
+            signal.signal(number, signal.default_int_handler)
     if waits.pressed:
         raise KeyboardInterrupt
+
+
+@contextmanager
+def all_alike() -> Iterator[None]:
+    """Have every signal that would end the process interrupt it as Ctrl-C does; a worker is for its parent to end."""
+    ending = _handled_by(signal.SIG_DFL) if multiprocessing.parent_process() is None else []
+    for number in ending:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in ending:
+            signal.signal(number, signal.SIG_DFL)
+
+
+def _handled_by(handler: object) -> list[int]:
+    if threading.current_thread() is not threading.main_thread():
+        return []
+    return [number for number in SIGNALS if signal.getsignal(number) is handler]

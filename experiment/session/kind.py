@@ -19,13 +19,19 @@ from experiment.desk.port import Console
 from experiment.protocol.models import Protocol as StudyProtocol
 from experiment.records.entries import Header, PlannedTrial, Trace
 from experiment.records.journal import AnyEntry
+from experiment.records.progress import Progress
 
 if TYPE_CHECKING:
     from experiment.synthesis.waveforms import Basis
 
 
 class Log(Protocol):
-    """What a session puts on disk for a kind; both calls return when it is there."""
+    """What a session puts on disk for a kind; both calls return when it is there, and raise `JournalError`."""
+
+    @property
+    def done(self) -> Progress:
+        """Where the session stands by what is on disk."""
+        ...
 
     def write(self, entry: AnyEntry) -> None:
         """Put an entry into the journal."""
@@ -33,6 +39,14 @@ class Log(Protocol):
 
     def keep(self, raw: bytes) -> Trace:
         """Put the raw tracker frames of an attempt into the session's file of them; return where they stand."""
+        ...
+
+
+class Limits(Protocol):
+    """What a session allows its participant to feel."""
+
+    def over(self, ahead_ns: int = 0) -> str:
+        """Return why nothing may be felt `ahead_ns` from now, or nothing while it may. Raises `PalpateError`."""
         ...
 
 
@@ -69,12 +83,15 @@ class Kind(Protocol):
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
         """Lay out and arm an attempt; `answered_ns` is the session time of the answer just before, None without one.
 
-        Raises `TrackerStopped` if the device fell silent; nothing had begun, and the same attempt is armed again later.
+        Nothing is armed once the session's limits are reached. Raises `TrackerStopped` if the device fell silent;
+        nothing had begun, and the same attempt is armed again later.
         """
         ...
 
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:
         """Follow the attempt that is ready to its end; `waiting` is entered while nothing can have been felt.
+
+        It breaks off where the session's limits are reached first.
 
         Raises `PalpateError` if a part failed before anything can have been felt; later failures come with what was
         seen.
@@ -93,8 +110,10 @@ class Kind(Protocol):
 class KindDevices(Protocol):
     """The opened devices of one kind."""
 
-    def begin(self, *, protocol: StudyProtocol, header: Header, console: Console, clock: Clock, log: Log) -> Kind:
-        """Begin a session with them; its entries and frames go to `log`."""
+    def begin(
+        self, *, protocol: StudyProtocol, header: Header, console: Console, clock: Clock, log: Log, limits: Limits
+    ) -> Kind:
+        """Begin a session with them; its entries and frames go to `log`, and nothing is felt beyond `limits`."""
         ...
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 import secrets
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from hashlib import sha256
 from pathlib import Path
 
 from experiment import __version__
@@ -19,7 +18,7 @@ from experiment.apparatus.rig import Rig
 from experiment.clock import Clock, utc
 from experiment.protocol import approval
 from experiment.protocol.models import Protocol
-from experiment.records.entries import Header
+from experiment.records.entries import Header, Purpose
 from experiment.session import masker
 from experiment.session.attempt import Devices
 from experiment.session.footstep.trials import open_footsteps
@@ -90,30 +89,28 @@ def header(
     position: int,
     seed: int,
     recordings: Path | None,
-    control: str | None,
+    purpose: Purpose,
+    roster_sha256: str | None,
     clock: Clock,
 ) -> Header:
-    """Return what a session is, with its trials in order.
+    """Return what a session is, with its trials in order; its `session_id` is unlike any other.
 
     `position` says which of the participant's tasks this is, from 1. `recordings` is None if the task needs none.
     """
-    protocol_sha256, rig_sha256 = approval.sha256(protocol), rigs.sha256(rig)
-    recordings_sha256 = _recordings_sha256(recordings) if recordings is not None else None
-    # A real session is unlike any other; a rehearsed one is the same whenever it is rehearsed again.
-    named = f"{protocol_sha256} {rig_sha256} {recordings_sha256} {control} {seed} {participant} {task_id}"
     return Header(
-        session_id=sha256(named.encode()).hexdigest()[:32] if control is not None else secrets.token_hex(16),
+        session_id=secrets.token_hex(16),
         study=protocol.study.id,
-        protocol_sha256=protocol_sha256,
+        protocol_sha256=approval.sha256(protocol),
         software=f"palpate {__version__}",
         rig=rig.rig.name,
-        rig_sha256=rig_sha256,
-        recordings_sha256=recordings_sha256,
+        rig_sha256=rigs.sha256(rig),
+        recordings_sha256=_recordings_sha256(recordings) if recordings is not None else None,
+        roster_sha256=roster_sha256,
         seed=seed,
         participant=participant,
         task=task_id,
         task_position=position,
-        rehearsal=control is not None,
+        purpose=purpose,
         started_utc=utc(clock.now_ns()),
         block_trials=schedule.block_trials(protocol, task_id),
         order=schedule.schedule(protocol=protocol, participant=participant, task_id=task_id, seed=seed),

@@ -12,7 +12,7 @@ from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker import calibration
 from experiment.clock import Clock, MonotonicClock, day
-from experiment.dataset import build
+from experiment.dataset import beliefs, build, register
 from experiment.desk.port import Console
 from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import approval, files
@@ -84,7 +84,9 @@ def run(
     today = day(clock.now_ns())
     approval.verify(protocol_file, protocol, today)
     root = root or roster.default_root(protocol)
-    roster.Roster.load(storage.roster_path(root)).may_run(participant, protocol)
+    enrolled = roster.Roster.load(storage.roster_path(root))
+    approved_on = roster.approved_on(root, protocol_file) or today
+    enrolled.may_run(participant, protocol, approved_on=approved_on, today=today)
     rig = rigs.load(rig_file)
     if rig.rig.simulated:
         raise RigError(f"{rig_file}: the rig is simulated; name a rig file of real devices, or use palpate rehearse")
@@ -92,7 +94,9 @@ def run(
     calibration.check_age(rig, today)
     seed = roster.settle(root, protocol_file, protocol, None)
     allocation = roster.find(roster.allocate(protocol, seed), participant)
+    beliefs.believed(root)
     _check_turn(root, allocation, task_id)
+    _keep_seal(root, protocol_file)
     _wait_for_break(root, protocol, allocation, task_id, clock, console)
     if rig.audio is None:
         console.show(
@@ -124,7 +128,8 @@ def run(
             position=allocation.tasks.index(task_id) + 1,
             seed=seed,
             recordings=used,
-            control=None,
+            purpose=roster.purpose_of(root),
+            roster_sha256=enrolled.lines.last,
             clock=clock,
         )
         try:
@@ -134,11 +139,34 @@ def run(
             opened.close()
             try:
                 build.build(root)
+                _anchor(root, rig, rig_file, console)
             except PalpateError as unbuilt:
                 ended.add_note(f"the dataset could not be brought up to date either: {unbuilt}")
             raise
     build.build(root)
+    _anchor(root, rig, rig_file, console)
     return footer
+
+
+def _anchor(root: Path, rig: Rig, rig_file: Path, console: Console) -> None:
+    """Show the dataset's anchor for the lab book, and enter it where the rig says; a failure undoes no session."""
+    again = f"palpate anchor {root}"
+    try:
+        anchor = register.keep(root)
+        console.show(f"For the lab book: {anchor.line}")
+        if wanted := rig.anchors:
+            to, key = rig_file.parent / wanted.file, rig_file.parent / wanted.key if wanted.key else None
+            again += f" --to {to}" + (f" --sign {key}" if key else "")
+            console.show(register.enter(anchor, root, to, key))
+    except PalpateError as error:
+        console.show(f"NOT ANCHORED: {error}. The session is on disk. When that is mended, run: {again}")
+
+
+def _keep_seal(root: Path, protocol_file: Path) -> None:
+    """Keep the seal of the first session in the dataset, which shows under which approval it was begun."""
+    kept = approval.seal_path(storage.protocol_path(root))
+    if not kept.exists():
+        storage.write_bytes(kept, approval.seal_path(protocol_file).read_bytes())
 
 
 def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None:

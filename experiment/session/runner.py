@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import os
+import threading
 from collections import Counter
 from contextlib import closing, suppress
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Literal
 
 from experiment.apparatus import opening
 from experiment.clock import Clock
-from experiment.errors import JournalError, PalpateError, TrackerStopped
+from experiment.errors import JournalError, PalpateError, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.entries import Footer, Header, Phase, Redo, Resumed, Trace
@@ -19,6 +19,7 @@ from experiment.records.journal import AnyEntry
 from experiment.records.progress import Progress, progress, spent_ns
 from experiment.session import interrupts
 from experiment.session.attempt import Attempts, Devices, Event, State, follow
+from experiment.session.exposure import Exposed
 from experiment.session.masker import Masking
 from experiment.storage import foot_path, journal_path, rig_path
 
@@ -37,10 +38,10 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
 
     Raises `SessionLocked` if another runner holds the participant; `JournalError` if the journal is broken or belongs
     to another session; `PalpateError` if a part failed (the footer says so, and the session can be resumed); and
-    `KeyboardInterrupt` on Ctrl-C while the footer was written (it is on disk).
+    `KeyboardInterrupt` on Ctrl-C while the footer was written (it is on disk). A closed terminal pauses as Ctrl-C does.
     """
     path = journal_path(dataset, header.participant, header.task)
-    with journal.locked(path.parent, header.participant):
+    with interrupts.all_alike(), journal.locked(path.parent, header.participant):
         contents = journal.read_if_begun(path)
         if contents.lines:
             _check_same_session(path, contents.header, header)
@@ -50,12 +51,12 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
             return done.footer
         opening.copy_rig(rig_file, rig_path(path))
         with closing(SessionLog(path, devices.clock, contents, done)) as log:
-            return _Session(protocol=protocol, devices=devices, log=log).run(contents)
+            return _Session(protocol=protocol, devices=devices, log=log, spent_ns=spent_ns(contents)).run(contents)
 
 
 def _check_same_session(path: Path, found: Header, asked: Header) -> None:
     identity = ("study", "protocol_sha256", "participant", "task", "seed", "rig_sha256", "recordings_sha256")
-    for name in (*identity, "rehearsal", "order"):
+    for name in (*identity, "purpose", "order"):
         was, now = getattr(found, name), getattr(asked, name)
         if was != now:
             shown = "" if name == "order" else f" ({was} then, {now} now)"
@@ -66,13 +67,19 @@ def _check_same_session(path: Path, found: Header, asked: Header) -> None:
 
 
 class SessionLog:
-    """Implements `Log`: the session's journal and its file of raw tracker frames."""
+    """Implements `Log`: the session's journal, for more than one thread, and its file of raw tracker frames."""
 
     def __init__(self, path: Path, clock: Clock, contents: journal.Contents, done: Progress) -> None:
-        self.done = done
-        """Where the session stands by what is on disk, as it would after a kill."""
+        self._done = done
+        self._lock = threading.Lock()
+        self._frames_path = foot_path(path)
         self._journal = journal.Journal(path, clock, contents)
-        self._frames = foot_path(path).open("ab")
+        self._frames = self._frames_path.open("ab", buffering=0)
+
+    @property
+    def done(self) -> Progress:
+        """Where the session stands by what is on disk, as it would after a kill."""
+        return self._done
 
     @property
     def accepts(self) -> bool:
@@ -80,14 +87,17 @@ class SessionLog:
         return self._journal.accepts
 
     def write(self, entry: AnyEntry) -> None:
-        self._journal.append(entry)
-        self.done = self.done.after(entry)
+        with self._lock:
+            self._journal.append(entry)
+            self._done = self._done.after(entry)
 
     def keep(self, raw: bytes) -> Trace:
         offset = self._frames.tell()
-        self._frames.write(raw)
-        self._frames.flush()
-        os.fsync(self._frames.fileno())
+        try:
+            journal.write_through(self._frames, raw)
+        except OSError as error:
+            raise journal.unwritable(self._frames_path, error) from error
+        journal.check_place(self._frames.fileno(), self._frames_path)
         return Trace(offset=offset, length=len(raw), sha256=hashlib.sha256(raw).hexdigest())
 
     def close(self) -> None:
@@ -98,31 +108,44 @@ class SessionLog:
 
 
 class _Session:
-    def __init__(self, *, protocol: Protocol, devices: Devices, log: SessionLog) -> None:
+    def __init__(self, *, protocol: Protocol, devices: Devices, log: SessionLog, spent_ns: int) -> None:
         self._protocol = protocol
         self._task = protocol.task(log.done.header.task)
         self._devices = devices
         self._log = log
         masker = devices.masker
         self._masking = Masking(masker, devices.console, log.write) if masker is not None else None
+        session_min = protocol.exposure.session_min
+        self._exposed = Exposed(
+            ends_ns=devices.clock.now_ns() + int(session_min * 60e9) - spent_ns,
+            ended=f"the protocol's {session_min:g} min of a session are over",
+            masking=self._masking,
+            console=devices.console,
+            clock=devices.clock,
+            log=log,
+        )
         self._attempts = Attempts(
-            protocol=protocol, header=log.done.header, devices=devices, log=log, masking=self._masking
+            protocol=protocol,
+            header=log.done.header,
+            devices=devices,
+            log=log,
+            masking=self._masking,
+            limits=self._exposed,
         )
         self._state = State.READY
 
     def run(self, contents: journal.Contents) -> Footer:
-        self._ends_ns = (
-            self._devices.clock.now_ns() + int(self._protocol.exposure.session_min * 60e9) - spent_ns(contents)
-        )
         try:
             self._begin(contents)
-            if self._masking is not None:
+            if self._masking is not None and not self._exposed.over():
                 self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a)
             pause = self._trials()
+        except ScreenGone as gone:
+            pause = str(gone)
         except PalpateError as error:
             self._follow(Event.FAIL)
-            # It has ended as it is; whoever presses the key meanwhile wants no more.
-            with suppress(KeyboardInterrupt):
+            # It has ended as it is; whoever presses the key meanwhile wants no more, and a full disk takes no footer.
+            with suppress(KeyboardInterrupt, JournalError):
                 self._end("error", str(error))
             raise
         except KeyboardInterrupt:
@@ -150,10 +173,8 @@ class _Session:
 
     def _why_not(self, trial: int, begun: Counter[int]) -> str:
         """Return why no further attempt is begun, or nothing."""
-        if self._devices.clock.now_ns() > self._ends_ns:
-            return f"the protocol's {self._protocol.exposure.session_min:g} min of a session are over"
-        if self._masking is not None and (spent := self._masking.spent()):
-            return spent
+        if over := self._exposed.over():
+            return over
         if self._attempts.undelivered >= MOST_UNDELIVERED:
             count = self._attempts.undelivered
             return f"the stimulus was not delivered in {count} attempts in a row; run palpate doctor, then resume"
@@ -180,9 +201,10 @@ class _Session:
 
     def _end(self, reason: Literal["complete", "paused", "error"], detail: str = "") -> Footer:
         footer = Footer(reason=reason, detail=detail, answered=len(self._log.done.answered))
-        # After an interrupt in the middle of a write only a new reading of the journal may add to it.
-        accepts = self._log.accepts
         with interrupts.held():
+            self._exposed.close()
+            # After an interrupt in the middle of a write only a new reading of the journal may add to it.
+            accepts = self._log.accepts
             if self._masking is not None:
                 self._masking.end(note=accepts)
             if accepts:
@@ -195,14 +217,20 @@ class _Session:
             remaining = tuple(planned.trial for planned in done.remaining)
             torn = contents.torn.decode("utf-8", "backslashreplace")
             self._log.write(Resumed(torn=torn, remaining=remaining))
+            self._exposed.begin()
             if torn:
                 self._devices.console.show(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")
             if done.unanswered is not None:
                 trial, attempt = done.unanswered
                 reason = "the session was interrupted before the answer"
                 self._log.write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=False))
+            if done.armed is not None:
+                trial, attempt = done.armed
+                reason = "the session was interrupted while the trial was armed; its stimulus may have been felt"
+                self._log.write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=True))
         else:
             self._log.write(done.header)
+            self._exposed.begin()
         if priority := self._devices.priority:
             self._log.write(Phase(state=self._state, detail=f"priority: {priority}"))
         if done.attempts:

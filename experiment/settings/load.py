@@ -23,18 +23,29 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from experiment import storage
 from experiment.errors import Problem, ProtocolError
+from experiment.settings import characters
+from experiment.storage import Place
 
 Table = Mapping[str, Any]
-Place = tuple[str | int, ...]
+
+LARGEST = 2**20
+"""No settings file is larger, bytes."""
 
 BROKEN_RULE = "broken_rule"
 """Type of the validation error that stands for broken rules."""
 
-Text = Annotated[str, Field(pattern=r"\S", description="text, not blank")]
+VISIBLE = "without control or invisible characters"
+ONE_LINE = AfterValidator(characters.one_line)
+"""Of a field with a pattern of its own: that it is one line without control or invisible characters."""
+
+Remark = Annotated[str, Field(description=f"text {VISIBLE}"), AfterValidator(characters.free)]
+Text = Annotated[str, Field(pattern=r"\S", description=f"text, not blank, {VISIBLE}"), AfterValidator(characters.free)]
+Line = Annotated[str, Field(pattern=r"\S", description=f"one line of text, not blank, {VISIBLE}"), ONE_LINE]
 Label = Annotated[
     str,
     Field(
@@ -45,9 +56,11 @@ Label = Annotated[
 Name = Annotated[
     str,
     Field(
-        pattern=r"^[^\s\p{Cc}]([^\p{Cc}]{0,38}[^\s\p{Cc}])?$",
-        description="one line of 1 to 40 characters, no blank at either end",
+        pattern=r"^[\p{L}\p{N}]([^\p{Cc}]{0,38}[^\s\p{Cc}])?$",
+        description="one line of 1 to 40 characters, a letter or digit first, no blank last, without double quotes "
+        "and control or invisible characters",
     ),
+    AfterValidator(characters.naming),
 ]
 Key = Annotated[
     str,
@@ -125,13 +138,19 @@ def read(path: Path, model: type[Model]) -> Model:
     return checked(path, model, *parsed(path))
 
 
-def parsed(path: Path) -> tuple[dict[str, Any], Mapping[Place, int]]:
-    """Return the document of the TOML file at `path`, and the line of each path in it.
+def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], Mapping[Place, int]]:
+    """Return the document of the TOML file of at most `most` bytes at `path`, and the line of each path in it.
 
     Raises `ProtocolError` with the first problem of its syntax.
     """
-    text = _text(path)
-    return _document(path, text), locate(text)
+    text = _text(path, most)
+    document = _document(path, text)
+    if found := storage.extreme(document):
+        place, got = found
+        line = None if got == storage.TOO_DEEP else _nearest(locate(text), place)
+        allowed = f"at most {storage.DEEPEST} of them, and whole numbers of 64 bits; mend this first"
+        raise ProtocolError(str(path), [Problem(written(place)[:60], line, got, allowed)])
+    return document, locate(text)
 
 
 def checked(
@@ -148,11 +167,11 @@ def checked(
     return model.model_validate(frozen)
 
 
-def _text(path: Path) -> str:
+def _text(path: Path, most: int) -> str:
     if path.is_dir():
         raise ProtocolError(str(path), [Problem("file", None, "a folder", _existing(path / "protocol.toml"))])
     try:
-        data = path.read_bytes()
+        data = storage.read_bytes(path, most)
     except FileNotFoundError as error:
         raise ProtocolError(str(path), [Problem("file", None, "no such file", _existing(path))]) from error
     except OSError as error:
@@ -361,8 +380,9 @@ def _shown(value: object) -> str:
         return str(value).lower()
     if isinstance(value, date | time):
         return f"the date or time {value.isoformat()}"
-    shown = f"'{value}'" if isinstance(value, str) else str(value)
-    shown = " ".join(shown.split())
+    if isinstance(value, str):
+        return characters.quoted(value)
+    shown = str(value)
     return shown if len(shown) <= 60 else shown[:57] + "..."
 
 

@@ -11,25 +11,29 @@ The first enrolment begins the study's dataset, with one protocol and one seed.
 from __future__ import annotations
 
 import json
-import os
 import re
 import secrets
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import date
 from itertools import permutations
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeVar
 
 from filelock import FileLock
 from pydantic import Field, TypeAdapter, ValidationError
 
 from experiment import storage
+from experiment.clock import MonotonicClock, day, wall_ns
 from experiment.errors import DatasetError, RosterError
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
-from experiment.records import journal
-from experiment.records.entries import Entry
+from experiment.records import chain, journal
+from experiment.records.chain import Chain
+from experiment.records.entries import Entry, Purpose, Record, Withdrawal
+from experiment.settings.characters import quoted
+from experiment.settings.load import Line
 from experiment.study.schedule import Draws
 
 LOCK = ".study.lock"
@@ -106,29 +110,45 @@ class Consented(Entry):
     consent_on: date
 
 
+Reason = Annotated[Line, Field(max_length=200)]
+"""One line that names no person and no state of health."""
+
+
+class Corrected(Entry):
+    """The day of a consent on record was wrong; from now on this one holds."""
+
+    kind: Literal["corrected"] = "corrected"
+    participant: str
+    consent_on: date
+    reason: Reason
+
+
 class Withdrawn(Entry):
-    """A participant withdrew, or was withdrawn. `reason` names no person and no state of health."""
+    """A participant withdrew, or was withdrawn."""
 
     kind: Literal["withdrawn"] = "withdrawn"
     participant: str
-    reason: Annotated[str, Field(pattern=r"^[^\p{Cc}]{1,200}$")]
+    reason: Reason
 
 
-AnyEntry = Annotated[Enrolled | Consented | Withdrawn, Field(discriminator="kind")]
+AnyEntry = Annotated[Enrolled | Consented | Corrected | Withdrawn, Field(discriminator="kind")]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
+Reasoned = TypeVar("Reasoned", Corrected, Withdrawn)
 
 
 @dataclass
 class Roster:
-    """The roster file of a study: one JSON line for each event, only ever appended to.
+    """The roster file of a study: one chained line for each event, only ever appended to.
 
     `consent_on` holds each participant's day of consent, or None without consent, in the order of enrolment;
-    `withdrawn` holds the reasons of those who withdrew.
+    `withdrawn` holds the reasons of those who withdrew. `now_ns` tells the time of a new line.
     """
 
     path: Path
     consent_on: dict[str, date | None] = field(default_factory=dict)
     withdrawn: dict[str, str] = field(default_factory=dict)
+    lines: Chain = chain.EMPTY
+    now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
 
     @classmethod
     def load(cls, path: Path) -> Roster:
@@ -136,9 +156,16 @@ class Roster:
 
         Raises `RosterError` if the file cannot be read, or if a line of it cannot be trusted.
         """
-        roster = cls(path)
-        roster._read()
-        return roster
+        return cls._of(path, chain.read(path, RosterError))
+
+    def as_of(self, sha256: str | None) -> Roster:
+        """Return the roster as it was when its last line had this hash. Raises `RosterError` if it has no such line."""
+        for number, link in enumerate(self.lines.links, start=1):
+            if link.sha256 == sha256:
+                return self._of(self.path, Chain(self.lines.links[:number]))
+        raise RosterError(
+            f"{self.path}: lacks a line that a session began under: it was cut or changed; restore it from a backup"
+        )
 
     def enrol(self, participant: str, consent_on: date | None) -> None:
         """Give the next place to a participant, on disk when this returns; `consent_on` is None without consent.
@@ -155,24 +182,26 @@ class Roster:
         """
         self._append(Consented(participant=participant, consent_on=consent_on))
 
+    def correct(self, participant: str, consent_on: date, reason: str) -> None:
+        """Record another day of consent than the one on record, which stays in the file.
+
+        Raises `RosterError` if there is no consent to correct, or if the reason is no line of text.
+        """
+        self._append(_with_reason(Corrected, reason, participant=participant, consent_on=consent_on))
+
     def withdraw(self, participant: str, reason: str) -> None:
         """Record that a participant withdrew; the reason is one line that names no person and no state of health.
 
         Raises `RosterError` if the participant is not enrolled or has withdrawn already, or if the reason is no such
         line.
         """
-        try:
-            entry = Withdrawn(participant=participant, reason=reason)
-        except ValidationError as error:
-            raise RosterError(
-                f"got the reason {reason[:40]!r}; allowed: one line of 1 to 200 characters; shorten it"
-            ) from error
-        self._append(entry)
+        self._append(_with_reason(Withdrawn, reason, participant=participant))
 
-    def may_run(self, participant: str, protocol: Protocol) -> None:
+    def may_run(self, participant: str, protocol: Protocol, *, approved_on: date, today: date) -> None:
         """Return when `participant` may be run in the study of `protocol`.
 
-        Raises `RosterError` that says why not: not of this study, not enrolled, without consent, or withdrawn.
+        Raises `RosterError` that says why not: not of this study, not enrolled, without a consent between approval and
+        today, or withdrawn.
         """
         if participant not in labels(protocol):
             raise _stranger(participant, labels(protocol))
@@ -183,41 +212,33 @@ class Roster:
                 f"participant {participant} withdrew ({self.withdrawn[participant]}) and is not run again; "
                 "enrol another participant"
             )
-        if protocol.consent.required and self.consent_on[participant] is None:
+        consent_on = self.consent_on[participant]
+        if protocol.consent.required and consent_on is None:
             raise RosterError(f"participant {participant} has not consented; record their consent before the session")
+        check_consent(participant, consent_on, approved_on=approved_on, today=today)
 
-    def _read(self) -> int:
-        """Replay the file; return the size of its whole lines."""
-        try:
-            data = self.path.read_bytes()
-        except FileNotFoundError:
-            return 0
-        except OSError as error:
-            raise RosterError(f"{self.path}: cannot read the roster ({error.strerror}); make it readable") from error
-        # What stands after the last newline is a write that never finished, so nothing that was confirmed.
-        size = data.rfind(b"\n") + 1
-        for number, line in enumerate(data[:size].splitlines(), start=1):
+    @classmethod
+    def _of(cls, path: Path, lines: Chain) -> Roster:
+        """Replay the lines of a roster's file."""
+        roster = cls(path, lines=lines)
+        for number, link in enumerate(lines.links, start=1):
             try:
-                self._apply(_ENTRY.validate_json(line))
+                roster._apply(_ENTRY.validate_json(json.dumps(link.entry)))
             except (ValidationError, RosterError) as error:
                 why = "this is no roster entry" if isinstance(error, ValidationError) else str(error)
                 raise RosterError(
-                    f"{self.path}: line {number}: {why}; restore the roster from a backup (nothing was changed)"
+                    f"{path}: line {number}: {why}; restore the roster from a backup (nothing was changed)"
                 ) from error
-        return size
+        return roster
 
     def _append(self, entry: AnyEntry) -> None:
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with FileLock(self.path.with_name(f".{self.path.name}.lock")):
-                latest = Roster(self.path)
-                size = latest._read()
+                latest = Roster.load(self.path)
                 latest._apply(entry)
-                with self.path.open("ab") as file:
-                    file.truncate(size)
-                    file.write(json.dumps(entry.model_dump(mode="json"), ensure_ascii=False).encode() + b"\n")
-                    file.flush()
-                    os.fsync(file.fileno())
+                chain.append(self.path, latest.lines, self.now_ns(), entry.model_dump(mode="json"))
+                self.lines = chain.read(self.path, RosterError)
         except OSError as error:
             raise RosterError(f"{self.path}: cannot write the roster ({error.strerror}); mend that first") from error
         self.consent_on, self.withdrawn = latest.consent_on, latest.withdrawn
@@ -231,12 +252,18 @@ class Roster:
         self.check_enrolled(participant)
         if participant in self.withdrawn:
             raise RosterError(f"participant {participant} has withdrawn already; enrol another participant")
-        if isinstance(entry, Consented):
-            if self.consent_on[participant] is not None:
-                raise RosterError(f"participant {participant} consented on {self.consent_on[participant]} already")
-            self.consent_on[participant] = entry.consent_on
-        else:
+        known = self.consent_on[participant]
+        if isinstance(entry, Withdrawn):
             self.withdrawn[participant] = entry.reason
+            return
+        if isinstance(entry, Consented) and known is not None:
+            raise RosterError(
+                f"participant {participant} consented on {known} already; if that day is wrong, give --correct and "
+                "--reason"
+            )
+        if isinstance(entry, Corrected) and known is None:
+            raise RosterError(f"participant {participant} has no consent to correct; record it without --correct")
+        self.consent_on[participant] = entry.consent_on
 
     def check_enrolled(self, participant: str) -> None:
         """Return when `participant` is enrolled. Raises `RosterError` otherwise."""
@@ -256,26 +283,59 @@ class Roster:
         return f"{len(self.consent_on) + 1:0{width}d}"
 
 
-def default_root(protocol: Protocol) -> Path:
-    """Return where the dataset of a study stands unless another folder is named."""
-    return Path("participants") / protocol.study.id
+def _with_reason(kind: type[Reasoned], reason: str, **facts: object) -> Reasoned:
+    try:
+        return kind.model_validate({**facts, "reason": reason})
+    except ValidationError as error:
+        raise RosterError(
+            f"got the reason {quoted(reason)}; allowed: one line of 1 to 200 characters, none of them a control or "
+            "invisible one; mend it"
+        ) from error
+
+
+def check_consent(participant: str, consent_on: date | None, *, approved_on: date | None, today: date) -> None:
+    """Refuse a day of consent in the future or before the study was approved; `approved_on` None for no approval yet.
+
+    Raises `RosterError`.
+    """
+    mend = "correct it (palpate consent --correct)"
+    if consent_on is not None and consent_on > today:
+        raise RosterError(f"participant {participant}: got consent on {consent_on}; allowed: up to {today}; {mend}")
+    if consent_on is not None and approved_on is not None and consent_on < approved_on:
+        raise RosterError(
+            f"participant {participant}: got consent on {consent_on}; allowed: from {approved_on}, when the study was "
+            f"approved; {mend}"
+        )
+
+
+def default_root(protocol: Protocol, *, pilot: bool = False) -> Path:
+    """Return where the dataset of a study, or of its pilot, stands unless another folder is named."""
+    return Path("participants") / f"{protocol.study.id}{'-pilot' if pilot else ''}"
 
 
 def enrol(
-    protocol_file: Path, participant: str, consent_on: date | None, *, root: Path | None, seed: int | None
+    protocol_file: Path,
+    participant: str,
+    consent_on: date | None,
+    *,
+    root: Path | None,
+    seed: int | None,
+    pilot: bool = False,
 ) -> Path:
     """Enrol the next participant, and return the roster's file; the first one begins the dataset and settles its seed.
 
-    `root` None stands for `participants/STUDY`, and `seed` None for the settled seed or a new one. Raises `RosterError`
-    if the label is not the next one or the study does not have it, and `DatasetError` if the folder belongs to
-    something else.
+    `root` None stands for `participants/STUDY`, and `seed` None for the settled seed or a new one. With `pilot` the
+    dataset is begun as one of a pilot, and stands in `participants/STUDY-pilot`. Raises `RosterError` if the label is
+    not the next one, the study does not have it, or nobody can have consented on that day; and `DatasetError` if the
+    folder belongs to something else.
     """
     protocol = files.load(protocol_file)
-    root = root or default_root(protocol)
+    root = root or default_root(protocol, pilot=pilot)
     find(allocate(protocol, 0), participant)
+    check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
     Roster.load(path).check_next(participant)
-    settle(root, protocol_file, protocol, seed)
+    settle(root, protocol_file, protocol, seed, "PILOT" if pilot else None)
     Roster.load(path).enrol(participant, consent_on)
     return path
 
@@ -285,22 +345,56 @@ def seed_of(root: Path) -> int:
 
     Raises `DatasetError` if the study has none, or if its file is broken.
     """
+    return _settled(root).seed
+
+
+def purpose_of(root: Path) -> Purpose:
+    """Return what the sessions of this dataset are for: STUDY or PILOT. Raises `DatasetError` as `seed_of`."""
+    return _settled(root).purpose
+
+
+class _Settled(Record):
+    seed: int
+    purpose: Literal["STUDY", "PILOT"]
+
+
+def _settled(root: Path) -> _Settled:
     file = root / "sourcedata" / SEED
     try:
-        return int(json.loads(file.read_text("utf-8"))["seed"])
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        return _Settled.model_validate_json(storage.read_bytes(file))
+    except (OSError, ValidationError) as error:
         raise DatasetError(
-            f"{file}: the seed cannot be read; restore it from a backup, or from a journal's header"
+            f"{file}: seed and purpose of the study cannot be read; restore the file from a backup, or write it anew "
+            "from a journal's header"
         ) from error
 
 
-def consent(protocol_file: Path, participant: str, consent_on: date, *, root: Path | None) -> Path:
+def approved_on(root: Path, protocol_file: Path) -> date | None:
+    """Return the day from which participants may consent: that of the seal in the dataset, or else of the protocol's.
+
+    None while the protocol has no seal. Raises `ProtocolError` if a seal is broken.
+    """
+    for one in (storage.protocol_path(root), protocol_file):
+        if approval.seal_path(one).exists():
+            return approval.read(one).approved_on
+    return None
+
+
+def consent(
+    protocol_file: Path, participant: str, consent_on: date, *, root: Path | None, correction: str | None = None
+) -> Path:
     """Record the consent of a participant who enrolled without it, and return the roster's file.
 
-    Raises `RosterError` if the participant is not enrolled, has consented already, or has withdrawn.
+    With `correction`, which says why, the day takes the place of the one on record. Raises `RosterError` if the
+    participant is not enrolled or has withdrawn, has consented already, or cannot have consented on that day.
     """
-    path = storage.roster_path(root or default_root(files.load(protocol_file)))
-    Roster.load(path).consent(participant, consent_on)
+    root = root or default_root(files.load(protocol_file))
+    check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
+    path = storage.roster_path(root)
+    if correction is None:
+        Roster.load(path).consent(participant, consent_on)
+    else:
+        Roster.load(path).correct(participant, consent_on, correction)
     return path
 
 
@@ -309,22 +403,43 @@ def withdraw(
 ) -> Path:
     """Record that a participant withdrew, and return the roster's file; analysis leaves them out.
 
-    `rebuild` makes the tables of the dataset in a folder anew. Raises `RosterError` if the participant is not enrolled
-    or the reason is no line of text, and `SessionLocked` if a session of theirs is running.
+    The roster is told first, then the participant's journals, then the tables; the same call goes on with what a kill
+    cut short. `rebuild` makes the tables of the dataset in a folder anew. Raises `RosterError` if the participant is
+    not enrolled or has withdrawn for another reason, or the reason is no line of text, and `SessionLocked` if a session
+    of theirs is running.
     """
     root = root or default_root(files.load(protocol_file))
     path = storage.roster_path(root)
-    known = Roster.load(path)
-    known.check_enrolled(participant)
+    Roster.load(path).check_enrolled(participant)
     with journal.locked(storage.participant_folder(root, participant), participant):
-        known.withdraw(participant, reason)
+        known = Roster.load(path)
+        if known.withdrawn.get(participant) != reason:
+            known.withdraw(participant, reason)
+        _mark(root, participant, reason)
         if storage.journals(root):
             rebuild(root)
     return path
 
 
-def settle(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None) -> int:
-    """Keep protocol and seed beside the journals at the first call, and hold every later one to them.
+def _mark(root: Path, participant: str, reason: str) -> None:
+    """Leave the withdrawal in the participant's journals, or in a file of its own while they have none."""
+    begun = [
+        (path, contents)
+        for path in storage.journals(root)
+        if path.parent == storage.participant_folder(root, participant) and (contents := journal.read(path)).lines
+    ]
+    for path, contents in begun:
+        if not isinstance(contents.entries[-1], Withdrawal):
+            with closing(journal.Journal(path, MonotonicClock(), contents)) as opened:
+                opened.append(Withdrawal(reason=reason))
+    if not begun:
+        storage.write_json(storage.withdrawal_path(root, participant), {"participant": participant, "reason": reason})
+
+
+def settle(
+    root: Path, protocol_file: Path, protocol: Protocol, seed: int | None, purpose: Purpose | None = None
+) -> int:
+    """Keep protocol, seed and purpose beside the journals at the first call, and hold every later one to them.
 
     The protocol's copy is written last: without it the study has not begun.
     """
@@ -339,14 +454,18 @@ def settle(root: Path, protocol_file: Path, protocol: Protocol, seed: int | None
         if not kept.exists():
             storage.people_folder(root)
             drawn = secrets.randbelow(2**31) if seed is None else seed
-            storage.write_json(file, {"seed": drawn})
-            storage.write_bytes(kept, protocol_file.read_bytes())
+            storage.write_json(file, {"seed": drawn, "purpose": purpose or "STUDY"})
+            storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
             raise DatasetError(
                 f"{root}: the study was begun with another version of the protocol; run {kept}, or choose another "
                 "folder with --dataset"
             )
     settled = seed_of(root)
+    if purpose not in (None, purpose_of(root)):
+        raise DatasetError(
+            f"{root}: this dataset was not begun as a pilot; leave out --pilot, or choose another folder"
+        )
     if seed not in (None, settled):
         raise DatasetError(f"{root}: the study has the seed {settled}, not {seed}; leave out --seed")
     return settled

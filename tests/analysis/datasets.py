@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from experiment.dataset.bids import DatasetText, Origin, TaskText, write_description, write_events, write_participants
+from experiment.dataset.bids import DatasetText, Origin, TaskText, description, events, participants, write_files
 
 MATERIALS = ("glass", "sand", "snow")
 
@@ -40,27 +40,21 @@ def write_dataset(
     session_ids: Mapping[tuple[str, str], str] | None = None,
 ) -> Path:
     """A dataset of participant -> task -> rows of its events; `session_ids` of participant and task."""
-    write_description(
-        root,
-        DatasetText(
-            study=study,
-            name="A study",
-            origin=origin,
-            license="CC0-1.0",
-            authors=("Somebody", "Somebody else"),
-            tasks=tuple(tasks),
-            readme="A dataset for tests, made of answers that nobody gave. " * 4,
-            software_version="0",
-        ),
-    )
-    write_participants(
-        root,
-        ({"participant_id": f"sub-{label}", "withdrawn": label in withdrawn} for label in sessions),
+    text = DatasetText(
+        study=study,
+        name="A study",
         origin=origin,
+        license="CC0-1.0",
+        authors=("Somebody", "Somebody else"),
+        tasks=tuple(tasks),
+        readme="A dataset for tests, made of answers that nobody gave. " * 4,
+        software_version="0",
     )
+    people = ({"participant_id": f"sub-{label}", "withdrawn": label in withdrawn} for label in sessions)
+    write_files({**description(root, text), **participants(root, people, origin=origin)})
     for label, by_task in sessions.items():
         for task, rows in by_task.items():
-            text = TaskText(
+            said = TaskText(
                 id=task,
                 title=f"The {task} task",
                 description="A task.",
@@ -70,7 +64,7 @@ def write_dataset(
                 origin=origin,
                 session_id=(session_ids or {}).get((label, task)),
             )
-            write_events(root, label, text, [{**row, "origin": origin} for row in rows])
+            write_files(events(root, label, said, [{**row, "origin": origin} for row in rows]))
     return root
 
 

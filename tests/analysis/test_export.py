@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -11,6 +12,7 @@ import pytest
 
 from analysis.export import DICTIONARY, export, files
 from analysis.reading.dataset import read
+from analysis.reading.study import Exclusion
 from experiment.dataset.bids import LABELS
 from experiment.errors import DatasetError
 from tests.analysis.datasets import balanced, trial, write_dataset
@@ -34,6 +36,14 @@ def test_the_dictionary_describes_every_column_and_no_other(okamoto: dict[str, b
         assert row["unit"]
     headers = {name: content.decode().split("\n")[0].split(",") for name, content in okamoto.items()}
     assert described == {name: header for name, header in headers.items() if name != DICTIONARY}
+
+
+def test_a_reason_that_a_spreadsheet_would_compute_is_quoted(repository_root: Path) -> None:
+    study = read(repository_root / "participants" / "okamoto2012")
+    rule = Exclusion("01", "all", None, None, "gone", "=HYPERLINK(A1)")
+    found = _frame(files(replace(study, exclusions=(rule,)))["exclusions.csv"])
+    assert list(found["reason"]) == ["'=HYPERLINK(A1)"]
+    assert found["trial"].isna().all()
 
 
 def test_every_row_is_labelled(okamoto: dict[str, bytes]) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 
 from experiment.dataset import reconstruction
 from experiment.dataset import reconstruction as counts_file
-from experiment.dataset.bids import DatasetText, TaskText, write_description, write_events, write_participants
+from experiment.dataset.bids import DatasetText, TaskText, description, events, participants, write_files
 
 ROOT = Path(__file__).parents[2]
 PARTICIPANTS, REPETITIONS, RUNS = 1000, 10, 5
@@ -63,11 +63,11 @@ def trials_dataset(folder: Path) -> Path:
     root = folder / "trials"
     readme = "Simulated answers for a benchmark. " * 6
     text = DatasetText("simulated", "Simulated", "REHEARSAL", "CC0-1.0", ("Nobody",), tuple(RATIOS), readme, "0")
-    write_description(root, text)
+    write_files(description(root, text))
     labels = [f"{number:04}" for number in range(1, PARTICIPANTS + 1)]
     first = ("virtual", "real")
     people = ({"participant_id": f"sub-{who}", "first_task": first[int(who) % 2], "withdrawn": False} for who in labels)
-    write_participants(root, people, origin="REHEARSAL")
+    write_files(participants(root, people, origin="REHEARSAL"))
     rng = np.random.default_rng(2)
     for task in RATIOS:
         said = answers(task)
@@ -95,7 +95,7 @@ def trials_dataset(folder: Path) -> Path:
                 }
                 for number, cell in enumerate(order.tolist(), start=1)
             )
-            write_events(root, who, words, rows)
+            write_files(events(root, who, words, rows))
     return root
 
 

@@ -32,7 +32,7 @@ from experiment import storage
 from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
-from experiment.apparatus.tracker.gate import GateDetector
+from experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.clock import MonotonicClock
 from experiment.protocol import files
@@ -45,7 +45,7 @@ from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
 from experiment.session.masker import open_sound
-from tests.benchmarks.scheduling import loaded, spread
+from tests.benchmarks.scheduling import Endless, loaded, spread
 
 STEPS, SESSIONS = 2000, 1
 REST_MM = 30.0
@@ -110,10 +110,12 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
         opened.callback(actuator.close)
         parts = Watch(
-            feed=Feed(tracker),
+            feed=Feed(tracker, simulated_time=False),
+            scrutiny=Scrutiny(rate_hz=rig.tracker.rate_hz, noise_mm=NOISE_MM),
             detector=GateDetector(protocol.footstep.step),
             predictor=LandingPredictor(protocol.footstep.step, noise_mm=NOISE_MM),
             clock=clock,
+            limits=Endless(),
             sounder=Sounder(materials, actuator),
         )
         begun_ns = clock.now_ns()

@@ -30,7 +30,7 @@ from experiment.apparatus.panel.conditioning import Played, open_drive
 from experiment.apparatus.ports import Actuator
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState
+from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState, Scrutiny
 from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.clock import MonotonicClock
 from experiment.desk.terminal import TerminalConsole
@@ -47,6 +47,14 @@ from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, watch
 from experiment.session.masker import open_sound
 from experiment.synthesis.waveforms import Stimulus
+
+
+class Endless:
+    """Implements `Limits`: everything may be felt."""
+
+    def over(self, ahead_ns: int = 0) -> str:
+        return ""
+
 
 STEPS = 2000
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
@@ -203,10 +211,12 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
         screen = TerminalConsole(write=opened.enter_context(Path(os.devnull).open("w")), ask=input, heading="REHEARSAL")
         actuator = Timed(played)
         parts = Watch(
-            feed=Feed(tracker),
+            feed=Feed(tracker, simulated_time=True),
+            scrutiny=Scrutiny(rate_hz=1000, noise_mm=0.1),
             detector=Noted(tracker, actuator),
             predictor=LandingPredictor(STEP, noise_mm=0.1),
             clock=clock,
+            limits=Endless(),
             sounder=Sounder(materials, actuator),
         )
         rng = np.random.default_rng(2)

@@ -62,6 +62,9 @@ class Bare:
     def sleep_ns(self, duration_ns: int) -> None:
         time.sleep(duration_ns / 1e9)
 
+    def uptime(self) -> None:
+        return None
+
 
 @dataclass(frozen=True)
 class Run:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 from pathlib import Path
 
 import pytest
@@ -110,3 +111,46 @@ def test_a_folder_takes_its_place_whole_or_not_at_all(tmp_path: Path) -> None:
     with pytest.raises(OSError, match="not empty"), storage.new_folder(out):
         pass
     assert (out / "a" / "file").read_bytes() == b"whole"
+
+
+def test_what_is_no_file_is_neither_waited_for_nor_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Opening a pipe waits until somebody writes, and a device has no end."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("pipe")
+    with socket.socket(socket.AF_UNIX) as made:
+        made.bind("socket")
+    for path in (Path("pipe"), Path("socket"), Path("/dev/zero")):
+        with pytest.raises(OSError, match="a device, a pipe or a socket, not a file"):
+            storage.read_bytes(path)
+    with pytest.raises(IsADirectoryError):
+        storage.read_bytes(tmp_path)
+    with pytest.raises(OSError, match="null byte in its name"):
+        storage.read_bytes(tmp_path / "a\0b")
+
+
+def test_what_is_too_large_is_not_read(tmp_path: Path) -> None:
+    with (tmp_path / "file").open("wb") as file:
+        file.truncate(10 * 2**30)
+    with pytest.raises(OSError, match="10,737,418,240 bytes, more than 268,435,456"):
+        storage.read_bytes(tmp_path / "file")
+    (tmp_path / "file").write_bytes(b"ab\r\n")
+    assert storage.read_bytes(tmp_path / "file", 4) == b"ab\r\n"
+    assert storage.read_text(tmp_path / "file") == "ab\n"
+    with pytest.raises(OSError, match="4 bytes, more than 3"):
+        storage.read_bytes(tmp_path / "file", 3)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[" * 40 + "]" * 40, '{"a":' * 100_000, "9" * 400, "9" * 5000, "NaN", "-Infinity", "1e400", '"\\ud800"', "{"],
+)
+def test_json_that_no_file_needs_is_refused(text: str) -> None:
+    for one in (text, text.encode()):
+        with pytest.raises(ValueError, match=r"\w"):
+            storage.json_of(one)
+
+
+def test_json_is_read_as_it_stands() -> None:
+    assert storage.json_of('{"a": [1, -0.5, null, "\\u00e4\\ud83d\\ude00"]}') == {
+        "a": [1, -0.5, None, "\u00e4\U0001f600"]
+    }

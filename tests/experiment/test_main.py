@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import builtins
 import re
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,22 @@ def test_an_interrupt_while_modules_load_is_one_line(
     told = r"palpate: (the recording was )?interrupted; run the same command to continue( it| or to begin again)"
     assert re.fullmatch(told, line)
     assert not any(tmp_path.iterdir())
+
+
+def test_an_interrupt_in_code_made_from_text_ends_with_the_code_too(repository_root: Path) -> None:
+    """Data classes are such code. Python remembers that it was interrupted there, and ends with the signal."""
+    code = """
+import sys
+from experiment import __main__
+from experiment.cli import app
+sys.argv = ["palpate", "check"]
+app.main = lambda: exec("raise KeyboardInterrupt")
+__main__.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=repository_root, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (130, 1)
 
 
 def test_other_ends_are_left_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 README = Path(__file__).with_name("README.md")
 BEGIN, END = "<!-- campaign -->", "<!-- end of campaign -->"
 
-PARTS: tuple[str, ...] = ("files",)
+PARTS: tuple[str, ...] = ("kills", "exposure", "endurance", "files", "journals", "anchors", "texts", "inputs", "trackers")
 """Modules of this folder that hold the parts, in the order of the table."""
 
 

@@ -115,7 +115,7 @@ def test_every_file_says_rehearsal(one: Path) -> None:
             continue
         text = path.read_text("utf-8")
         if path.suffix == ".jsonl":
-            assert '"rehearsal":true' in text, relative
+            assert '"purpose":"REHEARSAL"' in text, relative
         elif path.suffix == ".csv":
             assert text.startswith("# SIMULATED"), relative
         elif path.suffix == ".toml":

@@ -112,7 +112,7 @@ def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_t
         refused += 1
 
     def beginning(*of: Any) -> None:
-        plan = study.Plan(**json.loads((out / "sourcedata" / study.PLAN).read_text("utf-8")))
+        plan = study.Plan(**json.loads(storage.plan_path(out).read_text("utf-8")))
         second()
         assert is_begun(out, plan)
         monkeypatch.setattr(study, "rehearse_participant", participant)

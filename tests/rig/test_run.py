@@ -270,3 +270,30 @@ def test_ctrl_c_while_the_last_line_is_written_leaves_the_tables_of_a_complete_s
     assert journal.read(path).entries[-1] == Footer(reason="complete", answered=4)
     events = (Path("dataset") / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").read_text()
     assert events.count("PARTICIPANT") == 4
+
+
+@pytest.mark.parametrize("task", ["real"])
+def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing(
+    laboratory: Laboratory,
+    task: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    palpate: Palpate,
+) -> None:
+    rig = tmp_path / "rig.toml"
+    rig.write_text(rig.read_text("utf-8") + '\n[anchors]\nfile = "share/register"\n', "utf-8")
+    typed = iter(["c", "", "q", "", "a", "", "n", "", "t", ""])
+    monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "")
+    session = ["run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"]
+    code, out, _ = palpate(*session)
+    assert (code, "The session is paused: 1 answers." in out) == (0, True)
+    assert "For the lab book: " in out
+    assert "NOT ANCHORED: share/register: the anchor cannot be written" in out
+    assert "run: palpate anchor dataset --to share/register" in out
+    (tmp_path / "share").mkdir()
+    code, out, _ = palpate(*session)
+    assert (code, "The session is complete: 4 answers." in out) == (0, True)
+    assert "Anchored in share/register. This register is a new file." in out
+    number = re.findall(r"For the lab book: .* (\S+)\n", out)[0]
+    code, out, _ = palpate("verify", "dataset", "--register", "share/register", "--number", number)
+    assert (code, out.count("PROVEN by"), "NOT PROVEN" in out) == (0, 2, False)

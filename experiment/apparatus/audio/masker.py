@@ -1,9 +1,9 @@
-"""The masker: noise on the headphones that hides the sound of the stimuli, its level in dB(A), and the dose of a day.
+"""The masker: noise on the headphones that hides the sound of the stimuli, its level in dB(A), and its dose.
 
 One loop plays from the beginning of a session to its end, so that it neither stops nor repeats audibly: its round is
 ten seconds, and its end goes over into its beginning. Levels change in ramps. What the headphones bring to the ear is
 known from their calibration; no level is above the protocol's limit, and each moment of it counts towards the dose of
-the day.
+24 hours.
 
 The dose is that of Directive 2003/10/EC, articles 2 and 3: levels are referred to eight hours, equal energy (3 dB more
 in half the time), and the lower exposure action value of 80 dB(A) is a dose of 1.
@@ -73,8 +73,12 @@ def daily_level_db_a(*, dose: float) -> float:
     return ACTION_DB_A + 10 * float(np.log10(dose)) if dose > 0 else -np.inf
 
 
+RESERVE_S = 2.0
+"""A masker that may go on for no longer is over, s: whoever watches it looks more often than that."""
+
+
 def left_s(*, dose: float, level_db_a: float) -> float:
-    """Return how long a level may go on until the day's dose, of which some is used up already, is 1, s."""
+    """Return how long a level may go on until the dose, of which some is used up already, is 1, s."""
     return float(max(1 - dose, 0) * REFERENCE_S / 10 ** ((level_db_a - ACTION_DB_A) / 10))
 
 
@@ -142,7 +146,7 @@ class AudioMasker:
     ) -> None:
         """Begin in silence on the headphones' channels, from 1, of the session's stream.
 
-        `dose_before` is what the participant's earlier sessions of the day used up.
+        `dose_before` is what the participant's sessions of the 24 hours before used up.
         """
         self._noise = made
         self._clock = clock
@@ -169,7 +173,7 @@ class AudioMasker:
         """Go to another level in a ramp, and return the one in force: the level wanted, or the nearest that is allowed.
 
         Raises:
-            AudioError: it is no level, the masker is silent, or the day's dose is used up.
+            AudioError: it is no level, the masker is silent, or the dose is used up.
         """
         if self._level_db_a is None:
             raise AudioError("masker: got a level while it is silent; allowed: only while it plays; start it first")
@@ -197,13 +201,13 @@ class AudioMasker:
         if not np.isfinite(level_db_a):
             raise AudioError(f"masker: got a level of {level_db_a} dB(A); allowed: a number; set it again")
         self._account()
-        if self._dose >= 1:
+        bounded = min(max(level_db_a, SOFTEST_DB_A), self.limit_db_a)
+        if left_s(dose=self._dose, level_db_a=bounded) <= RESERVE_S:
             self.stop()
             raise AudioError(
-                f"masker: got a dose of {self._dose:.2f} for today; allowed: 1, which is {ACTION_DB_A:g} "
-                "dB(A) for eight hours; go on another day"
+                f"masker: got a dose of {self._dose:.2f} in 24 hours; allowed: 1, which is {ACTION_DB_A:g} "
+                "dB(A) for eight hours; go on a day later"
             )
-        bounded = min(max(level_db_a, SOFTEST_DB_A), self.limit_db_a)
         self._loop.wanted = self._noise.gain(bounded)
         self._level_db_a = bounded
         return bounded

@@ -49,7 +49,7 @@ def read(path: Path) -> Response:
             missing, or a response does not rise; it names file, line, what it got and what is allowed.
     """
     try:
-        content = path.read_bytes()
+        content = storage.read_bytes(path)
     except OSError as error:
         raise RecordingError(
             f"{path}: cannot be read ({error.strerror}); allowed: the response table of a rig; name another file"
@@ -120,7 +120,10 @@ def _rows(path: Path, text: str) -> list[_Row]:
     for line, content in enumerate(text.splitlines(), start=1):
         if not content.strip() or content.startswith("#"):
             continue
-        cells = [cell.strip() for cell in next(csv.reader([content]))]
+        try:
+            cells = [cell.strip() for cell in next(csv.reader([content]))]
+        except csv.Error as error:
+            raise _wrong(path, line, str(error), "plain CSV", "correct the line") from error
         if not headed:
             if tuple(cells) != COLUMNS:
                 raise _wrong(path, line, repr(content[:60]), f"the header {','.join(COLUMNS)}", "add it")

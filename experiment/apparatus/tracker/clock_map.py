@@ -24,11 +24,15 @@ read has, such as the device's own and its cable's, cannot be told from an offse
 Simulated time may stand still while samples arrive. Then samples seem to come before they were taken, and the map puts
 the newest one at the time of its arrival, and all others so much earlier. Who simulates the device knows its clock, and
 says so with a `ClockMap` of their own.
+
+A map takes the device at its word. `Pace` does not: it says whether a clock that drifts by no more than `PACE_PART` can
+have brought the reads before and after a step. The least delay before it, and that after it, may differ by `PACE_US`.
 """
 
 from __future__ import annotations
 
 from bisect import bisect_left
+from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -55,6 +59,21 @@ TRUSTED_FINE_BINS = 5
 
 DRIFT_LIMIT_PPM = 10_000.0
 """Largest drift that is believed: twice what a ceramic resonator is sold with, parts per million."""
+
+PACE_PART = 0.015
+"""Half more than `DRIFT_LIMIT_PPM`, and still below the 2 % by which no speed may be wrong."""
+
+PACE_US = 5_000.0
+"""Half the delay in which `palpate doctor` wants 99 of 100 reads of a device, microseconds; the least is far less."""
+
+PACE_KNOWN_US = 1_000_000
+"""Reads over less of the device's time cannot tell `PACE_PART` from delays, microseconds."""
+
+PACE_NEAR_US = 300_000
+"""Reads before a step that a jump of the clock within it is seen against, microseconds: three long stalls."""
+
+PACE_SLOT_US, PACE_SLOTS = 20_000, 512
+"""Of each such stretch of device time the read with the least delay is kept, microseconds, for 10 s or more."""
 
 _DELAY_EDGES_US = (0.0, *np.geomspace(1.0, 1e6, 121).tolist())
 
@@ -168,6 +187,48 @@ def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
         level = min(at_y - slope * at_x for at_x, at_y in counted)
     recent = (*recent, min(bisect_left(_DELAY_EDGES_US, y - slope * x - level), len(delays) - 1))
     return ClockState(origin_us, origin_ns, x, kept, fine, low, known, slope, level, delays, recent)
+
+
+class Pace:
+    """When the reads of a device came, by which its clock is held against the session's."""
+
+    def __init__(self) -> None:
+        self._reads: deque[tuple[int, float]] = deque(maxlen=PACE_SLOTS)
+
+    def read(self, device_us: int, arrived_ns: int) -> None:
+        """Take the device time of a read's newest sample, microseconds, and the session time of its arrival."""
+        delay_us = arrived_ns / 1e3 - device_us
+        if self._reads and self._reads[-1][0] // PACE_SLOT_US == device_us // PACE_SLOT_US:
+            if delay_us >= self._reads[-1][1]:
+                return
+            self._reads.pop()
+        self._reads.append((device_us, delay_us))
+
+    @property
+    def known(self) -> bool:
+        """Whether the reads last long enough to judge by."""
+        return bool(self._reads) and self._reads[-1][0] - self._reads[0][0] >= PACE_KNOWN_US
+
+    def ahead_ms(self, from_us: float, until_us: float) -> float:
+        """Return by how much more than allowed the device's clock ran ahead over a step between two device times, ms.
+
+        Less than nothing: it fell behind, or every read since was held up, and a later one may clear it. Zero: neither.
+        """
+        x, y = np.array(self._reads).T
+        since = x >= until_us
+        near = (x <= from_us) & (x >= from_us - PACE_NEAR_US)
+        far = x <= min(x[0] + PACE_KNOWN_US, x[-1] - PACE_KNOWN_US)
+        for before in (near, far):
+            if not before.any() or not since.any():
+                continue
+            least = [
+                float((y + part * x)[since].min() - (y + part * x)[before].min()) for part in (PACE_PART, -PACE_PART)
+            ]
+            if least[0] < -PACE_US:
+                return -(least[0] + PACE_US) / 1e3
+            if least[1] > PACE_US:
+                return -(least[1] - PACE_US) / 1e3
+        return 0.0
 
 
 def _counted(delays: tuple[int, ...], recent: tuple[int, ...]) -> tuple[int, ...]:

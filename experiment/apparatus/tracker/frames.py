@@ -25,6 +25,9 @@ How the stream is counted:
 A device that restarts has another clock, so its times must not be joined to those from before. The reader knows a
 restart by a clock that stands still, or that goes back by anything but a wrap: read as a wrap it would have jumped
 over `LONGEST_PAUSE_US`. From there on no frame is given out and `Frames.restarted` stays true.
+
+One of 2^15 frames with an even number of wrong bits passes the CRC. So where the rate is known, a frame whose time does
+not fit its number waits for the next, and counts as damaged unless that one follows it: two that agree are believed.
 """
 
 from __future__ import annotations
@@ -93,6 +96,12 @@ FRAME_BYTES = 12
 LONGEST_PAUSE_US = 60_000_000
 """Longest jump across a wrap of the device's clock that is still taken for a wrap, microseconds."""
 
+STRAY_PART = 0.25
+"""A frame's time fits its number within this part of a period, for a stamp that jitters..."""
+
+STRETCH_PART = 0.02
+"""...and this part of the time since the frame before, for a resonator and a rate that is not quite that of the rig."""
+
 _STUFFED_BYTES = FRAME_BYTES - 1
 _SAMPLE = struct.Struct("<HIH")
 _BODY = struct.Struct("<HIHH")
@@ -107,7 +116,8 @@ class Frames(NamedTuple):
     Attributes:
         device_us: unwrapped device time of each frame, microseconds, int64, shape (n,), strictly rising.
         counts: raw readings, uint16, shape (n,).
-        ends: where in the piece each frame ended (offset of the byte after its 0x00), int64, shape (n,).
+        ends: where in the piece each frame ended (offset of the byte after its 0x00), int64, shape (n,); 0 or less
+            for one that had waited since the piece before.
         link: frames counted in this piece.
         restarted: the device restarted, in this piece or before.
     """
@@ -139,6 +149,8 @@ class Decoder(NamedTuple):
         gap_expected: bytes were thrown away since the last good frame.
         damaged: damaged stretches since the last good frame.
         restarted: the device restarted; nothing more is read.
+        period_us: time from frame to frame, microseconds, if it is known.
+        held: number, clock, reading and end of a frame that waits for the next to follow it.
     """
 
     near_us: int = _CLOCK // 2
@@ -149,6 +161,8 @@ class Decoder(NamedTuple):
     gap_expected: bool = False
     damaged: int = 0
     restarted: bool = False
+    period_us: float | None = None
+    held: tuple[int, int, int, int] | None = None
 
     def skipped(self) -> Decoder:
         """Return the decoder after bytes were thrown away: the gap they leave is not counted as lost."""
@@ -158,6 +172,7 @@ class Decoder(NamedTuple):
             device_us=self.device_us,
             gap_expected=self.sequence is not None,
             restarted=self.restarted,
+            period_us=self.period_us,
         )
 
     def feed(self, data: bytes) -> tuple[Decoder, Frames]:
@@ -168,7 +183,7 @@ class Decoder(NamedTuple):
         pieces = (self.tail + data).split(b"\0")
         tail = pieces.pop()[:FRAME_BYTES]
         sequence, us, aligned, gap_expected = self.sequence, self.device_us, self.aligned, self.gap_expected
-        damaged, restarted = self.damaged, self.restarted
+        damaged, restarted, held = self.damaged, self.restarted, self.held
         device_us: list[int] = []
         counts: list[int] = []
         ends: list[int] = []
@@ -185,27 +200,42 @@ class Decoder(NamedTuple):
                 aligned = True
                 continue
             number, clock_us, reading = sample
+            aligned = True
             if sequence is None:
                 sequence = number - 1
                 us = clock_us - 1 + _CLOCK * round((self.near_us - clock_us) / _CLOCK)
-            forward_us, skipped = (clock_us - us) % _CLOCK, (number - sequence - 1) % _SEQUENCES
-            if forward_us > LONGEST_PAUSE_US:
-                restarted = restarted or clock_us < us % _CLOCK
-            elif forward_us == 0:
-                restarted = restarted or skipped != _SEQUENCES - 1
-            if not restarted:
-                sequence = number
-                us += forward_us
-                if forward_us == 0:
-                    repeated += 1
-                else:
-                    if skipped > damaged and not gap_expected:
-                        lost += skipped - damaged
-                    gap_expected = False
-                    device_us.append(us)
-                    counts.append(reading)
-                    ends.append(end)
-            aligned, damaged = True, 0
+            elif self.period_us is not None and not _fits(sequence, us, number, clock_us, self.period_us):
+                if held is None or not _follows(held, number, clock_us):
+                    if held is not None:
+                        damaged += 1
+                        damaged_here += 1
+                    held = number, clock_us, reading, end
+                    continue
+            elif held is not None:
+                held = None
+                damaged += 1
+                damaged_here += 1
+            read = ((number, clock_us, reading, end),) if held is None else (held, (number, clock_us, reading, end))
+            held = None
+            for number, clock_us, reading, ended in read:
+                forward_us, skipped = (clock_us - us) % _CLOCK, (number - sequence - 1) % _SEQUENCES
+                if forward_us > LONGEST_PAUSE_US:
+                    restarted = restarted or clock_us < us % _CLOCK
+                elif forward_us == 0:
+                    restarted = restarted or skipped != _SEQUENCES - 1
+                if not restarted:
+                    sequence = number
+                    us += forward_us
+                    if forward_us == 0:
+                        repeated += 1
+                    else:
+                        if skipped > damaged and not gap_expected:
+                            lost += skipped - damaged
+                        gap_expected = False
+                        device_us.append(us)
+                        counts.append(reading)
+                        ends.append(ended)
+                damaged = 0
         frames = Frames(
             np.array(device_us, dtype=np.int64),
             np.array(counts, dtype=np.uint16),
@@ -213,7 +243,11 @@ class Decoder(NamedTuple):
             LinkCounts(len(device_us), lost, damaged_here, repeated),
             restarted,
         )
-        return Decoder(self.near_us, sequence, us, tail, aligned, gap_expected, damaged, restarted), frames
+        if held is not None:
+            held = (*held[:3], held[3] - end - len(tail))
+        return Decoder(
+            self.near_us, sequence, us, tail, aligned, gap_expected, damaged, restarted, self.period_us, held
+        ), frames
 
 
 def _sample(piece: bytes) -> tuple[int, int, int] | None:
@@ -226,3 +260,14 @@ def _sample(piece: bytes) -> tuple[int, int, int] | None:
         return None
     number, clock_us, reading, crc = _BODY.unpack(body)
     return (number, clock_us, reading) if crc_hqx(body[: _SAMPLE.size], _CRC_START) == crc else None
+
+
+def _fits(sequence: int, us: int, number: int, clock_us: int, period_us: float) -> bool:
+    """Return whether a frame's time fits its number, after the last good one; that one once more does."""
+    steps, forward_us = (number - sequence) % _SEQUENCES, (clock_us - us) % _CLOCK
+    stray_us = (STRAY_PART + STRETCH_PART * steps) * period_us if steps else 0.0
+    return abs(forward_us - steps * period_us) <= stray_us
+
+
+def _follows(held: tuple[int, int, int, int], number: int, clock_us: int) -> bool:
+    return number == (held[0] + 1) % _SEQUENCES and (clock_us - held[1]) % _CLOCK <= LONGEST_PAUSE_US

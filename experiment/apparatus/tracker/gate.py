@@ -12,21 +12,29 @@ hesitates or turns inside the gate is as slow as it was from top to bottom; one 
 gives a second `Gate`, which replaces the first. A foot that lands without having passed the whole gate gives nothing:
 it must be lifted above the top again. Nothing is given after contact, bounces included, until the foot has done so.
 
-A `Gate` is given when a sample lies `SETTLED_MM` below the bottom, so that noise cannot take it back.
+A `Gate` is given when a sample lies `SETTLED_MM` below the bottom, so that noise cannot take it back. A `Contact` shows
+at the first sample at `NEAR_MM` or lower, and is given once the next one confirms it, at twice `NEAR_MM` or lower: a
+single false reading is no contact.
 
 Contact cannot be read off as a crossing: a foot at rest is near contact height, and noise decides when it crosses. It
 is the root of a straight line, fitted by least squares to the samples between `NEAR_MM` and `FAR_MM` above contact in
-the last `APPROACH_US` before a sample lies at `NEAR_MM` or lower; that sample gives the `Contact`, so its time may be a
-few milliseconds ahead. Where frames are missing and fewer than three samples are left, the line runs from the bottom of
-the gate to that sample. A foot that slows down lands later than the line says, by at most d^2 a / (7 v^3) with d =
-FAR_MM, speed v and deceleration a at contact: 0.16 ms at 200 mm/s and 1000 mm/s^2. Noise of 0.1 mm rms at 1 kHz adds
-up to 0.12 mm / v rms: 0.6 ms at 200 mm/s. Contact is never put more than `LATEST_US` after its sample.
+the last `APPROACH_US` before a sample lies at `NEAR_MM` or lower; its time may be a few milliseconds ahead. Where
+frames are missing and fewer than three samples are left, the line runs from the bottom of the gate to that sample. A
+foot that slows down lands later than the line says, by at most d^2 a / (7 v^3) with d = FAR_MM, speed v and
+deceleration a at contact: 0.16 ms at 200 mm/s and 1000 mm/s^2. Noise of 0.1 mm rms at 1 kHz adds up to 0.12 mm / v rms:
+0.6 ms at 200 mm/s. Contact is never put more than `LATEST_US` after its sample.
+
+A tracker may be wrong, so `Scrutiny` stands on either side of this. It drops a lone reading that no foot could reach,
+and a passage counts only if heights and times agree with what a foot, the rig's rate and the frames counted as missing
+allow.
 """
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_left
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -48,7 +56,26 @@ APPROACH_US = 40_000
 """How far back the approach is looked at, microseconds."""
 
 LATEST_US = 20_000.0
-"""Contact is at most this long after the sample that gave it, microseconds."""
+"""Contact is at most this long after the first sample at `NEAR_MM` or lower, microseconds."""
+
+FASTEST_MM_S = 1000.0
+"""A reading further from the one before than a foot gets at this speed, mm/s, waits until the next one agrees."""
+
+JUMP_MM = 0.2
+"""A jump of heights by less moves the speed through a gate of 10 mm by less than 2 %, mm; ours."""
+
+NOISE_TIMES = 10.0
+"""Nor is a jump seen that is below so many standard deviations of the sensor: six of what `Scrutiny` looks at."""
+
+SIDE = 4
+"""Samples on either side of a pair, from which its speed is expected."""
+
+HOLE_US = 10_000
+"""Longest stretch without a sample in which a crossing may lie, microseconds: a foot that is put down at 400 mm/s bends
+by less than 0.1 mm off a straight line in it."""
+
+RATE_PART = 0.015
+"""Part of the rig's rate by which a passage's samples may differ: doctor's and a resonator's 1 %, and below 2 %."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +99,120 @@ class Contact:
     given_us: int = field(compare=False)
 
 
+class Sifted(NamedTuple):
+    """The last reading that was believed, the one that waits for the next to agree (device time, us; mm), if there
+    are, and how many were dropped."""
+
+    believed: tuple[int, float] | None = None
+    held: tuple[int, float] | None = None
+    dropped: int = 0
+
+
+class Scrutiny:
+    """What is held against a tracker's readings: a foot's speed, the sensor's noise, and the rate of the frames."""
+
+    def __init__(self, *, rate_hz: int, noise_mm: float, resolution_mm: float = 0.0) -> None:
+        """Take what the rig file states: frames a second, noise of the sensor, mm rms, and one count of it, mm."""
+        self._period_us = 1e6 / rate_hz
+        self._rate_hz = rate_hz
+        self._noise_mm = NOISE_TIMES * noise_mm + 1.25 * resolution_mm
+        self._apart_mm = max(self._noise_mm, JUMP_MM)
+
+    def sift(self, state: Sifted, samples: Samples) -> tuple[Sifted, Samples]:
+        """Return the state after the next samples, and those that are believed by now, however samples are cut.
+
+        A foot's readings pass at once. One that lies further off than a foot could get waits for the next: two that
+        agree are believed, and one alone is dropped.
+        """
+        believed, held, dropped = state
+        passed: list[tuple[int, float]] = []
+        for read in zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True):
+            if held is None and (believed is None or not self._near(believed, read)):
+                held = read
+                continue
+            if held is not None:
+                if self._near(held, read):
+                    passed.append(held)
+                else:
+                    dropped += 1
+                    if believed is None or not self._near(believed, read):
+                        held = read
+                        continue
+                held = None
+            passed.append(read)
+            believed = read
+        after = Sifted(believed, held, dropped)
+        if state.held is None and held is None and dropped == state.dropped:
+            return after, samples
+        us, mm = [read[0] for read in passed], [read[1] for read in passed]
+        return after, replace(samples, device_us=np.array(us, np.int64), height_mm=np.array(mm, np.float64))
+
+    def fault(self, path: Sequence[Samples], gate: Gate, contact: Contact, missing: int) -> str:
+        """Return why the passage cannot be counted; empty if nothing speaks against it.
+
+        `path` are the believed samples, read by read, from above the gate until contact was given. `missing` is how
+        many frames are known to be missing of all that were sent meanwhile.
+        """
+        reads: list[Samples] = []
+        for read in reversed(path):
+            reads.insert(0, read)
+            if read.device_us.size and read.device_us[0] < gate.top_us - 2 * SIDE * self._period_us:
+                break
+        us = np.concatenate([read.device_us for read in reads])
+        mm = np.concatenate([read.height_mm for read in reads])
+        top = max(int(np.searchsorted(us, gate.top_us)) - 1, 0)
+        bottom = int(np.searchsorted(us, gate.bottom_us))
+        apart_us = np.diff(us)
+        fell_us = apart_us[top : int(np.searchsorted(us, contact.given_us))]
+        periods = np.rint(fell_us / self._period_us).sum()
+        off = 1 - periods * self._period_us / fell_us.sum()
+        if abs(off) > RATE_PART:
+            return (
+                f"the tracker's times lie {fell_us.mean():.0f} us apart, and {self._rate_hz} frames a second are "
+                f"{self._period_us:.0f} us apart; see to the device's clock, or to rate_hz in the rig file"
+            )
+        if periods - fell_us.size > missing:
+            return (
+                f"the tracker's times leave room for {periods - fell_us.size:.0f} frames where {missing} are missing; "
+                "see to the device's clock"
+            )
+        longest_us = max(apart_us[top], apart_us[bottom - 1])
+        if longest_us > HOLE_US:
+            return (
+                f"no reading for {longest_us / 1e3:.0f} ms where the foot crossed the gate; see to the tracker's line"
+            )
+        jumps_mm = self._jumps_mm(us, mm, np.arange(max(top, 1), bottom))
+        if jumps_mm.max(initial=0.0) > 0:
+            worst = max(top, 1) + int(np.argmax(jumps_mm))
+            return (
+                f"the tracker's heights jump from {mm[worst]:.1f} to {mm[worst + 1]:.1f} mm inside the gate, "
+                "as no foot does; see to the sensor"
+            )
+        return ""
+
+    def _near(self, one: tuple[int, float], other: tuple[int, float]) -> bool:
+        return abs(other[1] - one[1]) <= (other[0] - one[0]) * FASTEST_MM_S / 1e6 + self._apart_mm
+
+    def _jumps_mm(self, us: NDArray[np.int64], mm: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return by how much more than allowed the sample after each of `at` is off what its neighbours' speed makes.
+
+        Samples stand on both sides of every one.
+        """
+        before, after = np.maximum(at - SIDE, 0), np.minimum(at + 1 + SIDE, us.size - 1)
+        apart_us = us[at + 1] - us[at]
+        slopes = (mm[at] - mm[before]) / (us[at] - us[before]) + (mm[after] - mm[at + 1]) / (us[after] - us[at + 1])
+        # Noise of the neighbours' speed counts for more, the longer the pair is apart.
+        weight = apart_us / (2 * SIDE * self._period_us)
+        noise_mm = self._noise_mm * np.hypot(weight, 1 + weight) / math.hypot(1 / 8, 9 / 8)
+        off_mm: NDArray[np.float64] = np.abs(mm[at + 1] - mm[at] - apart_us * slopes / 2)
+        return off_mm - np.maximum(JUMP_MM, noise_mm)
+
+
 class GateState(NamedTuple):
     """The last samples, as far back as contact may need: device times, microseconds, and heights, mm.
 
-    Beside them stand the last downward crossing of the gate's top, the last one of its bottom since, and the gate that
-    was given last for this passage.
+    Beside them stand the last downward crossing of the gate's top, the last one of its bottom since, the gate that was
+    given last for this passage, and the contact that the next sample has to confirm.
     """
 
     us: tuple[int, ...] = ()
@@ -84,6 +220,7 @@ class GateState(NamedTuple):
     top_us: float | None = None
     bottom_us: float | None = None
     given: Gate | None = None
+    landing: Contact | None = None
 
 
 class GateDetector:
@@ -116,6 +253,11 @@ class GateDetector:
         # A read while a foot falls holds few samples: Python's loop over them is faster than numpy's calls.
         for i in range(max(len(state.us), 1), len(us)):
             above_mm, below_mm = mm[i - 1], mm[i]
+            if state.landing is not None:
+                if below_mm - self._step.contact_mm <= 2 * (self._levels_mm[3] - self._step.contact_mm):
+                    events.append(state.landing)
+                    state = state._replace(top_us=None, bottom_us=None, given=None)
+                state = state._replace(landing=None)
             if below_mm >= above_mm:
                 continue
             for level, level_mm in enumerate(self._levels_mm):
@@ -128,7 +270,7 @@ class GateDetector:
 
     def _crossed(
         self, state: GateState, us: tuple[int, ...], mm: tuple[float, ...], i: int, level: int
-    ) -> tuple[GateState, Gate | Contact | None]:
+    ) -> tuple[GateState, Gate | None]:
         """Sample `i` is the first at or below one of the levels."""
         if level == 0:
             return state._replace(top_us=self._crossing_us(us, mm, i, level), bottom_us=None), None
@@ -142,7 +284,7 @@ class GateDetector:
             return state._replace(given=gate), gate if gate != state.given else None
         if level == 3 and state.given is not None:
             contact = Contact(self._contact_us(np.array(us), np.array(mm), i, state.given.bottom_us), us[i])
-            return state._replace(top_us=None, bottom_us=None, given=None), contact
+            return state._replace(landing=contact), None
         return state, None
 
     def _crossing_us(self, us: tuple[int, ...], mm: tuple[float, ...], i: int, level: int) -> float:

@@ -16,6 +16,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
+
+from experiment import storage
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import FRAMES, Rig
 from experiment.apparatus.tracker.clock_map import ClockMap
@@ -42,6 +45,8 @@ class GuardedTracker:
     def __init__(self, tracker: Tracker, named: str) -> None:
         self._tracker = tracker
         self._named = named
+        self._counts = LinkCounts()
+        self._newest: Samples | None = None
 
     @property
     def counts(self) -> LinkCounts:
@@ -49,6 +54,9 @@ class GuardedTracker:
             counts = self._tracker.counts
             if not isinstance(counts, LinkCounts):
                 raise TypeError(f"got {counts!r:.60}, not LinkCounts")
+            if not all(isinstance(count, int | np.integer) for count in counts) or min(counts.since(self._counts)) < 0:
+                raise ValueError(f"got {counts!r:.90}, not whole numbers that never fall")
+            self._counts = counts
             return counts
 
     @property
@@ -70,11 +78,14 @@ class GuardedTracker:
                 raise TypeError(f"got {samples!r:.60}, not Samples")
             if not samples.device_us.shape == samples.height_mm.shape == samples.ends.shape != (0,):
                 raise ValueError("device_us, height_mm and ends are not of one length, at least 1")
+            _check(samples, self._newest)
+            self._newest = samples
             return samples
 
     def reconnect(self, timeout_s: float) -> None:
         with _blamed(self._named, "reconnect"):
             self._tracker.reconnect(timeout_s)
+        self._newest = None
 
     def close(self) -> None:
         ending = sys.exception()
@@ -85,6 +96,24 @@ class GuardedTracker:
             if isinstance(ending, PalpateError):
                 raise TrackerError(f"{ending}; and then: {error}") from error
             raise
+
+
+def _check(samples: Samples, before: Samples | None) -> None:
+    """Refuse what no device can have sent after the read `before` it, with a `ValueError`."""
+    us, mm, ends = samples.device_us, samples.height_mm, samples.ends
+    if us.ndim != 1 or us.dtype.kind != "i" or ends.dtype.kind != "i" or mm.dtype.kind != "f":
+        raise ValueError(f"got arrays of {us.dtype}, {mm.dtype} and {ends.dtype}, not rows of int, float and int")
+    if not np.isfinite(mm).all():
+        raise ValueError(f"got a height of {mm[~np.isfinite(mm)][0]} mm")
+    times = us if before is None else np.concatenate([before.device_us[-1:], us])
+    later = times[1:] > times[:-1]
+    if not later.all():
+        at = int(np.argmin(later))
+        raise ValueError(f"got a device time of {times[at + 1]} us after one of {times[at]} us; times must rise")
+    if ends[0] < 0 or ends[-1] > len(samples.raw) or (ends[1:] < ends[:-1]).any():
+        raise ValueError(f"got ends that are no places in {len(samples.raw)} raw bytes, in order")
+    if not isinstance(samples.arrived_ns, int | np.integer) or (before and samples.arrived_ns < before.arrived_ns):
+        raise ValueError(f"got an arrival at {samples.arrived_ns!r:.60} ns; arrivals are whole and never go back")
 
 
 @contextmanager
@@ -125,7 +154,7 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
 
 def _beside(file: Path) -> ModuleType:
     """Return the module in a file, executed once for each content."""
-    name = f"{__name__}.{file.stem}_{hashlib.sha256(file.read_bytes()).hexdigest()[:16]}"
+    name = f"{__name__}.{file.stem}_{hashlib.sha256(storage.read_bytes(file)).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
     spec = importlib.util.spec_from_file_location(name, file)

@@ -24,6 +24,8 @@ import threading
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+
 from experiment.apparatus import host
 from experiment.apparatus.tracker import clock_map as clock_maps
 from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
@@ -106,7 +108,6 @@ class SerialTracker:
         self._counts = LinkCounts()
         self._lock = threading.Lock()
         self._held: _Arrival | None = None
-        self._decoder = Decoder()
         self._closing = False
         self._open(port)
         self._identity = identity_of(port)
@@ -188,7 +189,7 @@ class SerialTracker:
 
     def _open(self, port: str) -> None:
         self._port = SerialPort(port, self._settings.baud)
-        self._decoder = Decoder()
+        self._decoder: Decoder = Decoder(period_us=1e6 / self._settings.rate_hz)
         self._clock_state: ClockState | None = None
         self._failure: Exception | None = None
         self._closing = False
@@ -272,7 +273,8 @@ class SerialTracker:
                 self._clock_state = clock_maps.step(self._clock_state, newest_us, now_ns)
             heights_mm = self._settings.height_mm(frames.counts)
             self._pace(newest_us, float(heights_mm[-1]))
-            ends = kept + frames.ends if kept else frames.ends
+            # The bytes of a frame that had waited may have gone out before.
+            ends = np.maximum(kept + frames.ends, 0)
             samples = Samples(frames.device_us, heights_mm, self._raw, ends, now_ns)
             self._queued_bytes += len(self._raw)
             self._arrivals.put(_Arrival(samples, self._link))

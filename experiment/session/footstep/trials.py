@@ -14,7 +14,7 @@ from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts
-from experiment.apparatus.tracker.gate import GateDetector
+from experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from experiment.clock import Clock, lasted_ms
 from experiment.desk.port import Console
@@ -25,7 +25,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock,
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from experiment.session.kind import FarEnds, Log, Meaning, Seen
+from experiment.session.kind import FarEnds, Limits, Log, Meaning, Seen
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -43,18 +43,21 @@ class FootstepDevices:
     """Implements `KindDevices`; what the task's scene leaves out is None.
 
     A `ZeroedTracker` is zeroed before the first attempt, and after it was reconnected. `tracker_port` is what the
-    journal calls its port, and `noise_mm` the noise of its sensor, mm rms, if the rig file states it. `materials` are
-    prepared, by their ids.
+    journal calls its port, and `noise_mm` the noise of its sensor, mm rms, if the rig file states it. Its readings are
+    held against `scrutiny`. `materials` are prepared, by their ids.
     """
 
     tracker: Tracker
     tracker_port: str
     noise_mm: float | None
+    scrutiny: Scrutiny
     actuator: Actuator | None
     materials: Mapping[str, Basis] | None
 
-    def begin(self, *, protocol: Protocol, header: Header, console: Console, clock: Clock, log: Log) -> Footsteps:
-        return Footsteps(self, protocol=protocol, header=header, console=console, clock=clock, log=log)
+    def begin(
+        self, *, protocol: Protocol, header: Header, console: Console, clock: Clock, log: Log, limits: Limits
+    ) -> Footsteps:
+        return Footsteps(self, protocol=protocol, header=header, console=console, clock=clock, log=log, limits=limits)
 
 
 def open_footsteps(
@@ -97,7 +100,18 @@ def open_footsteps(
     tracker = opening.open_tracker(rig, clock=clock, port=port, clock_map=clock_map, contact_mm=contact_mm)
     opened.callback(tracker.close)
     ends.check(tracker, rig)
-    return FootstepDevices(tracker, port or rig.tracker.port, rig.tracker.noise_mm, actuator, materials)
+    return FootstepDevices(
+        tracker,
+        tracker_port=port or rig.tracker.port,
+        noise_mm=rig.tracker.noise_mm,
+        scrutiny=Scrutiny(
+            rate_hz=rig.tracker.rate_hz,
+            noise_mm=NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm,
+            resolution_mm=rig.tracker.resolution_mm,
+        ),
+        actuator=actuator,
+        materials=materials,
+    )
 
 
 @dataclass(frozen=True)
@@ -129,6 +143,7 @@ class Footsteps:
         console: Console,
         clock: Clock,
         log: Log,
+        limits: Limits,
     ) -> None:
         """Set up before the first attempt; arguments as in `KindDevices.begin`."""
         step = protocol.footstep.step
@@ -139,12 +154,15 @@ class Footsteps:
         self._console = console
         self._clock = clock
         self._log = log
+        self._limits = limits
         self._answers = {m.key: Meaning(m.id, _spoken(m.id, m.spoken[0])) for m in protocol.materials}
         self._watch = Watch(
-            feed=Feed(devices.tracker),
+            feed=Feed(devices.tracker, simulated_time=clock.simulated),
+            scrutiny=devices.scrutiny,
             detector=GateDetector(step),
             predictor=LandingPredictor(step, noise_mm=NOISE_MM if devices.noise_mm is None else devices.noise_mm),
             clock=clock,
+            limits=limits,
             sounder=Sounder(devices.materials, devices.actuator) if devices.materials and devices.actuator else None,
         )
         self._opened: TrackerOpened | None = None
@@ -157,6 +175,8 @@ class Footsteps:
         broken, self._broken = self._broken, None
         if isinstance(tracker, ZeroedTracker) and tracker.due:
             self._zero(tracker)
+        if self._limits.over():
+            return
         if broken is not None and not broken.felt:
             console.rearm(trial=planned.trial, attempt=attempt, reason=broken.reason)
             self._armed = Armed(planned, attempt, None)
@@ -166,6 +186,8 @@ class Footsteps:
             begun_ns = clock.now_ns()
             console.place(trial=planned.trial, material=planned.presented[0])
             laid_ns = clock.now_ns() - begun_ns
+            if self._limits.over():
+                return
         self._watch.feed.drain()
         console.arm(trial=planned.trial, attempt=attempt, trials=self._trials)
         dead_time_ms = None if answered_ns is None else lasted_ms(clock, answered_ns + laid_ns)
@@ -184,6 +206,8 @@ class Footsteps:
         error = parted.error if parted is not None else None
         if isinstance(step, BrokenStep):
             self._broken = step
+            if step.felt and step.stopped is None and step.failed is None:
+                self._console.show(f"This step does not count: {step.reason}.")
             return Seen(
                 _broken_off(armed, step, trace),
                 reason=step.reason,
@@ -206,6 +230,7 @@ class Footsteps:
     def reconnect(self, timeout_s: float) -> None:
         """Wait for the tracker; its device time may be another when it is back."""
         self._devices.tracker.reconnect(timeout_s)
+        self._watch.feed.begin_anew()
         self._opened = self._broken = None
 
     def _zero(self, tracker: ZeroedTracker) -> None:

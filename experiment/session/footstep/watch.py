@@ -4,7 +4,8 @@ When the foot crosses the gate's bottom, its stimulus is synthesised and prepare
 foot moves on, contact is predicted from every sample and the stimulus is aimed at it, until it can no longer be moved.
 When the foot lands, a stimulus that could not be scheduled sounds at once. If the foot stops, turns back or hesitates
 between gate and contact, the stimulus is withdrawn and the step ends. What one attempt leaves over of the tracker's
-samples belongs to the next.
+samples belongs to the next. A step whose tracker contradicts itself, or the session's clock, breaks off once its tail
+is on file: it was felt, and does not count.
 """
 
 from __future__ import annotations
@@ -18,25 +19,34 @@ import numpy as np
 
 from experiment.apparatus.host import undisturbed
 from experiment.apparatus.ports import Tracker
-from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.clock_map import ClockMap, Pace
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, Scrutiny, Sifted
 from experiment.apparatus.tracker.landing import Landing, LandingPredictor
 from experiment.clock import Clock
 from experiment.errors import TrackerStopped
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.session.footstep.stimulus import Sounder, Sounding
+from experiment.session.kind import Limits
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 
 class Feed:
-    """Reads a tracker; samples can be put back."""
+    """Reads a tracker; samples can be put back.
 
-    def __init__(self, tracker: Tracker) -> None:
+    `pace` holds the tracker's clock against the session's; None where time is simulated and says nothing about it.
+    """
+
+    def __init__(self, tracker: Tracker, *, simulated_time: bool) -> None:
         self.tracker = tracker
+        self.pace = None if simulated_time else Pace()
         self._left: Samples | None = None
+
+    def begin_anew(self) -> None:
+        """Forget how the tracker's clock went: it is another, or not to be believed."""
+        self.pace = None if self.pace is None else Pace()
 
     def drain(self) -> None:
         """Forget what was left over, and throw away what arrived before now. Raises `TrackerStopped`."""
@@ -46,7 +56,12 @@ class Feed:
     def read(self) -> Samples:
         """Return what was put back, or the tracker's next samples, at least one. Raises `TrackerError`."""
         left, self._left = self._left, None
-        return left if left is not None else self.tracker.read()
+        if left is not None:
+            return left
+        samples = self.tracker.read()
+        if self.pace is not None:
+            self.pace.read(int(samples.device_us[-1]), samples.arrived_ns)
+        return samples
 
     def put_back(self, samples: Samples) -> None:
         """Have the next `read` begin with these samples, if there are any."""
@@ -66,6 +81,7 @@ class Taken:
         self._raw = bytearray()
         self._received = 0
         self._newest: Samples | None = None
+        self._filed_us = np.empty(0, np.int64)
         self.first_us: int | None = None
         """Device time of the first sample; None before it came."""
         self.newest_us: int | None = None
@@ -107,9 +123,10 @@ class Taken:
         self._feed.put_back(rest)
 
     def link(self, device_us: float) -> LinkCounts:
-        """Return the frames counted until the newest read, received ones up to a device time within the newest read."""
+        """Return the frames counted until the newest read, received ones up to a time in it or in the one before."""
         newest = 0 if self._newest is None else int(np.searchsorted(self._newest.device_us, device_us, side="right"))
-        return self._counts.since(self._before)._replace(received=self._received + newest)
+        later = self._filed_us.size - int(np.searchsorted(self._filed_us, device_us, side="right"))
+        return self._counts.since(self._before)._replace(received=self._received - later + newest)
 
     def raw(self) -> bytes:
         """Return every byte taken."""
@@ -120,21 +137,33 @@ class Taken:
         if self._newest is not None:
             self._raw += self._newest.raw
             self._received += self._newest.device_us.size
-            self._newest = None
+            self._filed_us, self._newest = self._newest.device_us, None
 
+
+AHEAD_NS = 5_000_000
+"""From samples to the actuator takes less, ns."""
 
 TAIL_US = 100_000
 """How long the foot is recorded after contact, so that the landing is on file."""
 
+TAILS = 5
+"""So often it is recorded as long again where the tracker's clock seems to have fallen behind: reads that were only
+held up, by half a second or less, clear it."""
+
+PATH = 4096
+"""Reads that are kept of a falling foot: 6 s or more."""
+
 
 @dataclass(frozen=True)
 class Watch:
-    """What steps are watched with; `sounder` is None in a task without synthesis."""
+    """What steps are watched with, and how long; `sounder` is None in a task without synthesis."""
 
     feed: Feed
+    scrutiny: Scrutiny
     detector: GateDetector
     predictor: LandingPredictor
     clock: Clock
+    limits: Limits
     sounder: Sounder | None
 
 
@@ -218,6 +247,8 @@ class _Step:
         self._taken = Taken(parts.feed)
         self._gate: Gate | None = None
         self._contact: Contact | None = None
+        self._sifted = Sifted()
+        self._path: deque[Samples] = deque(maxlen=PATH)
         self._sounding: Sounding | None = None
         if parts.sounder is not None:
             self._sounding = Sounding(parts.sounder, material, self._taken.session_ns, parts.clock)
@@ -226,12 +257,20 @@ class _Step:
         """Follow the foot to its contact; return why it will not land, or nothing."""
         detector, predictor, sounding = self._parts.detector, self._parts.predictor, self._sounding
         state, falling = detector.init(), predictor.init()
+        ahead_ns = AHEAD_NS + (self._parts.sounder.actuator.lead_ns if self._parts.sounder is not None else 0)
         while True:
-            samples = self._taken.next()
+            self._sifted, samples = self._parts.scrutiny.sift(self._sifted, self._taken.next())
+            self._path.append(samples)
+            # What is asked for from here on can be taken back until its lead before it sounds.
+            if reason := self._parts.limits.over(ahead_ns):
+                return reason
             state, events = detector.step(state, samples)
             upcoming = deque(events)
             aim_at: Landing | None = None
             for us, mm in zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True):
+                if state.landing is not None and us == state.landing.given_us:
+                    # The next sample tells whether this is contact.
+                    break
                 falling = predictor.step(falling, us, mm)
                 while upcoming and upcoming[0].given_us <= us and self._contact is None:
                     self._passed(upcoming.popleft(), samples.arrived_ns)
@@ -255,8 +294,8 @@ class _Step:
                 if speed_mm_s is not None:
                     sounding.prepare(speed_mm_s)
 
-    def land(self) -> WatchedStep:
-        """Have the stimulus sound, and record the tail."""
+    def land(self) -> WatchedStep | BrokenStep:
+        """Have the stimulus sound, and record the tail; a step whose tracker cannot be believed is broken off."""
         gate, contact, taken = self._gate, self._contact, self._taken
         if gate is None or contact is None or taken.first_us is None:
             raise RuntimeError("no step lands before it has fallen")
@@ -264,6 +303,10 @@ class _Step:
             self._sounding.landed(contact)
         link = taken.link(contact.us)
         taken.until(contact.us + TAIL_US)
+        missing = link.lost + link.damaged + self._sifted.dropped
+        fault = self._parts.scrutiny.fault(self._path, gate, contact, missing) or self._parted(gate, contact)
+        if fault:
+            return self.broken(fault)
         clock = taken.clock()
         contact_ns = clock.session_ns(contact.us)
         return WatchedStep(
@@ -276,6 +319,25 @@ class _Step:
             link=link,
             stimulus=self._sounding.stimulus if self._sounding is not None else None,
             onset=self._sounding.onset(contact, contact_ns) if self._sounding is not None else None,
+        )
+
+    def _parted(self, gate: Gate, contact: Contact) -> str:
+        """Return why the tracker's clock cannot be believed; empty if it kept pace with the session's."""
+        feed, taken = self._parts.feed, self._taken
+        if feed.pace is None:
+            return ""
+        ahead_ms = feed.pace.ahead_ms(gate.top_us, contact.given_us)
+        tails = 0
+        while not feed.pace.known or (ahead_ms < 0 and tails < TAILS):
+            taken.until((taken.newest_us or 0) + TAIL_US)
+            tails += 1
+            ahead_ms = feed.pace.ahead_ms(gate.top_us, contact.given_us)
+        if not ahead_ms:
+            return ""
+        feed.begin_anew()
+        return (
+            f"the tracker's clock {'ran ahead of' if ahead_ms > 0 else 'fell behind'} the session's by "
+            f"{abs(ahead_ms):.0f} ms more than any clock drifts; see to the device's clock"
         )
 
     def withdraw(self) -> bool:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from analysis.documents.drawing import COLOURS, Sheet, told_apart
+from analysis.documents.drawing import COLOURS, Sheet, svg, told_apart
 from analysis.identification.results import compute
 from analysis.reading.dataset import read, read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities
@@ -76,6 +76,14 @@ def test_letters_stand_clear_of_one_another(
     names = {one.name for one in found}
     assert {"correct-ratios", "confusion", "learning", "speed", "onset-errors", "masker"} <= names
     check(found)
+
+
+def test_a_dollar_sign_in_a_name_is_no_formula(tmp_path: Path) -> None:
+    names = (r"foil $\frac$", "$1 sheet$", "$")
+    found = _sheets(_study(tmp_path, 2, ("real",), names, unanswered="yes"))
+    assert all(svg(one.figure) for one in found)
+    confusion = next(one for one in found if one.name == "confusion").figure
+    assert set(names) <= {text.get_text() for text in confusion.axes[0].get_yticklabels()}
 
 
 def test_the_published_studys_figures(repository_root: Path) -> None:

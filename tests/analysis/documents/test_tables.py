@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.documents.tables import Section, Table, comma_separated, markdown, probability, table_text, text
+from analysis.documents.tables import Section, Table, cell, comma_separated, markdown, probability, table_text, text
 
 words = st.text("abcdefgh ", min_size=0, max_size=60).map(lambda cell: " ".join(cell.split()))
 
@@ -65,6 +65,32 @@ def test_csv_keeps_every_digit_and_the_label() -> None:
     assert [float(row["a"]) for row in rows] == [1 / 3, 5.0244768e-7]
     assert (rows[0]["b"], rows[1]["c"]) == ("", 'say "x", y')
     assert {row["dataset"] for row in rows} == {"REHEARSAL - x"}
+
+
+@pytest.mark.parametrize(
+    ("held", "written"),
+    [
+        ("=1+1", "'=1+1"),
+        ("+cmd|' /C calc'!A0", "'+cmd|' /C calc'!A0"),
+        ("-2 mm is too low", "'-2 mm is too low"),
+        ("@SUM(A1)", "'@SUM(A1)"),
+        ("\t=1", "'\t=1"),
+        ("\n=1", "'\n=1"),
+        ("\uff1d1", "'\uff1d1"),
+        *((value, str(value)) for value in ("felt", "a=b", "-1.5", "+3", "-.5e-7", "-3%", -0.5, -3, "")),
+    ],
+)
+def test_a_text_that_a_spreadsheet_would_compute_stands_behind_an_apostrophe(held: object, written: str) -> None:
+    content = comma_separated(Section("s", "T", records=({"a": held},)), "=label")
+    assert list(csv.reader(io.StringIO(content, newline="")))[1] == ["'=label", written]
+    assert cell("\r=1") == "'\r=1"
+
+
+def test_markdown_holds_no_tag_link_or_second_line_of_a_name() -> None:
+    name = "a\n| b <script> [c](d) `e`"
+    shown = markdown(Section("s", name, (name,), (Table(name, ("a",), ((name,),), notes=(name,)),)), "")
+    wanted = r"a \| b \<script> \[c\](d) \`e\`"
+    assert shown == f"## {wanted}\n\n{wanted}\n\n### {wanted}\n\n| a |\n|:--|\n| {wanted} |\n\n{wanted}\n"
 
 
 @pytest.mark.parametrize(

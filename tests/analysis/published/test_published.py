@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from analysis.published import load
+from analysis.published import load, read, shipped
 from analysis.published.numbers import Published
 from analysis.published.printed import Printed
+from experiment.errors import PublishedError
 
 
 @pytest.fixture(scope="module")
@@ -72,3 +73,11 @@ def test_precision_is_read_from_the_digits(text: str, value: float, unit: float)
 @pytest.mark.parametrize("study", ["nothing", "../okamoto2012", ""])
 def test_an_unpublished_study_has_no_printed_numbers(study: str) -> None:
     assert load(study) is None
+
+
+def test_a_cell_stands_once_in_its_table(tmp_path: Path) -> None:
+    text = shipped()["wellman1995"].read_text("utf-8")
+    cell = '  { pair = ["2", "1"], correct = "43%" },\n'
+    (tmp_path / "printed.toml").write_text(text.replace(cell, cell * 3, 1), "utf-8")
+    with pytest.raises(PublishedError, match=r"(?s)2 errors.*line 17: choices\[0\]\.cells\[2\].*each cell once"):
+        read(tmp_path / "printed.toml")

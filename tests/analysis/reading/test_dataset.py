@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from analysis.reading.dataset import read
 from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER
+from experiment.settings.characters import hidden
 from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
 
 EVENTS = Path("sub-02/beh/sub-02_task-virtual_events.tsv")
@@ -92,6 +93,7 @@ def _first_row(column: int, cell: str) -> Callable[[str], str]:
         (EVENTS, _first_row(8, "fast"), "line 2: foot_speed: got 'fast'; allowed: a number from 0, or n/a"),
         (EVENTS, _first_row(8, "-0.5"), "line 2: foot_speed: got '-0.5'; allowed: a number from 0"),
         (EVENTS, _first_row(9, "1.5"), "line 2: frames_lost: got '1.5'; allowed: a whole number from 0, or n/a"),
+        (EVENTS, _first_row(9, "1e300"), "line 2: frames_lost: got '1e300'; allowed: a whole number from 0"),
         (EVENTS, _first_row(9, "-1"), "line 2: frames_lost: got '-1'; allowed: a whole number from 0"),
         (EVENTS, _first_row(11, "0.5"), "line 2: delivered: got '0.5'; allowed: 0, 1, or n/a"),
         (EVENTS, _first_row(12, "nan"), "line 2: onset_error: got 'nan'; allowed: a number, or n/a"),
@@ -142,6 +144,27 @@ def test_an_onset_may_come_before_contact_and_times_may_be_zero(tmp_path: Path) 
 def test_a_folder_without_trials_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="holds no trial; run a session first"):
         read(write_dataset(tmp_path, {"01": {}}))
+
+
+def test_a_hidden_character_is_refused_in_every_file(tmp_path: Path) -> None:
+    rows = [trial(1, "sand", "sand")]
+    for place, (file, old, new) in enumerate(
+        (
+            ("dataset_description.json", '"A study"', '"A \\u202estudy"'),
+            ("sub-1/beh/sub-1_task-real_events.json", '"some sand"', '"some \\u001b[2Jsand"'),
+            ("sub-1/beh/sub-1_task-real_events.tsv", "n/a", "\u200b"),
+            ("participants.tsv", "participant_id", "participant_id\x1b"),
+        )
+    ):
+        root = write_dataset(tmp_path / str(place), {"1": {"real": rows}})
+        text = (root / file).read_text("utf-8")
+        assert old in text
+        (root / file).write_text(text.replace(old, new, 1), "utf-8")
+        with pytest.raises(
+            DatasetError, match=rf"{file}: got '.* with U\+(202E|001B|200B); allowed: text without"
+        ) as told:
+            read(root)
+        assert not hidden(str(told.value))
 
 
 def test_text_in_another_encoding_is_refused(dataset: Path) -> None:

@@ -17,6 +17,7 @@ from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.wires.serial_line import SerialLine
+from experiment.settings.characters import hidden
 from tests.conftest import Palpate
 
 
@@ -29,6 +30,26 @@ def protocol(tmp_path: Path) -> Path:
 
 def lines(text: str) -> list[str]:
     return text.strip().splitlines()
+
+
+NASTY = "a\x1b[2J\u202e\nb"
+
+
+@pytest.mark.parametrize("command", ["check", "journal", "build", "analyse", "audit", "spectrum", "plan"])
+def test_a_file_name_is_never_printed_raw(palpate: Palpate, tmp_path: Path, command: str) -> None:
+    code, out, err = palpate(command, tmp_path / f"{NASTY}.toml")
+    assert (code, out) == (2, "")
+    assert "<U+001B>[2J<U+202E>" in err
+    assert not hidden(err, "\n")
+    assert not any(line.startswith("b") for line in err.splitlines())
+
+
+def test_json_escapes_what_is_not_printed_raw(palpate: Palpate, tmp_path: Path, protocol: Path) -> None:
+    moved = protocol.rename(tmp_path / f"{NASTY}.toml")
+    code, out, _ = palpate("check", moved, "--json")
+    assert code == 0
+    assert not hidden(out, "\n")
+    assert json.loads(out)["file"] == str(moved)
 
 
 def test_check_prints_the_boards_page(palpate: Palpate, protocol: Path) -> None:
@@ -235,6 +256,29 @@ class TestALaboratorysStudy:
         assert palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")[0] == 0
         assert "participant 01 withdrew (asked to stop)" in self.run(palpate, protocol, rig)[2]
 
+    @pytest.mark.parametrize(("days", "allowed"), [(1, "up to"), (-400, "from")])
+    def test_a_day_on_which_nobody_can_have_consented_is_refused(
+        self, palpate: Palpate, protocol: Path, days: int, allowed: str
+    ) -> None:
+        root = protocol.with_name("dataset")
+        self.seal(palpate, protocol)
+        day = date.today() + timedelta(days)
+        code, _, err = palpate("enrol", protocol, "-p", "01", "--consent-on", day, "--dataset", root)
+        assert code == 2
+        assert f"participant 01: got consent on {day}; allowed: {allowed} " in err
+        assert not root.exists()
+        self.enrol(palpate, protocol)
+        where = ("-p", "01", "--dataset", root)
+        assert f"allowed: {allowed} " in palpate("consent", protocol, "--consent-on", day, *where)[2]
+        before = date.today() - timedelta(1)
+        asked = ("consent", protocol, "--consent-on", before, *where, "--correct")
+        assert "got one of --correct and --reason" in palpate(*asked)[2]
+        assert palpate(*asked, "--reason", "the letter says so")[0] == 0
+        entries = [
+            json.loads(line)["entry"] for line in (root / "sourcedata" / "roster.jsonl").read_text().splitlines()
+        ]
+        assert [entry["consent_on"] for entry in entries] == [str(date.today()), str(before)]
+
     def test_a_refused_enrolment_begins_nothing(self, palpate: Palpate, protocol: Path) -> None:
         assert "allowed: 01" in self.enrol(palpate, protocol, "02")[2]
         assert not protocol.with_name("dataset").exists()
@@ -243,9 +287,8 @@ class TestALaboratorysStudy:
     def test_a_study_whose_beginning_was_killed_begins_again(self, palpate: Palpate, protocol: Path, left: str) -> None:
         root = protocol.with_name("dataset")
         self.enrol(palpate, protocol)
-        (root / "sourcedata" / "roster.jsonl").unlink()
         (root / "sourcedata" / "protocol.toml").unlink()
-        for path in root.glob("sourcedata/.roster*"):
+        for path in root.glob("sourcedata/*roster*"):
             path.unlink()
         if left != "seed":
             (root / "sourcedata" / "seed.json").unlink()

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from experiment.dataset.reconstruction import COLUMNS, parse_task, read_counts
+from experiment.dataset.reconstruction import COLUMNS, parse_task, read_counts, study_text
 from experiment.errors import DatasetError
 
 HEADER = ",".join(COLUMNS) + "\n"
@@ -50,6 +50,27 @@ def test_a_bad_counts_file_is_refused_by_line(tmp_path: Path, content: str, mess
     with pytest.raises(DatasetError, match=re.escape(message)) as error:
         read_counts(path, MATERIALS)
     assert str(path) in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "got"),
+    [
+        ("=sand", "'=sand'"),
+        ("sa\x85nd", "'sa nd' with U+0085"),
+        ("s\x1bnd", "'s<U+001B>nd' with U+001B"),
+        ("\u202esand", "'<U+202E>sand' with U+202E"),
+    ],
+)
+def test_a_material_of_a_counts_file_has_a_name_that_can_be_shown(tmp_path: Path, name: str, got: str) -> None:
+    path = tmp_path / "counts.csv"
+    path.write_text(f"{HEADER}1,{name},{name},2\n1,snow,snow,2\n", encoding="utf-8")
+    with pytest.raises(DatasetError, match=re.escape(f"{path}: presented[0]: got {got}; allowed: one line")):
+        study_text("lab", {"real": path}, "a paper")
+
+
+def test_a_source_has_no_hidden_character() -> None:
+    with pytest.raises(DatasetError, match=r"--source: source: got 'a<U\+202E>b' with U\+202E"):
+        study_text("okamoto2012", {}, "a\u202eb")
 
 
 @given(st.binary(max_size=200))

@@ -15,12 +15,14 @@ from experiment.apparatus import rig
 from experiment.apparatus.tracker import clock_map as clock_maps
 from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
 from experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples, encode
+from experiment.apparatus.tracker.gate import Scrutiny
 from experiment.apparatus.tracker.serial_tracker import KEPT_S
 from experiment.clock import ManualClock
 from experiment.dataset import build
 from experiment.errors import TrackerStopped
 from experiment.protocol import files
 from experiment.protocol.files import shipped
+from experiment.records import journal
 from experiment.records.entries import Footer, PlannedTrial
 from experiment.session import attempt, runner
 from experiment.session.footstep.trials import FootstepDevices
@@ -115,7 +117,14 @@ def run(dataset_root: Path, clock: ManualClock, tracker: Wandering, keys: str, t
     order = tuple(PlannedTrial(trial=n, presented=("copy paper",)) for n in range(1, trials + 1))
     changed = {"order": order, "task": "real", "block_trials": trials, "rig_sha256": rig.sha256(rig.load(rig_file))}
     devices = attempt.Devices(
-        kind=FootstepDevices(tracker, tracker_port="wandering", noise_mm=0.1, actuator=None, materials=None),
+        kind=FootstepDevices(
+            tracker,
+            tracker_port="wandering",
+            noise_mm=0.1,
+            scrutiny=Scrutiny(rate_hz=1000, noise_mm=0.1),
+            actuator=None,
+            materials=None,
+        ),
         console=ScriptedConsole(clock, keys, before_ask=lambda: clock.sleep_ns(4_000_000_000)),
         clock=clock,
         masker=None,
@@ -147,7 +156,7 @@ def test_events_stand_where_they_happened_whatever_the_trackers_clock_does(tmp_p
     footer = run(tmp_path, clock, tracker, "c" * TRIALS, TRIALS)
     assert footer == Footer(reason="complete", answered=TRIALS)
     path = storage.journal_path(tmp_path, "01", "real")
-    session = build._read(path)
+    session = build._session(path, journal.read(path))
     zero_ns = next(entry.t_ns for entry in session.contents.entries if entry.kind == "tracker")
     landed = [placed for placed in session.steps if placed.step.kind == "step"]
     contacts_ns = np.array([placed.at_s for placed in landed]) * 1e9 + zero_ns
@@ -174,11 +183,11 @@ def test_a_wall_clock_that_was_set_back_before_a_session_went_on_overwrites_no_f
     first = ManualClock(START_NS)
     assert run(tmp_path, first, Wandering(first, 0.0), "cccq", 5).reason == "paused"
     path = storage.journal_path(tmp_path, "01", "real")
-    opened_ns = next(entry.t_ns for entry in build._read(path).contents.entries if entry.kind == "tracker")
+    opened_ns = next(entry.t_ns for entry in journal.read(path).entries if entry.kind == "tracker")
     # To just where the first step was, or a day before.
     second = ManualClock(opened_ns - int(before_s * 1e9))
     assert run(tmp_path, second, Wandering(second, 0.0), "cc", 5).reason == "complete"
-    session = build._read(path)
+    session = build._session(path, journal.read(path))
     build._write_foot(tmp_path, session, path, "REHEARSAL")
     frames = [placed.step.trace.length // FRAME_BYTES for placed in session.steps]
     # Four steps were before the pause, two after. Each has a place of its own.

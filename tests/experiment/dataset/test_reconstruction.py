@@ -133,6 +133,16 @@ def test_of_one_material_no_dataset_is_made(tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("name", "told"), [('"a\tb"', "one line without tabs"), (f'"{"a" * 200_000}"', "field larger")]
+)
+def test_a_material_that_no_table_holds_is_refused(tmp_path: Path, name: str, told: str) -> None:
+    with pytest.raises(DatasetError, match=told):
+        counts = {"one": _counts(tmp_path, f"1,sand,sand,5\n1,{name},sand,5\n")}
+        import_counts(counts, tmp_path / "out", study=study_text("other", counts, "a table"))
+    assert not (tmp_path / "out").exists()
+
+
 def test_an_unknown_task_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match=r"no such tasks in lab: \['three'\]; allowed: \['one', 'two'\]"):
         import_counts({"three": _counts(tmp_path, "1,sand,sand,1\n")}, tmp_path / "out", study=STUDY)

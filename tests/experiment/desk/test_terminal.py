@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+import os
 from collections import deque
 
 import pytest
 
 from experiment.desk.terminal import TerminalConsole
+from experiment.errors import ScreenGone
 
 KEYS = {"c": "copy paper", "n": "no answer"}
 
@@ -105,3 +107,26 @@ def test_what_is_on_disk_is_said() -> None:
         "Participant 01.  Familiarisation, 3.0 to 5.0 min. Crinkle them.",
         "Participant 01.  Trial 1: the answer is on disk: no answer.",
     ]
+
+
+def test_a_screen_that_is_closed_is_named() -> None:
+    reading, writing = os.pipe()
+    os.close(reading)
+    with open(writing, "w", encoding="utf-8", closefd=False) as pipe:
+        one = TerminalConsole(write=pipe, ask=lambda _: "", heading="")
+        with pytest.raises(ScreenGone, match=r"the screen is gone \(.*Broken pipe\)"):
+            one.confirmed(trial=1, answer="foil")
+        os.dup2(os.open(os.devnull, os.O_WRONLY), writing)
+    os.close(writing)
+    one, screen, _ = console("")
+    screen.close()
+    with pytest.raises(ScreenGone, match="closed file"):
+        one.show("")
+
+
+def test_a_prompt_that_nobody_can_see_is_a_screen_that_is_gone() -> None:
+    def ask(_: str) -> str:
+        raise OSError(5, "Input/output error")
+
+    with pytest.raises(ScreenGone, match="Input/output error"):
+        TerminalConsole(write=io.StringIO(), ask=ask, heading="").place(trial=1, material="foil")

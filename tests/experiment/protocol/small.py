@@ -171,6 +171,13 @@ def leaves(value: object) -> Iterator[tuple[Where, Any]]:
     return ((path, held) for path, held in places(value) if not isinstance(held, Mapping | tuple))
 
 
+def with_text() -> list[tuple[Where, str]]:
+    """Every path of the small protocol that takes free text, with that text; the optional ones too."""
+    free = {"title", "source", "statement", "criterion", "description", "instruction", "reason", "question", "form"}
+    stated = [(path, held) for path, held in leaves(document()) if path[-1] in free or "criteria" in path]
+    return [*stated, (("ethics", "board"), ""), (("ethics", "approval_number"), ""), (("ethics", "contact"), "")]
+
+
 def changed(value: Any, path: Where, new: object) -> Any:
     """A copy of `value` with `new` at `path`."""
     if not path:

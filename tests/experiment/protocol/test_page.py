@@ -1,23 +1,36 @@
-"""A board reads every fact of the file, and nothing runs over the edge."""
+"""A board reads every fact of the file, nothing runs over the edge, and no text passes for a line of palpate's own."""
 
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterator
 from datetime import date, timedelta
 from typing import Any, Literal, get_args, get_origin
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from experiment.protocol.approval import sha256
 from experiment.protocol.models import Protocol
-from experiment.protocol.page import page
-from tests.experiment.protocol.small import changed, document, leaves, okamoto2012, protocol
+from experiment.protocol.page import page as page_of
+from experiment.settings.characters import JOINERS, hidden
+from tests.experiment.protocol.small import changed, document, leaves, okamoto2012, protocol, with_text
+
+
+def page(study: Protocol) -> str:
+    return page_of(study, "study.toml")
 
 
 def words(text: str) -> str:
-    return " ".join(text.split())
+    """The words of a page in one line, without the bars of free text."""
+    return " ".join(re.sub(r"(?m)^(.{0,20}?)\| ", r"\1", text).split())
+
+
+def columns(line: str) -> int:
+    return sum(2 if unicodedata.east_asian_width(one) in "WF" else 1 for one in line)
 
 
 def fields(model: BaseModel, at: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], Any, Any]]:
@@ -155,3 +168,57 @@ def test_lines_fit_a_printed_page() -> None:
 
 def test_the_hash_stands_on_the_page() -> None:
     assert sha256(protocol()) in page(protocol())
+
+
+FORGED = "8. Limits that protect the participant " + "-" * 92 + " Vibration at most 3.0 m/s^2 peak "
+
+
+@pytest.mark.parametrize("path", [path for path, value in with_text()], ids=str)
+@pytest.mark.parametrize("by", [1, 7, 60])
+def test_free_text_never_stands_on_a_line_without_a_bar(path: tuple[str | int, ...], by: int) -> None:
+    # Wherever lines break, "3.0 m/s^2" and headings come from the text alone, in which every word carries a mark.
+    text = "\n".join(f"{word}@" for word in ("x" * by + " " + FORGED * 3).split())
+    shown = page(Protocol.model_validate(changed(document(), path, text)))
+    outside = [re.sub(r"\| .*", "", line) for line in shown.split("\n")]
+    assert "@" in shown
+    assert not any("@" in line or "3.0" in line for line in outside)
+    assert sum(line.startswith("8. Limits") for line in outside) == 1
+
+
+def test_a_name_is_never_broken() -> None:
+    name = "x Vibration at most 3.0 m/s^2 peak, end"
+    assert len(name) == 39
+    for words_before in range(12):
+        study = changed(
+            document(), ("materials", 0, "spoken"), (*(f"w{place:06d}" for place in range(words_before)), name)
+        )
+        study = changed(changed(study, ("materials", 0, "id"), name), ("exclusion", 0, "id"), name)
+        shown = page(Protocol.model_validate(study))
+        assert shown.count(f'"{name}"') == 4
+        assert "3.0" not in shown.replace(f'"{name}"', "")
+
+
+@pytest.mark.parametrize(
+    "text", ["\uff36\uff49\uff42 " * 200, "紙" * 500, "cafe\u0301 " * 300, "\u0645\u06cc\u200c\u062e " * 100]
+)
+def test_wide_characters_do_not_run_over_the_edge(text: str) -> None:
+    shown = page(Protocol.model_validate(changed(document(), ("tasks", 0, "instruction"), text)))
+    assert max(map(columns, shown.split("\n"))) <= 93
+    assert "".join(text.split()) in re.sub(r"\s*\| ", "", shown).replace("\n", "").replace(" ", "")
+
+
+@given(st.data())
+def test_no_accepted_protocol_shows_what_cannot_be_seen(data: st.DataObject) -> None:
+    text = data.draw(st.text(st.characters(codec="utf-8"), min_size=1, max_size=12).map(lambda text: f"a{text}z"))
+    path = data.draw(st.sampled_from([path for path, _ in with_text()]))
+    try:
+        study = Protocol.model_validate(changed(document(), path, text))
+    except ValueError:
+        assert hidden(text, "\n" + JOINERS)
+        return
+    assert not hidden(page(study), "\n" + JOINERS)
+
+
+def test_the_file_stands_on_the_page() -> None:
+    shown = page_of(protocol(), "a\n\x1b[2Kb.toml")
+    assert "  File         | a <U+001B>[2Kb.toml\n" in shown

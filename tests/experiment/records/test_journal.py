@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
+import shutil
+import sys
 import tempfile
 from collections.abc import Callable
+from io import FileIO
 from pathlib import Path
-from typing import BinaryIO
 
 import pytest
 from hypothesis import given, settings
@@ -16,9 +19,10 @@ from hypothesis import strategies as st
 
 from experiment.clock import ManualClock
 from experiment.errors import JournalError, SessionLocked
-from experiment.records import journal
+from experiment.records import chain, journal, transcript
 from experiment.records.entries import Answer, Footer, Phase
 from experiment.records.journal import AnyEntry
+from experiment.settings.characters import hidden
 from tests.experiment.session.bench import HEADER
 
 pytestmark = pytest.mark.fsync
@@ -42,12 +46,30 @@ def write(path: Path, entries: tuple[AnyEntry, ...] = ENTRIES) -> bytes:
     return path.read_bytes()
 
 
+def write_head(path: Path, behind: int = 0) -> None:
+    """Write the head that a journal has, or had some lines ago."""
+    lines = path.read_bytes().split(b"\n")[:-1]
+    known = len(lines) - behind
+    last = hashlib.sha256(lines[known - 1]).hexdigest() if known else chain.GENESIS
+    chain.head_path(path).write_text(f"{known:012d} {last}\n")
+
+
 def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     write(tmp_path / "j")
     contents = journal.read(tmp_path / "j")
     assert contents.entries == ENTRIES
     assert [line.t_ns for line in contents.lines] == [10, 15, 20, 25]
     assert contents.torn == b""
+
+
+def test_a_journal_is_told_without_control_characters(tmp_path: Path, without_fsync: None) -> None:
+    nasty = "a\x1b[2J\u202e\n     0.000 s  b"
+    write(tmp_path / "j", (HEADER, Phase(state="paused", detail=nasty), Footer(reason="complete", answered=1)))
+    with (tmp_path / "j").open("ab") as file:
+        file.write(b'{"torn": "\x1b[2J')
+    told = transcript.text(journal.read(tmp_path / "j"))
+    assert not hidden(told, "\n")
+    assert "paused a<U+001B>[2J<U+202E><U+000A>     0.000 s  b" in told
 
 
 def test_each_line_carries_the_hash_of_the_one_before(tmp_path: Path) -> None:
@@ -61,6 +83,7 @@ def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: P
     path = tmp_path / "cut"
     for length in range(len(data) + 1):
         path.write_bytes(data[:length])
+        write_head(path)
         contents = journal.read(path)
         kept = data[:length].count(b"\n")
         assert contents.entries == ENTRIES[:kept]
@@ -69,7 +92,6 @@ def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: P
         opened.append(ANSWER if kept else HEADER)
         opened.close()
         assert journal.read(path).entries == (*ENTRIES[:kept], ANSWER if kept else HEADER)
-        journal.head_path(path).unlink()
 
 
 @given(position=st.integers(min_value=0), bit=st.integers(min_value=0, max_value=7))
@@ -78,7 +100,7 @@ def test_no_flipped_bit_passes_unless_in_the_last_line(position: int, bit: int) 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "j"
         data = bytearray(write(path))
-        journal.head_path(path).unlink()
+        chain.head_path(path).unlink()
         last = data.rstrip(b"\n").rfind(b"\n") + 1
         data[position % last] ^= 1 << bit
         path.write_bytes(data)
@@ -89,7 +111,7 @@ def test_no_flipped_bit_passes_unless_in_the_last_line(position: int, bit: int) 
 def test_a_missing_or_doubled_line_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "j"
     lines = write(path).splitlines(keepends=True)
-    journal.head_path(path).unlink()
+    chain.head_path(path).unlink()
     for changed in ([lines[0], *lines[2:]], [*lines[:2], lines[1], *lines[2:]], lines[1:]):
         path.write_bytes(b"".join(changed))
         with pytest.raises(JournalError, match="restore the journal from a backup"):
@@ -99,7 +121,7 @@ def test_a_missing_or_doubled_line_is_refused(tmp_path: Path) -> None:
 def test_a_broken_last_line_with_its_newline_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "j"
     data = write(path)
-    journal.head_path(path).unlink()
+    chain.head_path(path).unlink()
     path.write_bytes(data[:-10] + b"\n")
     with pytest.raises(JournalError, match="line 4 is no journal entry"):
         journal.read(path)
@@ -119,21 +141,44 @@ def test_an_end_that_was_cut_off_is_noticed(tmp_path: Path) -> None:
 def test_a_head_behind_its_journal_is_a_kill_between_the_two(tmp_path: Path) -> None:
     path = tmp_path / "j"
     write(path, ENTRIES[:3])
-    early = journal.head_path(path).read_bytes()
+    early = chain.head_path(path).read_bytes()
     assert early.startswith(b"000000000003 ")
     path.unlink()
     write(path)
-    journal.head_path(path).write_bytes(early)
+    chain.head_path(path).write_bytes(early)
     assert journal.read(path).entries == ENTRIES
-    journal.head_path(path).write_bytes(early[:20])
-    with pytest.raises(JournalError, match=r"line 3 is not the one that j\.head names"):
-        journal.read(path)
-    journal.head_path(path).write_bytes(early[:5])
+    for changed in (early[:20], early[:5], early[:-1], early[:13] + b"0" * 64 + early[-1:]):
+        chain.head_path(path).write_bytes(changed)
+        with pytest.raises(JournalError, match=r"restore .* from a backup"):
+            journal.read(path)
+
+
+@pytest.mark.parametrize("head", ["-3 abc", "3", "3 a b", "0x3 abc", f"{'9' * 5000} abc", "\u0663 abc", "nan abc"])
+def test_a_head_that_was_never_written_so_is_refused(tmp_path: Path, head: str) -> None:
+    write(tmp_path / "j")
+    chain.head_path(tmp_path / "j").write_text(head, "utf-8")
     with pytest.raises(JournalError, match="restore it and the journal from a backup"):
-        journal.read(path)
+        journal.read(tmp_path / "j")
 
 
-@pytest.mark.parametrize("operation", ["write", "flush", "fsync", "_write_head"])
+def test_more_lines_than_the_head_names_are_a_head_that_was_deleted_or_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    data = write(path)
+    for lines in range(len(ENTRIES) + 1):
+        path.write_bytes(b"".join(data.splitlines(keepends=True)[:lines]))
+        for behind in range(lines + 1):
+            write_head(path, behind)
+            if behind == lines:
+                chain.head_path(path).unlink()
+            if behind < 2:
+                assert len(journal.read(path).lines) == lines
+                continue
+            known = rf"a j\.head of {lines - behind}" if behind < lines else r"no j\.head"
+            with pytest.raises(JournalError, match=rf"got {lines} lines and {known}; allowed: one that names {lines}"):
+                journal.read(path)
+
+
+@pytest.mark.parametrize("operation", ["write", "fsync", "_write_head"])
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str, after: bool
@@ -169,7 +214,7 @@ def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
 class InterruptedFile:
     """A file of which one method is replaced."""
 
-    def __init__(self, file: BinaryIO, name: str, method: Callable[..., object]) -> None:
+    def __init__(self, file: FileIO, name: str, method: Callable[..., object]) -> None:
         self._file = file
         setattr(self, name, method)
 
@@ -177,7 +222,7 @@ class InterruptedFile:
         return getattr(self._file, name)
 
 
-@pytest.mark.parametrize(("format_", "named"), [(None, "format 1"), (3, "format 3"), (5, "format 5")])
+@pytest.mark.parametrize(("format_", "named"), [(None, "format 1"), (4, "format 4"), (6, "format 6")])
 def test_a_journal_of_another_format_is_refused_in_words(tmp_path: Path, format_: int | None, named: str) -> None:
     path = tmp_path / "j"
     line = json.loads(write(path, ENTRIES[:1]))
@@ -185,9 +230,74 @@ def test_a_journal_of_another_format_is_refused_in_words(tmp_path: Path, format_
     # Another form may have anything in it.
     line["entry"] |= {"format": format_, "colour": "red"} if format_ else {"colour": "red"}
     path.write_text(json.dumps(line) + "\n")
-    journal.head_path(path).unlink()
-    with pytest.raises(JournalError, match=rf"line 1: got a journal of {named}; allowed: 4; .*\(palpate 0\)"):
+    chain.head_path(path).unlink()
+    with pytest.raises(JournalError, match=rf"line 1: got a journal of {named}; allowed: 5; .*\(palpate 0\)"):
         journal.read(path)
+
+
+@pytest.mark.parametrize("moved", [False, True])
+@pytest.mark.parametrize("what", ["journal", "head", "folder"])
+def test_a_journal_that_goes_is_noticed_at_the_next_entry(tmp_path: Path, what: str, moved: bool) -> None:
+    path = tmp_path / "sub-01" / "j"
+    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened.append(HEADER)
+    gone = {"journal": path, "head": chain.head_path(path), "folder": path.parent}[what]
+    if moved:
+        gone.rename(tmp_path / "elsewhere")
+    elif gone.is_dir():
+        shutil.rmtree(gone)
+    else:
+        gone.unlink()
+    if not moved and what != "folder":
+        # Another file of its name is not the one that is being written.
+        gone.touch()
+    with pytest.raises(JournalError, match=r"the file is gone: .* put it back"):
+        opened.append(ANSWER)
+    opened.close()
+
+
+def test_a_disk_that_is_full_leaves_whole_lines_and_takes_the_next_when_it_has_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "j"
+    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened.append(HEADER)
+
+    def full(content: memoryview) -> int:
+        if len(content) < 20:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return real(content[: len(content) // 2])
+
+    real = opened._file.write
+    with monkeypatch.context() as patched:
+        patched.setattr(opened, "_file", InterruptedFile(opened._file, "write", full))
+        with pytest.raises(JournalError, match=r"cannot be written \(No space left on device\); see to the disk"):
+            opened.append(ANSWER)
+    assert opened.accepts
+    assert journal.read(path).entries == (HEADER,)
+    opened.append(ENTRIES[3])
+    opened.close()
+    assert journal.read(path).entries == (HEADER, ENTRIES[3])
+
+
+def test_a_head_that_cannot_be_written_leaves_a_journal_that_can_be_continued(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "j"
+    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened.append(HEADER)
+
+    def failing() -> None:
+        raise OSError(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr(opened, "_write_head", failing)
+    with pytest.raises(JournalError, match=r"j\.head: cannot be written \(Input/output error\)"):
+        opened.append(ANSWER)
+    assert not opened.accepts
+    with pytest.raises(JournalError, match="an earlier entry was interrupted"):
+        opened.append(ANSWER)
+    opened.close()
+    assert journal.read(path).entries == (HEADER, ANSWER)
 
 
 def test_a_missing_journal_is_named(tmp_path: Path) -> None:
@@ -204,3 +314,26 @@ def test_a_participant_is_held_by_one_runner(tmp_path: Path) -> None:
         pass
     with journal.locked(tmp_path, "01"):
         pass
+
+
+@pytest.mark.skipif(not hasattr(os, "O_DIRECTORY"), reason="the system locks files alone")
+def test_no_second_runner_is_let_in_by_removing_the_lock(tmp_path: Path) -> None:
+    with journal.locked(tmp_path, "01"):
+        (tmp_path / ".sub-01.lock").unlink()
+        with pytest.raises(SessionLocked, match="participant 01 is being run by"), journal.locked(tmp_path, "01"):
+            pass
+    with journal.locked(tmp_path, "01"):
+        pass
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the system has no such locks")
+def test_a_journal_that_is_written_is_held(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened.append(HEADER)
+    before = path.read_bytes()
+    with pytest.raises(SessionLocked, match="the journal is being written by another runner"):
+        journal.Journal(path, ManualClock(0), journal.EMPTY)
+    assert path.read_bytes() == before
+    opened.close()
+    journal.Journal(path, ManualClock(0), journal.read(path)).close()

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.records.entries import Answer, Footer, Header, PlannedTrial, Redo, Trace
+from experiment.records.entries import Answer, Armed, Footer, Header, PlannedTrial, Redo, Trace
 from experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock
 from experiment.records.journal import AnyEntry
 from experiment.records.progress import progress
@@ -17,6 +17,10 @@ ORDER = tuple(PlannedTrial(trial=n, presented=("foil",)) for n in range(1, 7))
 
 def header() -> Header:
     return HEADER.model_copy(update={"order": ORDER, "block_trials": 6})
+
+
+def armed(trial: int, attempt: int) -> Armed:
+    return Armed(trial=trial, attempt=attempt, presented=("foil",))
 
 
 def step(trial: int, attempt: int) -> FootStep:
@@ -78,7 +82,7 @@ def test_remaining_and_answered_always_make_up_the_order(outcomes: list[str]) ->
         if trial > len(ORDER):
             break
         attempt += 1
-        entries.append(step(trial, attempt))
+        entries += [armed(trial, attempt), step(trial, attempt)]
         if outcome == "answer":
             entries.append(answer(trial, attempt))
             trial, attempt = trial + 1, 0
@@ -92,7 +96,9 @@ def test_remaining_and_answered_always_make_up_the_order(outcomes: list[str]) ->
 
 
 def test_an_answer_redone_later_no_longer_counts() -> None:
-    done = progress([header(), step(1, 1), answer(1, 1), Redo(trial=1, attempt=1, reason="misheard", put_off=False)])
+    done = progress(
+        [header(), armed(1, 1), step(1, 1), answer(1, 1), Redo(trial=1, attempt=1, reason="misheard", put_off=False)]
+    )
     assert done.answered == ()
     assert done.attempts == {1: 1}
 
@@ -114,6 +120,7 @@ def test_what_is_put_off_comes_at_the_end_of_its_block(block: int, outcomes: lis
             break
         trial = queue[0]
         attempts[trial] += 1
+        entries.append(armed(trial, attempts[trial]))
         if outcome in ("broken off", "felt"):
             entries.append(broken_off(trial, attempts[trial], felt=outcome == "felt"))
         else:
@@ -129,6 +136,17 @@ def test_what_is_put_off_comes_at_the_end_of_its_block(block: int, outcomes: lis
         done = progress(entries)
         assert done.unanswered is None
         assert done.attempts == {trial: count for trial, count in attempts.items() if count}
+
+
+def test_an_attempt_is_armed_until_its_end_is_on_disk() -> None:
+    begun: list[AnyEntry] = [header(), armed(1, 1)]
+    assert (progress(begun).armed, progress(begun).attempts) == ((1, 1), {1: 1})
+    ends: list[AnyEntry] = [
+        step(1, 1),
+        broken_off(1, 1, felt=False),
+        Redo(trial=1, attempt=1, reason="a reason", put_off=True),
+    ]
+    assert [progress([*begun, end]).armed for end in ends] == [None, None, None]
 
 
 def test_only_a_footer_at_the_end_ends_the_session() -> None:

@@ -12,6 +12,7 @@ from experiment import storage
 from experiment.apparatus.ports import Masker
 from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.apparatus.tracker.frames import Samples
+from experiment.apparatus.tracker.gate import Scrutiny
 from experiment.apparatus.tracker.guarded import GuardedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError
@@ -35,11 +36,12 @@ HEADER = Header(
     rig="r",
     rig_sha256="1" * 64,
     recordings_sha256=None,
+    roster_sha256=None,
     seed=1,
     participant="01",
     task="virtual",
     task_position=1,
-    rehearsal=True,
+    purpose="REHEARSAL",
     started_utc="2000-01-01T00:00:00+00:00",
     block_trials=2,
     order=(PlannedTrial(trial=1, presented=("Papier à lettres",)), PlannedTrial(trial=2, presented=("foil",))),
@@ -92,6 +94,7 @@ class Bench:
                 tracker=self.zeroed or self.foreign or self.tracker,
                 tracker_port="scripted",
                 noise_mm=0.1,
+                scrutiny=Scrutiny(rate_hz=1000, noise_mm=0.1),
                 actuator=self.actuator if virtual else None,
                 materials=self.materials(protocol) if virtual else None,
             ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +19,7 @@ from experiment.records.footstep import FootStep
 from experiment.session import interrupts
 from experiment.session.runner import SessionLog
 from tests.experiment.session.bench import bench, entries, felt_and_on_file, header
+from tests.experiment.session.scripted import ScriptedConsole
 
 INTERRUPTED = Footer(reason="paused", detail="interrupted at the keyboard", answered=0)
 
@@ -71,6 +73,27 @@ def test_what_went_wrong_meanwhile_is_told_first() -> None:
     with pytest.raises(ValueError, match="wrong"), interrupts.held():
         press()
         raise ValueError("wrong")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="the system sends no such signals")
+@pytest.mark.parametrize("number", interrupts.SIGNALS[1:])
+def test_a_closed_terminal_and_a_shutdown_pause_a_session(
+    protocol: Protocol, tmp_path: Path, number: signal.Signals
+) -> None:
+    def end() -> None:
+        signal.raise_signal(number)
+
+    one = bench("c")
+    one.console = ScriptedConsole(one.clock, "c", before_ask=end)
+    assert one.run(protocol, header("virtual"), tmp_path) == INTERRUPTED
+    assert signal.getsignal(number) is signal.SIG_DFL
+    signal.signal(number, signal.SIG_IGN)
+    try:
+        second = bench("cpt")
+        second.console = ScriptedConsole(second.clock, "cpt", before_ask=end)
+        assert second.run(protocol, header("virtual"), tmp_path).reason == "complete", "as nohup has it"
+    finally:
+        signal.signal(number, signal.SIG_DFL)
 
 
 def test_somebody_elses_handler_and_other_threads_are_left_alone() -> None:

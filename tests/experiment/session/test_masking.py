@@ -14,14 +14,10 @@ from experiment.clock import ManualClock
 from experiment.errors import AudioError
 from experiment.protocol.models import Protocol
 from experiment.records import journal
-from experiment.records.entries import Footer, MaskerSet, Phase
-from experiment.records.journal import Contents, Line
-from experiment.session import masker as masking
+from experiment.records.entries import Footer, MaskerSet
 from experiment.session.masker import FIRST_DB_A, STEP_DB, Masking
 from tests.experiment.session.bench import Bench, bench, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
-
-DAY_NS = 24 * 3600 * 10**9
 
 
 class ScriptedMasker:
@@ -31,7 +27,7 @@ class ScriptedMasker:
         self.level_db_a: float | None = None
         self.limit_db_a = limit_db_a
         self._clock = clock
-        self._begun_ns = 0
+        self._begun_ns = clock.now_ns()
 
     def start(self, level_db_a: float) -> float:
         self._begun_ns = self._clock.now_ns()
@@ -133,31 +129,7 @@ def test_a_dose_that_is_used_up_between_trials_pauses_the_session(protocol: Prot
     one.masker.exposure = spent  # type: ignore[method-assign]
     footer = one.run(protocol, header("real"), tmp_path)
     assert (footer.reason, footer.answered) == ("paused", 2)
-    assert footer.detail == "the masker's dose of the day is used up (1.00 of 1); go on another day"
-
-
-def test_a_session_that_was_killed_counts_until_its_last_line() -> None:
-    noon_ns = START_NS // DAY_NS * DAY_NS + DAY_NS // 2
-    playing = contents((noon_ns, 0.1))
-    hour = Line(noon_ns + 3600 * 10**9, Phase(state="armed"))
-    killed = Contents((*playing.lines, hour), b"", 0, journal.GENESIS)
-    # An hour at 80 dB(A) is an eighth of the day's dose (2003/10/EC); at 60 dB(A) a hundredth of that.
-    assert masking.dose_today([killed], noon_ns + 2 * 3600 * 10**9) == pytest.approx(0.1 + 0.125 / 100)
-
-
-def contents(*entries: tuple[int, float]) -> Contents:
-    lines = tuple(Line(t_ns, MaskerSet(level_db_a=60.0, dose=dose, daily_level_db_a=None)) for t_ns, dose in entries)
-    return Contents(lines, b"", 0, journal.GENESIS)
-
-
-def test_the_dose_of_the_day_is_that_of_the_last_session_of_the_day() -> None:
-    noon_ns = START_NS // DAY_NS * DAY_NS + DAY_NS // 2
-    yesterday = contents((noon_ns - DAY_NS, 0.7))
-    morning = contents((noon_ns - 10**9, 0.1), (noon_ns, 0.2))
-    assert masking.dose_today([], noon_ns) == 0.0
-    assert masking.dose_today([yesterday], noon_ns) == 0.0
-    assert masking.dose_today([morning, yesterday], noon_ns + 10**9) == 0.2
-    assert masking.dose_today([morning], noon_ns + DAY_NS) == 0.0
+    assert footer.detail == "the masker's dose of 24 hours is used up (1.00 of 1); go on a day later"
 
 
 def test_other_keys_are_not_the_maskers() -> None:
@@ -165,7 +137,8 @@ def test_other_keys_are_not_the_maskers() -> None:
     masker = ScriptedMasker(clock)
     written: list[MaskerSet] = []
     one = Masking(masker, ScriptedConsole(clock, ""), written.append)
-    assert not one.change("+"), "it is silent"
+    assert one.change("+")
+    assert (masker.level_db_a, written) == (None, []), "it stays silent"
     masker.start(50.0)
     assert not one.change("c")
     assert one.change("-")

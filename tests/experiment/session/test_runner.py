@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 from pydantic import ValidationError
@@ -13,9 +14,10 @@ from experiment.clock import ManualClock
 from experiment.errors import JournalError, PalpateError, RigError
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
-from experiment.records.entries import Answer, Footer, Header, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.entries import Answer, Armed, Footer, Header, Phase, Redo, Resumed, TrackerOpened
 from experiment.records.footstep import FootStep
 from experiment.records.stimulus import Stimulus
+from experiment.session.footstep.watch import BrokenStep, WatchedStep, watch
 from tests.experiment.session.bench import COMPUTED, ORDER, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole, ScriptedTracker, step_samples
 
@@ -33,8 +35,18 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
     assert one.console.placed == []
     assert one.console.confirmations == [(1, "copy paper"), (2, "polypropylene"), (3, None)]
     kinds = [type(entry) for entry in entries(tmp_path, "virtual")]
-    assert kinds == [Header, Phase, Phase, TrackerOpened, FootStep, Answer, FootStep, Answer, FootStep, Answer, Footer]
-    step = entries(tmp_path, "virtual")[4]
+    assert kinds == [
+        Header,
+        Phase,
+        Phase,
+        Armed,
+        TrackerOpened,
+        FootStep,
+        Answer,
+        *[Armed, FootStep, Answer] * 2,
+        Footer,
+    ]
+    step = entries(tmp_path, "virtual")[5]
     assert isinstance(step, FootStep)
     assert step.contact_us == pytest.approx(2_000_000 + 300_000, abs=1)
     assert step.stimulus is not None
@@ -248,3 +260,31 @@ def test_a_resumed_session_goes_on_with_the_files_that_its_rig_named(protocol: P
     table.write_text(table.read_text("utf-8").replace("0.", "1.", 1), "utf-8")
     with pytest.raises(RigError, match="got another table of this name from an earlier session"):
         bench("pt").run(protocol, header("virtual"), tmp_path)
+
+
+def test_an_attempt_is_on_disk_before_a_sound_of_it_is_possible(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known: list[object] = []
+
+    def seen(*parts: Any) -> WatchedStep | BrokenStep:
+        known.append(entries(tmp_path, "virtual")[-1])
+        return watch(*parts)
+
+    monkeypatch.setattr("experiment.session.footstep.trials.watch", seen)
+    asked = header("virtual")
+    bench("cpn").run(protocol, asked, tmp_path)
+    assert known == [Armed(trial=one.trial, attempt=1, presented=one.presented) for one in asked.order]
+
+
+def test_an_attempt_of_whose_end_nothing_is_known_is_put_off(protocol: Protocol, tmp_path: Path) -> None:
+    asked = header("real")
+    killed = journal.Journal(storage.journal_path(tmp_path, "01", "real"), ManualClock(START_NS), journal.EMPTY)
+    killed.append(asked)
+    killed.append(Armed(trial=1, attempt=1, presented=asked.order[0].presented))
+    killed.close()
+    one = bench("cpt")
+    assert one.run(protocol, asked, tmp_path).reason == "complete"
+    (redone,) = [e for e in entries(tmp_path, "real") if isinstance(e, Redo)]
+    assert (redone.trial, redone.attempt, redone.put_off) == (1, 1, True)
+    assert one.console.armed == [(2, 1), (3, 1), (1, 2)]

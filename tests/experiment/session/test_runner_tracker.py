@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from experiment import storage
@@ -15,7 +16,7 @@ from experiment.apparatus.tracker.guarded import GuardedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
-from experiment.records.entries import Footer, Phase, TrackerOpened
+from experiment.records.entries import Armed, Footer, Phase, TrackerOpened
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from tests.experiment.session.bench import ORDER, bench, entries, header
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples, step_samples
@@ -103,7 +104,7 @@ def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(protocol: Protoco
     assert broken.trace.length == broken.link.received == 100
     kinds = [type(e) for e in entries(tmp_path, "real")]
     lost = kinds.index(BrokenOff)
-    assert kinds[lost : lost + 4] == [BrokenOff, Phase, Phase, TrackerOpened]
+    assert kinds[lost : lost + 5] == [BrokenOff, Phase, Phase, Armed, TrackerOpened]
 
 
 def test_a_tracker_that_goes_between_two_steps_is_waited_for_and_the_same_attempt_is_armed_again(
@@ -222,3 +223,29 @@ def test_a_step_that_was_felt_is_on_file_when_a_foreign_tracker_fails_in_every_p
     assert broken.clock.anchor_us == 2_000_000
     assert broken.trace.length == broken.link.received == 310
     assert storage.foot_path(storage.journal_path(tmp_path, "01", "virtual")).stat().st_size == 310
+
+
+def test_a_step_whose_times_jump_inside_the_gate_was_felt_and_does_not_count(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    good = [step_samples(2_000_000 * n, 100.0) for n in range(1, 5)]
+    later = 20_000 * (np.arange(good[0].device_us.size) > 150)
+    one = bench("ccc", [replace(good[0], device_us=good[0].device_us + later), *good[1:]])
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    (broken,) = (entry for entry in entries(tmp_path, "virtual") if isinstance(entry, BrokenOff))
+    told = "the tracker's times leave room for 20 frames where 0 are missing; see to the device's clock"
+    assert (broken.trial, broken.attempt, broken.felt, broken.reason) == (1, 1, True, told)
+    assert one.console.shown.count(f"This step does not count: {told}.") == 1
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
+    steps = [entry for entry in entries(tmp_path, "virtual") if isinstance(entry, FootStep)]
+    assert [step.speed_mm_s for step in steps] == pytest.approx([100.0] * 3)
+
+
+def test_one_false_reading_sets_nothing_off(protocol: Protocol, tmp_path: Path) -> None:
+    steps = [step_samples(2_000_000 * n, 100.0) for n in range(1, 4)]
+    false = steps[0].height_mm.copy()
+    false[50] = 0.0
+    one = bench("ccc", [replace(steps[0], height_mm=false), *steps[1:]])
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
+    assert [speed for _, speed in one.rendered] == pytest.approx([100.0] * 3)

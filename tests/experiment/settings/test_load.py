@@ -147,11 +147,26 @@ MISTAKES = [
     ('title = "The first"', 'title = " "', "tasks[0].title", "' '", "text, not blank"),
 ]
 
+TEXTS = [
+    ('title = "The first"', r'title = "The\tfirst"', "tasks[0].title", "'The first' with U+0009", "without control"),
+    (
+        'title = "The first"',
+        r'title = "The \u202efirst"',
+        "tasks[0].title",
+        "The <U+202E>first' with U+202E",
+        "without",
+    ),
+    ('id = "felt"', 'id = "(none)"', "materials[0].id", "'(none)'", "a letter or digit first"),
+    ('id = "felt"', 'id = "=felt"', "materials[0].id", "'=felt'", "a letter or digit first"),
+    ('id = "felt"', r'id = "fe\u200dlt"', "materials[0].id", "'fe<U+200D>lt' with U+200D", "invisible"),
+    ('id = "gone"', r'id = "go\nne"', "exclusion[1].id", "'go ne' with U+000A", "one line"),
+]
+
 # The problem stands in the line of this text, not in that of the change.
 ELSEWHERE = {"answers.no_answer_key": 'no_answer_key = "0"', "analysis[1].tasks": 'tasks = ["one"]'}
 
 
-@pytest.mark.parametrize(("old", "new", "path", "got", "allowed"), MISTAKES, ids=[mistake[2] for mistake in MISTAKES])
+@pytest.mark.parametrize(("old", "new", "path", "got", "allowed"), [*MISTAKES, *TEXTS])
 def test_one_mistake(tmp_path: Path, old: str, new: str, path: str, got: str, allowed: str) -> None:
     assert SMALL.count(old) == 1
     text = SMALL.replace(old, new)
@@ -245,6 +260,20 @@ def test_broken_syntax(tmp_path: Path, old: str, new: str, line: int, column: in
     assert problem.path == f"column {column}"
     assert allowed in problem.allowed
     assert problem.allowed.endswith("mend this first")
+
+
+@pytest.mark.parametrize(
+    "text", ["a." * 5000 + "a = 1", f"a = {'[' * 40}{']' * 40}", f"a = 0x{'f' * 6000}", f"format = {2**63}"]
+)
+def test_what_no_file_needs_is_refused(tmp_path: Path, text: str) -> None:
+    (problem,) = refused(tmp_path, text)
+    assert problem.allowed == "at most 32 of them, and whole numbers of 64 bits; mend this first"
+
+
+@pytest.mark.parametrize("day", ["2020-02-01T07:32:00", "2020-02-01T07:32:00Z", "07:32:00"])
+def test_a_date_with_a_time_is_no_date(tmp_path: Path, day: str) -> None:
+    (problem,) = refused(tmp_path, SMALL.replace("approved_on = 2020-02-01", f"approved_on = {day}"))
+    assert (problem.path, problem.allowed) == ("ethics.approved_on", "a date without quotes, such as 2012-04-01")
 
 
 @pytest.mark.parametrize("text", [f"a = {'[' * 5000}", f"a = {'9' * 5000}"])

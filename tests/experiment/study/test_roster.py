@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable
-from datetime import date
+from datetime import date, timedelta
 from itertools import permutations
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from hypothesis import strategies as st
 
 from experiment.errors import RosterError
 from experiment.protocol.models import Protocol
+from experiment.records import chain
 from experiment.study.roster import Allocation, Roster, allocate, find, labels
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol
 
@@ -99,6 +101,10 @@ def test_a_stranger_is_refused(stranger: str) -> None:
         find(allocate(protocol(), 1), stranger)
 
 
+def may_run(roster: Roster, participant: str, study: Protocol) -> None:
+    roster.may_run(participant, study, approved_on=TODAY - timedelta(9), today=TODAY)
+
+
 @pytest.fixture
 def roster(tmp_path: Path) -> Roster:
     return Roster.load(tmp_path / "study" / "roster.jsonl")
@@ -106,24 +112,26 @@ def roster(tmp_path: Path) -> Roster:
 
 def test_a_participant_with_consent_may_run(roster: Roster) -> None:
     roster.enrol("01", TODAY)
-    roster.may_run("01", protocol())
-    Roster.load(roster.path).may_run("01", protocol())
+    may_run(roster, "01", protocol())
+    may_run(Roster.load(roster.path), "01", protocol())
 
 
 def test_the_file_holds_labels_and_days_alone(roster: Roster) -> None:
     roster.enrol("01", TODAY)
     roster.enrol("02", None)
     roster.consent("02", TODAY)
+    roster.correct("02", TODAY - timedelta(1), "the letter says so")
     roster.withdraw("01", "asked to stop")
-    assert [json.loads(line) for line in roster.path.read_text(encoding="utf-8").splitlines()] == [
+    assert [json.loads(line)["entry"] for line in roster.path.read_text(encoding="utf-8").splitlines()] == [
         {"kind": "enrolled", "participant": "01", "consent_on": "2020-06-01"},
         {"kind": "enrolled", "participant": "02", "consent_on": None},
         {"kind": "consented", "participant": "02", "consent_on": "2020-06-01"},
+        {"kind": "corrected", "participant": "02", "consent_on": "2020-05-31", "reason": "the letter says so"},
         {"kind": "withdrawn", "participant": "01", "reason": "asked to stop"},
     ]
     read = Roster.load(roster.path)
     assert read == roster
-    assert (read.consent_on, read.withdrawn) == ({"01": TODAY, "02": TODAY}, {"01": "asked to stop"})
+    assert (read.consent_on, read.withdrawn) == ({"01": TODAY, "02": TODAY - timedelta(1)}, {"01": "asked to stop"})
 
 
 def test_lines_are_only_ever_appended(roster: Roster) -> None:
@@ -141,31 +149,72 @@ def test_lines_are_only_ever_appended(roster: Roster) -> None:
         before = now
 
 
+def test_each_line_has_its_number_and_time_and_the_hash_of_the_one_before(roster: Roster) -> None:
+    roster.now_ns = iter((5, 9)).__next__
+    roster.enrol("01", TODAY)
+    roster.enrol("02", None)
+    lines = roster.path.read_bytes().splitlines()
+    hashes = [hashlib.sha256(line).hexdigest() for line in lines]
+    read = [{name: json.loads(line)[name] for name in ("n", "t_ns", "prev")} for line in lines]
+    assert read == [{"n": 0, "t_ns": 5, "prev": chain.GENESIS}, {"n": 1, "t_ns": 9, "prev": hashes[0]}]
+    assert roster.lines.last == hashes[1]
+    assert roster.path.with_suffix(".head").read_text() == f"000000000002 {hashes[1]}\n"
+
+
+def test_a_roster_is_known_as_it_was_under_each_of_its_lines(roster: Roster) -> None:
+    roster.enrol("01", None)
+    before = roster.lines.last
+    roster.consent("01", TODAY)
+    roster.withdraw("01", "asked to stop")
+    then = Roster.load(roster.path).as_of(before)
+    assert (then.consent_on, then.withdrawn) == ({"01": None}, {})
+    with pytest.raises(RosterError, match="lacks a line that a session began under: it was cut or changed; restore"):
+        roster.as_of(chain.GENESIS)
+
+
+@pytest.mark.parametrize("days", [1, -10])
+def test_nobody_runs_whose_consent_is_of_the_future_or_before_the_approval(roster: Roster, days: int) -> None:
+    roster.enrol("01", TODAY + timedelta(days))
+    with pytest.raises(RosterError, match=r"got consent on 2020-.*; correct it \(palpate consent --correct\)"):
+        may_run(roster, "01", protocol())
+    roster.correct("01", TODAY, "the letter says so")
+    may_run(roster, "01", protocol())
+
+
+def test_only_a_consent_on_record_is_corrected(roster: Roster) -> None:
+    roster.enrol("01", None)
+    with pytest.raises(RosterError, match="participant 01 has no consent to correct; record it without --correct"):
+        roster.correct("01", TODAY, "the letter says so")
+    roster.consent("01", TODAY)
+    with pytest.raises(RosterError, match="allowed: one line of 1 to 200 characters"):
+        roster.correct("01", TODAY, "two\nlines")
+
+
 def test_without_consent_nobody_runs(roster: Roster) -> None:
     roster.enrol("01", None)
     with pytest.raises(RosterError, match="participant 01 has not consented; record their consent before the session"):
-        roster.may_run("01", protocol())
+        may_run(roster, "01", protocol())
     roster.consent("01", TODAY)
-    roster.may_run("01", protocol())
+    may_run(roster, "01", protocol())
 
 
 def test_where_consent_is_not_required_none_is_asked_for(roster: Roster) -> None:
     roster.enrol("01", None)
-    roster.may_run("01", Protocol.model_validate(changed(document(), ("consent", "required"), False)))
+    may_run(roster, "01", Protocol.model_validate(changed(document(), ("consent", "required"), False)))
 
 
 def test_who_withdrew_does_not_run(roster: Roster) -> None:
     roster.enrol("01", TODAY)
     roster.withdraw("01", "asked to stop")
     with pytest.raises(RosterError, match=r"participant 01 withdrew \(asked to stop\) and is not run again"):
-        roster.may_run("01", protocol())
+        may_run(roster, "01", protocol())
 
 
 def test_who_is_not_enrolled_does_not_run(roster: Roster) -> None:
     with pytest.raises(RosterError, match=r"participant 02 is not enrolled in .*; enrol them first"):
-        roster.may_run("02", protocol())
+        may_run(roster, "02", protocol())
     with pytest.raises(RosterError, match="no participant '07': this study has '01' to '06'"):
-        roster.may_run("07", protocol())
+        may_run(roster, "07", protocol())
 
 
 @pytest.mark.parametrize("label", ["02", "1", "001", "first", "", "٠١"])
@@ -199,7 +248,7 @@ def test_what_has_happened_does_not_happen_again(roster: Roster) -> None:
         roster.withdraw("02", "asked to stop")
 
 
-@pytest.mark.parametrize("reason", ["", "two\nlines", "x" * 201])
+@pytest.mark.parametrize("reason", ["", " ", "two\nlines", "x" * 201, "a\x1b[2J", "a\u202eb", "a\u200bb"])
 def test_a_reason_is_one_line(roster: Roster, reason: str) -> None:
     roster.enrol("01", TODAY)
     with pytest.raises(RosterError, match="allowed: one line of 1 to 200 characters"):
@@ -219,34 +268,47 @@ def test_two_consoles_never_give_one_place_twice(roster: Roster) -> None:
 def test_a_torn_last_line_was_never_confirmed(roster: Roster) -> None:
     roster.enrol("01", TODAY)
     whole = roster.path.read_bytes()
-    roster.path.write_bytes(whole + b'{"kind": "enrolled", "partic')
+    roster.path.write_bytes(whole + b'{"n":1,"t_ns":')
     torn = Roster.load(roster.path)
-    assert list(torn.consent_on) == ["01"]
+    assert (list(torn.consent_on), torn.lines.torn) == (["01"], b'{"n":1,"t_ns":')
     torn.enrol("02", TODAY)
     assert list(Roster.load(roster.path).consent_on) == ["01", "02"]
 
 
 @pytest.mark.parametrize(
-    ("line", "why"),
+    ("entry", "why"),
     [
-        (b"no json", "this is no roster entry"),
-        (b'{"kind": "enrolled", "participant": "02", "consent_on": null, "name": "x"}', "this is no roster entry"),
-        (b'{"kind": "enrolled", "participant": "03", "consent_on": null}', "got the label '03'; allowed: 02"),
-        (b'{"kind": "withdrawn", "participant": "02", "reason": "x"}', "participant '02' is not enrolled"),
-        (b"\xff\xfe", "this is no roster entry"),
+        ({"kind": "enrolled", "participant": "02", "consent_on": None, "name": "x"}, "this is no roster entry"),
+        ({"kind": "enrolled", "participant": "03", "consent_on": None}, "got the label '03'; allowed: 02"),
+        ({"kind": "withdrawn", "participant": "02", "reason": "x"}, "participant '02' is not enrolled"),
     ],
 )
-def test_a_line_that_cannot_be_trusted_is_refused_and_kept(roster: Roster, line: bytes, why: str) -> None:
+def test_a_line_that_cannot_be_trusted_is_refused_and_kept(roster: Roster, entry: dict[str, object], why: str) -> None:
     roster.enrol("01", TODAY)
-    broken = roster.path.read_bytes() + line + b"\n"
-    roster.path.write_bytes(broken)
+    chain.append(roster.path, roster.lines, 1, entry)
+    refused_and_kept(roster, f"roster.jsonl: line 2: {why}.*restore the roster from a backup")
+
+
+@pytest.mark.parametrize(
+    "line",
+    [b"no json", b"\xff\xfe", b"[" * 10**5, b'{"kind": "enrolled", "participant": "02", "consent_on": null}'],
+    ids=["words", "bytes", "nesting", "no chain"],
+)
+def test_a_line_without_a_chain_is_refused_and_kept(roster: Roster, line: bytes) -> None:
+    roster.enrol("01", TODAY)
+    roster.path.write_bytes(roster.path.read_bytes() + line + b"\n")
+    refused_and_kept(roster, "roster.jsonl: line 2 is no chained line .*restore it from a backup")
+
+
+def refused_and_kept(roster: Roster, why: str) -> None:
+    broken = roster.path.read_bytes()
     for act in (lambda: Roster.load(roster.path), lambda: roster.enrol("02", TODAY)):
-        with pytest.raises(RosterError, match=f"roster.jsonl: line 2: {why}.*restore the roster from a backup"):
+        with pytest.raises(RosterError, match=why):
             act()
     assert roster.path.read_bytes() == broken
     assert list(roster.consent_on) == ["01"]
 
 
 def test_a_folder_is_no_roster(tmp_path: Path) -> None:
-    with pytest.raises(RosterError, match="cannot read the roster"):
+    with pytest.raises(RosterError, match="cannot read the file or its head"):
         Roster.load(tmp_path)

@@ -177,3 +177,52 @@ def test_the_inverse_is_one(ahead_us: int, drift_ppm: float, anchor_us: int) -> 
     line = ClockMap(anchor_us=anchor_us, anchor_ns=START_NS, drift_ppm=drift_ppm)
     device_us = anchor_us + ahead_us
     assert line.device_us(line.session_ns(device_us)) == pytest.approx(device_us, abs=1e-2, rel=1e-12)
+
+
+def ahead_ms(reads: Reads, *, jump_us: int = 0, step_s: tuple[float, float] = (2.0, 2.3)) -> float:
+    """What `Pace` says of a step, with device time that jumps in its middle."""
+    pace = clock_map.Pace()
+    jumped = reads.true_ns - START_NS > sum(step_s) / 2 * 1e9
+    for device_us, arrived_ns in zip(
+        (reads.device_us + jump_us * jumped).tolist(), reads.arrived_ns.tolist(), strict=True
+    ):
+        pace.read(device_us, arrived_ns)
+    assert pace.known
+    from_us, until_us = (int(np.interp(at * 1e9, reads.true_ns - START_NS, reads.device_us)) for at in step_s)
+    return pace.ahead_ms(from_us, until_us + jump_us)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.floats(-10_000, 10_000), seeds, st.sampled_from([0.0016, 0.012, 0.04]))
+def test_no_clock_within_its_drift_is_doubted_whatever_stalls(drift_ppm: float, seed: int, pause_s: float) -> None:
+    stalls = ((0.0, 0.1), (1.95, 0.1), (2.25, 0.1), *random_stalls(seed, 2.4))
+    reads = simulated(seed=seed, drift_ppm=drift_ppm, duration_s=2.5, pause_s=pause_s, stalls=stalls)
+    assert ahead_ms(reads) == 0.0
+
+
+@pytest.mark.parametrize(("jump_us", "sign"), [(20_000, 1), (50_000, 1), (1_000_000, 1), (-20_000, -1), (-50_000, -1)])
+@pytest.mark.parametrize("drift_ppm", [-5000.0, 0.0, 5000.0])
+def test_a_jump_of_the_clock_within_a_step_is_seen(jump_us: int, sign: int, drift_ppm: float) -> None:
+    reads = simulated(seed=1, drift_ppm=drift_ppm, duration_s=2.4, stalls=((2.1, 0.1),))
+    assert np.sign(ahead_ms(reads, jump_us=jump_us)) == sign
+
+
+@pytest.mark.parametrize("factor", [2.0, 1.1, 1.03, 0.97, 0.5])
+def test_a_clock_that_runs_otherwise_is_seen_over_a_second(factor: float) -> None:
+    reads = simulated(seed=1, drift_ppm=(1 / factor - 1) * 1e6, duration_s=2.6, stalls=((2.1, 0.1),))
+    assert np.sign(ahead_ms(reads)) == np.sign(factor - 1)
+
+
+def test_reads_of_less_than_a_second_do_not_know_the_clock() -> None:
+    pace = clock_map.Pace()
+    assert not pace.known
+    for ms in range(0, 1000, 2):
+        pace.read(1000 * ms, START_NS + 1_000_000 * ms)
+    assert not pace.known
+
+
+def test_a_pace_is_bounded_however_often_is_read() -> None:
+    pace = clock_map.Pace()
+    for ms in range(60_000):
+        pace.read(1000 * ms, START_NS + 1_000_000 * ms)
+    assert len(pace._reads) == clock_map.PACE_SLOTS

@@ -294,3 +294,65 @@ def test_a_stream_with_faults_reads_the_same_however_it_is_cut(
     in_pieces, times, counts, link = read(Decoder(), cut(whole, places))
     assert in_pieces == at_once
     assert (times, counts, link) == (decoded.device_us.tolist(), decoded.counts.tolist(), decoded.link)
+
+
+KNOWN = Decoder(period_us=1000.0)
+
+
+@given(st.integers(1, 48), st.integers(0, 65535), st.integers(0, WRAP_US - 1), st.lists(st.integers(0, 10**4)))
+def test_a_frame_that_nobody_sent_is_not_believed_though_its_crc_is_right(
+    at: int, sequence: int, clock_us: int, places: list[int]
+) -> None:
+    sent = stream(50)
+    steps = sequence - (at - 1)
+    fits = steps > 0 and abs(clock_us - 1000 * sequence) <= 250 + 20 * steps
+    follows = sequence == at - 1 and clock_us == 1000 * (at - 1)
+    if fits or follows:
+        return
+    forged = [*sent[:at], encode(sequence, clock_us, 7), *sent[at + 1 :]]
+    _, times, counts, link = read(KNOWN, cut(b"".join(forged), places))
+    assert times == [1000 * i for i in range(50) if i != at]
+    assert counts == [i for i in range(50) if i != at]
+    assert link == LinkCounts(received=49, damaged=1)
+
+
+def test_two_frames_that_agree_are_believed_whatever_their_time() -> None:
+    later = stream(3, sequence=10, start_us=5_000_000)
+    decoder, times, _, link = read(KNOWN, [*stream(10), *later])
+    assert times == [*range(0, 10_000, 1000), 5_000_000, 5_001_000, 5_002_000]
+    assert link == LinkCounts(received=13)
+    assert decoder.held is None
+
+
+def test_a_clock_twice_as_fast_is_read_on_for_others_to_judge() -> None:
+    _, times, _, link = read(KNOWN, stream(11, period_us=2000))
+    assert times == list(range(0, 22_000, 2000))
+    assert link == LinkCounts(received=11)
+
+
+def test_two_frames_that_changed_places_are_one_lost_and_no_restart() -> None:
+    sent = stream(10)
+    sent[4], sent[5] = sent[5], sent[4]
+    decoder, times, _, _ = read(KNOWN, sent)
+    assert times == [1000 * i for i in range(10) if i != 4]
+    assert not decoder.restarted
+
+
+@pytest.mark.parametrize("sent", [sent for _, sent in restarting()], ids=[name for name, _ in restarting()])
+def test_a_restart_is_known_by_its_second_frame(sent: list[bytes]) -> None:
+    number = int(len(sent) > 60) * 50 + int(len(sent) == 52) * 50 or 5
+    decoder, *_ = read(KNOWN, sent[: number + 1])
+    assert not decoder.restarted
+    assert KNOWN.feed(b"".join(sent))[0].restarted
+
+
+@given(st.integers(0, 2**32), st.lists(st.integers(0, 2000)))
+def test_what_waits_is_the_same_however_the_stream_is_cut(seed: int, places: list[int]) -> None:
+    rng = np.random.default_rng(seed)
+    sent = stream(60, start_us=5_000_000)
+    for at in rng.integers(0, 60, 6).tolist():
+        sent[at] = encode(int(rng.integers(65536)), int(rng.integers(WRAP_US)), 9) * int(rng.integers(3))
+    whole = b"".join(sent)
+    _, at_once = KNOWN.feed(whole)
+    _, times, counts, link = read(KNOWN, cut(whole, places))
+    assert (times, counts, link) == (at_once.device_us.tolist(), at_once.counts.tolist(), at_once.link)

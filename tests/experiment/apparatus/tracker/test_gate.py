@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from itertools import pairwise
 
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from experiment.apparatus.tracker.frames import Samples
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, Scrutiny, Sifted
 from experiment.protocol.models import Step
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
@@ -261,3 +262,89 @@ def test_the_speed_is_known_before_the_gate_is_given_and_is_its_speed() -> None:
     assert known_us == 150_000
     assert gate.given_us == pytest.approx(160_000, abs=1000)
     assert gate.speed_mm_s == detector.speed_mm_s(state) == pytest.approx(100.0)
+
+
+def only_scrutiny(us: NDArray[np.int64], mm: Heights, places: list[int] | None = None) -> tuple[list[float], int]:
+    """Heights that are believed, with the samples cut at `places`, and how many readings were dropped."""
+    scrutiny, state, passed = Scrutiny(rate_hz=1000, noise_mm=0.01), Sifted(), list[float]()
+    edges = [0, *sorted(place % (us.size + 1) for place in places or []), us.size]
+    for a, b in pairwise(edges):
+        state, believed = scrutiny.sift(state, samples(us[a:b], mm[a:b]))
+        passed += believed.height_mm.tolist()
+    return passed, state.dropped
+
+
+@given(st.integers(2, 500), st.floats(-90, 90).filter(lambda mm: abs(mm) > 2), st.lists(st.integers(0, 600)))
+def test_one_false_reading_is_dropped_and_nothing_else_however_samples_are_cut(
+    at: int, off_mm: float, places: list[int]
+) -> None:
+    us = times(0.6)
+    mm = constant(130.0)(us / 1e6)
+    false = mm.copy()
+    false[at] += off_mm
+    assert only_scrutiny(us, false, places) == (np.delete(mm, at).tolist(), 1)
+    assert only_scrutiny(us, mm, places) == (mm.tolist(), 0)
+
+
+def test_two_false_readings_that_agree_are_believed() -> None:
+    us, mm = times(0.3), np.full(300, 50.0)
+    mm[[100, 101]] = 1.0
+    assert only_scrutiny(us, mm) == (mm.tolist(), 0)
+
+
+def test_a_lone_reading_at_the_panel_is_no_contact() -> None:
+    us = times(0.5)
+    mm = constant(100.0)(us / 1e6)
+    false = mm.copy()
+    false[np.searchsorted(us, 260_000)] = 0.3
+    gate, contact = only(watch(us, false))
+    assert isinstance(gate, Gate)
+    assert contact == only(watch(us, mm))[1]
+
+
+def fault(us: NDArray[np.int64], mm: Heights, *, missing: int = 0, rate_hz: int = 1000) -> str:
+    events = watch(us, mm)
+    gate, contact = events[-2:]
+    assert isinstance(gate, Gate)
+    assert isinstance(contact, Contact)
+    path = [samples(us[at : at + 7], mm[at : at + 7]) for at in range(0, us.size, 7)]
+    return Scrutiny(rate_hz=rate_hz, noise_mm=0.01).fault(path, gate, contact, missing)
+
+
+@pytest.mark.parametrize("speed_mm_s", [50.0, 170.0, 400.0])
+@pytest.mark.parametrize("drift", [-0.01, 0.0, 0.01])
+def test_nothing_speaks_against_a_good_passage(speed_mm_s: float, drift: float) -> None:
+    us = times(0.8)
+    mm = constant(speed_mm_s)(us / 1e6) + np.random.default_rng(2).normal(0, 0.01, us.size)
+    assert fault((us * (1 + drift)).astype(np.int64), mm) == ""
+
+
+@pytest.mark.parametrize(
+    ("factor", "jump_us", "missing", "told"),
+    [
+        (2.0, 0, 0, "times leave room for"),
+        (0.5, 0, 0, "times lie 500 us apart, and 1000 frames a second are 1000 us apart"),
+        (1.03, 0, 0, "times lie 1030 us apart"),
+        (1.0, 5_000, 0, "times leave room for 5 frames where 0 are missing"),
+        (1.0, 20_000, 5, "times leave room for 20 frames where 5 are missing"),
+        (1.0, 5_000, 5, "heights jump"),
+    ],
+)
+def test_times_that_cannot_be_are_named(factor: float, jump_us: int, missing: int, told: str) -> None:
+    us = times(0.8)
+    mm = constant(200.0)(us / 1e6)
+    lie = (us * factor).astype(np.int64) + jump_us * (us > 75_000)
+    assert told in fault(lie, mm, missing=missing)
+
+
+def test_heights_that_jump_inside_the_gate_are_named() -> None:
+    us = times(0.8)
+    mm = constant(100.0, from_mm=40.0)(us / 1e6)
+    assert "heights jump from" in fault(us, np.maximum(mm - 1.0 * (us > 250_000), 0.0))
+
+
+def test_frames_missing_where_the_foot_crosses_are_named() -> None:
+    us = times(0.8)
+    kept = (us < 95_000) | (us > 107_000)
+    told = fault(us[kept], constant(100.0)(us[kept] / 1e6), missing=13)
+    assert re.search(r"^no reading for 1[34] ms where the foot crossed the gate", told)

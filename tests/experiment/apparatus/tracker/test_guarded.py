@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -125,3 +126,58 @@ def test_a_driver_whose_own_opening_fails_is_still_a_driver(opened: Opens, error
 def test_a_class_that_is_called_otherwise_is_no_driver(opened: Opens) -> None:
     with pytest.raises(RigError, match=r"\(TypeError: .*clock.*\); allowed: palpate-frames"):
         opened(more="Tracker.__init__ = lambda self, port, settings: None\n")
+
+
+READ = """from types import SimpleNamespace
+        import numpy as np
+        from experiment.apparatus.tracker.frames import Samples
+        self.n = getattr(self, "n", 0) + 1
+        a = SimpleNamespace(us=np.array([1000, 2000]) + 2000 * self.n, mm=np.array([5.0, 4.9]), ends=np.array([12, 24]))
+        a.raw, a.at = bytes(24), 10**18 + self.n
+        if self.n == 2:
+            {spoils}
+        return Samples(a.us, a.mm, a.raw, a.ends, a.at)"""
+
+
+@pytest.mark.parametrize(
+    ("spoils", "told"),
+    [
+        ("a.mm[1] = np.nan", "ValueError: got a height of nan mm"),
+        ("a.mm[0] = -np.inf", "ValueError: got a height of -inf mm"),
+        ("a.us[1] = a.us[0]", "ValueError: got a device time of 5000 us after one of 5000 us; times must rise"),
+        ("a.us[1] = 7", "ValueError: got a device time of 7 us after one of 5000 us; times must rise"),
+        ("a.us -= 1000", "ValueError: got a device time of 4000 us after one of 4000 us; times must rise"),
+        ("a.us = a.us + np.inf", "ValueError: got arrays of float64, float64 and int64, not rows of int"),
+        (
+            "a.us = a.us[:, None]; a.mm = a.mm[:, None]; a.ends = a.ends[:, None]",
+            "ValueError: got arrays of int64, float64 and int64",
+        ),
+        ("a.ends[1] = 25", "ValueError: got ends that are no places in 24 raw bytes, in order"),
+        ("a.at = 5", "ValueError: got an arrival at 5 ns; arrivals are whole and never go back"),
+        ("a.at = float('nan')", "ValueError: got an arrival at nan ns"),
+    ],
+)
+def test_readings_that_cannot_be_are_the_drivers_fault(opened: Opens, spoils: str, told: str) -> None:
+    tracker = opened(reads=READ.format(spoils=spoils))
+    assert tracker.read().device_us.tolist() == [3000, 4000]
+    with pytest.raises(
+        TrackerError, match=rf"^tracker: its driver '.*' failed at `read` \({re.escape(told)}"
+    ) as failed:
+        tracker.read()
+    assert "\n" not in str(failed.value)
+
+
+def test_a_device_that_was_plugged_in_again_may_count_from_anew(opened: Opens) -> None:
+    tracker = opened(reads=READ.format(spoils="a.us -= 3000"))
+    tracker.read()
+    tracker.reconnect(1.0)
+    assert tracker.read().device_us.tolist() == [2000, 3000]
+
+
+@pytest.mark.parametrize("given", ["-1", "0.5", "float('nan')"])
+def test_counts_that_no_link_can_have_are_the_drivers_fault(opened: Opens, given: str) -> None:
+    tracker = opened(opens=f"self.counts = LinkCounts(lost={given})")
+    with pytest.raises(
+        TrackerError, match=r"failed at `counts` \(ValueError: got .*, not whole numbers that never fall"
+    ):
+        _ = tracker.counts

@@ -290,7 +290,7 @@ def test_pauses_are_short_while_the_foot_falls(scripted: Open, paused_ms: list[f
     heights_mm = (50.0, 50.2, 60.0, 59.2, 58.8, 30.0, 30.0, 30.0)
     _, port = scripted([])
     for turn, counts in enumerate(SETTINGS.counts(np.array(heights_mm)).tolist()):
-        port.arrive(encode(turn, 40_000 * turn, counts), b"")
+        port.arrive(encode(40 * turn, 40_000 * turn, counts), b"")
     # Until the first reading, and for 50 ms since it was last seen to, the foot counts as falling.
     assert paused_ms == [1.6, 1.6, 3.0, 3.0, 1.6, 1.6, 1.6, 3.0]
 

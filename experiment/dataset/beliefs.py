@@ -1,0 +1,268 @@
+"""What must hold before a journal counts: nothing foreign, copied, renamed or made for another purpose enters a table.
+
+A journal's header is held against its path, the protocol in the dataset and its seal, the seed, and the roster, or in a
+rehearsal its plan. All of it stands under `sourcedata/`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, timedelta
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from experiment import storage
+from experiment.errors import DatasetError, PalpateError, RosterError
+from experiment.protocol import approval, files
+from experiment.protocol.approval import Seal
+from experiment.protocol.models import Protocol
+from experiment.records import chain, journal
+from experiment.records.entries import Armed, Header, Purpose, Withdrawal
+from experiment.records.journal import Contents
+from experiment.study import roster as rosters
+from experiment.study import schedule
+from experiment.study.roster import Roster
+
+FARTHEST_EAST = timedelta(hours=14)
+"""The day of a session's beginning is at most this much ahead of UTC, wherever it was run."""
+
+
+@dataclass(frozen=True)
+class Believed:
+    """A dataset whose journals were all held against what stands beside them.
+
+    `roster` is None in a rehearsal. `sessions` are those that began, by participant and task.
+    """
+
+    protocol: Protocol
+    purpose: Purpose
+    roster: Roster | None
+    sessions: tuple[tuple[Path, Contents], ...]
+
+
+class _Plan(BaseModel):
+    """What `rehearsal.json` says of the sessions of a rehearsal."""
+
+    model_config = ConfigDict(frozen=True, strict=True)
+
+    label: Literal["REHEARSAL"]
+    protocol_sha256: str
+    rig_sha256: str
+    participants: int
+    seed: int
+    control: str
+
+
+@dataclass(frozen=True)
+class _Study:
+    """What the headers of a dataset are held against: `plan` of a rehearsal, or `roster` and `seal` of a study."""
+
+    root: Path
+    protocol: Protocol
+    protocol_sha256: str
+    purpose: Purpose
+    seed: int
+    tasks: dict[str, tuple[str, ...]]
+    plan: _Plan | None
+    roster: Roster | None
+    seal: Seal | None
+
+
+def has_journals(root: Path) -> bool:
+    """Return whether a dataset was made from journals, even if some are gone; others hold tables alone."""
+    source = root / "sourcedata"
+    settled = (source / rosters.SEED, storage.plan_path(root), storage.roster_path(root))
+    return any(path.exists() for path in settled) or any(source.glob("sub-*/*_journal.*"))
+
+
+def journals(root: Path) -> list[Path]:
+    """Return the journals of a dataset, by participant and task; those too of which only the head is there."""
+    heads = (root / "sourcedata").glob("sub-*/sub-*_journal.head")
+    return sorted({*storage.journals(root), *(head.with_suffix(".jsonl") for head in heads)})
+
+
+def believed(root: Path) -> Believed:
+    """Read every journal of a dataset and hold it against what stands beside it.
+
+    Raises `DatasetError`, `JournalError`, `ProtocolError` or `RosterError`, which names the first file that does not
+    fit.
+    """
+    dataset, doubts = examined(root)
+    for doubt in doubts:
+        raise doubt
+    return dataset
+
+
+def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
+    """Return what can be believed of a dataset, and an error for whatever else does not fit.
+
+    Raises what `believed` raises where nothing can: of protocol, seal, seed, roster, or plan.
+    """
+    study = _study(root)
+    sessions: list[tuple[Path, Contents]] = []
+    doubts: list[PalpateError] = []
+    paths = journals(root)
+    begun = set(paths)
+    with collected(doubts):
+        _refuse_strays(root, set(paths))
+    for path in paths:
+        with collected(doubts):
+            contents = journal.read_if_begun(path)
+            _check_frames(path, contents)
+            if not contents.lines:
+                begun.discard(path)
+                continue
+            _check_header(path, contents.header, study)
+            sessions.append((path, contents))
+    with collected(doubts):
+        _refuse_copies(sessions)
+    with collected(doubts):
+        _refuse_tables(root, begun)
+    if study.roster is not None:
+        with collected(doubts):
+            _check_withdrawals(study.roster, root, sessions)
+    return Believed(study.protocol, study.purpose, study.roster, tuple(sessions)), doubts
+
+
+@contextmanager
+def collected(doubts: list[PalpateError]) -> Iterator[None]:
+    """Add the error that ends the block to `doubts`, and go on after it."""
+    try:
+        yield
+    except PalpateError as doubt:
+        doubts.append(doubt)
+
+
+def _study(root: Path) -> _Study:
+    kept = storage.protocol_path(root)
+    protocol = files.load_kept(kept)
+    sha256 = approval.sha256(protocol)
+    plan_file = storage.plan_path(root)
+    if not plan_file.exists():
+        seed, purpose = rosters.seed_of(root), rosters.purpose_of(root)
+        roster = Roster.load(storage.roster_path(root))
+        tasks = {one.participant: one.tasks for one in rosters.allocate(protocol, seed)}
+        seal = approval.held(kept, protocol) if any(path.stat().st_size for path in storage.journals(root)) else None
+        return _Study(root, protocol, sha256, purpose, seed, tasks, None, roster, seal)
+    for path in (storage.roster_path(root), root / "sourcedata" / rosters.SEED):
+        if path.exists():
+            raise DatasetError(f"{path}: stands in the dataset of a rehearsal; allowed: none; take it out of there")
+    try:
+        plan = _Plan.model_validate_json(plan_file.read_bytes())
+    except (OSError, ValidationError) as error:
+        raise DatasetError(f"{plan_file}: is no plan of a rehearsal; restore it, or rehearse anew") from error
+    if plan.protocol_sha256 != sha256:
+        raise DatasetError(f"{kept}: is not the protocol that was rehearsed; restore it, or rehearse anew")
+    tasks = {one.participant: one.tasks for one in rosters.allocate(protocol, plan.seed)[: plan.participants]}
+    return _Study(root, protocol, sha256, "REHEARSAL", plan.seed, tasks, plan, None, None)
+
+
+def _refuse_strays(root: Path, journals: set[Path]) -> None:
+    """Refuse what looks like a journal and stands where none is read from: a copy, or another dataset."""
+    roster = storage.roster_path(root)
+    known = {*journals, *(chain.head_path(path) for path in journals), roster, chain.head_path(roster)}
+    source = root / "sourcedata"
+    found = {path for path in source.rglob("*") if path.suffix in (".jsonl", ".head") or "_journal" in path.name}
+    for path in sorted({*found, *root.rglob("*_journal.jsonl")} - known):
+        raise DatasetError(
+            f"{path}: looks like a journal, and no session of this dataset writes one there; allowed: "
+            "sourcedata/sub-P/sub-P_task-T_journal.jsonl; take it out of the dataset"
+        )
+
+
+def _check_frames(path: Path, contents: Contents) -> None:
+    """Refuse a journal without an attempt where raw frames of one are: the journal was cut off."""
+    foot = storage.foot_path(path)
+    if foot.exists() and foot.stat().st_size and not any(isinstance(entry, Armed) for entry in contents.entries):
+        raise DatasetError(f"{path}: knows of no attempt, and {foot.name} does; restore the journal from a backup")
+
+
+def _check_header(path: Path, header: Header, study: _Study) -> None:
+    """Refuse a journal that is not of this path, this study, and its purpose."""
+    participant, task = header.participant, header.task
+    if path != (own := storage.journal_path(study.root, participant, task)):
+        raise _foreign(path, f"participant {participant}, task {task}", str(own.relative_to(study.root)))
+    known = study.tasks.get(participant)
+    if known is None:
+        raise _foreign(path, f"participant {participant}", f"{min(study.tasks)} to {max(study.tasks)}, as planned")
+    if task not in known:
+        raise _foreign(path, f"task {task}", f"{', '.join(known)}, the tasks of participant {participant}")
+    plan = study.plan
+    expected = {
+        "purpose": study.purpose,
+        "study": study.protocol.study.id,
+        "protocol_sha256": study.protocol_sha256,
+        "seed": study.seed,
+        "task_position": known.index(task) + 1,
+        "block_trials": schedule.block_trials(study.protocol, task),
+        **({"rig_sha256": plan.rig_sha256, "session_id": header.rehearsed_id(plan.control)} if plan else {}),
+    }
+    for name, allowed in expected.items():
+        if (got := getattr(header, name)) != allowed:
+            raise _foreign(path, f"{name} {got}", f"{allowed}, as everywhere in this dataset")
+    seed = study.seed
+    if header.order != schedule.schedule(protocol=study.protocol, participant=participant, task_id=task, seed=seed):
+        raise _foreign(path, "another order of trials", f"the one that protocol and seed {seed} give")
+    if study.roster is not None and study.seal is not None:
+        _check_enrolment(path, header, study.roster, study.seal, study.protocol)
+
+
+def _foreign(path: Path, got: str, allowed: str) -> DatasetError:
+    return DatasetError(
+        f"{path}: is not of this dataset: its header has {got}; allowed: {allowed}; take the journal out of the "
+        "dataset, or put it back where it came from"
+    )
+
+
+def _check_enrolment(path: Path, header: Header, roster: Roster, seal: Seal, protocol: Protocol) -> None:
+    """Refuse a session of somebody who had not enrolled and consented before, or had withdrawn."""
+    try:
+        roster.as_of(header.roster_sha256).may_run(header.participant, protocol, approved_on=date.min, today=date.max)
+        rosters.check_consent(
+            header.participant,
+            roster.consent_on[header.participant],
+            approved_on=seal.approved_on,
+            today=(datetime.fromisoformat(header.started_utc).astimezone(UTC) + FARTHEST_EAST).date(),
+        )
+    except RosterError as error:
+        raise RosterError(f"{path}: the session was not allowed to begin: {error}") from error
+
+
+def _refuse_copies(sessions: list[tuple[Path, Contents]]) -> None:
+    by_id: dict[str, Path] = {}
+    for path, contents in sessions:
+        other = by_id.setdefault(contents.header.session_id, path)
+        if other != path:
+            raise DatasetError(f"{path}: has the session_id of {other}; allowed: one of its own; take the copy out")
+
+
+def _refuse_tables(root: Path, journals: set[Path]) -> None:
+    """Refuse events without a journal."""
+    begun = {path.name.replace("_journal.jsonl", "_events.tsv") for path in journals}
+    for path in sorted(root.glob("sub-*/beh/*_events.tsv")):
+        if path.name not in begun:
+            raise DatasetError(
+                f"{path}: no journal gives these events; restore the journal under sourcedata from a backup, or take "
+                "the table out of the dataset"
+            )
+
+
+def _check_withdrawals(roster: Roster, root: Path, sessions: list[tuple[Path, Contents]]) -> None:
+    """Refuse a roster that has forgotten a withdrawal."""
+    marks = {
+        contents.header.participant: path
+        for path, contents in sessions
+        if any(isinstance(entry, Withdrawal) for entry in contents.entries)
+    }
+    for mark in (root / "sourcedata").glob("sub-*/sub-*_withdrawn.json"):
+        marks[mark.parent.name.removeprefix("sub-")] = mark
+    for participant, path in marks.items():
+        if participant not in roster.withdrawn:
+            raise RosterError(
+                f"{roster.path}: participant {participant} withdrew, as {path} says, and the roster does not; restore "
+                "the roster from a backup"
+            )

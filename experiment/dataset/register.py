@@ -1,0 +1,204 @@
+"""Anchors: what a dataset held at one moment, for a register where nobody who can write to the dataset can write.
+
+Chains of hashes show an accident, and not a person who makes a chain and its head anew. An anchor has the number of
+lines and the hash of the last line of every journal and of the roster. A later dataset has to begin with the same
+lines; it may have more. A register holds one anchor a line, each with its signature where the laboratory signs. The
+dataset keeps every anchor too (`LOG`), so that an anchor's number, written into a lab book, is enough to check it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import rfc8785
+from pydantic import Field, ValidationError
+
+from experiment import clock, storage
+from experiment.dataset.beliefs import believed
+from experiment.errors import DatasetError
+from experiment.records.entries import Purpose, Record
+
+LOG = Path("sourcedata") / "anchors.log"
+"""Every anchor of a dataset, inside it."""
+
+NAMESPACE = "palpate"
+"""A signature made for another purpose counts for nothing here."""
+
+DIGITS = 16
+"""Hexadecimal digits of an anchor's number, as it stands in a lab book."""
+
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+class Prefix(Record):
+    """How many lines a file inside the dataset had, and the SHA-256 of the last."""
+
+    file: Annotated[str, Field(pattern=r"^sourcedata/(sub-[0-9A-Za-z]+/)?[0-9A-Za-z_-]+\.jsonl$")]
+    lines: Annotated[int, Field(ge=1)]
+    sha256: Sha256
+
+
+class Anchor(Record):
+    """What a dataset held at one moment."""
+
+    anchored_utc: str
+    study: str
+    purpose: Purpose
+    protocol_sha256: Sha256
+    prefixes: tuple[Prefix, ...]
+
+    @property
+    def canonical(self) -> bytes:
+        """RFC 8785 JSON: what is hashed and signed."""
+        return rfc8785.dumps(self.model_dump(mode="json"))
+
+    @property
+    def number(self) -> str:
+        """The first digits of its SHA-256, which stand for all of it in a lab book."""
+        return hashlib.sha256(self.canonical).hexdigest()[:DIGITS]
+
+    @property
+    def line(self) -> str:
+        """What is written into a lab book."""
+        number = "-".join(self.number[place : place + 4] for place in range(0, DIGITS, 4))
+        return f"{self.anchored_utc[:10]} {self.study} {self.purpose} {number}"
+
+
+class Kept(Record):
+    """A line of a register."""
+
+    anchor: Anchor
+    signature: str | None = None
+
+
+def make(root: Path) -> Anchor:
+    """Return the anchor of a dataset as it is now.
+
+    Raises `DatasetError` if it has no session, and what `believed` raises.
+    """
+    dataset = believed(root)
+    if not dataset.sessions:
+        raise DatasetError(f"{root}: got no session; allowed: one or more; run a session first, then anchor it")
+    header = dataset.sessions[0][1].header
+    return Anchor(
+        anchored_utc=clock.utc(clock.wall_ns()),
+        study=header.study,
+        purpose=header.purpose,
+        protocol_sha256=header.protocol_sha256,
+        prefixes=tuple(
+            Prefix(file=path.relative_to(root).as_posix(), lines=len(hashes), sha256=hashes[-1])
+            for path in (storage.roster_path(root), *(path for path, _ in dataset.sessions))
+            if (hashes := line_hashes(path))
+        ),
+    )
+
+
+def keep(root: Path) -> Anchor:
+    """Anchor a dataset in its own log, and return the anchor. Raises as `make`, and if the log cannot be written."""
+    anchor = make(root)
+    _append(root / LOG, Kept(anchor=anchor))
+    return anchor
+
+
+def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
+    """Add an anchor of the dataset `root` to a register, signed with a private SSH key if there is one; say so.
+
+    Raises `DatasetError` if the register stands inside the dataset or cannot be written, or if nothing was signed.
+    """
+    if to.resolve().is_relative_to(root.resolve()):
+        raise DatasetError(f"{to}: the register would stand inside the dataset; allowed: any other place; choose one")
+    kept = Kept(anchor=anchor, signature=_signature(anchor, key) if key else None)
+    begun = not to.exists()
+    _append(to, kept)
+    return f"Anchored in {to}{', signed' if key else ''}." + (" This register is a new file." if begun else "")
+
+
+def read(path: Path) -> tuple[tuple[Kept, ...], tuple[int, ...]]:
+    """Return the anchors of a register, oldest first, and the numbers of the lines that hold none.
+
+    Raises `DatasetError` if the file cannot be read.
+    """
+    try:
+        lines = storage.read_bytes(path).splitlines()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot read the register ({error.strerror}); give its path") from error
+    kept: list[Kept] = []
+    broken: list[int] = []
+    for number, line in enumerate(lines, start=1):
+        try:
+            kept.append(Kept.model_validate_json(line))
+        except ValidationError:
+            broken.append(number)
+    return tuple(kept), tuple(broken)
+
+
+def line_hashes(path: Path) -> tuple[str, ...]:
+    """Return the SHA-256 of each whole line of a journal or a roster; none where there is no file."""
+    try:
+        data = storage.read_bytes(path)
+    except FileNotFoundError:
+        return ()
+    except OSError as error:
+        raise DatasetError(f"{path}: cannot be read ({error.strerror}); restore it") from error
+    whole = data[: data.rfind(b"\n") + 1]
+    return tuple(hashlib.sha256(line).hexdigest() for line in whole.splitlines())
+
+
+@dataclass(frozen=True)
+class Signer:
+    """Whose signatures count: a file of public SSH keys, one a line."""
+
+    path: Path
+
+    def signed(self, kept: Kept) -> bool:
+        """Return whether one of the keys signed an anchor. Raises `DatasetError` if the keys cannot be read."""
+        try:
+            keys = [line for line in storage.read_text(self.path).splitlines() if line.strip()]
+        except (OSError, UnicodeDecodeError) as error:
+            raise DatasetError(f"{self.path}: cannot be read ({error}); give a public key (.pub)") from error
+        if not keys or not all(re.match(r"(ssh|ecdsa|sk)-\S+ \S", line) for line in keys):
+            raise DatasetError(f"{self.path}: got no public SSH keys; allowed: one a line; give the key's .pub file")
+        with tempfile.TemporaryDirectory() as folder:
+            allowed, signature = Path(folder, "allowed"), Path(folder, "signature")
+            allowed.write_text("".join(f"laboratory {line}\n" for line in keys), "utf-8")
+            signature.write_text(kept.signature or "", "utf-8")
+            asked = ("verify", "-f", str(allowed), "-I", "laboratory", "-s", str(signature))
+            return _ssh_keygen(asked, kept.anchor).returncode == 0
+
+
+def _signature(anchor: Anchor, key: Path) -> str:
+    done = _ssh_keygen(("sign", "-f", str(key)), anchor)
+    if done.returncode:
+        why = " ".join(done.stderr.decode("utf-8", "replace").split())
+        raise DatasetError(f"{key}: the anchor was not signed ({why}); give a private SSH key that you can use")
+    return done.stdout.decode("ascii")
+
+
+def _ssh_keygen(asked: Sequence[str], anchor: Anchor) -> subprocess.CompletedProcess[bytes]:
+    command = ("ssh-keygen", "-Y", *asked, "-n", NAMESPACE)
+    try:
+        return subprocess.run(command, input=anchor.canonical, capture_output=True, check=False)  # noqa: S603
+    except FileNotFoundError as error:
+        raise DatasetError("ssh-keygen is not installed; install the OpenSSH client, then do it again") from error
+
+
+def _append(path: Path, kept: Kept) -> None:
+    """Add a line, on disk when this returns. A line that was never finished stays a line of its own."""
+    try:
+        with path.open("a+b") as file:
+            size = file.seek(0, os.SEEK_END)
+            torn = size and os.pread(file.fileno(), 1, size - 1) != b"\n"
+            file.write(b"\n" * bool(torn) + kept.model_dump_json().encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        why = error.strerror or error
+        raise DatasetError(f"{path}: the anchor cannot be written ({why}); make the file reachable") from error

@@ -1,0 +1,326 @@
+"""`palpate verify`: what a dataset shows about itself, and what only a register outside of it can show.
+
+Every finding is told, not only the first. Journals, heads and tables show every accident. Whether somebody made all of
+them anew is shown by anchors that this person could not change (`register.py`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from experiment import storage
+from experiment.apparatus import rig as rigs
+from experiment.dataset import beliefs, bids, build, register
+from experiment.dataset.beliefs import Believed
+from experiment.dataset.register import DIGITS, LOG, Anchor, Signer
+from experiment.errors import DatasetError, PalpateError, RecordingError, RigError
+from experiment.records import journal
+from experiment.records.entries import Header, Purpose
+from experiment.records.footstep import BrokenOff, FootStep
+from experiment.study.roster import Roster
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found of one item: a path inside the dataset, a register, or what several files tell together."""
+
+    word: Literal["holds", "refused", "note"]
+    item: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Report:
+    """What the dataset is, all findings, and what follows from them in sentences."""
+
+    title: str
+    findings: tuple[Finding, ...]
+    verdict: tuple[str, ...]
+
+    @property
+    def refused(self) -> int:
+        """How many findings speak against the dataset."""
+        return sum(finding.word == "refused" for finding in self.findings)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Anchors of the dataset in one place; `guard` is what a forger would have had to do besides, if anything."""
+
+    place: str
+    anchors: tuple[Anchor, ...]
+    guard: str = ""
+
+
+def verify(
+    root: Path, registers: Sequence[Path] = (), numbers: Sequence[str] = (), signer: Signer | None = None
+) -> Report:
+    """Return what holds of a dataset, and what does not.
+
+    `registers` are files of anchors, `numbers` those of anchors as they stand in a lab book; with a `signer` only
+    anchors of the registers count that one of its keys signed. Raises `DatasetError` if the folder is no dataset, or if
+    a register, a number or a key cannot be read.
+    """
+    journals = beliefs.journals(root)
+    roster = storage.roster_path(root)
+    headers: list[Header] = []
+    findings = [_told(root, path, lambda path=path: _session(path, headers)) for path in journals]  # type: ignore[misc]
+    if roster.exists():
+        findings.append(_told(root, roster, lambda: _roster(roster)))
+    if named := {header.recordings_sha256 for header in headers} - {None}:
+        findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
+    findings += _together(root, {finding.text for finding in findings}) if beliefs.has_journals(root) else _alone(root)
+    findings += _leftovers(root)
+    known = {(header.study, header.purpose) for header in headers}
+    evidence, told = _evidence(root, known, registers, numbers, signer)
+    files = {path.relative_to(root).as_posix(): register.line_hashes(path) for path in (roster, *journals)}
+    findings += [*told, *_contradictions(files, evidence)]
+    refused = sum(finding.word == "refused" for finding in findings)
+    kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
+    return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(refused, files, evidence)))
+
+
+def _together(root: Path, told: set[str]) -> Iterator[Finding]:
+    """Tell what several files show together, but for what is `told` already."""
+    try:
+        dataset, doubts = beliefs.examined(root)
+        if doubts:
+            yield Finding("note", "tables", "were not compared with the journals, because not every journal holds")
+        else:
+            doubts = [*build.edited(root, dataset), *_lost_traces(root, dataset)]
+    except PalpateError as error:
+        doubts = [error]
+    for doubt in doubts:
+        finding = _refused(root, doubt)
+        if finding.text not in told:
+            yield finding
+    if not doubts:
+        yield Finding("holds", "headers", "each journal is of its path, the sealed protocol, the seed and the roster")
+        yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")
+
+
+def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
+    for _, contents in dataset.sessions:
+        participant, task = contents.header.participant, contents.header.task
+        stepped = any(isinstance(entry, FootStep) for entry in contents.entries)
+        for suffix in ("tsv.gz", "json") if stepped else ():
+            path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
+            if not path.exists():
+                yield DatasetError(f"{path}: is missing; make it again (palpate build {root})")
+
+
+def _alone(root: Path) -> Iterator[Finding]:
+    """Tell what stands behind tables without journals."""
+    file = root / "dataset_description.json"
+    try:
+        origin = storage.json_of(storage.read_bytes(file))["Palpate"]["Origin"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{root}: is no dataset of palpate; give the folder that holds sourcedata") from error
+    if origin != "RECONSTRUCTION":
+        raise DatasetError(f"{file}: says {origin}, and sourcedata holds no journal; restore it from a backup")
+    yield Finding(
+        "note", "RECONSTRUCTION", "no journal is behind these tables, only counts from print: no change shows"
+    )
+
+
+def _told(root: Path, path: Path, check: Callable[[], str]) -> Finding:
+    """Return what a check says of a file, or the error that it raises."""
+    try:
+        return Finding("holds", path.relative_to(root).as_posix(), check())
+    except PalpateError as error:
+        return _refused(root, error)
+
+
+def _refused(root: Path, error: PalpateError) -> Finding:
+    """Return an error as a finding of the file inside the dataset that it begins with."""
+    text = "; ".join(line.strip() for line in str(error).splitlines()).removeprefix(f"{root}/")
+    item, _, rest = text.partition(": ")
+    return Finding("refused", item, rest)
+
+
+def _session(path: Path, headers: list[Header]) -> str:
+    contents = journal.read_if_begun(path)
+    if not contents.lines:
+        return "no line: the session never began"
+    headers.append(contents.header)
+    rig_file, foot_file = storage.rig_path(path), storage.foot_path(path)
+    rig = rigs.load(rig_file)
+    if rigs.sha256(rig) != contents.header.rig_sha256:
+        raise RigError(f"{rig_file}: is not the rig that the session was run on; restore the file")
+    if rig.actuator.shaping:
+        rigs.response_table(rig_file.parent, rig.actuator.shaping)
+    traces = [entry.trace for entry in contents.entries if isinstance(entry, FootStep | BrokenOff)]
+    try:
+        raw = storage.read_bytes(foot_file) if traces else b""
+    except OSError as error:
+        raise DatasetError(f"{foot_file}: cannot read the foot trace ({error.strerror}); restore it") from error
+    for trace in traces:
+        if hashlib.sha256(raw[trace.offset : trace.offset + trace.length]).hexdigest() != trace.sha256:
+            raise DatasetError(f"{foot_file}: has other frames than the journal names; restore the file")
+    torn = f"; {len(contents.torn)} bytes at its end are a line that was never finished" if contents.torn else ""
+    told = f"{len(contents.lines)} lines in an unbroken chain up to its head{torn}"
+    return f"{told}; its rig and the frames of {len(traces)} steps are those that it names"
+
+
+def _roster(path: Path) -> str:
+    enrolled = Roster.load(path)
+    return f"{len(enrolled.consent_on)} participants, {len(enrolled.withdrawn)} of them withdrawn"
+
+
+def _recordings(root: Path, named: set[str | None]) -> str:
+    folder = root / storage.RECORDINGS
+    manifest = folder / "manifest.toml"
+    try:
+        data = storage.read_bytes(manifest)
+        takes = [(str(take["file"]), str(take["sha256"])) for take in tomllib.loads(data.decode())["takes"]]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise RecordingError(f"{manifest}: cannot be read ({error}); restore it from a backup") from error
+    if named != {hashlib.sha256(data).hexdigest()}:
+        raise RecordingError(f"{manifest}: is not the one that the journals name; restore it from a backup")
+    broken = [name for name, sha256 in takes if _sha256(folder / name) != sha256]
+    if broken:
+        raise RecordingError(f"{folder}: takes are missing or changed: {', '.join(broken)}; restore them from a backup")
+    return f"{len(takes)} takes are those of the manifest, and the manifest is the one that the journals name"
+
+
+def _sha256(path: Path) -> str | None:
+    try:
+        return hashlib.sha256(storage.read_bytes(path)).hexdigest()
+    except OSError:
+        return None
+
+
+def _leftovers(root: Path) -> Iterator[Finding]:
+    left = sorted(path.relative_to(root).as_posix() for path in root.rglob(".palpate-*"))
+    if left:
+        yield Finding("note", "temporary files", f"left of commands that were cut off: {', '.join(left)}")
+
+
+def _evidence(
+    root: Path,
+    known: set[tuple[str, Purpose]],
+    registers: Sequence[Path],
+    numbers: Sequence[str],
+    signer: Signer | None,
+) -> tuple[list[Evidence], list[Finding]]:
+    """Return the anchors that count, and what is to be said of registers and numbers; without `known` all count."""
+    evidence: list[Evidence] = []
+    findings: list[Finding] = []
+    all_anchors: list[Anchor] = []
+    for path in (*([root / LOG] if (root / LOG).exists() else []), *registers):
+        inside = path == root / LOG
+        kept, broken = register.read(path)
+        if broken:
+            lines = ", ".join(map(str, broken))
+            findings.append(Finding("note", str(path), f"nothing is shown by what cannot be read: line {lines}"))
+        mine = [one for one in kept if not known or (one.anchor.study, one.anchor.purpose) in known]
+        counted = mine if signer is None or inside else [one for one in mine if signer.signed(one)]
+        by = f" signed by {signer.path}" if signer and not inside else ""
+        if len(counted) < len(mine):
+            findings.append(Finding("note", str(path), f"{len(mine) - len(counted)} of its anchors are not{by}"))
+        if not counted and not inside:
+            findings.append(Finding("refused", str(path), f"has no anchor of this dataset{by}"))
+        anchors = tuple(one.anchor for one in counted)
+        all_anchors += anchors
+        guard = f"write to {path}" + (f", with the private key of {signer.path}" if signer else "")
+        evidence.append(Evidence(str(path), anchors, "" if inside else guard))
+    for number in numbers:
+        digits = re.sub(r"[\s-]", "", number).lower()
+        if not re.fullmatch(rf"[0-9a-f]{{{DIGITS}}}", digits):
+            raise DatasetError(f"--number: got {number!r}; allowed: {DIGITS} digits and letters a to f; correct it")
+        found = tuple(anchor for anchor in all_anchors if anchor.number == digits)[:1]
+        if not found:
+            text = f"no anchor of it is in {LOG}: that file was changed, or the number is of another dataset"
+            findings.append(Finding("refused", f"number {number}", text))
+        evidence.append(Evidence(f"number {number}", found, "change the lab book"))
+    return evidence, findings
+
+
+@dataclass(frozen=True)
+class _Anchored:
+    """That a file had so many lines on a day, by one anchor; `same` tells whether it still begins with them."""
+
+    lines: int
+    day: str
+    place: str
+    same: bool
+
+
+def _of(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> list[_Anchored]:
+    """Return what is anchored of a file, the fewest lines first."""
+    return sorted(
+        (
+            _Anchored(
+                prefix.lines,
+                anchor.anchored_utc[:10],
+                place.place,
+                len(hashes) >= prefix.lines and hashes[prefix.lines - 1] == prefix.sha256,
+            )
+            for place in evidence
+            for anchor in place.anchors
+            for prefix in anchor.prefixes
+            if prefix.file == name
+        ),
+        key=lambda anchored: (anchored.lines, anchored.day),
+    )
+
+
+def _contradictions(files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]) -> Iterator[Finding]:
+    """Tell each file that is not as it was anchored."""
+    named = {prefix.file for place in evidence for anchor in place.anchors for prefix in anchor.prefixes}
+    for name in sorted({*files, *named}):
+        hashes = files.get(name, ())
+        anchored = _of(name, hashes, evidence)
+        broken = [one for one in anchored if not one.same]
+        if not broken:
+            continue
+        first, last = broken[0], broken[-1]
+        if first.lines > len(hashes):
+            gone = last.lines - len(hashes)
+            text = (
+                f"an older state: {gone} of its {last.lines} lines are missing since the anchor of {last.day} in "
+                f"{last.place}; restore the newer state"
+                if hashes
+                else f"is missing: it had {last.lines} lines by the anchor of {last.day} in {last.place}; restore it"
+            )
+        else:
+            kept = max((one.lines for one in anchored if one.same and one.lines < first.lines), default=0)
+            where = f"line {first.lines}" if first.lines == kept + 1 else f"a line from {kept + 1} to {first.lines}"
+            text = f"{where} is another than by the anchor of {first.day} in {first.place}: the file was made anew"
+        yield Finding("refused", name, text)
+
+
+def _verdict(refused: int, files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]) -> Iterator[str]:
+    if refused:
+        speak = "1 finding speaks" if refused == 1 else f"{refused} findings speak"
+        yield f"REFUSED: {speak} against this dataset. Keep the folder as it is, and compare it with a backup."
+        return
+    if not (total := sum(map(len, files.values()))):
+        yield "NOT PROVEN: nothing. A table without a journal shows no change, neither by accident nor by intent."
+        return
+    yield "Nothing speaks against this dataset: an accident that changed what is listed above would have been noticed."
+    outside = [place for place in evidence if place.guard]
+    for place in outside:
+        anchored = sum(_most(name, hashes, [place]) for name, hashes in files.items())
+        day = max(anchor.anchored_utc for anchor in place.anchors)[:10]
+        yield (
+            f"PROVEN by {place.place}: {anchored} of {total} lines are as they were on {day}. To change one of these "
+            f"unseen, a person would have had to {place.guard} too."
+        )
+    left = total - sum(_most(name, hashes, outside) for name, hashes in files.items())
+    if left:
+        which = f"{left} lines that came after the last anchor" if outside else "journals, heads and tables"
+        yield (
+            f"NOT PROVEN: a person who can write to this folder could have made {which} anew; nothing outside of the "
+            "folder says otherwise."
+        )
+
+
+def _most(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> int:
+    return max((one.lines for one in _of(name, hashes, evidence) if one.same), default=0)

@@ -1,0 +1,155 @@
+"""What a session does to its participant, watched at every moment: its time, the masker's dose, and the vibrations.
+
+In real time a thread looks twice a second, while a foot is waited for and while the experimenter reads a prompt: it
+silences the masker when the session's time or the dose is used up, and puts the exposure on disk every few seconds, so
+that a kill loses none of it. In simulated time, which stands still meanwhile, the session's own questions do.
+"""
+
+from __future__ import annotations
+
+import threading
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from experiment.apparatus import host
+from experiment.records.entries import Exposure, Header, MaskerSet, Resumed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+    from experiment.clock import Clock, Uptime
+    from experiment.desk.port import Console
+    from experiment.records.journal import Contents, Line
+    from experiment.session.kind import Log
+    from experiment.session.masker import Masking
+
+LOOK_S = 0.5
+"""Between two looks, s."""
+
+EVERY_NS = 5 * 10**9
+"""Between two entries, ns; a session that was killed counts as playing its masker for so long after its last line."""
+
+WINDOW_NS = 24 * 3600 * 10**9
+"""Doses are added over so long, ns: neither midnight nor a time zone changes them."""
+
+
+class Exposed:
+    """Implements `Limits` for one runner of a session."""
+
+    def __init__(
+        self, *, ends_ns: int, ended: str, masking: Masking | None, console: Console, clock: Clock, log: Log
+    ) -> None:
+        """Begin with nothing watched; from the session time `ends_ns` on nothing may be felt, and `ended` says why."""
+        self._ends_ns = ends_ns
+        self._ended = ended
+        self._masking = masking
+        self._console = console
+        self._clock = clock
+        self._log = log
+        self._over = ""
+        self._failed: Exception | None = None
+        self._due_ns = clock.now_ns()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._watch, args=(host.joining(),), name="exposure", daemon=True)
+
+    def begin(self) -> None:
+        """Watch from now on; the journal has its header, or the entry that it was resumed."""
+        if not self._clock.simulated:
+            self.look()
+            self._thread.start()
+
+    def close(self) -> None:
+        """Watch no longer; when this returns, nothing more is written."""
+        self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def over(self, ahead_ns: int = 0) -> str:
+        """Return why nothing may be felt `ahead_ns` from now, or nothing while it may; what is over stays over.
+
+        Raises `JournalError` if the exposure cannot be put on disk.
+        """
+        if self._failed is not None:
+            raise self._failed
+        if self._clock.simulated:
+            self._silence()
+        if not self._over and self._clock.now_ns() + ahead_ns > self._ends_ns:
+            self._over = self._ended
+        return self._over
+
+    def look(self) -> None:
+        """Silence the masker if time or dose are used up, and put the exposure on disk if that is due."""
+        self._silence()
+        now_ns = self._clock.now_ns()
+        if now_ns >= self._due_ns:
+            self._due_ns = now_ns + EVERY_NS
+            self._log.write(self._told())
+
+    def _silence(self) -> None:
+        if self._masking is None:
+            return
+        self._over = self._over or self._masking.spent()
+        if self._over or self._clock.now_ns() > self._ends_ns:
+            self._masking.silence()
+
+    def _told(self) -> Exposure:
+        uptime, done = self._clock.uptime(), self._log.done
+        return Exposure(
+            dose=self._masking.dose if self._masking is not None else None,
+            stimuli=done.stimuli,
+            vibration_s=done.vibration_s,
+            boot=uptime.boot if uptime is not None else None,
+            up_ns=uptime.ns if uptime is not None else None,
+        )
+
+    def _watch(self, join: Callable[[], None]) -> None:
+        shown = False
+        try:
+            join()
+            while not self._closing.wait(self._until_next_s()):
+                self.look()
+                if not shown and (why := self.over()):
+                    shown = True
+                    self._console.show(f"\n{why}. Nothing more is felt: answer what is asked, and the session pauses.")
+        except Exception as failed:
+            # It is told where the session asks next.
+            self._failed = failed
+
+    def _until_next_s(self) -> float:
+        left_s = (self._ends_ns - self._clock.now_ns()) / 1e9
+        return min(LOOK_S, left_s) if left_s > 0 else LOOK_S
+
+
+def dose_before(journals: Iterable[Contents], clock: Clock) -> float:
+    """Return what the sessions of these journals used up of the masker's dose in the last 24 hours."""
+    now_ns, uptime = clock.now_ns(), clock.uptime()
+    spent = 0.0
+    for contents in journals:
+        begun = [n for n, entry in enumerate(contents.entries) if isinstance(entry, Header | Resumed)]
+        for first, last in pairwise([*begun, len(contents.lines)]):
+            spent += _played(contents.lines[first:last], now_ns, uptime)
+    return spent
+
+
+def _played(lines: Sequence[Line], now_ns: int, uptime: Uptime | None) -> float:
+    """Return the dose that one runner's masker brought in the window before `now_ns`; a time to come counts as now."""
+    told: list[tuple[int, float]] = []
+    level_db_a: float | None = None
+    for line in lines:
+        entry = line.entry
+        if isinstance(entry, MaskerSet):
+            level_db_a = entry.level_db_a
+        if isinstance(entry, Exposure) and uptime is not None and entry.up_ns is not None and entry.boot == uptime.boot:
+            # By the runner's own clock, which nobody has set since.
+            now_ns = line.t_ns + uptime.ns - entry.up_ns
+        if isinstance(entry, MaskerSet | Exposure) and entry.dose is not None:
+            told.append((line.t_ns, entry.dose))
+    spent = sum(dose - before for (_, before), (t_ns, dose) in pairwise(told) if now_ns - t_ns < WINDOW_NS)
+    since_ns = now_ns - lines[-1].t_ns
+    if level_db_a is None or since_ns >= WINDOW_NS:
+        return spent
+    from experiment.apparatus.audio import masker
+
+    # It was killed while the masker played.
+    played_ns = lines[-1].t_ns - told[-1][0] + min(max(since_ns, 0), EVERY_NS)
+    return spent + masker.dose(level_db_a=level_db_a, duration_s=played_ns / 1e9)

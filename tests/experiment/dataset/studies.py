@@ -1,0 +1,120 @@
+"""A study's dataset made in a moment: approved, enrolled and run with scripted devices. All of it is SIMULATED."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+
+import numpy as np
+
+from experiment import storage
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.tracker.frames import Samples, encode
+from experiment.clock import ManualClock
+from experiment.dataset import build
+from experiment.protocol import approval, files
+from experiment.protocol.files import shipped
+from experiment.protocol.models import Protocol
+from experiment.records.entries import Header
+from experiment.session.laboratory import header
+from experiment.study import roster
+from tests.experiment.session.bench import Bench
+from tests.experiment.session.scripted import (
+    START_NS,
+    ScriptedActuator,
+    ScriptedConsole,
+    ScriptedTracker,
+    step_samples,
+)
+
+DAY = date(2001, 9, 9)
+"""On which every session begins."""
+
+
+@dataclass(frozen=True)
+class MadeStudy:
+    """A study with a protocol of four trials a task, and where its dataset stands."""
+
+    file: Path
+    root: Path
+
+    @property
+    def protocol(self) -> Protocol:
+        return files.load(self.file)
+
+    @property
+    def tasks(self) -> tuple[roster.Allocation, ...]:
+        return roster.allocate(self.protocol, roster.seed_of(self.root))
+
+    def journal(self, place: int = 0, position: int = 0) -> Path:
+        one = self.tasks[place]
+        return storage.journal_path(self.root, one.participant, one.tasks[position])
+
+    def header(self, participant: str, task: str) -> Header:
+        known = roster.Roster.load(storage.roster_path(self.root))
+        return header(
+            protocol=self.protocol,
+            rig=rigs.load(shipped("rigs/rehearsal.toml")),
+            participant=participant,
+            task_id=task,
+            position=roster.find(self.tasks, participant).tasks.index(task) + 1,
+            seed=roster.seed_of(self.root),
+            recordings=None,
+            purpose=roster.purpose_of(self.root),
+            roster_sha256=known.lines.last,
+            clock=ManualClock(START_NS),
+        )
+
+    def run(self, asked: Header, keys: str = "capt") -> None:
+        """One session under this header, whatever it says."""
+        clock = ManualClock(START_NS)
+        steps = [framed(step_samples(600_000 * n, 100.0 * n)) for n in range(1, len(keys) + 1)]
+        devices = ScriptedTracker(steps, clock=clock), ScriptedConsole(clock, keys), ScriptedActuator()
+        Bench(*devices, clock, []).run(self.protocol, asked, self.root)
+
+
+def make_study(
+    folder: Path,
+    *,
+    study: str = "okamoto2012",
+    min_s: int = 180,
+    seed: int = 1,
+    pilot: bool = False,
+    enrolled: int = 2,
+    sessions: int = 2,
+) -> MadeStudy:
+    """Make a study in a folder; the first `sessions` participants do their first task."""
+    folder.mkdir(parents=True)
+    file = folder / "study.toml"
+    text = shipped("okamoto2012.toml").read_text("utf-8")
+    changed = {"repetitions = 10": "repetitions = 1", "limit = 36": "limit = 4", "min_s = 180": f"min_s = {min_s}"}
+    for old, new in ({'id = "okamoto2012"': f'id = "{study}"'} | changed).items():
+        assert old in text
+        text = text.replace(old, new)
+    file.write_text(text, "utf-8")
+    made = MadeStudy(file, folder / "dataset")
+    approval.write(
+        file,
+        made.protocol,
+        approval_number="17",
+        board=made.protocol.ethics.board,
+        approved_on=date(2001, 1, 1),
+        expires_on=date(2099, 1, 1),
+    )
+    for place in range(enrolled):
+        roster.enrol(file, f"{place + 1:02d}", DAY, root=made.root, seed=seed, pilot=pilot)
+    kept = approval.seal_path(storage.protocol_path(made.root))
+    storage.write_bytes(kept, approval.seal_path(file).read_bytes())
+    for one in made.tasks[:sessions]:
+        made.run(made.header(one.participant, one.tasks[0]))
+    if sessions:
+        build.build(made.root)
+    return made
+
+
+def framed(step: Samples) -> Samples:
+    """The step as a tracker sends it."""
+    raw = [encode(number, int(us), 30_000) for number, us in enumerate(step.device_us)]
+    ends = np.cumsum([len(frame) for frame in raw])
+    return Samples(step.device_us, step.height_mm, b"".join(raw), ends, step.arrived_ns)

@@ -1,0 +1,128 @@
+"""What is not of a dataset never enters its tables: everything that `tests/faults/wrong.py` does is refused by name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from experiment import storage
+from experiment.dataset import beliefs, build
+from experiment.errors import DatasetError, PalpateError, RosterError
+from experiment.records import journal
+from experiment.records.entries import Withdrawal
+from experiment.records.progress import progress
+from experiment.study import roster
+from tests.conftest import Palpate
+from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
+from tests.faults.wrong import WRONG, Wrong, base, copied
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
+    return base(tmp_path_factory.mktemp("made") / "study")
+
+
+def test_a_study_whose_journals_are_its_own_is_believed(made: MadeStudy) -> None:
+    found = build.check_tables(made.root)
+    assert (found.purpose, len(found.sessions)) == ("STUDY", 2)
+    assert found.roster is not None
+    assert list(found.roster.consent_on) == ["01", "02", "03"]
+    assert beliefs.has_journals(made.root)
+
+
+@pytest.mark.parametrize("wrong", WRONG, ids=[one.name for one in WRONG])
+def test_what_is_wrong_is_refused_by_name(made: MadeStudy, wrong: Wrong, tmp_path: Path) -> None:
+    study = copied(made, tmp_path / "study")
+    wrong.act(study, tmp_path)
+    with pytest.raises(PalpateError, match=wrong.said) as refused:
+        build.check_tables(study.root)
+    assert "/sourcedata/" in str(refused.value) or "/dataset/" in str(refused.value)
+    if wrong.mended:
+        build.build(study.root)
+        build.check_tables(study.root)
+    else:
+        with pytest.raises(PalpateError, match=wrong.said):
+            build.build(study.root)
+
+
+def test_every_command_that_reads_a_dataset_refuses_what_is_wrong_in_it(
+    made: MadeStudy, tmp_path: Path, palpate: Palpate
+) -> None:
+    study = copied(made, tmp_path / "study")
+    table = study.root / "sub-01" / "beh" / study.journal().name.replace("_journal.jsonl", "_events.tsv")
+    table.write_text(table.read_text("utf-8").replace("copy paper", "typing paper"), "utf-8")
+    out = ("--out", tmp_path / "out")
+    for command in (
+        ("analyse", study.root, *out),
+        ("export", study.root, *out),
+        ("audit", study.root),
+        ("power", study.file, "--model", study.root),
+    ):
+        code, shown, err = palpate(*command)
+        assert (code, shown) == (2, "")
+        assert f"{table}: line " in err
+        assert f"(palpate build {study.root})" in err
+    assert palpate("build", study.root)[0] == 0
+    assert palpate("export", study.root, *out)[0] == 0
+
+
+def withdraw(study: MadeStudy, reason: str = "asked to stop") -> None:
+    roster.withdraw(study.file, "01", reason, root=study.root, rebuild=build.build)
+
+
+def withdrawn(study: MadeStudy) -> bool:
+    """Whether journal and tables say so."""
+    entries = journal.read(study.journal()).entries
+    assert sum(isinstance(entry, Withdrawal) for entry in entries) <= 1
+    said = isinstance(entries[-1], Withdrawal)
+    assert "sub-01\t" in (study.root / "participants.tsv").read_text("utf-8")
+    return said and f"sub-01\t{study.tasks[0].tasks[0]}\t1" in (study.root / "participants.tsv").read_text("utf-8")
+
+
+@pytest.mark.parametrize("killed", ["experiment.records.journal.Journal.append", "experiment.storage.write_bytes"])
+def test_a_withdrawal_that_was_killed_is_finished_by_the_same_command(
+    made: MadeStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed: str
+) -> None:
+    study = copied(made, tmp_path / "study")
+
+    def kill(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(killed, kill)
+        with pytest.raises(KeyboardInterrupt):
+            withdraw(study)
+    assert not withdrawn(study)
+    with pytest.raises(RosterError, match="participant 01 has withdrawn already"):
+        withdraw(study, "another reason")
+    for _ in range(2):
+        withdraw(study)
+        assert withdrawn(study)
+        build.check_tables(study.root)
+    done = progress(journal.read(study.journal()).entries)
+    assert done.footer is not None
+    assert done.footer.reason == "complete"
+
+
+def test_a_pilot_is_no_data_of_the_study_and_says_so_everywhere(tmp_path: Path) -> None:
+    pilot = make_study(tmp_path / "pilot", pilot=True)
+    assert beliefs.believed(pilot.root).purpose == "PILOT"
+    tables = [path for path in pilot.root.rglob("*") if path.suffix in (".tsv", ".json") and path.parent != pilot.root]
+    tables += [pilot.root / name for name in ("participants.tsv", "dataset_description.json", "README")]
+    assert len(tables) > 5
+    assert all("PILOT" in path.read_text("utf-8") for path in tables), tables
+    roster.enrol(pilot.file, "03", DAY, root=pilot.root, seed=None)
+    roster.enrol(pilot.file, "04", DAY, root=pilot.root, seed=None, pilot=True)
+    assert roster.purpose_of(pilot.root) == "PILOT"
+    study = make_study(tmp_path / "study", sessions=0)
+    with pytest.raises(DatasetError, match="was not begun as a pilot; leave out --pilot, or choose another folder"):
+        roster.enrol(study.file, "03", DAY, root=study.root, seed=None, pilot=True)
+    assert list(roster.Roster.load(storage.roster_path(study.root)).consent_on) == ["01", "02"]
+
+
+def test_a_pilot_stands_beside_its_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    study = make_study(tmp_path / "made", enrolled=1, sessions=0)
+    paths = [roster.enrol(study.file, "01", DAY, root=None, seed=1, pilot=pilot) for pilot in (False, True)]
+    assert [path.parents[1].name for path in paths] == ["okamoto2012", "okamoto2012-pilot"]

@@ -1,0 +1,223 @@
+"""What `palpate verify` says of datasets that are sound, damaged, or made anew. All of them are SIMULATED."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from experiment import storage
+from experiment.dataset import build, register
+from experiment.dataset.verify import Report, verify
+from experiment.errors import DatasetError
+from experiment.records import chain
+from experiment.study.roster import Roster
+from tests.conftest import Palpate
+from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.faults.anchors import forge
+
+ANEW = "NOT PROVEN: a person who can write to this folder could have made journals, heads and tables anew"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
+    return make_study(tmp_path_factory.mktemp("study") / "made")
+
+
+@pytest.fixture
+def study(made: MadeStudy, tmp_path: Path) -> MadeStudy:
+    shutil.copytree(made.file.parent, tmp_path / "made")
+    return MadeStudy(tmp_path / "made" / "study.toml", tmp_path / "made" / "dataset")
+
+
+@pytest.fixture
+def anchored(study: MadeStudy, tmp_path: Path) -> Path:
+    """A register that has an anchor of the dataset."""
+    register.enter(register.make(study.root), study.root, tmp_path / "register", None)
+    return tmp_path / "register"
+
+
+def refused(report: Report) -> dict[str, str]:
+    return {finding.item: finding.text for finding in report.findings if finding.word == "refused"}
+
+
+def inside(study: MadeStudy, path: Path) -> str:
+    return path.relative_to(study.root).as_posix()
+
+
+def cut(path: Path, lines: int) -> None:
+    path.write_bytes(b"".join(path.read_bytes().splitlines(keepends=True)[:lines]))
+
+
+def test_a_sound_dataset_holds_and_intent_is_not_excluded(study: MadeStudy) -> None:
+    report = verify(study.root)
+    assert {finding.word for finding in report.findings} == {"holds"}
+    assert report.title == f"STUDY of okamoto2012: {study.root}"
+    assert [sentence.startswith(ANEW) for sentence in report.verdict] == [False, True]
+
+
+def test_an_anchor_outside_proves_every_line(study: MadeStudy, anchored: Path) -> None:
+    report = verify(study.root, [anchored])
+    total = sum(len(file.read_bytes().splitlines()) for file in (study.root / "sourcedata").rglob("*.jsonl"))
+    assert report.refused == 0
+    assert f"PROVEN by {anchored}: {total} of {total} lines" in report.verdict[1]
+    assert f"would have had to write to {anchored} too" in report.verdict[1]
+    assert not any(sentence.startswith("NOT PROVEN") for sentence in report.verdict)
+
+
+def test_what_came_after_the_anchor_is_told(study: MadeStudy, anchored: Path) -> None:
+    one = study.tasks[0]
+    study.run(study.header(one.participant, one.tasks[1]))
+    Roster.load(storage.roster_path(study.root)).withdraw("02", "asked to stop")
+    build.build(study.root)
+    report = verify(study.root, [anchored])
+    grown = len(study.journal(0, 1).read_bytes().splitlines()) + 1
+    assert report.refused == 0
+    assert report.verdict[-1].startswith("NOT PROVEN")
+    assert f"made {grown} lines that came after the last anchor anew" in report.verdict[-1]
+
+
+def test_a_tail_that_was_cut_is_refused_by_the_head(study: MadeStudy) -> None:
+    path = study.journal()
+    lines = len(path.read_bytes().splitlines())
+    cut(path, lines - 3)
+    report = verify(study.root)
+    assert f"it had {lines} lines and has {lines - 3}" in refused(report)[inside(study, path)]
+    assert report.verdict[0].startswith("REFUSED: 1 finding speaks against")
+
+
+def test_a_head_that_was_deleted_is_refused(study: MadeStudy) -> None:
+    path = study.journal()
+    chain.head_path(path).unlink()
+    cut(path, 9)
+    assert "no " in refused(verify(study.root))[inside(study, path)]
+
+
+@pytest.mark.parametrize("number", [1, 8, 17])
+def test_a_chain_made_anew_passes_without_an_anchor_and_is_refused_with_one(
+    study: MadeStudy, anchored: Path, number: int
+) -> None:
+    path = study.journal()
+    forge(study.root, path, number)
+    report = verify(study.root)
+    assert (report.refused, report.verdict[1].startswith(ANEW)) == (0, True)
+    report = verify(study.root, [anchored])
+    assert list(refused(report)) == [inside(study, path)]
+    assert "a line from 1 to 17 is another than by the anchor of" in refused(report)[inside(study, path)]
+
+
+def test_anchors_of_a_paused_session_name_the_stretch_that_was_changed(study: MadeStudy, tmp_path: Path) -> None:
+    one = study.tasks[0]
+    asked = study.header(one.participant, one.tasks[1])
+    study.run(asked, "cq")
+    path = study.journal(0, 1)
+    paused = len(path.read_bytes().splitlines())
+    register.enter(register.make(study.root), study.root, tmp_path / "register", None)
+    study.run(asked, "apt")
+    build.build(study.root)
+    register.enter(register.make(study.root), study.root, tmp_path / "register", None)
+    whole = len(path.read_bytes().splitlines())
+    assert verify(study.root, [tmp_path / "register"]).refused == 0
+    forge(study.root, path, paused + 1)
+    text = refused(verify(study.root, [tmp_path / "register"]))[inside(study, path)]
+    assert f"a line from {paused + 1} to {whole} is another" in text
+
+
+def test_a_roster_line_that_was_cut_is_refused(study: MadeStudy, anchored: Path) -> None:
+    path = storage.roster_path(study.root)
+    cut(path, 1)
+    assert inside(study, path) in refused(verify(study.root))
+    chain.head_path(path).unlink()
+    cut(path, 1)
+    assert refused(verify(study.root))
+    assert (
+        "an older state: 1 of its 2 lines are missing" in refused(verify(study.root, [anchored]))[inside(study, path)]
+    )
+
+
+def test_an_older_state_is_told_with_what_it_lacks(study: MadeStudy, made: MadeStudy, tmp_path: Path) -> None:
+    one = study.tasks[0]
+    study.run(study.header(one.participant, one.tasks[1]))
+    build.build(study.root)
+    register.enter(register.make(study.root), study.root, tmp_path / "register", None)
+    assert verify(made.root).refused == 0
+    report = verify(made.root, [tmp_path / "register"])
+    assert "is missing: it had" in refused(report)[inside(study, study.journal(0, 1))]
+
+
+def test_where_a_dataset_stands_does_not_matter(study: MadeStudy, anchored: Path, tmp_path: Path) -> None:
+    shutil.copytree(study.root, tmp_path / "copy")
+    study.root.rename(tmp_path / "elsewhere")
+    for root in (tmp_path / "copy", tmp_path / "elsewhere"):
+        assert verify(root, [anchored]).refused == 0
+
+
+def test_a_number_in_a_lab_book_proves_what_the_log_of_the_dataset_has(study: MadeStudy) -> None:
+    anchor = register.keep(study.root)
+    report = verify(study.root, (), [anchor.line.split()[-1]])
+    assert (report.refused, "would have had to change the lab book too" in report.verdict[1]) == (0, True)
+    log = study.root / register.LOG
+    log.write_text(log.read_text().replace(anchor.prefixes[1].sha256, "0" * 64))
+    assert f"number {anchor.number}" in refused(verify(study.root, (), [anchor.number]))
+    log.unlink()
+    assert list(refused(verify(study.root, (), [anchor.number]))) == [f"number {anchor.number}"]
+    with pytest.raises(DatasetError, match="allowed: 16 digits"):
+        verify(study.root, (), ["17"])
+
+
+def test_the_log_of_the_dataset_alone_refuses_but_proves_nothing(study: MadeStudy) -> None:
+    register.keep(study.root)
+    assert verify(study.root).verdict[1].startswith(ANEW)
+    forge(study.root, study.journal(), 5)
+    assert list(refused(verify(study.root))) == [inside(study, study.journal())]
+
+
+def test_a_register_of_another_dataset_proves_nothing(study: MadeStudy, tmp_path: Path) -> None:
+    other = make_study(tmp_path / "other", study="another", sessions=1)
+    register.enter(register.make(other.root), other.root, tmp_path / "register", None)
+    report = verify(study.root, [tmp_path / "register"])
+    assert refused(report) == {str(tmp_path / "register"): "has no anchor of this dataset"}
+
+
+def test_every_finding_is_told(study: MadeStudy) -> None:
+    first, second = study.journal(0), study.journal(1)
+    cut(first, 5)
+    storage.foot_path(second).write_bytes(storage.foot_path(second).read_bytes()[:-1])
+    (second.parent / "sub-02_task-real_journal.jsonl").write_bytes(second.read_bytes())
+    found = refused(verify(study.root))
+    assert {inside(study, first), inside(study, storage.foot_path(second))} < set(found)
+    assert any("sub-02_task-real" in item for item in found)
+
+
+def test_an_edited_cell_and_a_lost_table_are_told(study: MadeStudy) -> None:
+    tables = sorted(study.root.glob("sub-*/beh/*_events.tsv"))
+    tables[0].write_text(tables[0].read_text().replace("copy paper\tcopy paper", "copy paper\ttyping paper"))
+    tables[1].unlink()
+    found = refused(verify(study.root))
+    assert set(found) == {inside(study, table) for table in tables}
+
+
+def test_a_reconstruction_proves_nothing(repository_root: Path) -> None:
+    report = verify(repository_root / "participants" / "okamoto2012")
+    assert [(one.word, one.item) for one in report.findings] == [("note", "RECONSTRUCTION")]
+    assert report.verdict[0].startswith("NOT PROVEN: nothing.")
+
+
+def test_a_folder_that_is_no_dataset_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="is no dataset"):
+        verify(tmp_path)
+
+
+def test_the_command_says_the_same_in_words_and_in_json(study: MadeStudy, anchored: Path, palpate: Palpate) -> None:
+    report = verify(study.root, [anchored])
+    code, out, _ = palpate("verify", study.root, "--register", anchored)
+    assert code == 0
+    assert all(sentence in out.splitlines() for sentence in (report.title, *report.verdict))
+    forge(study.root, study.journal(), 3)
+    code, out, _ = palpate("verify", study.root, "--register", anchored, "--json")
+    found = json.loads(out)
+    assert (code, [one["word"] for one in found["findings"]].count("refused")) == (2, 1)
+    code, out, _ = palpate("verify", study.root, "--register", anchored)
+    assert (code, f"  REFUSED  {inside(study, study.journal())}: " in out) == (2, True)

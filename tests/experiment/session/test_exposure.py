@@ -1,0 +1,428 @@
+"""Exposure: nothing is felt after the session's end, and no kill, pause or clock changes the dose."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from experiment import storage
+from experiment.apparatus.audio import masker as sound_level
+from experiment.apparatus.audio.masker import RESERVE_S
+from experiment.apparatus.ports import MaskerExposure
+from experiment.apparatus.tracker.frames import Samples
+from experiment.clock import ManualClock, MonotonicClock, Uptime
+from experiment.errors import JournalError, ScreenGone
+from experiment.protocol.models import Protocol
+from experiment.records import journal, transcript
+from experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
+from experiment.records.footstep import BrokenOff, FootStep
+from experiment.records.journal import AnyEntry, Contents, Line
+from experiment.records.progress import Progress, progress, spent_ns
+from experiment.session import exposure
+from experiment.session.exposure import EVERY_NS, LOOK_S, WINDOW_NS, Exposed, dose_before
+from experiment.session.masker import Masking
+from experiment.session.runner import SessionLog
+from tests.experiment.session.bench import Bench, bench, entries, header, in_pieces
+from tests.experiment.session.scripted import START_NS, ScriptedConsole, step_samples
+
+HOUR_NS = 3600 * 10**9
+LEVEL_DB_A = 80.0
+"""An hour of it is an eighth of the dose (2003/10/EC)."""
+
+
+class Machine(ManualClock):
+    """A machine's clock in real time, which may be set, and a machine that may start again."""
+
+    simulated = False
+
+    def __init__(self, start_ns: int = START_NS) -> None:
+        super().__init__(start_ns)
+        self._boot, self._off_ns = 1, start_ns
+
+    def uptime(self) -> Uptime:
+        return Uptime(f"boot {self._boot}", self._now_ns - self._off_ns)
+
+    def set(self, by_ns: int) -> None:
+        """Set the clock; the uptime goes on as it was."""
+        self._now_ns += by_ns
+        self._off_ns += by_ns
+
+    def restart(self) -> None:
+        self._boot, self._off_ns = self._boot + 1, self._now_ns
+
+
+class SteadyMasker:
+    """Implements `Masker` at one level."""
+
+    limit_db_a = LEVEL_DB_A
+
+    def __init__(self, clock: ManualClock, before: float = 0.0) -> None:
+        self.level_db_a: float | None = None
+        self.clock, self.before = clock, before
+        self.begun_ns = self.stopped_ns = clock.now_ns()
+
+    def start(self, level_db_a: float) -> float:
+        self.level_db_a, self.begun_ns = LEVEL_DB_A, self.clock.now_ns()
+        return LEVEL_DB_A
+
+    def set_level(self, level_db_a: float) -> float:
+        return LEVEL_DB_A
+
+    def stop(self) -> None:
+        if self.level_db_a is not None:
+            self.level_db_a, self.stopped_ns = None, self.clock.now_ns()
+
+    def exposure(self) -> MaskerExposure:
+        until_ns = self.stopped_ns if self.level_db_a is None else self.clock.now_ns()
+        dose = self.before + played(until_ns - self.begun_ns)
+        left_s = None if self.level_db_a is None else sound_level.left_s(dose=dose, level_db_a=LEVEL_DB_A)
+        return MaskerExposure(self.level_db_a, dose, None, left_s)
+
+
+def played(duration_ns: int) -> float:
+    """Directive 2003/10/EC: 80 dB(A) for eight hours is 1."""
+    return duration_ns / 28.8e12
+
+
+class Lines:
+    """Implements `Log` in memory."""
+
+    def __init__(self, clock: ManualClock) -> None:
+        self.clock = clock
+        self.lines: list[Line] = []
+        self.failing = False
+
+    @property
+    def done(self) -> Progress:
+        return progress((header("virtual"),))
+
+    def write(self, entry: AnyEntry) -> None:
+        if self.failing:
+            raise JournalError("the disk is full")
+        self.lines.append(Line(self.clock.now_ns(), entry))
+
+    def keep(self, raw: bytes) -> Trace:
+        raise NotImplementedError
+
+    @property
+    def contents(self) -> Contents:
+        return Contents(tuple(self.lines), b"", 0, chain.GENESIS)
+
+
+def watched(
+    clock: ManualClock, log: Lines, *, lasts_ns: int = 10 * HOUR_NS, before: float | None = None
+) -> tuple[Exposed, SteadyMasker | None, Masking | None]:
+    console = ScriptedConsole(clock, "")
+    console.levels.append(".")
+    masker = None if before is None else SteadyMasker(clock, before)
+    masking = None if masker is None else Masking(masker, console, log.write)
+    ends_ns = clock.now_ns() + lasts_ns
+    return (
+        Exposed(ends_ns=ends_ns, ended="it is over", masking=masking, console=console, clock=clock, log=log),
+        masker,
+        masking,
+    )
+
+
+def looking(exposed: Exposed, clock: ManualClock, duration_ns: int) -> None:
+    """Let time pass as the watching thread does."""
+    until_ns = clock.now_ns() + duration_ns
+    while (left_ns := until_ns - clock.now_ns()) > 0:
+        clock.sleep_ns(min(int(LOOK_S * 1e9), left_ns))
+        exposed.look()
+
+
+@settings(max_examples=60)
+@given(
+    runners=st.lists(
+        st.tuples(
+            st.integers(1, 2000).map(lambda tenths: tenths * 10**8),
+            st.booleans(),
+            st.integers(0, 2 * HOUR_NS),
+            st.sampled_from([0, -72 * HOUR_NS, 72 * HOUR_NS, -HOUR_NS]),
+        ),
+        min_size=1,
+        max_size=4,
+    )
+)
+def test_the_dose_is_that_of_every_session_whatever_ends_it_and_whatever_the_clock_is_set_to(
+    runners: list[tuple[int, bool, int, int]],
+) -> None:
+    """Each runner plays, is ended or killed, and waits; then the clock is set. All is within one boot and 24 hours."""
+    clock, logs, truth, kills = Machine(), [], 0.0, 0
+    for n, (plays_ns, killed, waits_ns, set_ns) in enumerate(runners):
+        if n % 2 == 0:
+            logs.append(Lines(clock))
+            logs[-1].write(header("virtual"))
+        else:
+            logs[-1].write(Resumed(torn="", remaining=()))
+        exposed, _, masking = watched(clock, logs[-1], before=dose_before([log.contents for log in logs], clock))
+        assert masking is not None
+        exposed.look()
+        masking.choose("it hides all", None)
+        looking(exposed, clock, plays_ns)
+        truth += played(plays_ns)
+        if killed:
+            kills += 1
+        else:
+            masking.end(note=True)
+        clock.sleep_ns(waits_ns)
+        clock.set(set_ns)
+    told = dose_before([log.contents for log in logs], clock)
+    assert -1e-9 <= told - truth <= kills * played(EVERY_NS) + 1e-9
+
+
+def told(clock: ManualClock, dose: float, level_db_a: float | None = LEVEL_DB_A) -> list[Line]:
+    """A session of an hour that brought a dose, told by its journal until now."""
+    end_ns, uptime = clock.now_ns(), clock.uptime()
+    begun: list[AnyEntry] = [header("virtual"), MaskerSet(level_db_a=60.0, dose=0.0, daily_level_db_a=None)]
+    ended: list[AnyEntry] = [MaskerSet(level_db_a=level_db_a, dose=dose, daily_level_db_a=None)]
+    if uptime is not None:
+        ended.append(Exposure(dose=dose, stimuli=0, vibration_s=0.0, boot=uptime.boot, up_ns=uptime.ns))
+    return [*(Line(end_ns - HOUR_NS, entry) for entry in begun), *(Line(end_ns, entry) for entry in ended)]
+
+
+def of(lines: list[Line], clock: ManualClock) -> float:
+    return dose_before([Contents(tuple(lines), b"", 0, chain.GENESIS)], clock)
+
+
+def test_a_dose_is_forgotten_after_24_hours_and_not_at_midnight() -> None:
+    clock = Machine()
+    lines = told(clock, 0.4, None)
+    for hour in range(24):
+        assert of(lines, clock) == pytest.approx(0.4), hour
+        clock.sleep_ns(HOUR_NS)
+    assert of(lines, clock) == 0.0
+
+
+@pytest.mark.parametrize("boots", [1, 2])
+@pytest.mark.parametrize("set_ns", [-72 * HOUR_NS, 0, 72 * HOUR_NS])
+def test_the_age_of_a_dose_is_the_machines_where_it_ran_on_and_never_negative(set_ns: int, boots: int) -> None:
+    clock = Machine()
+    lines = told(clock, 0.4, None)
+    clock.set(set_ns)
+    clock.sleep_ns(HOUR_NS)
+    if boots > 1:
+        clock.restart()
+    # After a new start only the wall clock can tell how long ago it was; what seems to come is now.
+    assert of(lines, clock) == (0.0 if boots > 1 and set_ns > 0 else pytest.approx(0.4))
+
+
+@pytest.mark.parametrize("after_ns", [0, 10**9, EVERY_NS, HOUR_NS, WINDOW_NS + HOUR_NS])
+def test_a_killed_session_played_at_most_until_its_next_line_was_due(after_ns: int) -> None:
+    clock = ManualClock(START_NS)
+    lines = [*told(clock, 0.1), Line(START_NS + 2 * 10**9, Phase(state="armed"))]
+    clock.sleep_ns(2 * 10**9 + after_ns)
+    known = 0.1 + played(2 * 10**9 + min(after_ns, EVERY_NS))
+    assert of(lines, clock) == (pytest.approx(known) if after_ns < WINDOW_NS else 0.0)
+
+
+def test_a_machine_knows_how_long_it_has_been_on() -> None:
+    clock = MonotonicClock()
+    first, second = clock.uptime(), clock.uptime()
+    if first is None or second is None:
+        pytest.skip("the machine does not tell its uptime")
+    assert first.boot == second.boot
+    assert 0 < first.ns <= second.ns
+
+
+@pytest.mark.parametrize("before", [0.5, 1 - 2 * played(10**9 * int(RESERVE_S))])
+def test_the_masker_is_silent_before_the_dose_is_one(before: float) -> None:
+    clock = Machine()
+    log = Lines(clock)
+    exposed, masker, masking = watched(clock, log, before=before)
+    assert masker is not None
+    assert masking is not None
+    masking.choose("it hides all", None)
+    looking(exposed, clock, 5 * HOUR_NS)
+    assert masker.level_db_a is None
+    assert 1 - played(int(2 * RESERVE_S * 1e9)) <= masker.exposure().dose < 1
+    assert exposed.over() == "the masker's dose of 24 hours is used up (1.00 of 1); go on a day later"
+    last = [line.entry for line in log.lines if isinstance(line.entry, MaskerSet)][-1]
+    assert (last.level_db_a, last.dose) == (None, masker.exposure().dose)
+    masking.choose("it hides all", None)
+    assert masking.change("+")
+    assert masker.level_db_a is None, "nothing starts it again"
+
+
+def test_the_masker_is_silent_when_the_session_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = Machine()
+    exposed, masker, masking = watched(clock, Lines(clock), lasts_ns=10 * 10**9, before=0.0)
+    assert masker is not None
+    assert masking is not None
+    masking.choose("it hides all", None)
+    looking(exposed, clock, 10 * 10**9)
+    assert (exposed.over(), masker.level_db_a) == ("", LEVEL_DB_A)
+    looking(exposed, clock, 1)
+    assert (exposed.over(), masker.level_db_a) == ("it is over", None)
+
+
+def test_the_exposure_is_on_disk_every_few_seconds_with_or_without_a_masker() -> None:
+    for before in (None, 0.0):
+        clock = Machine()
+        log = Lines(clock)
+        exposed, _, masking = watched(clock, log, before=before)
+        exposed.look()
+        if masking is not None:
+            masking.choose("it hides all", None)
+        looking(exposed, clock, 60 * 10**9)
+        of_exposure = [line for line in log.lines if isinstance(line.entry, Exposure)]
+        assert [line.t_ns - START_NS for line in of_exposure] == [n * EVERY_NS for n in range(13)]
+        last = of_exposure[-1].entry
+        assert isinstance(last, Exposure)
+        assert last.dose == (None if before is None else pytest.approx(played(60 * 10**9)))
+
+
+def test_what_the_watching_thread_cannot_write_is_raised_where_the_session_asks_next(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(exposure, "EVERY_NS", 0)
+    monkeypatch.setattr(exposure, "LOOK_S", 0.0)
+    clock = Machine()
+    log = Lines(clock)
+    exposed, _, _ = watched(clock, log)
+    exposed.begin()
+    log.failing = True
+    exposed._thread.join(60)
+    with pytest.raises(JournalError, match="the disk is full"):
+        exposed.over()
+    exposed.close()
+
+
+def test_the_experimenter_is_told_that_the_session_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(exposure, "LOOK_S", 0.0)
+    clock = Machine()
+    exposed, _, _ = watched(clock, Lines(clock), lasts_ns=-1)
+    told: list[str] = []
+
+    def gone(text: str) -> None:
+        told.append(text)
+        raise ScreenGone("the screen is gone")
+
+    monkeypatch.setattr(exposed._console, "show", gone)
+    exposed.begin()
+    exposed._thread.join(60)
+    exposed.close()
+    assert told == ["\nit is over. Nothing more is felt: answer what is asked, and the session pauses."]
+    with pytest.raises(ScreenGone):
+        exposed.over()
+
+
+def lasting(protocol: Protocol, seconds: float) -> Protocol:
+    """Scripted participants handle the materials for 200 s first."""
+    limit = protocol.exposure.model_copy(update={"session_min": (200 + seconds) / 60})
+    return protocol.model_copy(update={"exposure": limit})
+
+
+def real_time(keys: str, clock: ManualClock) -> Bench:
+    """A foot of 100 mm/s, read in pieces of 4 ms, each of which takes as long."""
+    one = bench(keys, [piece for n in (1, 2) for piece in in_pieces(step_samples(2_000_000 * n, 100.0))])
+    one.clock, one.console, one.tracker._clock = clock, ScriptedConsole(clock, keys), clock
+    read = one.tracker.read
+
+    def slowly() -> Samples:
+        clock.sleep_ns(4_000_000)
+        return read()
+
+    one.tracker.read = slowly  # type: ignore[method-assign]
+    return one
+
+
+@pytest.mark.parametrize("clock_of", [ManualClock, Machine])
+@pytest.mark.parametrize("after_ms", [0, 40, 200, 250, 290, 298, 302, 306, 310, 330, 410, 900])
+def test_no_stimulus_sounds_after_the_end_and_one_before_it_is_answered(
+    protocol: Protocol, tmp_path: Path, after_ms: int, clock_of: Callable[[int], ManualClock]
+) -> None:
+    clock = clock_of(START_NS)
+    one = real_time("c", clock)
+    ends_ns = START_NS + 200 * 10**9 + after_ms * 10**6
+    landed, sounded = one.actuator.landed, []
+
+    def at(contact_ns: int) -> None:
+        sounded.append(clock.now_ns())
+        landed(contact_ns)
+
+    one.actuator.landed = at  # type: ignore[method-assign]
+    short = lasting(protocol, after_ms / 1e3)
+    footer = one.run(short, header("virtual"), tmp_path)
+    over = f"the protocol's {short.exposure.session_min:g} min of a session are over"
+    assert footer == Footer(reason="paused", detail=over, answered=len(sounded))
+    assert all(sound_ns <= ends_ns for sound_ns in sounded)
+    assert len(sounded) == (after_ms > 301), "the contact is known after 296 ms, and 5 are left for the actuator"
+    broken = [entry for entry in entries(tmp_path, "virtual") if isinstance(entry, BrokenOff)]
+    assert [(entry.reason, entry.felt) for entry in broken] == ([] if sounded else [(over, False)])
+
+
+def test_nothing_is_armed_when_the_end_comes_at_a_prompt(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+    place = one.console.place
+
+    def slowly(*, trial: int, material: str) -> None:
+        place(trial=trial, material=material)
+        one.clock.sleep_ns(HOUR_NS)
+
+    one.console.place = slowly  # type: ignore[method-assign]
+    footer = one.run(lasting(protocol, 60), header("real"), tmp_path)
+    assert (footer.reason, footer.answered) == ("paused", 0)
+    assert one.console.armed == []
+    assert not any(isinstance(entry, Armed | BrokenOff | FootStep) for entry in entries(tmp_path, "real"))
+
+
+def test_a_session_in_real_time_tells_its_exposure_and_simulated_time_does_not(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    real_time("cp", Machine()).run(lasting(protocol, 2.5), header("virtual"), tmp_path / "real")
+    real_time("cp", ManualClock(START_NS)).run(lasting(protocol, 2.5), header("virtual"), tmp_path / "simulated")
+    assert not any(isinstance(entry, Exposure) for entry in entries(tmp_path / "simulated", "virtual"))
+    written = entries(tmp_path / "real", "virtual")
+    assert isinstance(written[0], Header)
+    assert isinstance(written[1], Exposure), "ages are known from the first moment on"
+    done = progress(journal.read(storage.journal_path(tmp_path / "real", "01", "virtual")).entries)
+    assert done.stimuli == 2
+    assert done.vibration_s == pytest.approx(1.0)
+    said = transcript.text(journal.read(storage.journal_path(tmp_path / "real", "01", "virtual")))
+    assert said.count("so far") == 1
+
+
+def test_a_disk_that_takes_no_frames_leaves_the_attempt_to_the_next_runner(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise JournalError("the frames cannot be written")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(SessionLog, "keep", full)
+        with pytest.raises(JournalError, match="the frames cannot be written"):
+            bench("c").run(protocol, header("virtual"), tmp_path)
+    *_, footer = entries(tmp_path, "virtual")
+    assert isinstance(footer, Footer)
+    assert (footer.reason, footer.detail) == ("error", "the frames cannot be written")
+    assert bench("cpt").run(protocol, header("virtual"), tmp_path).reason == "complete"
+    (redone,) = [entry for entry in entries(tmp_path, "virtual") if isinstance(entry, Redo)]
+    assert (redone.trial, redone.attempt, redone.put_off) == (1, 1, True)
+
+
+def test_a_screen_that_is_gone_pauses_the_session(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+
+    def gone() -> None:
+        raise ScreenGone("the screen is gone (Broken pipe)")
+
+    one.console = ScriptedConsole(one.clock, "c", before_ask=gone)
+    footer = one.run(protocol, header("virtual"), tmp_path)
+    assert footer == Footer(reason="paused", detail="the screen is gone (Broken pipe)", answered=0)
+    assert bench("cpt").run(protocol, header("virtual"), tmp_path).reason == "complete"
+
+
+def test_session_time_survives_a_kill() -> None:
+    clock = Machine()
+    log = Lines(clock)
+    log.write(header("virtual"))
+    exposed, _, _ = watched(clock, log)
+    exposed.look()
+    looking(exposed, clock, 123 * 10**9)
+    assert 0 <= 123 * 10**9 - spent_ns(log.contents) < EVERY_NS

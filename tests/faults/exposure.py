@@ -1,0 +1,367 @@
+"""What a participant hears and feels over days of sessions that are killed and paused, on a clock that others set.
+
+The masker and its session are palpate's own; the loop that the masker plays into, the panel and the machine's time are
+the tests'. So what was played, and when, is known from outside, and summed by closed form: an hour at L dB(A) is a dose
+of 10^((L - 80) / 10) / 8 (2003/10/EC, articles 2 and 3).
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import tempfile
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, cast
+from unittest import mock
+
+import numpy as np
+
+from experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
+from experiment.apparatus.audio.stream import AudioStream
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
+from experiment.clock import Uptime
+from experiment.errors import AudioError
+from experiment.protocol import files
+from experiment.protocol.files import shipped
+from experiment.records import journal
+from experiment.records.entries import PlannedTrial
+from experiment.session import attempt, masker, runner
+from experiment.session.exposure import Exposed
+from experiment.session.footstep.trials import FootstepDevices
+from tests.experiment.session.bench import HEADER, Constant, in_pieces
+from tests.experiment.session.scripted import START_NS, ScriptedActuator, step_samples
+from tests.experiment.synthesis.stimuli import given
+from tests.faults.campaign import Count, Size
+
+SECOND_NS = 10**9
+HOUR_NS = 3600 * SECOND_NS
+DAY_NS = 24 * HOUR_NS
+LIMIT_DB_A, FULL_SCALE_DB_A = 85.0, 100.0
+SESSION_MIN = 150
+"""So that dose 1 comes after 152 min at the limit: in a second session, or a third."""
+
+TRIALS = 12
+RUNNERS = 8
+"""Of a history."""
+
+
+class Killed(BaseException):
+    """The process ends here: nothing catches it, and nothing is written after it."""
+
+
+class Machine:
+    """Time as it truly is, and what the machine makes of it.
+
+    Somebody looks every second of it, half as often as in real time.
+    """
+
+    def __init__(self) -> None:
+        self.now_ns = START_NS
+        self.set_by_ns = 0
+        self.boot, self._booted_ns = 0, START_NS - HOUR_NS
+        self.watchers: list[Callable[[], None]] = []
+        self.dies_ns: int | None = None
+        self.dead = False
+
+    def restart(self) -> None:
+        self.boot, self._booted_ns = self.boot + 1, self.now_ns
+
+    @property
+    def up_ns(self) -> int:
+        return self.now_ns - self._booted_ns
+
+    def go(self, seconds: float) -> None:
+        ends_ns = self.now_ns + round(seconds * SECOND_NS)
+        while self.now_ns < ends_ns:
+            self.now_ns = min(ends_ns, self.now_ns + SECOND_NS)
+            if self.dies_ns is not None and self.now_ns >= self.dies_ns:
+                self.dead = True
+                raise Killed
+            for look in self.watchers:
+                look()
+
+
+class MachineClock:
+    """Implements `Clock` for one process on the machine: anchored to the wall clock when it begins."""
+
+    simulated = False
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._ahead_ns = machine.set_by_ns
+
+    def now_ns(self) -> int:
+        return self._machine.now_ns + self._ahead_ns
+
+    def sleep_ns(self, duration_ns: int) -> None:
+        self._machine.go(duration_ns / 1e9)
+
+    def uptime(self) -> Uptime:
+        return Uptime(f"boot {self._machine.boot}", self._machine.up_ns)
+
+
+class Heard:
+    """Stands for stream and loop of the headphones, and knows from when to when which level was played."""
+
+    def __init__(self, machine: Machine, played: list[tuple[int, int, float]]) -> None:
+        self._machine = machine
+        self._played = played
+        self._gain, self._since_ns = 0.0, machine.now_ns
+
+    def play_loop(self, samples: object, channels: object) -> Heard:
+        return self
+
+    @property
+    def wanted(self) -> float:
+        return self._gain
+
+    @wanted.setter
+    def wanted(self, gain: float) -> None:
+        self.ends()
+        self._gain = gain
+
+    def ends(self) -> None:
+        """Note what was played until now."""
+        if self._gain > 0:
+            level_db_a = FULL_SCALE_DB_A + 20 * float(np.log10(self._gain))
+            self._played.append((self._since_ns, self._machine.now_ns, level_db_a))
+        self._since_ns = self._machine.now_ns
+
+
+def dose(played: list[tuple[int, int, float]], from_ns: int, until_ns: int) -> float:
+    return sum(
+        max(min(end, until_ns) - max(begin, from_ns), 0) / HOUR_NS * 10 ** ((level_db_a - 80) / 10) / 8
+        for begin, end, level_db_a in played
+    )
+
+
+def beyond_s(played: list[tuple[int, int, float]]) -> float:
+    """Return how long the masker played although the dose of the 24 hours before was 1, s."""
+    beyond_ns = 0.0
+    for begin, end, level_db_a in played:
+        spare = 1 - dose(played, end - DAY_NS, begin)
+        beyond_ns += max(end - begin - spare * 8 * HOUR_NS / 10 ** ((level_db_a - 80) / 10), 0)
+    return beyond_ns / SECOND_NS
+
+
+class Foot:
+    """Implements `Tracker`: the foot rests above the panel for a while after each arming, then steps."""
+
+    def __init__(self, machine: Machine, clock: MachineClock, dice: random.Random) -> None:
+        self._machine, self._clock, self._dice = machine, clock, dice
+        self._pieces: list[Samples] = []
+        self._waits_s = 0.0
+        self.counts = LinkCounts()
+        self.clock_map = ClockMap(machine.now_ns // 1000, clock.now_ns())
+
+    def drain(self) -> None:
+        self._pieces, self._waits_s = [], self._dice.choice([0.5, 5.0, 60.0, 900.0, 2400.0])
+
+    def read(self) -> Samples:
+        if self._waits_s > 0:
+            self._waits_s -= 1
+            self._machine.go(1)
+            us = np.array([self._machine.now_ns // 1000])
+            return Samples(us, np.array([30.0]), b"0", np.array([1]), self._clock.now_ns())
+        if not self._pieces:
+            self._pieces = in_pieces(step_samples(self._machine.now_ns // 1000 + 1000, 100.0))
+        piece = self._pieces.pop(0)
+        self._machine.go(piece.device_us.size / 1000)
+        return piece
+
+    def reconnect(self, timeout_s: float) -> None:
+        raise AssertionError("the foot's tracker never stops")
+
+    def close(self) -> None:
+        pass
+
+
+class Panel(ScriptedActuator):
+    """Implements `Actuator`; knows when each stimulus sounded."""
+
+    def __init__(self, machine: Machine) -> None:
+        super().__init__()
+        self._machine = machine
+        self.sounded_ns: list[int] = []
+
+    def landed(self, contact_ns: int) -> None:
+        super().landed(contact_ns)
+        self.sounded_ns.append(self._machine.now_ns)
+
+
+class Dawdler:
+    """Implements `Console`: an experimenter who is slow, turns the masker up and down, and pauses now and then."""
+
+    def __init__(self, machine: Machine, dice: random.Random) -> None:
+        self._machine, self._dice = machine, dice
+        self._presses = ["+"] * dice.choice([12, 15, 18])
+
+    def show(self, text: str) -> None:
+        pass
+
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        self._machine.go(max_s)
+
+    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: Mapping[str, str]) -> str:
+        self._machine.go(2.0)
+        return self._presses.pop() if self._presses else ""
+
+    def place(self, *, trial: int, material: str) -> None:
+        self._machine.go(self._dice.choice([1.0, 30.0, 900.0]))
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+        pass
+
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+        pass
+
+    def ask(self, *, trial: int, keys: Mapping[str, str]) -> str:
+        self._machine.go(self._dice.choice([1.0, 20.0, 600.0, 1800.0]))
+        key = self._dice.choices(["c", "+", "-", "r", "q"], [80, 6, 6, 4, 4])[0]
+        if key == "q" and self._dice.random() < 0.5:
+            raise KeyboardInterrupt
+        return key
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        pass
+
+    def rest(self, *, why: str) -> None:
+        raise AssertionError("the rig asks for no zeroing")
+
+
+@contextmanager
+def on(machine: Machine) -> Iterator[None]:
+    """Have sessions watched by the machine's time instead of a thread, and nothing written by the dead."""
+    append, close = journal.Journal.append, Exposed.close
+
+    def appending(self: journal.Journal, entry: Any) -> int:
+        if machine.dead:
+            raise Killed
+        return append(self, entry)
+
+    def begun(self: Exposed) -> None:
+        self.look()
+        machine.watchers.append(self.look)
+
+    def closed(self: Exposed) -> None:
+        machine.watchers.clear()
+        close(self)
+
+    with (
+        mock.patch.object(journal.Journal, "append", appending),
+        mock.patch.object(Exposed, "begin", begun),
+        mock.patch.object(Exposed, "close", closed),
+        mock.patch.object(os, "fsync", return_value=None),
+    ):
+        yield
+
+
+class History:
+    """A participant's sessions, one runner after another."""
+
+    def __init__(self, dataset: Path, seed: int) -> None:
+        self._dataset = dataset
+        self._dice = random.Random(seed)
+        self._machine = Machine()
+        self._played: list[tuple[int, int, float]] = []
+        shown = files.load(shipped("okamoto2012.toml"))
+        limits = {"session_min": SESSION_MIN, "masker_level_db_a": LIMIT_DB_A}
+        self._protocol = shown.model_copy(update={"exposure": shown.exposure.model_copy(update=limits)})
+        self._spent_ns: dict[str, int] = defaultdict(int)
+
+    def run(self) -> Iterator[tuple[str, bool, float, str]]:
+        """Yield what was attacked, whether it was survived, what was lost, and where."""
+        before = "a first session"
+        for number in range(RUNNERS):
+            task = self._dice.choice(["virtual", "real"])
+            machine, clock = self._machine, MachineClock(self._machine)
+            with on(machine):
+                machine.dead = False
+                believed = masker.dose_before(self._dataset, self._protocol, "01", clock)
+                known = dose(self._played, machine.now_ns - DAY_NS, machine.now_ns)
+                where = f"runner {number}: {believed:.5f} believed, {known:.5f} played"
+                yield f"dose after {before}", abs(believed - known) <= 0.01 * known + 1e-6, 0.0, where
+                ended, late = self._session(task, clock, believed)
+            yield "stimuli after a session's end", late == 0, late, f"runner {number} of {task}: {ended}"
+            beyond = beyond_s(self._played)
+            yield "seconds of masker after dose 1", beyond == 0, beyond, f"runner {number}: {beyond:.3f} s"
+            before = self._meanwhile(ended)
+
+    def _session(self, task: str, clock: MachineClock, believed: float) -> tuple[str, int]:
+        machine, dice = self._machine, self._dice
+        begun_ns = machine.now_ns
+        machine.dies_ns = begun_ns + round(dice.uniform(1500, 9000) * SECOND_NS) if dice.random() < 0.4 else None
+        heard, panel = Heard(machine, self._played), Panel(machine)
+        noise = MaskerNoise(np.ones(8, np.float32), FULL_SCALE_DB_A, LIMIT_DB_A)
+        virtual = task == "virtual"
+        silent = {m.id: given([0.0], material=m.id).basis for m in self._protocol.materials}
+        devices = attempt.Devices(
+            kind=FootstepDevices(
+                tracker=Foot(machine, clock, dice),
+                tracker_port="scripted",
+                noise_mm=0.1,
+                scrutiny=Scrutiny(rate_hz=1000, noise_mm=0.1),
+                actuator=panel if virtual else None,
+                materials={m: Constant(**vars(basis), rendered=[]) for m, basis in silent.items()} if virtual else None,
+            ),
+            console=Dawdler(machine, dice),
+            clock=clock,
+            masker=AudioMasker(cast("AudioStream", heard), noise, channels=(1, 2), clock=clock, dose_before=believed),
+            reconnect_s=300.0,
+        )
+        order = tuple(PlannedTrial(trial=n, presented=("copy paper",)) for n in range(1, TRIALS + 1))
+        asked = HEADER.model_copy(update={"task": task, "order": order, "block_trials": TRIALS})
+        rig_file = shipped("rigs/rehearsal.toml")
+        try:
+            footer = runner.run(
+                protocol=self._protocol, header=asked, devices=devices, rig_file=rig_file, dataset=self._dataset
+            )
+            ended = f"a session that was {footer.reason}"
+        except Killed:
+            ended = "a kill"
+        except AudioError:
+            ended = "a refusal"
+        machine.watchers.clear()
+        machine.dies_ns = None
+        heard.ends()
+        ends_ns = begun_ns + SESSION_MIN * 60 * SECOND_NS - self._spent_ns[task]
+        self._spent_ns[task] += machine.now_ns - begun_ns
+        return ended, sum(sounded > ends_ns for sounded in panel.sounded_ns)
+
+    def _meanwhile(self, ended: str) -> str:
+        """Let time pass until the next session; return what happened last that a dose must survive."""
+        machine, dice = self._machine, self._dice
+        day = machine.now_ns // DAY_NS
+        machine.now_ns += round(dice.choice([60, 600, 2 * 3600, 10 * 3600, 20 * 3600]) * SECOND_NS)
+        happened = dice.choice(["nothing", "nothing", "the clock is set", "a restart", "another time zone"])
+        if happened == "the clock is set":
+            machine.set_by_ns += dice.choice([-1, 1]) * round(dice.uniform(60, 8 * 3600) * SECOND_NS)
+        elif happened == "a restart":
+            machine.restart()
+        elif happened == "another time zone":
+            os.environ["TZ"] = dice.choice(["UTC", "Asia/Tokyo", "America/Los_Angeles", "Pacific/Kiritimati"])
+            time.tzset()
+        else:
+            happened = "midnight" if machine.now_ns // DAY_NS > day else ended
+        return happened
+
+
+def attacks(size: Size) -> Iterator[Count]:
+    """Run histories; a row for each kind of thing that came before a session, and for what no session may do."""
+    tallies: dict[str, list[tuple[bool, float, str]]] = defaultdict(list)
+    zone = os.environ.get("TZ")
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in range(size.of(3, 100)):
+            for what, survived, lost, where in History(Path(folder) / str(seed), seed).run():
+                tallies[what].append((survived, lost, f"history {seed}, {where}"))
+    os.environ.pop("TZ") if zone is None else os.environ.update(TZ=zone)
+    time.tzset()
+    for what, tried in sorted(tallies.items()):
+        failures = tuple(where for survived, _, where in tried if not survived)
+        lost = sum(lost for _, lost, _ in tried)
+        yield Count(what, len(tried), len(tried) - len(failures), int(np.ceil(lost)), failures)

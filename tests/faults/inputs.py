@@ -1,0 +1,532 @@
+"""Fuzzed inputs of 16 kinds through the command's own door, what is no file in a file's place, Ctrl-C at the start.
+
+Inputs are mutated from valid ones, each named by its kind and number alone, so that every run tries the same.
+`python -m tests.faults.inputs FOLDER FIRST STEP LAST` is a worker: it tries every STEP-th input from FIRST on in a
+copy of the bench in FOLDER, and writes one line for each. An input that hangs ends its worker, by an alarm.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import os
+import random
+import re
+import resource
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+from tests.faults.campaign import Count, Size
+from tests.faults.valid_inputs import LVM, make_bench, with_hash
+
+HANG_S = 20
+"""The longest that a command may compute; on a machine that is busy with other things, that takes longer."""
+
+BLOCKED_S = 120
+"""The longest that a command may take."""
+
+MEMORY = 2 * 2**30
+"""What an input may take beyond what the modules take, bytes."""
+
+CODES = (0, 1, 2, 130)
+ROOT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Files of the bench, of which each input changes one, and the command that reads them; `cwd` is the bench."""
+
+    name: str
+    files: tuple[str, ...]
+    command: tuple[str, ...]
+
+    def reading(self, file: str) -> list[str]:
+        """Return the command that reads one of its files."""
+        return [file if part is FILE else part for part in self.command]
+
+
+FILE = "FILE"
+"""Stands in a command for the file that was changed."""
+
+SPECTRUM = ("spectrum", FILE, "--plot", "no.suffix")
+DATA = "data/sourcedata/sub-01/sub-01_task-virtual_journal"
+EVENTS = "tables/sub-01/beh/sub-01_task-virtual_events"
+KINDS = (
+    Kind("protocol", ("study.toml",), ("check", "study.toml")),
+    Kind("rig", ("rig.toml", "audio.toml"), ("rehearse", "study.toml", "--rig", FILE, "--out", "junk")),
+    Kind(
+        "seal",
+        ("study.seal.toml",),
+        ("seal", "study.toml", "--approval-number", "1", "--approved-on", "2020-01-01", "--expires-on", "2030-01-01"),
+    ),
+    Kind("printed numbers", ("printed.toml",), ("audit", "printed.toml")),
+    Kind("choice model", ("model.toml",), ("power", "study.toml", "--model", "model.toml", "--studies", "0")),
+    Kind("recordings manifest", ("takes/manifest.toml",), ("validate", "takes", "--fresh", "takes")),
+    Kind("WAV", ("take.wav", "pcm.wav"), SPECTRUM),
+    Kind("LVM or text recording", ("take.lvm", "take.csv"), SPECTRUM),
+    Kind("response table", ("response.csv",), ("rehearse", "study.toml", "--rig", "rig.toml", "--out", "junk")),
+    Kind("journal or its head", (f"{DATA}.jsonl", f"{DATA}.head"), ("journal", f"{DATA}.jsonl")),
+    Kind(
+        "roster or seed",
+        ("study/sourcedata/roster.jsonl", "study/sourcedata/seed.json"),
+        ("enrol", "study.toml", "--participant", "02", "--dataset", "study"),
+    ),
+    Kind("events", (f"{EVENTS}.tsv",), ("export", "tables", "--out", "out")),
+    Kind(
+        "participants, description or sidecar",
+        ("tables/participants.tsv", "tables/dataset_description.json", f"{EVENTS}.json"),
+        ("export", "tables", "--out", "out"),
+    ),
+    Kind(
+        "counts",
+        ("counts.csv",),
+        ("import-counts", "--task", "t=counts.csv", "--study", "s", "--source", "p", "--out", "out"),
+    ),
+    Kind(
+        "dissimilarities",
+        ("alike.csv",),
+        ("analyse", "tables", "--no-figures", "--dissimilarities", "alike.csv", "--out", "out"),
+    ),
+    Kind("arguments", (), ()),
+)
+
+
+TOKENS = (
+    *(b"2012-04-01", b"2012-04-01T07:32:00", b"2012-04-01T07:32:00Z", b"07:32:00", b"nan", b"inf", b"-inf"),
+    *(b"NaN", b"-Infinity", b"1e400", b"-1e400", b"1e-400", b"1" * 400, b"9" * 5000, b"-" + b"9" * 5000),
+    *(b"0x" + b"f" * 6000, b"9223372036854775808", b"18446744073709551616", b"2147483648", b"4294967296", b"-1"),
+    *(b"0", b"-0.0", b"00", b"1_000", b"1e308", b"5e-324", b"[" * 30, b"[" * 2000, b"]" * 9),
+    *(b"[" * 40 + b"]" * 40, b"[" * 450 + b"]" * 450, b'{"a":' * 2000, b"{a=" * 400 + b"1" + b"}" * 400),
+    *(b"a." * 300 + b"a=1\n", b"[[a]]\n", b"[a]\n", b"true", b"null", b"[]", b"{}", b'""', b'"a"', b"''"),
+    *(b'["a", 1]', b"\t", b"\r", b"\r\n", b"\n", b"\0", b"\x1b[31m", b"\x7f", b"\xc2\x85", b"\xe2\x80\xa8"),
+    *(b"\xe2\x80\xae", b"\xef\xbb\xbf", b"\xff", b"\xed\xa0\x80", b'"\\ud800"', b'"\\u0000"', b'"\\u001b[2J"'),
+    *(b"\\", b'"', b"'", b'"""', b"#", b",", b";", b"=", b":", b"$x_{", b"$\\frac{$", b"%s%n", b"{0}", b"../.."),
+    *(b"/dev/zero", b"a" * 70_000, b"a" * 200_000, b"n/a", b"\xf0\x9f\x92\xa9", b"-", b"--"),
+)
+_VALUE = re.compile(rb'(?<=[=:\t,])[ ]*("(?:[^"\\\n]|\\.)*"|[-+0-9.eE]+|true|false|null|\[[^\]\n]*\]|[^\t,\n=:]+)')
+
+
+def mutated(data: bytes, draws: random.Random) -> bytes:
+    """The bytes of a valid input after one to three changes."""
+    for _ in range(draws.choice((1, 1, 2, 3))):
+        at = draws.randrange(len(data) + 1)
+        token = draws.choice(TOKENS)
+        lines = data.splitlines(keepends=True) or [b""]
+        i, j = draws.randrange(len(lines)), draws.randrange(len(lines))
+        values = list(_VALUE.finditer(data))
+        match draws.randrange(14):
+            case 0:
+                data = b"".join(
+                    bytes([one ^ 1 << draws.randrange(8)]) if place in {at - 1, at // 2} else data[place : place + 1]
+                    for place, one in enumerate(data)
+                )
+            case 1:
+                data = data[:at]
+            case 2:
+                data = data[:at] + data[at + draws.randrange(1, 40) :]
+            case 3:
+                lines[i], lines[j] = lines[j], lines[i]
+                data = b"".join(lines)
+            case 4:
+                data = b"".join([*lines[:i], *[lines[i]] * draws.choice((2, 3, 300)), *lines[i + 1 :]])
+            case 5:
+                data = draws.choice(
+                    (data.decode("latin-1").encode("utf-16"), b"\xef\xbb\xbf" + data, data.replace(b"\n", b"\r\n"), b"")
+                )
+            case 6 | 7:
+                data = data[:at] + token + data[at:]
+            case 8 if values:
+                one, other = draws.choice(values), draws.choice(values)
+                data = data[: one.start(1)] + other[1] + data[one.end(1) :]
+            case _ if values:
+                one = draws.choice(values)
+                data = data[: one.start(1)] + token + data[one.end(1) :]
+            case _:
+                data += token
+    return data
+
+
+def rechained(journal: bytes, head: Path, draws: random.Random) -> bytes:
+    """A journal with changed values under a chain and a head that fit, as a forger would leave it."""
+    last, lines = "0" * 64, []
+    changed = draws.randrange(journal.count(b"\n"))
+    for number, line in enumerate(journal.splitlines()):
+        document = json.loads(line)
+        entry = json.dumps(document["entry"], separators=(",", ":")).encode()
+        if number == changed:
+            one = draws.choice(list(_VALUE.finditer(entry)))
+            entry = entry[: one.start(1)] + draws.choice(TOKENS).replace(b"\n", b"") + entry[one.end(1) :]
+        t_ns = draws.choice((document["t_ns"], -1, 2**62)) if number == changed else document["t_ns"]
+        lines.append(b'{"n":%d,"t_ns":%d,"prev":"%s","entry":%s}' % (number, t_ns, last.encode(), entry))
+        last = hashlib.sha256(lines[-1]).hexdigest()
+    head.write_text(f"{len(lines):012d} {last}\n", "ascii")
+    return b"\n".join(lines) + b"\n"
+
+
+COMMANDS = (
+    *("check", "power", "plan", "rehearse", "seal", "doctor", "calibrate", "record", "validate", "spectrum"),
+    *("enrol", "consent", "schedule", "run", "journal", "withdraw", "build", "analyse", "export", "audit"),
+    *("import-counts", "numerics", "devices", "x", ""),
+)
+OPTIONS = (
+    *("--participant", "--seed", "--dataset", "--out", "--json", "--rig", "--task", "--recordings", "--studies"),
+    *("--jobs", "--participants", "--alpha", "--target", "--model", "--speeds", "--takes", "--channel", "--plot"),
+    *("--points", "--days", "--probes", "--peak", "--reason", "--consent-on", "--approved-on", "--study"),
+    *("--source", "--against", "--fresh", "--no-such", "--", "-p", "-h", "--version", "--replace", "--protocol"),
+    *("--control", "--dissimilarities", "--quick="),
+)
+VALUES = (
+    *("", " ", "0", "-1", "01", "1e400", "nan", "9" * 400, "9" * 5000, "5-4", "1,2,,", "t=", "=", "t=counts.csv"),
+    *("2020-01-01", "2020-13-45", "9999-12-31", "\udcff", "\udcff.toml", "\u202e", "\x1b[31m", "a\tb", "a\nb"),
+    *("x" * 300, "x" * 5000, "../..", ".", "/dev/null", "/dev/zero", "/dev/full", "/proc/self/mem", "junk"),
+    *("study.toml", "no-such.toml", "take.wav", "printed.toml", "tables", "takes", "\U0001f4a9", "$x_{"),
+    *("[bold]", "%s", "{0}", "silence", "okamoto2012", "wellman1995"),
+)
+
+
+def arguments(draws: random.Random) -> list[str]:
+    """A command line that starts nothing long: the slow commands lack what they need, by an option that nobody has."""
+    command = draws.choice(COMMANDS)
+    some = [draws.choice(draws.choice((OPTIONS, VALUES))) for _ in range(draws.randrange(6))]
+    if command in ("numerics", "devices", "rehearse", "record", "plan", "validate", "doctor", "calibrate", "run"):
+        some.append("--no-such-option")
+    if command == "power":
+        some += ["--studies", "0"]
+    return [command, *some]
+
+
+def tried(kind: Kind, number: int, bench: Path) -> tuple[list[str], dict[str, bytes]]:
+    """Write one input into the bench; return its command line, and the files to put back."""
+    draws = random.Random(f"{kind.name} {number}")
+    if not kind.files:
+        return arguments(draws), {}
+    file = kind.files[number % len(kind.files)]
+    kept = {name: (bench / name).read_bytes() for name in kind.files}
+    if file.endswith("_journal.jsonl") and number % 4 == 0:
+        content = rechained(kept[file], bench / kind.files[1], draws)
+    else:
+        content = mutated(kept[file], draws)
+    (bench / file).write_bytes(content)
+    if kind.name == "response table":
+        kept["rig.toml"] = (bench / "rig.toml").read_bytes()
+        (bench / "rig.toml").write_text(with_hash(kept["rig.toml"].decode(), content), "utf-8")
+    command = kind.reading(file)
+    if kind.name in ("protocol", "journal or its head") and number % 3 == 0:
+        command.append("--json")
+    return command, kept
+
+
+def told(code: object, out: str, err: str) -> str:
+    """What is wrong with how a command ended, or nothing."""
+    lines = err.splitlines()
+    if code not in CODES or "Traceback" in err:
+        return f"exit {code}: {' | '.join(lines[-3:])[-300:]}"
+    if code == 2 and not lines and not out:
+        return "exit 2 without a word"
+    return ""
+
+
+def run_here(command: Sequence[str]) -> str:
+    """Run one command in this process through the door of the real one; return what is wrong, or nothing."""
+    from experiment.cli.app import main
+
+    out = io.TextIOWrapper(io.BytesIO(), "utf-8")
+    err = io.TextIOWrapper(io.BytesIO(), "utf-8", errors="backslashreplace")
+    code: object = 0
+    sys.argv = ["palpate", *command]
+    with redirect_stdout(out), redirect_stderr(err):
+        try:
+            main()
+            out.flush()
+        except SystemExit as end:
+            code = end.code or 0
+        except KeyboardInterrupt:
+            code = 130
+        except BaseException as error:
+            code = f"{type(error).__name__}: {error}"
+    wrong = told(code, _said(out), _said(err))
+    for report in Path(tempfile.gettempdir()).glob("palpate-*.txt"):
+        wrong += f" [{' | '.join(report.read_text('utf-8').splitlines()[-5:])[-400:]}]"
+        report.unlink()
+    return wrong
+
+
+def _said(stream: io.TextIOWrapper) -> str:
+    if stream.closed:
+        return ""
+    stream.flush()
+    stream.seek(0)
+    return stream.read()
+
+
+def work(folder: Path, first: int, step: int, last: int) -> None:
+    """Try every `step`-th input from `first` on in a bench of one's own."""
+    bench = folder / f"worker-{first % step}"
+    if not bench.exists():
+        shutil.copytree(folder / "bench", bench)
+    temporary = folder / f"temporary-{first % step}"
+    temporary.mkdir(exist_ok=True)
+    os.chdir(bench)
+    tempfile.tempdir = str(temporary)
+    vars(os)["fsync"] = lambda _: None  # what is read back need not outlive a power cut
+    sys.stdin = Path(os.devnull).open(encoding="utf-8")  # noqa: SIM115
+    run_here(["spectrum", "take.wav"])
+    held = int(Path("/proc/self/statm").read_text("ascii").split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (held + MEMORY, held + MEMORY))
+    with (folder / f"told-{first % step}").open("a", encoding="utf-8") as ledger:
+        for number in range(first, last, step):
+            kind = KINDS[number % len(KINDS)]
+            command, kept = tried(kind, number // len(KINDS), Path())
+            signal.setitimer(signal.ITIMER_REAL, BLOCKED_S)
+            signal.setitimer(signal.ITIMER_PROF, HANG_S)
+            wrong = run_here(command)
+            signal.setitimer(signal.ITIMER_REAL, 0)
+            signal.setitimer(signal.ITIMER_PROF, 0)
+            for name, content in kept.items():
+                Path(name).write_bytes(content)
+            shutil.rmtree("out", ignore_errors=True)
+            if kind.name == "roster or seed":
+                shutil.rmtree("study")
+                shutil.copytree(folder / "bench" / "study", "study")
+            ledger.write(f"{number}\t{ascii(wrong) if wrong else ''}\n")
+            ledger.flush()
+
+
+def fuzzed(folder: Path, count: int) -> dict[str, list[str]]:
+    """Try `count` inputs, on every core; return what went wrong by kind."""
+    cores = os.cpu_count() or 1
+
+    def share(first: int) -> None:
+        ledger, at = folder / f"told-{first}", first
+        while at < count:
+            with (folder / f"stderr-{first}").open("wb") as said:
+                ended = _worker(folder, at, cores, count, said)
+            tried = [int(line.partition("\t")[0]) for line in ledger.read_text("utf-8").splitlines()]
+            at = max(tried, default=first - cores) + cores
+            if at < count:
+                why = "hung" if ended in (-signal.SIGALRM, -signal.SIGPROF) else f"ended its process ({ended})"
+                with ledger.open("a", encoding="utf-8") as file:
+                    file.write(f"{at}\t{why}\n")
+                at += cores
+
+    with ThreadPoolExecutor(cores) as pool:
+        list(pool.map(share, range(cores)))
+    wrong: dict[str, list[str]] = {kind.name: [] for kind in KINDS}
+    for ledger in sorted(folder.glob("told-*")):
+        for line in ledger.read_text("utf-8").splitlines():
+            number, _, what = line.partition("\t")
+            if what:
+                wrong[KINDS[int(number) % len(KINDS)].name].append(f"input {number}: {what}")
+    return wrong
+
+
+def _worker(folder: Path, first: int, step: int, last: int, said: IO[bytes]) -> int:
+    command = [sys.executable, "-m", "tests.faults.inputs", str(folder), str(first), str(step), str(last)]
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}
+    return subprocess.run(command, cwd=ROOT, env=environment, stdout=said, stderr=said, check=False).returncode
+
+
+def palpate(command: Sequence[str], cwd: Path) -> str:
+    """Run one command as a process of its own; return what is wrong, or nothing."""
+    with subprocess.Popen(
+        [sys.executable, "-m", "experiment", *command],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+    ) as begun:
+        resource.prlimit(begun.pid, resource.RLIMIT_CPU, (HANG_S, HANG_S))
+        try:
+            out, err = begun.communicate(timeout=BLOCKED_S)
+        except subprocess.TimeoutExpired:
+            begun.kill()
+            return f"hung: {list(command)}"
+    wrong = told(begun.returncode, out.decode("utf-8", "replace"), err.decode("utf-8", "replace"))
+    return f"{wrong}: {list(command)}" if wrong else ""
+
+
+def alone(folder: Path, count: int) -> list[str]:
+    """Inputs as before, each to a process of its own; returns what went wrong."""
+
+    def one(place: int) -> str:
+        # Seven is prime to the number of kinds, so all of them come.
+        number = 1_000_000 + 7 * place
+        bench = Path(shutil.copytree(folder / "bench", folder / f"alone-{place}"))
+        kind = KINDS[number % len(KINDS)]
+        command, _ = tried(kind, number // len(KINDS), bench)
+        said = palpate([part for part in command if "\0" not in part], bench)
+        shutil.rmtree(bench)
+        return said
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return [said for said in pool.map(one, range(count)) if said]
+
+
+def _odd(path: Path, what: str) -> None:
+    """Put something that is no file, or no file of any sense, where a file stood."""
+    path.unlink()
+    match what:
+        case "/dev/zero" | "/dev/stdin" | "/dev/tty" | "/dev/random" | "/proc/self/mem" | "/nowhere":
+            path.symlink_to(what)
+        case "pipe":
+            os.mkfifo(path)
+        case "socket":
+            # The name of a socket is short, wherever the bench stands.
+            os.chdir(path.parent)
+            with socket.socket(socket.AF_UNIX) as made:
+                made.bind(path.name)
+            os.chdir(ROOT)
+        case "folder":
+            path.mkdir()
+        case "10 GB":
+            with path.open("wb") as file:
+                file.truncate(10 * 2**30)
+        case "10 GB with a head":
+            with path.open("wb") as file:
+                file.write(b"RIFF\xff\xff\xff\xffWAVEfmt ")
+                file.truncate(10 * 2**30)
+        case "a header of 10 GB":
+            path.write_bytes(
+                struct.pack(
+                    "<4sI4s4sIHHIIHH4sI",
+                    b"RIFF",
+                    2**32 - 1,
+                    b"WAVE",
+                    b"fmt ",
+                    16,
+                    3,
+                    65535,
+                    2**31,
+                    2**31,
+                    4,
+                    32,
+                    b"data",
+                    2**32 - 1,
+                )
+            )
+        case "LVM of 2^31 channels":
+            path.write_text(LVM.replace("Channels\t1", f"Channels\t{2**31}"), "utf-8")
+        case "one line":
+            path.write_bytes(b"LabVIEW Measurement\t" + b"a\t" * 2_000_000)
+        case "many lines":
+            path.write_bytes(b"a = 1\n" + b"".join(b"a%d = 1\n" % n for n in range(90_000)))
+
+
+ODD = (
+    *("/dev/zero", "/dev/stdin", "/dev/tty", "/dev/random", "/proc/self/mem", "/nowhere", "pipe", "socket"),
+    *("folder", "10 GB", "10 GB with a head", "a header of 10 GB", "LVM of 2^31 channels", "one line"),
+    *("many lines",),
+)
+
+
+def odd_files(folder: Path, whole: bool) -> tuple[int, list[str]]:
+    """Put each odd thing in the place of each file, and run its command; return how many, and what went wrong."""
+    cases = [(kind, file, what) for kind in KINDS for file in kind.files for what in ODD]
+    cases = cases if whole else cases[:: len(cases) // 24]
+
+    def one(place: int) -> str:
+        kind, file, what = cases[place]
+        bench = Path(shutil.copytree(folder / "bench", folder / f"odd-{place}"))
+        _odd(bench / file, what)
+        said = palpate(kind.reading(file), bench)
+        shutil.rmtree(bench)
+        return f"{file}: {what}: {said}" if said else ""
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return len(cases), [said for said in pool.map(one, range(len(cases))) if said]
+
+
+STARTED = (
+    ("check", "study.toml"),
+    ("spectrum", "take.wav", "--plot", "plot.svg"),
+    ("export", "tables", "--out", "out"),
+    ("analyse", "tables", "--no-figures", "--out", "out"),
+    ("schedule", "study.toml", "--participant", "01"),
+    ("audit", "okamoto2012"),
+    ("journal", f"{DATA}.jsonl"),
+    ("--help",),
+    ("plan", "study.toml"),
+)
+
+
+STARTS = """
+import os, sys
+from experiment.__main__ import main
+class Arguments(list):
+    def __getitem__(self, place):
+        os.write(1, b".")
+        return list.__getitem__(self, place)
+sys.argv = Arguments(sys.argv)
+main()
+"""
+"""The command, with a sign when Python has begun and it is palpate that answers: it looks at its arguments."""
+
+
+def interrupted(folder: Path, count: int) -> list[str]:
+    """Send SIGINT at one moment of the first 2 s of a command each; return what went wrong."""
+
+    def one(place: int) -> str:
+        after_s = 2 * (place + 0.5) / count
+        bench = Path(shutil.copytree(folder / "bench", folder / f"interrupted-{place}"))
+        command = STARTED[place % len(STARTED)]
+        with subprocess.Popen(
+            [sys.executable, "-c", STARTS, *command],
+            cwd=bench,
+            env=os.environ | {"PYTHONPATH": str(ROOT)},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        ) as begun:
+            assert begun.stdout is not None
+            begun.stdout.read(1)
+            time.sleep(after_s)
+            begun.send_signal(signal.SIGINT)
+            _, said = begun.communicate(timeout=BLOCKED_S)
+        shutil.rmtree(bench)
+        lines = said.decode("utf-8", "replace").splitlines()
+        # After the last line of palpate, Python dies of the signal.
+        done = begun.returncode == 0 or (begun.returncode == -signal.SIGINT and not lines)
+        told_so = begun.returncode == 130 and sum(line.startswith("palpate: ") for line in lines) == 1
+        clean = not any("Traceback" in line or "Exception" in line for line in lines)
+        return (
+            "" if clean and (done or told_so) else f"{command} after {after_s:.3f} s: {begun.returncode}: {lines[-3:]}"
+        )
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return [said for said in pool.map(one, range(count)) if said]
+
+
+def attacks(size: Size) -> Iterator[Count]:
+    """Every input that is fuzzed, odd or interrupted."""
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        make_bench(folder / "bench")
+        each = size.of(20, 3125)
+        for kind, wrong in fuzzed(folder, each * len(KINDS)).items():
+            yield Count(f"fuzzed input: {kind}", each, each - len(wrong), failures=tuple(wrong))
+        count = size.of(4, 240)
+        wrong = alone(folder, count)
+        yield Count("fuzzed input, in a process of its own", count, count - len(wrong), failures=tuple(wrong))
+        count, wrong = odd_files(folder, size is Size.WHOLE)
+        yield Count("device, pipe, folder, 10 GB in place of a file", count, count - len(wrong), failures=tuple(wrong))
+        count = size.of(9, 180)
+        wrong = interrupted(folder, count)
+        yield Count("Ctrl-C in the first 2 s of a command", count, count - len(wrong), failures=tuple(wrong))
+
+
+if __name__ == "__main__":
+    work(Path(sys.argv[1]), *map(int, sys.argv[2:]))

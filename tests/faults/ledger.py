@@ -1,0 +1,119 @@
+"""What the screen confirmed and the panel heard of one session, held against its journal and its table."""
+
+from __future__ import annotations
+
+import csv
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+from experiment import storage
+from experiment.errors import JournalError
+from experiment.records import journal
+from experiment.records.entries import Answer, Armed, Footer, Redo
+from experiment.records.events import NO_ANSWER
+from experiment.records.footstep import BrokenOff, FootStep
+from experiment.records.journal import AnyEntry
+from experiment.records.progress import progress
+from tests.faults.live import KEYS
+
+
+class Ledger:
+    """One session, over all lives of its runner. Nothing in it comes from palpate's files."""
+
+    def __init__(self, dataset: Path, participant: str, task: str) -> None:
+        self.dataset, self.participant, self.task = dataset, participant, task
+        self.journal = storage.journal_path(dataset, participant, task)
+        self._typed: dict[int, str] = {}
+        self._confirmed: dict[int, str] = {}
+        self._screen: list[str] = []
+        self._known: Counter[str] = Counter()
+
+    def asked(self, trial: int, key: str) -> None:
+        """The screen asks for an answer, and `key` is typed."""
+        if trial in self._confirmed:
+            self._screen.append(f"trial {trial} is asked for again although it was confirmed")
+        self._typed[trial] = KEYS[key]
+
+    def confirmed(self, trial: int, answer: str) -> None:
+        """The screen says that an answer is on disk."""
+        if trial in self._confirmed or self._typed.get(trial) != answer:
+            self._screen.append(f"trial {trial}: {answer!r} was confirmed, {self._typed.get(trial)!r} was typed")
+        self._confirmed[trial] = answer
+
+    @property
+    def answered(self) -> int:
+        return len(self._confirmed)
+
+    def entries(self) -> tuple[AnyEntry, ...]:
+        return journal.read(self.journal).entries if self.journal.exists() else ()
+
+    def wrong(self, heard: list[dict[str, Any]]) -> list[str]:
+        """Return what does not hold after a life in which the panel heard some stimuli; one line a fault.
+
+        An answer that was on disk before it could be confirmed counts as confirmed from now on.
+        """
+        wrong, self._screen = self._screen, []
+        try:
+            entries = self.entries()
+        except JournalError as error:
+            return [*wrong, f"the journal is refused: {error}"]
+        if not entries:
+            return [*wrong, *(f"trial {trial} is lost with its journal" for trial in self._confirmed), *map(str, heard)]
+        answers = Counter(e.trial for e in entries if isinstance(e, Answer))
+        wrong += [f"trial {trial} has {count} answers" for trial, count in answers.items() if count > 1]
+        on_disk = {e.trial: e.answered or "no answer" for e in entries if isinstance(e, Answer)}
+        counted = set(progress(entries).answered)
+        wrong += [
+            f"trial {trial}: {answer!r} was confirmed, {on_disk.get(trial)!r} is in the journal"
+            for trial, answer in self._confirmed.items()
+            if on_disk.get(trial) != answer or trial not in counted
+        ]
+        for trial, answer in on_disk.items():
+            if self._confirmed.setdefault(trial, answer) == answer and self._typed.get(trial) != answer:
+                wrong.append(f"trial {trial}: {answer!r} is in the journal, {self._typed.get(trial)!r} was typed")
+        return wrong + self._unknown(entries, heard) + _attempts(entries)
+
+    def _unknown(self, entries: tuple[AnyEntry, ...], heard: list[dict[str, Any]]) -> list[str]:
+        """Return the stimuli that no entry knows: neither a step, nor an attempt that was armed and has no end yet."""
+        steps = Counter(e.stimulus.handed_sha256 for e in entries if isinstance(e, FootStep) and e.stimulus)
+        left = Counter(one["heard"] for one in heard) - (steps - self._known)
+        broken = sum(isinstance(e, BrokenOff) and e.felt for e in entries) + (progress(entries).armed is not None)
+        spare = broken - self._known["broken"]
+        self._known = steps + Counter(broken=broken - (progress(entries).armed is not None))
+        return [f"{left.total()} stimuli were heard that the journal does not know"] if left.total() > spare else []
+
+    def table(self) -> list[str]:
+        """Return what is wrong with the table of a session that is complete."""
+        name = f"sub-{self.participant}_task-{self.task}_events.tsv"
+        path = self.dataset / f"sub-{self.participant}" / "beh" / name
+        if not path.exists():
+            return [f"{name} is missing"]
+        with path.open() as file:
+            rows = [row for row in csv.DictReader(file, delimiter="\t") if row["counted"] == "1"]
+        found = sorted((int(row["trial"]), row["answered"].replace(NO_ANSWER, "no answer")) for row in rows)
+        wanted = sorted(self._confirmed.items())
+        return [] if found == wanted else [f"{name} has {found}; the ledger has {wanted}"]
+
+    def footer(self) -> str:
+        """Return why the session ended, as the journal's last line has it; nothing where that is no footer."""
+        try:
+            last = self.entries()[-1:]
+        except JournalError:
+            return ""
+        return "".join(e.reason for e in last if isinstance(e, Footer))
+
+
+def _attempts(entries: tuple[AnyEntry, ...]) -> list[str]:
+    """Return which attempts were armed twice, and which have no end although another was armed after them."""
+    armed = [(e.trial, e.attempt) for e in entries if isinstance(e, Armed)]
+    wrong = [f"attempt {one} was armed {count} times" for one, count in Counter(armed).items() if count > 1]
+    under_way: tuple[int, int] | None = None
+    for entry in entries:
+        if isinstance(entry, Armed):
+            if under_way is not None:
+                wrong.append(f"attempt {under_way} has no end")
+            under_way = entry.trial, entry.attempt
+        elif isinstance(entry, FootStep | BrokenOff | Redo):
+            under_way = None
+    return wrong
