@@ -202,7 +202,8 @@ def files(folder: Path, differing: str = "(?!)") -> dict[str, str]:
         if re.search(differing, path.name) or path.is_symlink()
         else hashlib.sha256(path.read_bytes()).hexdigest()
         for path in folder.rglob("*")
-        if path.is_symlink() or (path.is_file() and not path.name.endswith("lock"))
+        # The head of a roster may be one line behind; the next line brings it up.
+        if path.is_symlink() or (path.is_file() and not path.name.endswith(("lock", "roster.head")))
         # A session that was killed and goes on has its foot trace in two recordings.
         if differing != ".*" or "_physio" not in path.name
     }
