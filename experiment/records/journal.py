@@ -212,7 +212,7 @@ class Journal:
         try:
             _hold(self._file.fileno(), f"{path}: the journal is being written")
             self._cut()
-            self._head = os.open(chain.head_path(path), os.O_RDWR | os.O_CREAT, 0o644)
+            self._head = os.open(chain.head_path(path), os.O_RDWR | os.O_CREAT, 0o666)
         except BaseException:
             self._file.close()
             raise
