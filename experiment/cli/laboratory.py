@@ -333,10 +333,12 @@ def anchor(
 def verify(
     dataset: Dataset,
     registers: Annotated[
-        list[Path] | None, typer.Option("--register", help="A register outside of the dataset; may be repeated.")
+        list[Path] | None,
+        typer.Option("--register", metavar="FILE", help="A register outside of the dataset; may be repeated."),
     ] = None,
     numbers: Annotated[
-        list[str] | None, typer.Option("--number", help="An anchor's number in the lab book; may be repeated.")
+        list[str] | None,
+        typer.Option("--number", metavar="NUMBER", help="An anchor's number in the lab book; may be repeated."),
     ] = None,
     signer: Annotated[
         Path | None, typer.Option("--signer", help="Public SSH key (.pub); only anchors that it signed count.")

@@ -1,7 +1,7 @@
 /* Fails the N-th call that changes files below a folder; loaded before the C library with LD_PRELOAD.
 
    fault_arm(folder, n, how): how is 0 to count alone, SIGKILL for a kill, or an errno that the call fails with. A write
-   that a kill meets is half done. After ENOSPC the disk stays full: whatever needs room fails from then on.
+   that a kill meets is half done, in whole pages, as the kernel does it. After ENOSPC the disk stays full: whatever needs room fails from then on.
    fault_seen(): how many such calls there were. */
 
 #define _GNU_SOURCE
@@ -108,11 +108,12 @@ int close(int file) {
     }
 
 #define HALF(call) if (call) {}
-ON_FILE(ssize_t, write, 1, HALF(REAL(write)(file, data, size / 2)), file, (int file, const void *data, size_t size),
+#define PAGES(size) ((size) / 2 & ~(size_t)4095)
+ON_FILE(ssize_t, write, 1, HALF(REAL(write)(file, data, PAGES(size))), file, (int file, const void *data, size_t size),
         file, data, size)
-ON_FILE(ssize_t, pwrite, 1, HALF(REAL(pwrite)(file, data, size / 2, to)), file,
+ON_FILE(ssize_t, pwrite, 1, HALF(REAL(pwrite)(file, data, PAGES(size), to)), file,
         (int file, const void *data, size_t size, off_t to), file, data, size, to)
-ON_FILE(ssize_t, pwrite64, 1, HALF(REAL(pwrite64)(file, data, size / 2, to)), file,
+ON_FILE(ssize_t, pwrite64, 1, HALF(REAL(pwrite64)(file, data, PAGES(size), to)), file,
         (int file, const void *data, size_t size, off64_t to), file, data, size, to)
 ON_FILE(ssize_t, writev, 1, , file, (int file, const struct iovec *parts, int count), file, parts, count)
 ON_FILE(int, fsync, 0, , file, (int file), file)
