@@ -8,16 +8,17 @@ that a kill loses none of it. In simulated time, which stands still meanwhile, t
 from __future__ import annotations
 
 import threading
-from itertools import pairwise
+from collections import defaultdict
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 from experiment.apparatus import host
 from experiment.records.entries import Exposure, Header, MaskerSet, Resumed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from experiment.clock import Clock, Uptime
+    from experiment.clock import Clock
     from experiment.desk.port import Console
     from experiment.records.journal import Contents, Line
     from experiment.session.kind import Log
@@ -121,17 +122,58 @@ class Exposed:
 
 
 def dose_before(journals: Iterable[Contents], clock: Clock) -> float:
-    """Return what the sessions of these journals used up of the masker's dose in the last 24 hours."""
-    now_ns, uptime = clock.now_ns(), clock.uptime()
-    spent = 0.0
-    for contents in journals:
+    """Return what the sessions of these journals used up of the masker's dose in the last 24 hours.
+
+    How long ago it was is known from the machine's uptime. The clock, which may be set at any time, tells only for how
+    long the machine was off between two starts; where it seems to have gone back, that was no time. A participant's
+    tasks come one after the other, and so do their runners, whatever the clock said.
+    """
+    begun_journals = [contents for contents in journals if contents.lines]
+    runners: list[Sequence[Line]] = []
+    for contents in sorted(begun_journals, key=lambda contents: contents.header.task_position):
         begun = [n for n, entry in enumerate(contents.entries) if isinstance(entry, Header | Resumed)]
-        for first, last in pairwise([*begun, len(contents.lines)]):
-            spent += _played(contents.lines[first:last], now_ns, uptime)
+        runners += [contents.lines[first:last] for first, last in pairwise([*begun, len(contents.lines)])]
+    up_now_ns = _uptimes_now(runners, clock)
+    spent = 0.0
+    for lines in runners:
+        now_ns = clock.now_ns()
+        for boot, up_ns, t_ns in _uptimes(lines):
+            # By the runner's own clock, which nobody sets.
+            now_ns = t_ns + up_now_ns[boot] - up_ns
+        spent += _played(lines, now_ns)
     return spent
 
 
-def _played(lines: Sequence[Line], now_ns: int, uptime: Uptime | None) -> float:
+def _uptimes(lines: Sequence[Line]) -> Iterator[tuple[str, int, int]]:
+    """Yield boot and uptime, ns, wherever a runner told them, and what its own clock was, ns."""
+    for line in lines:
+        entry = line.entry
+        if isinstance(entry, Exposure) and entry.boot is not None and entry.up_ns is not None:
+            yield entry.boot, entry.up_ns, line.t_ns
+
+
+def _uptimes_now(runners: Iterable[Sequence[Line]], clock: Clock) -> dict[str, int]:
+    """Return what the uptime of each boot would be now if the machine had never been off since, ns.
+
+    The runners come in the order in which they ran.
+    """
+    told: dict[str, list[tuple[int, int]]] = defaultdict(list)
+    for boot, up_ns, t_ns in chain.from_iterable(map(_uptimes, runners)):
+        told[boot].append((up_ns, t_ns))
+    later_ns, age_ns, today = clock.now_ns(), 0, clock.uptime()
+    if today is not None:
+        told[today.boot].append((today.ns, later_ns))
+    now_ns: dict[str, int] = {}
+    for boot, entries in reversed(told.items()):
+        up_ns, t_ns = max(entries)
+        age_ns += max(later_ns - t_ns, 0)
+        now_ns[boot] = up_ns + age_ns
+        first_up_ns, later_ns = min(entries)
+        age_ns += up_ns - first_up_ns
+    return now_ns
+
+
+def _played(lines: Sequence[Line], now_ns: int) -> float:
     """Return the dose that one runner's masker brought in the window before `now_ns`; a time to come counts as now."""
     told: list[tuple[int, float]] = []
     level_db_a: float | None = None
@@ -139,9 +181,6 @@ def _played(lines: Sequence[Line], now_ns: int, uptime: Uptime | None) -> float:
         entry = line.entry
         if isinstance(entry, MaskerSet):
             level_db_a = entry.level_db_a
-        if isinstance(entry, Exposure) and uptime is not None and entry.up_ns is not None and entry.boot == uptime.boot:
-            # By the runner's own clock, which nobody has set since.
-            now_ns = line.t_ns + uptime.ns - entry.up_ns
         if isinstance(entry, MaskerSet | Exposure) and entry.dose is not None:
             told.append((line.t_ns, entry.dose))
     spent = sum(dose - before for (_, before), (t_ns, dose) in pairwise(told) if now_ns - t_ns < WINDOW_NS)
