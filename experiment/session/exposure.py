@@ -2,7 +2,7 @@
 
 In real time a thread looks twice a second, while a foot is waited for and while the experimenter reads a prompt: it
 silences the masker when the session's time or the dose is used up, and puts the exposure on disk every few seconds, so
-that a kill loses none of it. In simulated time, which stands still meanwhile, the session's own questions do.
+that a kill loses none of it. Simulated time stands still meanwhile: there the session's own questions suffice.
 """
 
 from __future__ import annotations
@@ -72,11 +72,15 @@ class Exposed:
         """
         if self._failed is not None:
             raise self._failed
-        if self._clock.simulated:
-            self._silence()
+        self._silence()
         if not self._over and self._clock.now_ns() + ahead_ns > self._ends_ns:
             self._over = self._ended
         return self._over
+
+    @property
+    def left_s(self) -> float:
+        """How long it is until the session's end, s."""
+        return max((self._ends_ns - self._clock.now_ns()) / 1e9, 0.0)
 
     def look(self) -> None:
         """Silence the masker if time or dose are used up, and put the exposure on disk if that is due."""
@@ -107,7 +111,7 @@ class Exposed:
         shown = False
         try:
             join()
-            while not self._closing.wait(self._until_next_s()):
+            while not self._closing.wait(min(LOOK_S, self.left_s) or LOOK_S):
                 self.look()
                 if not shown and (why := self.over()):
                     shown = True
@@ -115,10 +119,6 @@ class Exposed:
         except Exception as failed:
             # It is told where the session asks next.
             self._failed = failed
-
-    def _until_next_s(self) -> float:
-        left_s = (self._ends_ns - self._clock.now_ns()) / 1e9
-        return min(LOOK_S, left_s) if left_s > 0 else LOOK_S
 
 
 def dose_before(journals: Iterable[Contents], clock: Clock) -> float:

@@ -26,7 +26,6 @@ from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Scrutiny
 from experiment.clock import Uptime
-from experiment.errors import AudioError
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.records import journal
@@ -329,8 +328,6 @@ class History:
             ended = f"a session that was {footer.reason}"
         except Killed:
             ended = "a kill"
-        except AudioError:
-            ended = "a refusal"
         machine.watchers.clear()
         machine.dies_ns = None
         heard.ends()

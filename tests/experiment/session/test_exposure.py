@@ -15,7 +15,7 @@ from experiment.apparatus.audio.masker import RESERVE_S
 from experiment.apparatus.ports import MaskerExposure
 from experiment.apparatus.tracker.frames import Samples
 from experiment.clock import ManualClock, MonotonicClock, Uptime
-from experiment.errors import JournalError, ScreenGone
+from experiment.errors import JournalError, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal, transcript
 from experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
@@ -402,6 +402,22 @@ def test_nothing_is_armed_when_the_end_comes_at_a_prompt(protocol: Protocol, tmp
     assert (footer.reason, footer.answered) == ("paused", 0)
     assert one.console.armed == []
     assert not any(isinstance(entry, Armed | BrokenOff | FootStep) for entry in entries(tmp_path, "real"))
+
+
+def test_a_tracker_that_is_gone_is_waited_for_until_the_session_is_over(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+    one.tracker.drains.append(TrackerStopped("the port has gone"))
+
+    def stays_away(timeout_s: float) -> None:
+        one.clock.sleep_ns(round(timeout_s * 1e9) + 1)
+        raise TrackerStopped(f"not back within {timeout_s:g} s")
+
+    one.tracker.reconnect = stays_away  # type: ignore[method-assign]
+    short = lasting(protocol, 59.5)
+    footer = one.run(short, header("real"), tmp_path)
+    over = f"the protocol's {short.exposure.session_min:g} min of a session are over"
+    assert footer == Footer(reason="paused", detail=over, answered=0)
+    assert one.console.shown == ["the port has gone. The session waits for 60 s; nothing is lost."]
 
 
 def test_a_session_in_real_time_tells_its_exposure_and_simulated_time_does_not(
