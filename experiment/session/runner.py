@@ -90,7 +90,8 @@ class SessionLog:
         return self._journal.accepts
 
     def write(self, entry: AnyEntry) -> None:
-        with self._lock:
+        # An interrupt waits until the entry is on disk, so that a footer may follow it.
+        with interrupts.held(), self._lock:
             self._journal.append(entry)
             self._done = self._done.after(entry)
 

@@ -212,6 +212,8 @@ def _child(run: Callable[[], object]) -> NoReturn:
     code = 1
     try:
         os.closerange(3, 256)
+        # Whatever the campaign was started with: `nohup` lets nobody see a terminal close.
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(n, mode, 1, closefd=False) for n, mode in enumerate("rww"))
         run()
         code = 0
