@@ -12,6 +12,7 @@ PalpateError                exit code 2, one line for the experimenter
 │   └── TrackerStopped      no frame within the limit, or the port has gone
 ├── ActuatorError           the stimulus could not be handed to the device
 ├── AudioError              the audio device cannot be opened, or has stopped
+│   └── DoseUsedUp          the masker may play no longer today
 ├── JournalError            a journal that cannot be trusted or continued
 │   └── SessionLocked       another runner holds this participant
 ├── SessionError            a step that the session's state does not allow
@@ -100,6 +101,10 @@ class ActuatorError(PalpateError):
 
 class AudioError(PalpateError):
     """The audio device cannot be opened, does not do what is asked of it, or has stopped."""
+
+
+class DoseUsedUp(AudioError):
+    """The masker may not play on: the dose of 24 hours is used up."""
 
 
 class JournalError(PalpateError):

@@ -156,7 +156,7 @@ class Masker(Protocol):
         """Go to another level, and return the one in force: the level wanted, or the nearest that is allowed.
 
         Raises:
-            AudioError: the dose is used up.
+            DoseUsedUp: the masker is silent.
         """
         ...
 

@@ -2,22 +2,23 @@
 
 In real time a thread looks twice a second, while a foot is waited for and while the experimenter reads a prompt: it
 silences the masker when the session's time or the dose is used up, and puts the exposure on disk every few seconds, so
-that a kill loses none of it. In simulated time, which stands still meanwhile, the session's own questions do.
+that a kill loses none of it. Simulated time stands still meanwhile: there the session's own questions suffice.
 """
 
 from __future__ import annotations
 
 import threading
-from itertools import pairwise
+from collections import defaultdict
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 from experiment.apparatus import host
 from experiment.records.entries import Exposure, Header, MaskerSet, Resumed
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from experiment.clock import Clock, Uptime
+    from experiment.clock import Clock
     from experiment.desk.port import Console
     from experiment.records.journal import Contents, Line
     from experiment.session.kind import Log
@@ -71,11 +72,15 @@ class Exposed:
         """
         if self._failed is not None:
             raise self._failed
-        if self._clock.simulated:
-            self._silence()
+        self._silence()
         if not self._over and self._clock.now_ns() + ahead_ns > self._ends_ns:
             self._over = self._ended
         return self._over
+
+    @property
+    def left_s(self) -> float:
+        """How long it is until the session's end, s."""
+        return max((self._ends_ns - self._clock.now_ns()) / 1e9, 0.0)
 
     def look(self) -> None:
         """Silence the masker if time or dose are used up, and put the exposure on disk if that is due."""
@@ -106,7 +111,7 @@ class Exposed:
         shown = False
         try:
             join()
-            while not self._closing.wait(self._until_next_s()):
+            while not self._closing.wait(min(LOOK_S, self.left_s) or LOOK_S):
                 self.look()
                 if not shown and (why := self.over()):
                     shown = True
@@ -115,23 +120,60 @@ class Exposed:
             # It is told where the session asks next.
             self._failed = failed
 
-    def _until_next_s(self) -> float:
-        left_s = (self._ends_ns - self._clock.now_ns()) / 1e9
-        return min(LOOK_S, left_s) if left_s > 0 else LOOK_S
-
 
 def dose_before(journals: Iterable[Contents], clock: Clock) -> float:
-    """Return what the sessions of these journals used up of the masker's dose in the last 24 hours."""
-    now_ns, uptime = clock.now_ns(), clock.uptime()
-    spent = 0.0
-    for contents in journals:
+    """Return what the sessions of these journals used up of the masker's dose in the last 24 hours.
+
+    How long ago it was is known from the machine's uptime. The clock, which may be set at any time, tells only for how
+    long the machine was off between two starts; where it seems to have gone back, that was no time. A participant's
+    tasks come one after the other, and so do their runners, whatever the clock said.
+    """
+    begun_journals = [contents for contents in journals if contents.lines]
+    runners: list[Sequence[Line]] = []
+    for contents in sorted(begun_journals, key=lambda contents: contents.header.task_position):
         begun = [n for n, entry in enumerate(contents.entries) if isinstance(entry, Header | Resumed)]
-        for first, last in pairwise([*begun, len(contents.lines)]):
-            spent += _played(contents.lines[first:last], now_ns, uptime)
+        runners += [contents.lines[first:last] for first, last in pairwise([*begun, len(contents.lines)])]
+    up_now_ns = _uptimes_now(runners, clock)
+    spent = 0.0
+    for lines in runners:
+        now_ns = clock.now_ns()
+        for boot, up_ns, t_ns in _uptimes(lines):
+            # By the runner's own clock, which nobody sets.
+            now_ns = t_ns + up_now_ns[boot] - up_ns
+        spent += _played(lines, now_ns)
     return spent
 
 
-def _played(lines: Sequence[Line], now_ns: int, uptime: Uptime | None) -> float:
+def _uptimes(lines: Sequence[Line]) -> Iterator[tuple[str, int, int]]:
+    """Yield boot and uptime, ns, wherever a runner told them, and what its own clock was, ns."""
+    for line in lines:
+        entry = line.entry
+        if isinstance(entry, Exposure) and entry.boot is not None and entry.up_ns is not None:
+            yield entry.boot, entry.up_ns, line.t_ns
+
+
+def _uptimes_now(runners: Iterable[Sequence[Line]], clock: Clock) -> dict[str, int]:
+    """Return what the uptime of each boot would be now if the machine had never been off since, ns.
+
+    The runners come in the order in which they ran.
+    """
+    told: dict[str, list[tuple[int, int]]] = defaultdict(list)
+    for boot, up_ns, t_ns in chain.from_iterable(map(_uptimes, runners)):
+        told[boot].append((up_ns, t_ns))
+    later_ns, age_ns, today = clock.now_ns(), 0, clock.uptime()
+    if today is not None:
+        told[today.boot].append((today.ns, later_ns))
+    now_ns: dict[str, int] = {}
+    for boot, entries in reversed(told.items()):
+        up_ns, t_ns = max(entries)
+        age_ns += max(later_ns - t_ns, 0)
+        now_ns[boot] = up_ns + age_ns
+        first_up_ns, later_ns = min(entries)
+        age_ns += up_ns - first_up_ns
+    return now_ns
+
+
+def _played(lines: Sequence[Line], now_ns: int) -> float:
     """Return the dose that one runner's masker brought in the window before `now_ns`; a time to come counts as now."""
     told: list[tuple[int, float]] = []
     level_db_a: float | None = None
@@ -139,9 +181,6 @@ def _played(lines: Sequence[Line], now_ns: int, uptime: Uptime | None) -> float:
         entry = line.entry
         if isinstance(entry, MaskerSet):
             level_db_a = entry.level_db_a
-        if isinstance(entry, Exposure) and uptime is not None and entry.up_ns is not None and entry.boot == uptime.boot:
-            # By the runner's own clock, which nobody has set since.
-            now_ns = line.t_ns + uptime.ns - entry.up_ns
         if isinstance(entry, MaskerSet | Exposure) and entry.dose is not None:
             told.append((line.t_ns, entry.dose))
     spent = sum(dose - before for (_, before), (t_ns, dose) in pairwise(told) if now_ns - t_ns < WINDOW_NS)

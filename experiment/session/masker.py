@@ -19,6 +19,7 @@ from experiment.apparatus.ports import Masker
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock, day
 from experiment.desk.port import Console
+from experiment.errors import DoseUsedUp
 from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
 from experiment.records.entries import MaskerSet
@@ -42,19 +43,17 @@ class Masking:
         self._console = console
         self._write = write
         self._lock = threading.Lock()
-        self._silenced = False
+        self._silenced = self._used_up = False
 
     def choose(self, criterion: str, begin_db_a: float | None) -> None:
         """Start the noise at `begin_db_a`, or at the first level if None, and have it set until `criterion` holds.
 
-        Raises `AudioError` if the dose is used up.
+        A masker that is silent for good is left as it is.
         """
         with self._lock:
-            if self._silenced:
-                return
-            self._masker.start(FIRST_DB_A if begin_db_a is None else begin_db_a)
-            self._note()
-        while True:
+            if not self._silenced:
+                self._go(self._masker.start, FIRST_DB_A if begin_db_a is None else begin_db_a)
+        while not self._silenced:
             level_db_a = self._masker.level_db_a
             key = self._console.level(
                 level_db_a=level_db_a if level_db_a is not None else FIRST_DB_A,
@@ -68,19 +67,20 @@ class Masking:
     def change(self, key: str) -> bool:
         """Return whether `key` was one of the masker's; then the level has changed by a step, within the limit.
 
-        A masker that was silenced stays silent. Raises `AudioError` if the dose is used up.
+        A masker that was silenced stays silent, and one whose dose is used up is silent for good.
         """
         if key not in KEYS:
             return False
         with self._lock:
             level_db_a = self._masker.level_db_a
+            if level_db_a is not None:
+                wanted_db_a = level_db_a + (STEP_DB if key == LOUDER_KEY else -STEP_DB)
+                level_db_a = self._go(self._masker.set_level, wanted_db_a)
             if level_db_a is None:
                 said = "The masker is silent."
             else:
-                set_db_a = self._masker.set_level(level_db_a + (STEP_DB if key == LOUDER_KEY else -STEP_DB))
-                self._note()
-                at_limit = " (the limit)" if set_db_a >= self._masker.limit_db_a else ""
-                said = f"Masker at {set_db_a:.0f} dB(A){at_limit}."
+                at_limit = " (the limit)" if level_db_a >= self._masker.limit_db_a else ""
+                said = f"Masker at {level_db_a:.0f} dB(A){at_limit}."
         self._console.show(said)
         return True
 
@@ -94,7 +94,7 @@ class Masking:
         """Return that the dose is used up, or will be before anybody looks again; nothing while it is not."""
         with self._lock:
             told = self._masker.exposure()
-        if told.dose < 1 and (told.left_s is None or told.left_s > RESERVE_S):
+        if not self._used_up and told.dose < 1 and (told.left_s is None or told.left_s > RESERVE_S):
             return ""
         return f"the masker's dose of 24 hours is used up ({told.dose:.2f} of 1); go on a day later"
 
@@ -113,6 +113,16 @@ class Masking:
             self._masker.stop()
             if note:
                 self._note()
+
+    def _go(self, play: Callable[[float], float], level_db_a: float) -> float | None:
+        """Return the level in force once it is on disk; None where the dose is used up."""
+        try:
+            return play(level_db_a)
+        except DoseUsedUp:
+            self._silenced = self._used_up = True
+            return None
+        finally:
+            self._note()
 
     def _note(self) -> None:
         told = self._masker.exposure()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import threading
 from collections import Counter
 from contextlib import closing, suppress
@@ -89,7 +90,8 @@ class SessionLog:
         return self._journal.accepts
 
     def write(self, entry: AnyEntry) -> None:
-        with self._lock:
+        # An interrupt waits until the entry is on disk, so that a footer may follow it.
+        with interrupts.held(), self._lock:
             self._journal.append(entry)
             self._done = self._done.after(entry)
 
@@ -190,13 +192,14 @@ class _Session:
 
     def _wait_for_tracker(self) -> str:
         """Wait for the tracker to be plugged in again; return why the session pauses instead, or nothing."""
-        console, lost, wait_s = self._devices.console, self._attempts.outage, self._devices.reconnect_s
+        console, lost = self._devices.console, self._attempts.outage
+        wait_s = min(self._devices.reconnect_s, math.ceil(self._exposed.left_s))
         self._log.write(Phase(state=self._state, detail=lost))
         console.show(f"{lost}. The session waits for {wait_s:g} s; nothing is lost.")
         try:
             self._attempts.reconnect(wait_s)
         except TrackerStopped as stopped:
-            return str(stopped)
+            return self._exposed.over() or str(stopped)
         self._follow(Event.FOUND)
         self._log.write(Phase(state=self._state, detail="the tracker is back"))
         console.show("The tracker is back; the trial is armed again.")

@@ -26,7 +26,6 @@ from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Scrutiny
 from experiment.clock import Uptime
-from experiment.errors import AudioError
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.records import journal
@@ -48,7 +47,7 @@ SESSION_MIN = 150
 
 TRIALS = 12
 RUNNERS = 8
-"""Of a history."""
+"""Of a history: of one task, then of the other."""
 
 
 class Killed(BaseException):
@@ -278,8 +277,10 @@ class History:
     def run(self) -> Iterator[tuple[str, bool, float, str]]:
         """Yield what was attacked, whether it was survived, what was lost, and where."""
         before = "a first session"
+        tasks = self._dice.sample(["virtual", "real"], 2)
         for number in range(RUNNERS):
-            task = self._dice.choice(["virtual", "real"])
+            place = 2 * number // RUNNERS
+            task = tasks[place]
             machine, clock = self._machine, MachineClock(self._machine)
             with on(machine):
                 machine.dead = False
@@ -288,13 +289,13 @@ class History:
                 known = dose(self._played, machine.now_ns - DAY_NS, machine.now_ns)
                 where = f"runner {number}: {believed:.5f} believed, {known:.5f} played"
                 yield f"dose after {before}", abs(believed - known) <= 0.01 * known + 1e-6, 0.0, where
-                ended, late = self._session(task, clock, believed)
+                ended, late = self._session(task, place + 1, clock, believed)
             yield "stimuli after a session's end", late == 0, late, f"runner {number} of {task}: {ended}"
             beyond = beyond_s(self._played)
             yield "seconds of masker after dose 1", beyond == 0, beyond, f"runner {number}: {beyond:.3f} s"
             before = self._meanwhile(ended)
 
-    def _session(self, task: str, clock: MachineClock, believed: float) -> tuple[str, int]:
+    def _session(self, task: str, place: int, clock: MachineClock, believed: float) -> tuple[str, int]:
         machine, dice = self._machine, self._dice
         begun_ns = machine.now_ns
         machine.dies_ns = begun_ns + round(dice.uniform(1500, 9000) * SECOND_NS) if dice.random() < 0.4 else None
@@ -317,7 +318,8 @@ class History:
             reconnect_s=300.0,
         )
         order = tuple(PlannedTrial(trial=n, presented=("copy paper",)) for n in range(1, TRIALS + 1))
-        asked = HEADER.model_copy(update={"task": task, "order": order, "block_trials": TRIALS})
+        updates = {"task": task, "task_position": place, "order": order, "block_trials": TRIALS}
+        asked = HEADER.model_copy(update=updates)
         rig_file = shipped("rigs/rehearsal.toml")
         try:
             footer = runner.run(
@@ -326,8 +328,6 @@ class History:
             ended = f"a session that was {footer.reason}"
         except Killed:
             ended = "a kill"
-        except AudioError:
-            ended = "a refusal"
         machine.watchers.clear()
         machine.dies_ns = None
         heard.ends()

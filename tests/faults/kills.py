@@ -248,6 +248,9 @@ ATTACKS = {
 VIRTUAL = ("SIGKILL as the panel sounds", "panel off the network")
 """These need a stimulus, and come in sessions that have one."""
 
+UNHURT = "a life without an attack"
+"""A row of its own, of those lives alone in which something went wrong."""
+
 
 class Study:
     """Sessions of one laboratory after another, each to its end, however many lives that takes."""
@@ -287,14 +290,14 @@ class Study:
             if row is not None and acted:
                 turns[row] += 1
                 todo.remove(row)
-            name = row if acted and row is not None else "a life without an attack"
+            name = row if acted and row is not None else UNHURT
             if session.footer() == "complete" and not acted:
                 wrong += session.table()
                 self._session = None
             if wrong:
                 self._begin_anew()
             tally = self.tallies[name]
-            tally.tried += acted
+            tally.tried += acted or bool(wrong)
             tally.survived += acted and not wrong
             tally.lost += sum("it " not in one for one in wrong)
             where = f"{session.journal} {moment}"
@@ -425,8 +428,10 @@ def attacks(size: Size) -> Iterator[Count]:
             for number, share in enumerate(shares)
         ]
         told = [json.loads(one.communicate()[0]) for one in running]
-    for row in rows:
+    for row in [*rows, UNHURT]:
         found = [Tally(**one[row]) for one in told if row in one]
+        if row == UNHURT and not any(one.tried for one in found):
+            continue
         failures = tuple(failure for one in found for failure in one.failures)
         yield Count(
             f"{row} (live session)",

@@ -212,6 +212,9 @@ def _child(run: Callable[[], object]) -> NoReturn:
     code = 1
     try:
         os.closerange(3, 256)
+        # Whoever runs the campaign by `nohup`, or in the background of a shell, has it ignore these.
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(n, mode, 1, closefd=False) for n, mode in enumerate("rww"))
         run()
         code = 0

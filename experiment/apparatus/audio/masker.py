@@ -21,7 +21,7 @@ from experiment.apparatus.audio.mixer import Block
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.ports import MaskerExposure
 from experiment.clock import Clock
-from experiment.errors import AudioError
+from experiment.errors import AudioError, DoseUsedUp
 
 REFERENCE_S = 8 * 3600.0
 """Working day that levels are referred to, s."""
@@ -173,7 +173,8 @@ class AudioMasker:
         """Go to another level in a ramp, and return the one in force: the level wanted, or the nearest that is allowed.
 
         Raises:
-            AudioError: it is no level, the masker is silent, or the dose is used up.
+            AudioError: it is no level, or the masker is silent.
+            DoseUsedUp: the masker falls silent.
         """
         if self._level_db_a is None:
             raise AudioError("masker: got a level while it is silent; allowed: only while it plays; start it first")
@@ -204,7 +205,7 @@ class AudioMasker:
         bounded = min(max(level_db_a, SOFTEST_DB_A), self.limit_db_a)
         if left_s(dose=self._dose, level_db_a=bounded) <= RESERVE_S:
             self.stop()
-            raise AudioError(
+            raise DoseUsedUp(
                 f"masker: got a dose of {self._dose:.2f} in 24 hours; allowed: 1, which is {ACTION_DB_A:g} "
                 "dB(A) for eight hours; go on a day later"
             )

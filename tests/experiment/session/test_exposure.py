@@ -15,7 +15,7 @@ from experiment.apparatus.audio.masker import RESERVE_S
 from experiment.apparatus.ports import MaskerExposure
 from experiment.apparatus.tracker.frames import Samples
 from experiment.clock import ManualClock, MonotonicClock, Uptime
-from experiment.errors import JournalError, ScreenGone
+from experiment.errors import JournalError, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
 from experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
@@ -143,16 +143,19 @@ def looking(exposed: Exposed, clock: ManualClock, duration_ns: int) -> None:
             st.integers(1, 2000).map(lambda tenths: tenths * 10**8),
             st.booleans(),
             st.integers(0, 2 * HOUR_NS),
-            st.sampled_from([0, -72 * HOUR_NS, 72 * HOUR_NS, -HOUR_NS]),
+            st.sampled_from([None, 0, -72 * HOUR_NS, 72 * HOUR_NS, -HOUR_NS]),
         ),
         min_size=1,
-        max_size=4,
+        max_size=6,
     )
 )
 def test_the_dose_is_that_of_every_session_whatever_ends_it_and_whatever_the_clock_is_set_to(
-    runners: list[tuple[int, bool, int, int]],
+    runners: list[tuple[int, bool, int, int | None]],
 ) -> None:
-    """Each runner plays, is ended or killed, and waits; then the clock is set. All is within one boot and 24 hours."""
+    """Each runner plays, is ended or killed, and waits; then the clock is set, or the machine starts again.
+
+    All is within 24 hours.
+    """
     clock, logs, truth, kills = Machine(), [], 0.0, 0
     for n, (plays_ns, killed, waits_ns, set_ns) in enumerate(runners):
         if n % 2 == 0:
@@ -171,7 +174,10 @@ def test_the_dose_is_that_of_every_session_whatever_ends_it_and_whatever_the_clo
         else:
             masking.end(note=True)
         clock.sleep_ns(waits_ns)
-        clock.set(set_ns)
+        if set_ns is None:
+            clock.restart()
+        else:
+            clock.set(set_ns)
     told = dose_before([log.contents for log in logs], clock)
     assert -1e-9 <= told - truth <= kills * played(EVERY_NS) + 1e-9
 
@@ -210,6 +216,32 @@ def test_the_age_of_a_dose_is_the_machines_where_it_ran_on_and_never_negative(se
         clock.restart()
     # After a new start only the wall clock can tell how long ago it was; what seems to come is now.
     assert of(lines, clock) == (0.0 if boots > 1 and set_ns > 0 else pytest.approx(0.4))
+
+
+@pytest.mark.parametrize("order", [1, -1])
+@pytest.mark.parametrize("set_ns", [-72 * HOUR_NS, -7 * HOUR_NS, 7 * HOUR_NS, 72 * HOUR_NS])
+def test_a_session_after_the_clock_was_set_dates_those_before_it_whatever_starts_again(set_ns: int, order: int) -> None:
+    """Sessions end after 0, 4, 6 and 8 h; the clock is set after 2 and 7 h, the machine starts again after 5 and 9."""
+    clock, sessions = Machine(), []
+    for until_set_h, until_next_h in ((2, 2), (1, 1), (1, 1)):
+        sessions.append(told(clock, 0.1, None))
+        clock.sleep_ns(until_set_h * HOUR_NS)
+        if len(sessions) == 2:
+            clock.restart()
+        else:
+            clock.set(set_ns)
+        clock.sleep_ns(until_next_h * HOUR_NS)
+    sessions.append(told(clock, 0.1, None))
+    clock.sleep_ns(HOUR_NS)
+    clock.restart()
+    for place, lines in enumerate(sessions, 1):
+        lines[0] = Line(lines[0].t_ns, header("virtual").model_copy(update={"task_position": place}))
+    # The header of the last journal was torn.
+    journals = [Contents(tuple(lines), b"", 0, chain.GENESIS) for lines in [*sessions[::order], []]]
+    for hour in range(9, 34):
+        counted = sum(hour - ended < 24 for ended in (0, 4, 6, 8))
+        assert dose_before(journals, clock) == pytest.approx(0.1 * counted), hour
+        clock.sleep_ns(HOUR_NS)
 
 
 @pytest.mark.parametrize("after_ns", [0, 10**9, EVERY_NS, HOUR_NS, WINDOW_NS + HOUR_NS])
@@ -370,6 +402,22 @@ def test_nothing_is_armed_when_the_end_comes_at_a_prompt(protocol: Protocol, tmp
     assert (footer.reason, footer.answered) == ("paused", 0)
     assert one.console.armed == []
     assert not any(isinstance(entry, Armed | BrokenOff | FootStep) for entry in entries(tmp_path, "real"))
+
+
+def test_a_tracker_that_is_gone_is_waited_for_until_the_session_is_over(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+    one.tracker.drains.append(TrackerStopped("the port has gone"))
+
+    def stays_away(timeout_s: float) -> None:
+        one.clock.sleep_ns(round(timeout_s * 1e9) + 1)
+        raise TrackerStopped(f"not back within {timeout_s:g} s")
+
+    one.tracker.reconnect = stays_away  # type: ignore[method-assign]
+    short = lasting(protocol, 59.5)
+    footer = one.run(short, header("real"), tmp_path)
+    over = f"the protocol's {short.exposure.session_min:g} min of a session are over"
+    assert footer == Footer(reason="paused", detail=over, answered=0)
+    assert one.console.shown == ["the port has gone. The session waits for 60 s; nothing is lost."]
 
 
 def test_a_session_in_real_time_tells_its_exposure_and_simulated_time_does_not(

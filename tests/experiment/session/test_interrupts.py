@@ -6,10 +6,12 @@ import signal
 import sys
 import threading
 from collections.abc import Iterator
+from io import FileIO
 from pathlib import Path
 
 import pytest
 
+from experiment import storage
 from experiment.apparatus.tracker.frames import Samples
 from experiment.errors import AudioError
 from experiment.protocol.models import Protocol
@@ -181,6 +183,28 @@ def test_what_failed_after_contact_is_told_and_not_the_key(
     *_, broken, footer = entries(tmp_path, "virtual")
     assert footer == Footer(reason="error", detail="the stream has stopped", answered=0)
     felt_and_on_file(broken, "the stream has stopped", tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["header", "familiarised", "armed", "answer"])
+def test_an_entry_that_is_being_written_is_on_file_before_the_session_pauses(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    written = journal.write_through
+    pressed: list[bytes] = []
+
+    def writing(file: FileIO, content: bytes) -> None:
+        if kind.encode() in content and not pressed:
+            pressed.append(content)
+            press()
+        written(file, content)
+
+    monkeypatch.setattr(journal, "write_through", writing)
+    footer = bench("cpt").run(protocol, header("virtual"), tmp_path)
+    assert (footer.reason, footer.detail) == ("paused", "interrupted at the keyboard")
+    path = storage.journal_path(tmp_path, "01", "virtual")
+    assert pressed[0] in path.read_bytes()
+    assert entries(tmp_path, "virtual")[-1] == footer
+    assert bench("cpt").run(protocol, header("virtual"), tmp_path).reason == "complete"
 
 
 def test_the_last_line_is_on_file_before_a_session_that_is_complete_is_interrupted(

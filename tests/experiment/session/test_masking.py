@@ -11,7 +11,7 @@ import pytest
 from experiment import storage
 from experiment.apparatus.ports import MaskerExposure
 from experiment.clock import ManualClock
-from experiment.errors import AudioError
+from experiment.errors import DoseUsedUp
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.entries import Footer, MaskerSet
@@ -100,19 +100,29 @@ def test_a_session_that_ends_early_leaves_silence(protocol: Protocol, tmp_path: 
     assert levels(tmp_path) == [50, None]
 
 
-def test_a_dose_that_is_used_up_ends_the_session(protocol: Protocol, tmp_path: Path) -> None:
-    one = masked(bench("cp"), ".")
-    assert one.masker is not None
+@pytest.mark.parametrize(("presses", "keys", "answered"), [(0, "", 0), (1, "", 0), (4, "c+-p", 2)])
+def test_a_level_that_the_dose_does_not_allow_pauses_the_session(
+    protocol: Protocol, tmp_path: Path, presses: int, keys: str, answered: int
+) -> None:
+    """The dose is used up as the masker starts, as the first level is chosen, or at the question of trial 2."""
+    one = masked(bench(f"{keys}t"), "++-.")
+    masker = one.masker
+    assert masker is not None
+    begun, left = masker._set, [presses]
 
-    def used_up(level_db_a: float) -> float:
-        raise AudioError("masker: got a dose of 1.00 for today; allowed: 1; go on another day")
+    def until_used_up(level_db_a: float) -> float:
+        left[0] -= 1
+        if left[0] < 0:
+            masker.stop()
+            raise DoseUsedUp("masker: got a dose of 1.00 in 24 hours")
+        return begun(level_db_a)
 
-    one.masker.start = used_up  # type: ignore[method-assign]
-    with pytest.raises(AudioError, match="go on another day"):
-        one.run(protocol, header("real"), tmp_path)
-    footer = journal.read(storage.journal_path(tmp_path, "01", "real")).entries[-1]
-    assert isinstance(footer, Footer)
-    assert footer.reason == "error"
+    masker._set = until_used_up  # type: ignore[method-assign]
+    footer = one.run(protocol, header("real"), tmp_path)
+    assert (footer.reason, footer.answered) == ("paused", answered)
+    assert footer.detail.startswith("the masker's dose of 24 hours is used up")
+    assert levels(tmp_path)[-1] is None
+    assert one.console.shown[-1:] == ["The masker is silent."] * (presses > 0)
 
 
 def test_a_dose_that_is_used_up_between_trials_pauses_the_session(protocol: Protocol, tmp_path: Path) -> None:
