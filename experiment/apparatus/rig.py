@@ -469,16 +469,26 @@ class TrackerRig(Confined):
         return whole
 
 
+Elsewhere = Annotated[
+    str,
+    Field(
+        pattern=r"^(~/)?[^~\s]",
+        description="a path, from the folder of the rig file or, after ~/, from your home folder",
+    ),
+    ONE_LINE,
+]
+
+
 class AnchorsRig(Confined):
-    """Where each session's end is anchored outside of the dataset. Paths begin in the folder of the rig file.
+    """Where each session's end is anchored outside of the dataset.
 
     Attributes:
         file: the register, best on another disk or a shared drive.
         key: the private SSH key that signs each anchor.
     """
 
-    file: Line
-    key: Line | None = None
+    file: Elsewhere
+    key: Elsewhere | None = None
 
 
 class Rig(Confined):
@@ -531,15 +541,34 @@ def load(path: Path) -> Rig:
     return rig
 
 
+def kept(path: Path, digest: str) -> Rig:
+    """Return the rig of a session from the file kept beside its journal; `digest` is that of the journal.
+
+    Raises `RigError` as `load`, and if the rig is another.
+    """
+    rig = load(path)
+    if sha256(rig) != digest:
+        beside = f" with {rig.driver_file.name} beside it" if rig.driver_file else ""
+        raise RigError(f"{path}: is not{beside} the rig that the session was run on; restore the files from a backup")
+    return rig
+
+
 def sha256(rig: Rig) -> str:
     """Return the SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
-    Ports and addresses are left out: a device that comes back under another name is the same device. Anchors
+    The tracker's driver counts with its own hash where it is a file beside the rig file; `RigError` if that cannot be
+    read. Ports and addresses are left out: a device that comes back under another name is the same device. Anchors
     measure nothing.
     """
     where: dict[str, Any] = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}}
     where |= {"audio": {"device"}, "anchors": True}
-    return hashlib.sha256(rfc8785.dumps(rig.model_dump(mode="json", exclude_none=True, exclude=where))).hexdigest()
+    stated = rig.model_dump(mode="json", exclude_none=True, exclude=where)
+    if (driver := rig.driver_file) is not None:
+        try:
+            stated["tracker"]["driver_sha256"] = hashlib.sha256(storage.read_bytes(driver)).hexdigest()
+        except OSError as error:
+            raise RigError(f"{driver}: the tracker's driver cannot be read ({error.strerror}); restore it") from error
+    return hashlib.sha256(rfc8785.dumps(stated)).hexdigest()
 
 
 def reach_mm(rig: Rig, step: Step) -> tuple[float, float]:

@@ -273,9 +273,7 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
     if not session.steps:
         return
     header = session.contents.header
-    rig = rigs.load(rig_path(journal_file))
-    if rigs.sha256(rig) != header.rig_sha256:
-        raise DatasetError(f"{rig_path(journal_file)}: is not the rig that the session was run on; restore the file")
+    rig = rigs.kept(rig_path(journal_file), header.rig_sha256)
     rate_hz = rig.tracker.rate_hz
     places: list[NDArray[np.float64]] = []
     heights: list[NDArray[np.float64]] = []

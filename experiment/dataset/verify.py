@@ -19,7 +19,7 @@ from experiment.apparatus import rig as rigs
 from experiment.dataset import beliefs, bids, build, register
 from experiment.dataset.beliefs import Believed
 from experiment.dataset.register import DIGITS, LOG, Anchor, Signer
-from experiment.errors import DatasetError, PalpateError, RecordingError, RigError
+from experiment.errors import DatasetError, PalpateError, RecordingError
 from experiment.records import journal
 from experiment.records.entries import Header, Purpose
 from experiment.records.footstep import BrokenOff, FootStep
@@ -151,9 +151,7 @@ def _session(path: Path, headers: list[Header]) -> str:
         return "no line: the session never began"
     headers.append(contents.header)
     rig_file, foot_file = storage.rig_path(path), storage.foot_path(path)
-    rig = rigs.load(rig_file)
-    if rigs.sha256(rig) != contents.header.rig_sha256:
-        raise RigError(f"{rig_file}: is not the rig that the session was run on; restore the file")
+    rig = rigs.kept(rig_file, contents.header.rig_sha256)
     if rig.actuator.shaping:
         rigs.response_table(rig_file.parent, rig.actuator.shaping)
     traces = [entry.trace for entry in contents.entries if isinstance(entry, FootStep | BrokenOff)]

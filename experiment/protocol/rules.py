@@ -20,6 +20,9 @@ MAX_COUNTERBALANCED = 6
 LOUDER_KEY, SOFTER_KEY = "+", "-"
 """Keys of the masker's level."""
 
+MISSING = ("n/a", "N/A", "NA", "NaN", "nan", "None", "NULL", "null")
+"""What programs read as a missing value, ours and those of who reads our tables."""
+
 MAX_COUNTED = 400
 """Trials of a task whose orders are counted exactly: up to here that takes seconds."""
 
@@ -38,9 +41,9 @@ def duration(table: Table) -> Iterator[Broken]:
 
 
 def material(table: Table) -> Iterator[Broken]:
-    """No material is called `n/a`, which stands in tables for a missing value."""
-    if table.get("id") == "n/a":
-        yield Broken(("id",), "any name but 'n/a', which stands for a missing value in tables")
+    """No material is called as a missing value in tables: `n/a`, or what R or pandas read as one, such as `NA`."""
+    if (name := table.get("id")) in MISSING:
+        yield Broken(("id",), f"any name but '{name}', which stands for a missing value in tables")
 
 
 def synthesis(table: Table) -> Iterator[Broken]:

@@ -155,7 +155,8 @@ def _anchor(root: Path, rig: Rig, rig_file: Path, console: Console) -> None:
         anchor = register.keep(root)
         console.show(f"For the lab book: {anchor.line}")
         if wanted := rig.anchors:
-            to, key = rig_file.parent / wanted.file, rig_file.parent / wanted.key if wanted.key else None
+            to, *keys = (rig_file.parent / Path(one).expanduser() for one in (wanted.file, wanted.key) if one)
+            key = keys[0] if keys else None
             again += f" --to {to}" + (f" --sign {key}" if key else "")
             console.show(register.enter(anchor, root, to, key))
     except PalpateError as error:

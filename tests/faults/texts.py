@@ -181,7 +181,7 @@ def _file(what: str, tables: dict[str, Any], path: Path, command: tuple[str, ...
     tally = _Tally(f"a hidden character in a text of {what}")
     texts: list[tuple[Where, str]] = [(where, held) for where, held in leaves(tables) if isinstance(held, str)]
     if size is Size.SUBSET:
-        texts = list(islice(texts, 0, None, max(1, len(texts) // 40)))
+        texts = list(islice(texts, 0, None, max(1, len(texts) // 20)))
     for place, (where, held) in enumerate(texts):
         for character in _drawn(place, size, most):
             _write(path, changed(tables, where, held[:3] + character + held[3:]))

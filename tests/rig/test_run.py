@@ -281,19 +281,20 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     palpate: Palpate,
 ) -> None:
     rig = tmp_path / "rig.toml"
-    rig.write_text(rig.read_text("utf-8") + '\n[anchors]\nfile = "share/register"\n', "utf-8")
+    rig.write_text(rig.read_text("utf-8") + '\n[anchors]\nfile = "~/share/register"\n', "utf-8")
+    monkeypatch.setenv("HOME", str(tmp_path))
     typed = iter(["c", "", "q", "", "a", "", "n", "", "t", ""])
     monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "")
     session = ["run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"]
     code, out, _ = palpate(*session)
     assert (code, "The session is paused: 1 answers." in out) == (0, True)
     assert "For the lab book: " in out
-    assert "NOT ANCHORED: share/register: the anchor cannot be written" in out
-    assert "run: palpate anchor dataset --to share/register" in out
+    assert f"NOT ANCHORED: {tmp_path}/share/register: the anchor cannot be written" in out
+    assert f"run: palpate anchor dataset --to {tmp_path}/share/register" in out
     (tmp_path / "share").mkdir()
     code, out, _ = palpate(*session)
     assert (code, "The session is complete: 4 answers." in out) == (0, True)
-    assert "Anchored in share/register. This register is a new file." in out
+    assert f"Anchored in {tmp_path}/share/register. This register is a new file." in out
     number = re.findall(r"For the lab book: .* (\S+)\n", out)[0]
     code, out, _ = palpate("verify", "dataset", "--register", "share/register", "--number", number)
     assert (code, out.count("PROVEN by"), "NOT PROVEN" in out) == (0, 2, False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -197,6 +198,26 @@ def test_an_edited_cell_and_a_lost_table_are_told(study: MadeStudy) -> None:
     tables[1].unlink()
     found = refused(verify(study.root))
     assert set(found) == {inside(study, table) for table in tables}
+
+
+def test_recordings_are_held_against_the_journals_and_their_manifest(study: MadeStudy) -> None:
+    folder = study.root / storage.RECORDINGS
+    folder.mkdir(parents=True)
+    take, manifest = folder / "a.wav", folder / "manifest.toml"
+    take.write_bytes(b"take")
+    named = f'takes = [{{ file = "a.wav", sha256 = "{sha256(b"take").hexdigest()}" }}]\n'
+    manifest.write_text(named)
+    one = study.tasks[0]
+    asked = study.header(one.participant, one.tasks[1])
+    study.run(asked.model_copy(update={"recordings_sha256": sha256(named.encode()).hexdigest()}))
+    build.build(study.root)
+    assert verify(study.root).refused == 0
+    take.write_bytes(b"another")
+    assert "takes are missing or changed: a.wav" in refused(verify(study.root))[inside(study, folder)]
+    manifest.write_text("takes = []\n")
+    assert "not the one that the journals name" in refused(verify(study.root))[inside(study, manifest)]
+    manifest.unlink()
+    assert "cannot be read" in refused(verify(study.root))[inside(study, manifest)]
 
 
 def test_what_is_no_data_of_a_study_says_so_first(tmp_path: Path) -> None:

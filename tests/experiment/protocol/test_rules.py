@@ -45,7 +45,10 @@ BROKEN = [
     (with_tasks(7), "task_order.kind", "fixed, or at most 6 tasks"),
     (changed(document(), ("study", "participants"), 8), "study.participants", "6, as many as the largest task has"),
     (changed(document(), ("tasks", 1, "order", "max_run"), 2), "tasks[1].order.max_run", "only kind 'max-run' has"),
-    (changed(document(), ("materials", 0, "id"), "n/a"), "materials[0].id", "any name but 'n/a'"),
+    *(
+        (changed(document(), ("materials", 0, "id"), name), "materials[0].id", f"any name but '{name}'")
+        for name in ("n/a", "NA", "NaN", "null")
+    ),
 ]
 KEPT = [
     document(),
