@@ -17,7 +17,9 @@ def main() -> None:
 
         command()
     except KeyboardInterrupt:
-        print("palpate: interrupted; run the same command to continue or to begin again", file=sys.stderr)  # noqa: T201
+        from experiment.cli import tell
+
+        tell("palpate: interrupted; run the same command to continue or to begin again")
         # An interrupt that passed through code made from text, as of data classes, is forgotten by the next such code:
         # otherwise Python ends with the signal and not with the exit code.
         eval("None")  # noqa: S307

@@ -2,10 +2,13 @@
 
 Arguments and files come in; what the rooms below return goes out as text, tables on disk, or one JSON document. The
 modules here import every other room, each command what it needs when it is called, and no room imports them. This
-module itself imports nothing, so that `palpate --help` is there at once.
+module itself imports next to nothing, so that `palpate --help` is there at once.
 """
 
 from __future__ import annotations
+
+import os
+import sys
 
 COMMANDS = {
     "Plan a study": {
@@ -45,6 +48,15 @@ COMMANDS = {
     },
 }
 """For each command, in the order of a study: its module in this folder, and the first sentence of its help."""
+
+
+def tell(line: str) -> None:
+    """Print a line on standard error; where that takes nothing, the exit code stands alone."""
+    try:
+        print(line, file=sys.stderr, flush=True)  # noqa: T201
+    except OSError:
+        # What could not be written would be tried again when Python ends, and change the exit code.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 
 
 def overview() -> str:

@@ -113,7 +113,7 @@ def power(
         float | None, typer.Option("--alpha", help="Level of every test [default: each test's own].")
     ] = None,
     target: Annotated[float, typer.Option("--target", help="The power to reach.")] = 0.8,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Names every random draw.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Names every random draw.")] = 1,
     jobs: Annotated[
         int, typer.Option("--jobs", min=0, help="How many processes simulate at a time; 0 means one for each core.")
     ] = 0,

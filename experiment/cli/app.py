@@ -10,7 +10,7 @@ import typer
 import typer.main
 
 from experiment import __version__
-from experiment.cli import COMMANDS, overview
+from experiment.cli import COMMANDS, overview, tell
 from experiment.errors import Interrupted, PalpateError, ProtocolError
 from experiment.settings.characters import plain
 
@@ -97,17 +97,23 @@ def _run() -> None:
     except PalpateError as error:
         for line in (str(error), *getattr(error, "__notes__", ())):
             keep = "\n" if isinstance(error, ProtocolError) else ""
-            print(f"palpate: {plain(line, keep)}", file=sys.stderr)  # noqa: T201
+            tell(f"palpate: {plain(line, keep)}")
         raise SystemExit(error.exit_code) from None
     except BrokenPipeError:
         sys.stderr.close()
         raise SystemExit(1) from None
     except OSError as error:
         where = plain(f"{error.filename}: ", keep="") if error.filename else ""
-        print(f"palpate: {where}{error.strerror or error}; mend that, then run the command again", file=sys.stderr)  # noqa: T201
+        tell(f"palpate: {where}{error.strerror or error}; mend that, then run the command again")
+        raise SystemExit(2) from None
+    except MemoryError:
+        tell("palpate: this takes more memory than there is; give smaller files or numbers, or close other programs")
+        raise SystemExit(2) from None
+    except RecursionError:
+        tell("palpate: what was given is nested too deeply to be read; mend that, then run the command again")
         raise SystemExit(2) from None
     except Exception as error:
-        print(f"palpate: {_reported(error)}", file=sys.stderr)  # noqa: T201
+        tell(f"palpate: {_reported(error)}")
         raise SystemExit(70) from None
 
 

@@ -93,7 +93,10 @@ def enrol(
     ] = None,
     dataset: StudyFolder = None,
     seed: Annotated[
-        int | None, typer.Option("--seed", min=0, help="Seed of the study's random draws [default: a random one].")
+        int | None,
+        typer.Option(
+            "--seed", min=0, max=options.LARGEST_SEED, help="Seed of the study's random draws [default: a random one]."
+        ),
     ] = None,
     pilot: Annotated[
         bool,

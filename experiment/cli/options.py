@@ -17,7 +17,10 @@ Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of 
 StudyFolder = Annotated[
     Path | None, typer.Option("--dataset", help="Folder of the study's dataset [default: participants/STUDY].")
 ]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Seed of every random draw.")]
+LARGEST_SEED = 2**63 - 1
+"""The largest whole number that the files of a study may hold."""
+
+Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random draw.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 
 

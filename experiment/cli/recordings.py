@@ -28,7 +28,9 @@ def record(
     takes: Annotated[
         int | None, typer.Option("--takes", help="How many takes of each condition [default: as the protocol says].")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of every random draw of --simulated.")] = 1,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Seed of every random draw of --simulated.")
+    ] = 1,
 ) -> None:
     """Record a protocol's materials and the bare panel.
 
@@ -85,7 +87,9 @@ def validate(
     out: Annotated[
         Path | None, typer.Option("--out", help="Folder for the results [default: RECORDINGS/validation].")
     ] = None,
-    seed: Annotated[int, typer.Option("--seed", min=0, help="Seed of the simulated fresh takes.")] = 1,
+    seed: Annotated[
+        int, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Seed of the simulated fresh takes.")
+    ] = 1,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
     as_json: Json = False,
 ) -> None:

@@ -19,6 +19,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date, time
+from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
@@ -35,6 +36,9 @@ Table = Mapping[str, Any]
 
 LARGEST = 2**20
 """No settings file is larger, bytes."""
+
+MOST_TOLD = 1_000
+"""A file with more fields that cannot be read is no such file: this many are told."""
 
 BROKEN_RULE = "broken_rule"
 """Type of the validation error that stands for broken rules."""
@@ -305,7 +309,7 @@ def _required_first(schema: Schema, properties: Iterable[str]) -> list[str]:
 
 def find(model: type[Confined], document: Table, lines: Mapping[Place, int]) -> tuple[Problem, ...]:
     """Return every problem of `document` as a `model`, in the order of their lines as `locate` returns them."""
-    found = {**dict(_broken_rules(model, document)), **dict(_invalid_fields(model, document))}
+    found = {**dict(_broken_rules(model, document)), **dict(islice(_invalid_fields(model, document), MOST_TOLD))}
     problems = (
         Problem(written(path), _nearest(lines, path), _shown(_value(document, path)), words)
         for path, words in found.items()
@@ -440,7 +444,7 @@ class _Locator:
         while True:
             part = self._take(_KEY_PART)
             # Quoted keys hold escapes, which the parser itself decodes best.
-            parts.append(next(iter(tomllib.loads(f"{part}=0"))))
+            parts.append(next(iter(tomllib.loads(f"{part}=0"))) if part[0] in "\"'" else part)
             if not self._take(_DOT):
                 return tuple(parts)
 

@@ -72,6 +72,25 @@ __main__.main()
     assert (done.returncode, done.stderr.count("\n")) == (130, 1)
 
 
+@pytest.mark.parametrize(("raised", "code"), [("KeyboardInterrupt", 130), ("PalpateError", 2), ("OSError", 2)])
+def test_a_closed_standard_error_changes_no_exit_code(repository_root: Path, raised: str, code: int) -> None:
+    """Each write to this device fails, as one to a terminal that was closed does."""
+    source = f"""
+import sys
+from experiment import __main__
+from experiment.cli import app
+from experiment.errors import PalpateError
+sys.argv = ["palpate", "check"]
+def fails():
+    raise {raised}("any")
+app.app = fails
+__main__.main()
+"""
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        done = subprocess.run([sys.executable, "-c", source], cwd=repository_root, stderr=full, check=False)
+    assert done.returncode == code
+
+
 def test_other_ends_are_left_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, code in ((["--version"], 0), (["no-such-command"], 2), (["check", "no-such-file.toml"], 2)):
         monkeypatch.setattr("sys.argv", ["palpate", *arguments])

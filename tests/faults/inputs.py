@@ -29,6 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
+from experiment.records import chain
 from tests.faults.campaign import Count, Size
 from tests.faults.valid_inputs import LVM, make_bench, with_hash
 
@@ -179,7 +180,7 @@ def rechained(journal: bytes, head: Path, draws: random.Random) -> bytes:
 COMMANDS = (
     *("check", "power", "plan", "rehearse", "seal", "doctor", "calibrate", "record", "validate", "spectrum"),
     *("enrol", "consent", "schedule", "run", "journal", "withdraw", "build", "analyse", "export", "audit"),
-    *("import-counts", "numerics", "devices", "x", ""),
+    *("anchor", "verify", "import-counts", "numerics", "devices", "x", ""),
 )
 OPTIONS = (
     *("--participant", "--seed", "--dataset", "--out", "--json", "--rig", "--task", "--recordings", "--studies"),
@@ -215,8 +216,8 @@ def tried(kind: Kind, number: int, bench: Path) -> tuple[list[str], dict[str, by
         return arguments(draws), {}
     file = kind.files[number % len(kind.files)]
     kept = {name: (bench / name).read_bytes() for name in kind.files}
-    if file.endswith("_journal.jsonl") and number % 4 == 0:
-        content = rechained(kept[file], bench / kind.files[1], draws)
+    if file.endswith(".jsonl") and number % 4 == 0:
+        content = rechained(kept[file], chain.head_path(bench / file), draws)
     else:
         content = mutated(kept[file], draws)
     (bench / file).write_bytes(content)
@@ -495,7 +496,11 @@ def interrupted(folder: Path, count: int) -> list[str]:
             begun.stdout.read(1)
             time.sleep(after_s)
             begun.send_signal(signal.SIGINT)
-            _, said = begun.communicate(timeout=BLOCKED_S)
+            try:
+                _, said = begun.communicate(timeout=BLOCKED_S)
+            except subprocess.TimeoutExpired:
+                begun.kill()
+                return f"{command} after {after_s:.3f} s: not interrupted"
         shutil.rmtree(bench)
         lines = said.decode("utf-8", "replace").splitlines()
         # After the last line of palpate, Python dies of the signal.

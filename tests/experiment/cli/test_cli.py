@@ -130,6 +130,28 @@ def test_a_fault_in_palpate_itself_is_one_line_too(palpate: Palpate, monkeypatch
     report.unlink()
 
 
+@pytest.mark.parametrize(
+    ("error", "said"), [(MemoryError, "more memory than there is"), (RecursionError, "too deeply")]
+)
+def test_too_much_is_one_line_and_no_fault(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch, error: type[Exception], said: str
+) -> None:
+    def beyond(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("experiment.records.journal.read", beyond)
+    code, _, err = palpate("journal", "any.jsonl")
+    assert (code, len(lines(err))) == (2, 1)
+    assert said in err
+
+
+@pytest.mark.parametrize("command", ["schedule", "rehearse", "enrol", "power", "record", "validate"])
+def test_a_seed_that_no_file_may_hold_is_refused(palpate: Palpate, protocol: Path, command: str) -> None:
+    code, _, err = palpate(command, protocol, "--seed", 2**63)
+    assert code == 2
+    assert "Invalid value for '--seed': Input should be less than or equal to 9223372036854775807" in err
+
+
 def test_spectrum_never_draws_over_a_file_that_nobody_named(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -322,3 +322,12 @@ def test_a_protocol_of_format_1_is_refused_with_what_to_move_where(tmp_path: Pat
     assert 'kind = "footstep" to every [[tasks]]' in problem.allowed
     (tmp_path / "moved.toml").write_text(moved)
     assert files.load(tmp_path / "moved.toml") == protocol()
+
+
+def test_a_file_of_nothing_but_unknown_keys_is_told_in_part(tmp_path: Path) -> None:
+    """Words for each of the 90,000 that a file can hold took minutes."""
+    path = tmp_path / "many.toml"
+    path.write_text("".join(f"k{n} = 1\n" for n in range(load.MOST_TOLD + 9)), "utf-8")
+    with pytest.raises(ProtocolError) as refused:
+        load.read(path, load.Confined)
+    assert len(refused.value.problems) == load.MOST_TOLD
