@@ -14,6 +14,10 @@ import grimp
 REPOSITORY = Path(__file__).parent.parent
 PACKAGES = ("experiment", "analysis")
 
+LINES = 34_200
+"""31,500 when the house was redrawn; and what proofs of a dataset, exposure at every moment, texts that cannot deceive,
+trackers that lie and files that fail have added since."""
+
 
 @dataclass(frozen=True)
 class Figure:
@@ -41,7 +45,7 @@ def figures() -> tuple[Figure, ...]:
     imports = {(one, other) for one in graph.modules for other in graph.find_modules_directly_imported_by(one)}
     return (
         Figure("modules of source", len(sources), 165),
-        Figure("lines of source", sum(len((REPOSITORY / path).read_bytes().splitlines()) for path in sources), 31_500),
+        Figure("lines of source", sum(len((REPOSITORY / path).read_bytes().splitlines()) for path in sources), LINES),
         *(Figure(f"entries of {package}/", rooms[package], 16) for package in PACKAGES),
         Figure("entries of the largest room", rooms[inner[0]], 12, tuple(f"{r}: {rooms[r]}" for r in inner[:5])),
         Figure("imports from module to module", len(imports), 800),

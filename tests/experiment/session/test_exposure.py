@@ -237,7 +237,7 @@ def test_a_session_after_the_clock_was_set_dates_those_before_it_whatever_starts
     for place, lines in enumerate(sessions, 1):
         lines[0] = Line(lines[0].t_ns, header("virtual").model_copy(update={"task_position": place}))
     # The header of the last journal was torn.
-    journals = [Contents(tuple(lines), b"", 0, chain.GENESIS) for lines in [*sessions[::order], []]]
+    journals = [Contents(tuple(lines)) for lines in [*sessions[::order], []]]
     for hour in range(9, 34):
         counted = sum(hour - ended < 24 for ended in (0, 4, 6, 8))
         assert dose_before(journals, clock) == pytest.approx(0.1 * counted), hour
