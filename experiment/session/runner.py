@@ -140,6 +140,15 @@ class _Session:
 
     def run(self, contents: journal.Contents) -> Footer:
         try:
+            return self._run(contents)
+        except KeyboardInterrupt:
+            if self._log.done.footer is not None:
+                raise
+            # It came as the session was ending: a terminal that is closed takes no line, and interrupts as well.
+            return self._end("paused", "interrupted at the keyboard")
+
+    def _run(self, contents: journal.Contents) -> Footer:
+        try:
             self._begin(contents)
             if self._masking is not None and not self._exposed.over():
                 self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a)

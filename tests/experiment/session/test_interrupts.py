@@ -13,12 +13,13 @@ import pytest
 
 from experiment import storage
 from experiment.apparatus.tracker.frames import Samples
-from experiment.errors import AudioError
+from experiment.errors import AudioError, ScreenGone
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.entries import Footer, Trace
 from experiment.records.footstep import FootStep
-from experiment.session import interrupts
+from experiment.session import interrupts, runner
+from experiment.session.attempt import Event, State
 from experiment.session.runner import SessionLog
 from tests.experiment.session.bench import bench, entries, felt_and_on_file, header
 from tests.experiment.session.scripted import ScriptedConsole
@@ -205,6 +206,26 @@ def test_an_entry_that_is_being_written_is_on_file_before_the_session_pauses(
     assert pressed[0] in path.read_bytes()
     assert entries(tmp_path, "virtual")[-1] == footer
     assert bench("cpt").run(protocol, header("virtual"), tmp_path).reason == "complete"
+
+
+def test_an_interrupt_as_the_session_is_ending_leaves_its_footer(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    follow = runner.follow
+
+    def following(state: State, event: Event) -> State:
+        if event is Event.PAUSE:
+            press()
+        return follow(state, event)
+
+    def gone() -> None:
+        raise ScreenGone("the screen is gone")
+
+    monkeypatch.setattr(runner, "follow", following)
+    one = bench("c")
+    one.console = ScriptedConsole(one.clock, "c", before_ask=gone)
+    assert one.run(protocol, header("virtual"), tmp_path) == INTERRUPTED
+    assert entries(tmp_path, "virtual")[-1] == INTERRUPTED
 
 
 def test_the_last_line_is_on_file_before_a_session_that_is_complete_is_interrupted(
