@@ -15,7 +15,7 @@ from experiment import storage
 from experiment.apparatus.tracker.frames import Samples
 from experiment.errors import AudioError, ScreenGone
 from experiment.protocol.models import Protocol
-from experiment.records import journal
+from experiment.records import chain, journal
 from experiment.records.entries import Footer, Trace
 from experiment.records.footstep import FootStep
 from experiment.session import interrupts, runner
@@ -190,7 +190,7 @@ def test_what_failed_after_contact_is_told_and_not_the_key(
 def test_an_entry_that_is_being_written_is_on_file_before_the_session_pauses(
     protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
-    written = journal.write_through
+    written = chain.write_through
     pressed: list[bytes] = []
 
     def writing(file: FileIO, content: bytes) -> None:
@@ -199,7 +199,7 @@ def test_an_entry_that_is_being_written_is_on_file_before_the_session_pauses(
             press()
         written(file, content)
 
-    monkeypatch.setattr(journal, "write_through", writing)
+    monkeypatch.setattr(chain, "write_through", writing)
     footer = bench("cpt").run(protocol, header("virtual"), tmp_path)
     assert (footer.reason, footer.detail) == ("paused", "interrupted at the keyboard")
     path = storage.journal_path(tmp_path, "01", "virtual")
