@@ -352,7 +352,7 @@ def lasting(protocol: Protocol, seconds: float) -> Protocol:
 
 def real_time(keys: str, clock: ManualClock) -> Bench:
     """A foot of 100 mm/s, read in pieces of 4 ms, each of which takes as long."""
-    one = bench(keys, as_read(2, 100.0))
+    one = bench(keys, [*as_read(2, 100.0)])
     one.clock, one.console, one.tracker._clock = clock, ScriptedConsole(clock, keys), clock
     read = one.tracker.read
 

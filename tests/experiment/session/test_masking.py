@@ -107,7 +107,7 @@ def test_a_level_that_the_dose_does_not_allow_pauses_the_session(
     """The dose is used up as the masker starts, as the first level is chosen, or at the question of trial 2."""
     one = masked(bench(f"{keys}t"), "++-.")
     masker = one.masker
-    assert masker is not None
+    assert isinstance(masker, ScriptedMasker)
     begun, left = masker._set, [presses]
 
     def until_used_up(level_db_a: float) -> float:
