@@ -18,7 +18,7 @@ from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.entries import Footer, Trace
 from experiment.records.footstep import FootStep
-from experiment.session import interrupts, runner
+from experiment.session import attempt, interrupts, runner
 from experiment.session.attempt import Event, State
 from experiment.session.runner import SessionLog
 from tests.experiment.session.bench import bench, entries, felt_and_on_file, header
@@ -211,7 +211,7 @@ def test_an_entry_that_is_being_written_is_on_file_before_the_session_pauses(
 def test_an_interrupt_as_the_session_is_ending_leaves_its_footer(
     protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    follow = runner.follow
+    follow = attempt.follow
 
     def following(state: State, event: Event) -> State:
         if event is Event.PAUSE:
