@@ -12,7 +12,7 @@ PalpateError                exit code 2, one line for the experimenter
 │   └── TrackerStopped      no frame within the limit, or the port has gone
 ├── ActuatorError           the stimulus could not be handed to the device
 ├── AudioError              the audio device cannot be opened, or has stopped
-│   └── DoseUsedUp          the masker may play no longer today
+│   └── DoseUsedUp          the masker may play no longer in these 24 hours
 ├── JournalError            a journal that cannot be trusted or continued
 │   └── SessionLocked       another runner holds this participant
 ├── SessionError            a step that the session's state does not allow

@@ -247,6 +247,11 @@ def roster_path(dataset: Path) -> Path:
     return dataset / "sourcedata" / "roster.jsonl"
 
 
+def size(path: Path) -> int:
+    """Return how many bytes a file has; none if it is not there, or is a link that leads nowhere."""
+    return path.stat().st_size if path.exists() else 0
+
+
 def journals(dataset: Path) -> list[Path]:
     """Return the journals of a dataset, by participant and task."""
     return sorted((dataset / "sourcedata").glob("sub-*/sub-*_journal.jsonl"))

@@ -245,12 +245,15 @@ def tell_analysis(
 
 
 def _believe(*datasets: Path) -> None:
-    """Refuse a dataset whose journals are not all its own, or do not give its tables."""
+    """Refuse a dataset whose journals are not all its own, or do not give its tables; tell where there are none."""
+    from experiment.cli import tell
     from experiment.dataset import beliefs, build
 
     for dataset in datasets:
         if beliefs.has_journals(dataset):
             build.check_tables(dataset)
+        elif (dataset / "dataset_description.json").exists() and beliefs.origin_of(dataset) != "RECONSTRUCTION":
+            tell(f"palpate: {dataset}: no journal stands behind these tables, so a changed cell would not show")
 
 
 def _sizes(text: str) -> list[int]:

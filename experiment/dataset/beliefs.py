@@ -80,7 +80,15 @@ def has_journals(root: Path) -> bool:
     """Return whether a dataset was made from journals, even if some are gone; others hold tables alone."""
     source = root / "sourcedata"
     settled = (storage.seed_path(root), storage.plan_path(root), storage.roster_path(root))
-    return any(path.exists() for path in settled) or any(source.glob("sub-*/*_journal.*"))
+    return any(path.exists() for path in settled) or any(source.glob("sub-*/sub-*"))
+
+
+def origin_of(root: Path) -> str:
+    """Return what the tables of a dataset say that they are. Raises `DatasetError` if they say nothing."""
+    try:
+        return str(storage.json_of(storage.read_bytes(root / "dataset_description.json"))["Palpate"]["Origin"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise DatasetError(f"{root}: is no dataset of palpate; give the folder that holds sourcedata") from error
 
 
 def journals(root: Path) -> list[Path]:
@@ -123,6 +131,8 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
             _check_header(path, contents.header, study)
             sessions.append((path, contents))
     with collected(doubts):
+        _refuse_frames(root, set(paths))
+    with collected(doubts):
         _refuse_copies(sessions)
     with collected(doubts):
         _refuse_tables(root, begun)
@@ -150,7 +160,7 @@ def _study(root: Path) -> _Study:
         seed, purpose = rosters.seed_of(root), rosters.purpose_of(root)
         roster = Roster.load(storage.roster_path(root))
         tasks = {one.participant: one.tasks for one in rosters.allocate(protocol, seed)}
-        seal = approval.held(kept, protocol) if any(path.stat().st_size for path in storage.journals(root)) else None
+        seal = approval.held(kept, protocol) if any(storage.size(path) for path in storage.journals(root)) else None
         return _Study(root, protocol, sha256, purpose, seed, tasks, None, roster, seal)
     for path in (storage.roster_path(root), storage.seed_path(root)):
         if path.exists():
@@ -178,10 +188,18 @@ def _refuse_strays(root: Path, journals: set[Path]) -> None:
         )
 
 
+def _refuse_frames(root: Path, journals: set[Path]) -> None:
+    """Refuse raw frames without a journal: a whole session was deleted."""
+    known = {storage.foot_path(path) for path in journals}
+    for path in sorted((root / "sourcedata").glob("sub-*/*_foot.cobs")):
+        if path not in known and storage.size(path):
+            raise DatasetError(f"{path}: the journal of these frames is missing; restore it from a backup")
+
+
 def _check_frames(path: Path, contents: Contents) -> None:
     """Refuse a journal without an attempt where raw frames of one are: the journal was cut off."""
     foot = storage.foot_path(path)
-    if foot.exists() and foot.stat().st_size and not any(isinstance(entry, Armed) for entry in contents.entries):
+    if storage.size(foot) and not any(isinstance(entry, Armed) for entry in contents.entries):
         raise DatasetError(f"{path}: knows of no attempt, and {foot.name} does; restore the journal from a backup")
 
 
@@ -245,12 +263,12 @@ def _refuse_copies(sessions: list[tuple[Path, Contents]]) -> None:
 
 
 def _refuse_tables(root: Path, journals: set[Path]) -> None:
-    """Refuse events without a journal."""
-    begun = {path.name.replace("_journal.jsonl", "_events.tsv") for path in journals}
-    for path in sorted(root.glob("sub-*/beh/*_events.tsv")):
-        if path.name not in begun:
+    """Refuse tables of a session without a journal."""
+    begun = {path.name.removesuffix("journal.jsonl") for path in journals}
+    for path in sorted(root.glob("sub-*/beh/sub-*_task-*")):
+        if "_".join(path.name.split("_")[:2]) + "_" not in begun:
             raise DatasetError(
-                f"{path}: no journal gives these events; restore the journal under sourcedata from a backup, or take "
+                f"{path}: no journal gives this table; restore the journal under sourcedata from a backup, or take "
                 "the table out of the dataset"
             )
 

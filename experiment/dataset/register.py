@@ -117,6 +117,8 @@ def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
         raise DatasetError(f"{to}: the register would stand inside the dataset; allowed: any other place; choose one")
     kept = Kept(anchor=anchor, signature=_signature(anchor, key) if key else None)
     begun = not to.exists()
+    if not begun and storage.size(to) and not read(to)[0]:
+        raise DatasetError(f"{to}: holds no anchor, so it is no register; allowed: a register, or a new file; name one")
     _append(to, kept)
     return f"Anchored in {to}{', signed' if key else ''}." + (" This register is a new file." if begun else "")
 
@@ -195,7 +197,8 @@ def _append(path: Path, kept: Kept) -> None:
     try:
         with path.open("a+b") as file:
             size = file.seek(0, os.SEEK_END)
-            torn = size and os.pread(file.fileno(), 1, size - 1) != b"\n"
+            file.seek(max(size - 1, 0))
+            torn = size and file.read(1) != b"\n"
             file.write(b"\n" * bool(torn) + kept.model_dump_json().encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())

@@ -118,13 +118,8 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
 
 def _alone(root: Path) -> Iterator[Finding]:
     """Tell what stands behind tables without journals."""
-    file = root / "dataset_description.json"
-    try:
-        origin = storage.json_of(storage.read_bytes(file))["Palpate"]["Origin"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DatasetError(f"{root}: is no dataset of palpate; give the folder that holds sourcedata") from error
-    if origin != "RECONSTRUCTION":
-        raise DatasetError(f"{file}: says {origin}, and sourcedata holds no journal; restore it from a backup")
+    if (origin := beliefs.origin_of(root)) != "RECONSTRUCTION":
+        raise DatasetError(f"{root}: says {origin}, and sourcedata holds no journal; restore it from a backup")
     yield Finding(
         "note", "RECONSTRUCTION", "no journal is behind these tables, only counts from print: no change shows"
     )
@@ -169,7 +164,8 @@ def _session(path: Path, headers: list[Header]) -> str:
 
 def _roster(path: Path) -> str:
     enrolled = Roster.load(path)
-    return f"{len(enrolled.consent_on)} participants, {len(enrolled.withdrawn)} of them withdrawn"
+    torn = f"; a torn last line of {len(enrolled.lines.torn)} bytes was never confirmed" if enrolled.lines.torn else ""
+    return f"{len(enrolled.consent_on)} participants, {len(enrolled.withdrawn)} of them withdrawn{torn}"
 
 
 def _recordings(root: Path, named: set[str | None]) -> str:
@@ -214,6 +210,10 @@ def _evidence(
     all_anchors: list[Anchor] = []
     for path in (*([root / LOG] if (root / LOG).exists() else []), *registers):
         inside = path == root / LOG
+        if not inside and path.resolve().is_relative_to(root.resolve()):
+            text = "stands inside the dataset: whoever can change the one can change the other; name one outside"
+            findings.append(Finding("refused", str(path), text))
+            continue
         kept, broken = register.read(path)
         if broken:
             lines = ", ".join(map(str, broken))

@@ -1,4 +1,6 @@
-"""What a session does to its participant, watched at every moment: its time, the masker's dose, and the vibrations.
+"""What a session does to its participant, watched at every moment: its time and the masker's dose.
+
+Vibrations are counted; what holds their peak is the limiter.
 
 In real time a thread looks twice a second, while a foot is waited for and while the experimenter reads a prompt: it
 silences the masker when the session's time or the dose is used up, and puts the exposure on disk every few seconds, so
@@ -9,10 +11,12 @@ from __future__ import annotations
 
 import threading
 from collections import defaultdict
+from contextlib import suppress
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 from experiment.apparatus import host
+from experiment.errors import PalpateError
 from experiment.records.entries import Exposure, Header, MaskerSet, Resumed
 
 if TYPE_CHECKING:
@@ -78,6 +82,11 @@ class Exposed:
         return self._over
 
     @property
+    def ends_ns(self) -> int:
+        """The session time from which on nothing may be felt, ns."""
+        return self._ends_ns
+
+    @property
     def left_s(self) -> float:
         """How long it is until the session's end, s."""
         return max((self._ends_ns - self._clock.now_ns()) / 1e9, 0.0)
@@ -117,8 +126,11 @@ class Exposed:
                     shown = True
                     self._console.show(f"\n{why}. Nothing more is felt: answer what is asked, and the session pauses.")
         except Exception as failed:
-            # It is told where the session asks next.
+            # It is told where the session asks next; the masker does not wait for that.
             self._failed = failed
+            if self._masking is not None:
+                with suppress(PalpateError):
+                    self._masking.silence()
 
 
 def dose_before(journals: Iterable[Contents], clock: Clock) -> float:

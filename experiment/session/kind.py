@@ -45,6 +45,11 @@ class Log(Protocol):
 class Limits(Protocol):
     """What a session allows its participant to feel."""
 
+    @property
+    def ends_ns(self) -> int:
+        """The session time from which on nothing may be felt, ns."""
+        ...
+
     def over(self, ahead_ns: int = 0) -> str:
         """Return why nothing may be felt `ahead_ns` from now, or nothing while it may. Raises `PalpateError`."""
         ...

@@ -196,6 +196,18 @@ def _emptied(study: MadeStudy, _: Path) -> None:
     shutil.rmtree(study.root / "sub-01")
 
 
+def _erased(study: MadeStudy, _: Path) -> None:
+    """All of a session but its raw frames and its rig."""
+    study.journal().unlink()
+    chain.head_path(study.journal()).unlink()
+    shutil.rmtree(study.root / "sub-01")
+
+
+def _stray_trace(study: MadeStudy, _: Path) -> None:
+    name = _events(study).name
+    (_events(study).parent / name.replace("sub-01", f"sub-{THIRD}").replace("_events", "_physio")).write_bytes(b"1\n")
+
+
 def _forgotten(participant: str, rebuild: Callable[[Path], None] = build.build) -> Act:
     """A withdrawal, and then the roster and its head as they were before."""
 
@@ -311,12 +323,16 @@ WRONG = (
     Wrong("a consent before the approval", _consent_before_approval, "begin: .* allowed: from 2001-01-01"),
     Wrong("a journal deleted", _gone(MadeStudy.journal), "the file is missing"),
     Wrong(
-        "a journal deleted with its head", _gone(_head(MadeStudy.journal), MadeStudy.journal), "no journal gives these"
+        "a journal deleted with its head",
+        _gone(_head(MadeStudy.journal), MadeStudy.journal),
+        "the journal of these frames is missing",
     ),
     Wrong("a journal emptied, its head and tables deleted", _emptied, "knows of no attempt"),
+    Wrong("a session erased but for its frames", _erased, "the journal of these frames is missing"),
+    Wrong("a trace of no journal", _stray_trace, "no journal gives this table"),
     Wrong("a foot trace edited", _replaced(_foot, b"\x00", b"\x01"), "not those that the journal names"),
     Wrong("a foot trace deleted", _gone(_foot), "cannot read the foot trace"),
-    Wrong("events of no journal", _foreign_events, "no journal gives these events"),
+    Wrong("events of no journal", _foreign_events, "no journal gives this table"),
     Wrong("an answer edited in the events", _first_cell, "line 2 is not what the journal gives", mended=True),
     Wrong("a trial left out of the events", _fewer_rows, "line 3 is not what the journal gives", mended=True),
     Wrong("events deleted", _gone(_events, _sidecar), "cannot be read", mended=True),

@@ -284,7 +284,7 @@ class _Step:
                 landing = predictor.landing(falling) if falling is not None and sounding is not None else None
                 if landing is not None and sounding is not None and sounding.in_time(landing):
                     aim_at = landing
-            if aim_at is not None and sounding is not None:
+            if aim_at is not None and sounding is not None and self._allows(aim_at):
                 sounding.aim(aim_at)
             if self._contact is not None:
                 return ""
@@ -293,6 +293,10 @@ class _Step:
                 speed_mm_s = detector.speed_mm_s(state)
                 if speed_mm_s is not None:
                     sounding.prepare(speed_mm_s)
+
+    def _allows(self, landing: Landing) -> bool:
+        """Return whether a foot that lands so may feel it; a read that comes late could not take it back."""
+        return self._taken.session_ns(landing.us) <= self._parts.limits.ends_ns
 
     def land(self) -> WatchedStep | BrokenStep:
         """Have the stimulus sound, and record the tail; a step whose tracker cannot be believed is broken off."""

@@ -175,6 +175,15 @@ def test_the_log_of_the_dataset_alone_refuses_but_proves_nothing(study: MadeStud
     assert list(refused(verify(study.root))) == [inside(study, study.journal())]
 
 
+def test_a_register_inside_the_dataset_proves_nothing_however_its_path_is_spelt(study: MadeStudy) -> None:
+    register.enter(register.make(study.root), study.root, study.root.parent / "register", None)
+    inner = study.root / "sourcedata" / "sub-01" / ".." / "register"
+    inner.write_bytes((study.root.parent / "register").read_bytes())
+    report = verify(study.root, [inner])
+    assert refused(report)[str(inner)].startswith("stands inside the dataset")
+    assert not any(sentence.startswith("PROVEN") for sentence in report.verdict)
+
+
 def test_a_register_of_another_dataset_proves_nothing(study: MadeStudy, tmp_path: Path) -> None:
     other = make_study(tmp_path / "other", study="another", sessions=1)
     register.enter(register.make(other.root), other.root, tmp_path / "register", None)

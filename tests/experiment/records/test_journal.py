@@ -178,6 +178,18 @@ def test_more_lines_than_the_head_names_are_a_head_that_was_deleted_or_replaced(
                 journal.read(path)
 
 
+def test_what_was_written_since_a_journal_was_read_is_never_cut_off(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    write(path, ENTRIES[:2])
+    before = journal.read(path)
+    first = journal.Journal(path, ManualClock(0), before)
+    first.append(ENTRIES[2])
+    first.close()
+    with pytest.raises(SessionLocked, match="was written since it was read"):
+        journal.Journal(path, ManualClock(0), before)
+    assert len(journal.read(path).lines) == 3
+
+
 @pytest.mark.parametrize("operation", ["write", "fsync", "_write_head"])
 @pytest.mark.parametrize("after", [False, True], ids=["before", "after"])
 def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(

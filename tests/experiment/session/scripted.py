@@ -36,6 +36,8 @@ def rest_samples(start_us: int, height_mm: float) -> Samples:
 class Endless:
     """Implements `Limits`: everything may be felt."""
 
+    ends_ns = 2**63
+
     def over(self, ahead_ns: int = 0) -> str:
         return ""
 

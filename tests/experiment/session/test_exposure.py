@@ -316,10 +316,14 @@ def test_what_the_watching_thread_cannot_write_is_raised_where_the_session_asks_
     monkeypatch.setattr(exposure, "LOOK_S", 0.0)
     clock = Machine()
     log = Lines(clock)
-    exposed, _, _ = watched(clock, log)
+    exposed, masker, masking = watched(clock, log, before=0.0)
+    assert masker is not None
+    assert masking is not None
+    masking.choose("", None)
     exposed.begin()
     log.failing = True
     exposed._thread.join(60)
+    assert masker.level_db_a is None, "nobody watches it any longer"
     with pytest.raises(JournalError, match="the disk is full"):
         exposed.over()
     exposed.close()
