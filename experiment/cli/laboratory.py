@@ -142,7 +142,8 @@ def consent(
     if correct != (reason is not None):
         raise RosterError("got one of --correct and --reason; allowed: both or neither; say why the day is corrected")
     path = roster.consent(protocol_file, participant, consent_on.date(), root=dataset, correction=reason)
-    typer.echo(f"Participant {participant} has consented: {path}")
+    done = "has consented" if reason is None else f"consented on {consent_on.date()}, as corrected"
+    typer.echo(f"Participant {participant} {done}: {path}")
 
 
 @commands.command(epilog="Example: palpate schedule protocols/okamoto2012.toml --participant 03 --seed 1")

@@ -24,6 +24,7 @@ from pydantic import Field, ValidationError
 from experiment import clock, storage
 from experiment.dataset.beliefs import believed
 from experiment.errors import DatasetError
+from experiment.protocol import approval
 from experiment.records.entries import Purpose, Record
 
 LOG = Path("sourcedata") / "anchors.log"
@@ -82,17 +83,16 @@ class Kept(Record):
 def make(root: Path) -> Anchor:
     """Return the anchor of a dataset as it is now.
 
-    Raises `DatasetError` if it has no session, and what `believed` raises.
+    Raises `DatasetError` if it has neither a roster nor a session, and what `believed` raises.
     """
     dataset = believed(root)
-    if not dataset.sessions:
+    if dataset.roster is None and not dataset.sessions:
         raise DatasetError(f"{root}: got no session; allowed: one or more; run a session first, then anchor it")
-    header = dataset.sessions[0][1].header
     return Anchor(
         anchored_utc=clock.utc(clock.wall_ns()),
-        study=header.study,
-        purpose=header.purpose,
-        protocol_sha256=header.protocol_sha256,
+        study=dataset.protocol.study.id,
+        purpose=dataset.purpose,
+        protocol_sha256=approval.sha256(dataset.protocol),
         prefixes=tuple(
             Prefix(file=path.relative_to(root).as_posix(), lines=len(hashes), sha256=hashes[-1])
             for path in (storage.roster_path(root), *(path for path, _ in dataset.sessions))

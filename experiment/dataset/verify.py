@@ -92,7 +92,7 @@ def _together(root: Path, told: set[str]) -> Iterator[Finding]:
         dataset, doubts = beliefs.examined(root)
         if doubts:
             yield Finding("note", "tables", "were not compared with the journals, because not every journal holds")
-        else:
+        elif dataset.sessions:
             doubts = [*build.edited(root, dataset), *_lost_traces(root, dataset)]
     except PalpateError as error:
         doubts = [error]
@@ -100,7 +100,9 @@ def _together(root: Path, told: set[str]) -> Iterator[Finding]:
         finding = _refused(root, doubt)
         if finding.text not in told:
             yield finding
-    if not doubts:
+    if not doubts and not dataset.sessions:
+        yield Finding("note", "sessions", "none has begun, so there are no tables")
+    elif not doubts:
         of = "protocol and the plan of the rehearsal" if dataset.roster is None else "sealed protocol, seed and roster"
         yield Finding("holds", "headers", f"each journal is of its path, the {of}")
         yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")

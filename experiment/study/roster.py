@@ -292,7 +292,7 @@ def check_consent(participant: str, consent_on: date | None, *, approved_on: dat
 
     Raises `RosterError`.
     """
-    mend = "correct it (palpate consent --correct)"
+    mend = "give the right day; one on record is corrected with palpate consent --correct"
     if consent_on is not None and consent_on > today:
         raise RosterError(f"participant {participant}: got consent on {consent_on}; allowed: up to {today}; {mend}")
     if consent_on is not None and approved_on is not None and consent_on < approved_on:
@@ -328,6 +328,8 @@ def enrol(
     find(allocate(protocol, 0), participant)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
+    if not path.exists() and any((root / "sourcedata").glob("sub-*")):
+        raise DatasetError(f"{root}: has participants and no roster; restore {path} and its head from a backup")
     Roster.load(path).check_next(participant)
     settle(root, protocol_file, protocol, seed, "PILOT" if pilot else None)
     Roster.load(path).enrol(participant, consent_on)

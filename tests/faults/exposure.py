@@ -358,7 +358,7 @@ def attacks(size: Size) -> Iterator[Count]:
     tallies: dict[str, list[tuple[bool, float, str]]] = defaultdict(list)
     zone = os.environ.get("TZ")
     with tempfile.TemporaryDirectory() as folder:
-        for seed in range(size.of(3, 100)):
+        for seed in range(size.of(2, 100)):
             for what, survived, lost, where in History(Path(folder) / str(seed), seed).run():
                 tallies[what].append((survived, lost, f"history {seed}, {where}"))
     os.environ.pop("TZ") if zone is None else os.environ.update(TZ=zone)

@@ -520,7 +520,7 @@ def attacks(size: Size) -> Iterator[Count]:
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         make_bench(folder / "bench")
-        each = size.of(12, 3125)
+        each = size.of(8, 3125)
         for kind, wrong in fuzzed(folder, each * len(KINDS)).items():
             yield Count(f"fuzzed input: {kind}", each, each - len(wrong), failures=tuple(wrong))
         count = size.of(2, 240)

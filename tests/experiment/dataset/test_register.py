@@ -67,10 +67,18 @@ def test_what_is_broken_is_not_anchored(dataset: Path) -> None:
     assert not (dataset / LOG).exists()
 
 
-def test_a_dataset_without_a_session_has_no_anchor(tmp_path: Path) -> None:
+def test_a_roster_is_anchored_before_the_first_session(tmp_path: Path) -> None:
     study = make_study(tmp_path / "study", sessions=0)
-    with pytest.raises(DatasetError, match="got no session"):
-        register.make(study.root)
+    anchor = register.make(study.root)
+    assert [prefix.file for prefix in anchor.prefixes] == ["sourcedata/roster.jsonl"]
+    assert (anchor.study, anchor.purpose) == ("okamoto2012", "STUDY")
+
+
+def test_a_register_is_no_other_file(dataset: Path, tmp_path: Path) -> None:
+    (tmp_path / "notes").write_text("mine", "utf-8")
+    with pytest.raises(DatasetError, match="holds no anchor, so it is no register"):
+        register.enter(register.make(dataset), dataset, tmp_path / "notes", None)
+    assert (tmp_path / "notes").read_text("utf-8") == "mine"
 
 
 def test_a_register_keeps_every_anchor_and_tells_when_it_is_new(dataset: Path, tmp_path: Path) -> None:

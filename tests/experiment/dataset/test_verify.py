@@ -229,6 +229,15 @@ def test_recordings_are_held_against_the_journals_and_their_manifest(study: Made
     assert "cannot be read" in refused(verify(study.root))[inside(study, manifest)]
 
 
+def test_before_the_first_session_nothing_is_missed(tmp_path: Path) -> None:
+    report = verify(make_study(tmp_path / "new", sessions=0).root)
+    assert report.refused == 0
+    assert {finding.item: finding.word for finding in report.findings} == {
+        "sourcedata/roster.jsonl": "holds",
+        "sessions": "note",
+    }
+
+
 def test_what_is_no_data_of_a_study_says_so_first(tmp_path: Path) -> None:
     assert verify(make_study(tmp_path / "pilot", pilot=True).root).title.startswith("PILOT of okamoto2012: ")
 
