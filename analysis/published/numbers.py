@@ -338,8 +338,8 @@ MOST_LINES = 50
 """The most lines of one ANOVA table."""
 
 ENTRIES: Mapping[str, tuple[str, ...]] = {
-    **{key: ("cells",) for key in ("table", "text", "score", "choices")},
-    **{key: () for key in ("task", "levels", "one_way", "two_way", "icc", "claim")},
+    **dict.fromkeys(("table", "text", "score", "choices"), ("cells",)),
+    **dict.fromkeys(("task", "levels", "one_way", "two_way", "icc", "claim"), ()),
     "t": ("tests",),
     "anova": ("lines",),
 }
