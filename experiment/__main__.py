@@ -7,7 +7,7 @@ from typing import Any
 
 
 def _unraisable(told: Any) -> None:
-    """Bring back an interrupt that came in a callback from which nothing can be raised, as in the middle of an import."""
+    """Bring back an interrupt from a callback that cannot raise it, as in the middle of an import."""
     if told.exc_type is not KeyboardInterrupt:
         sys.__unraisablehook__(told)
         return

@@ -197,7 +197,7 @@ def test_an_anova_table_of_more_lines_than_can_be_tried_is_refused(scores: Path)
 
 def test_numbers_that_take_too_long_are_refused(scores: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(evidence, "MOST_S", -1.0)
-    with pytest.raises(PublishedError, match="scores: got printed numbers that take more than .* divide the file"):
+    with pytest.raises(PublishedError, match=r"scores: got printed numbers that take more than .* divide the file"):
         audit(str(scores))
 
 
