@@ -3,10 +3,27 @@
 from __future__ import annotations
 
 import sys
+from typing import Any
+
+
+def _unraisable(told: Any) -> None:
+    """Bring back an interrupt from a callback that cannot raise it, as in the middle of an import."""
+    if told.exc_type is not KeyboardInterrupt:
+        sys.__unraisablehook__(told)
+        return
+    import os
+    import signal
+    import threading
+
+    # Not from here: this would be lost as the first one was.
+    again = threading.Timer(0.05, os.kill, (os.getpid(), signal.SIGINT))
+    again.daemon = True
+    again.start()
 
 
 def main() -> None:
     """Entry point of the command."""
+    before, sys.unraisablehook = sys.unraisablehook, _unraisable
     try:
         if sys.argv[1:] in ([], ["-h"], ["--help"]):
             from experiment.cli import overview
@@ -24,6 +41,8 @@ def main() -> None:
         # otherwise Python ends with the signal and not with the exit code.
         eval("None")  # noqa: S307
         raise SystemExit(130) from None
+    finally:
+        sys.unraisablehook = before
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ The stars that a mean can earn are those between the ends of its P.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -64,6 +65,7 @@ class Checks:
         self._evidence = evidence
         self._diagnose = diagnose
         self._sizes = sorted({task.participants for task in published.task if task.participants > 1}, reverse=True)
+        self._everybody = sum(task.participants for task in published.task)
 
     def lines(self) -> Iterator[Line]:
         """Yield the lines of cells, t-tests, ANOVAs and claims."""
@@ -78,12 +80,10 @@ class Checks:
 
     def about(self, cell: PrintedCell) -> Iterator[Line]:
         """Yield the lines of a cell, wherever it stands, and of its test."""
-        for other in self._published.cells:
-            if other.key == cell.key:
-                yield from self._cell(other)
-        for test in self._published.tests:
-            if test.key == cell.key:
-                yield from self._test(test)
+        for other in self._published.cells_by_key.get(cell.key, ()):
+            yield from self._cell(other)
+        for test in self._published.tests_by_key.get(cell.key, ()):
+            yield from self._test(test)
 
     def ratios_of(self, cells: Sequence[PrintedCell]) -> Iterator[Line]:
         """Yield the lines of every F that one of these cells is in."""
@@ -109,8 +109,7 @@ class Checks:
 
     def _others(self, n: int, df: int | None = None) -> list[int]:
         """Return what may have been taken for n, the likeliest first; `df` is printed beside it."""
-        everybody = sum(task.participants for task in self._published.task)
-        sizes = [*self._sizes, *([df + 1] if df else []), everybody, n - 1, n + 1]
+        sizes = [*self._sizes, *([df + 1] if df else []), self._everybody, n - 1, n + 1]
         return [size for size in dict.fromkeys(sizes) if size > 1 and size != n]
 
     def _cell(self, cell: PrintedCell) -> Iterator[Line]:
@@ -146,7 +145,7 @@ class Checks:
             yield self._stars(cited, cell, null, test)
 
     def _test_of(self, cell: PrintedCell) -> PrintedT | None:
-        return next((test for test in self._published.tests if test.key == cell.key), None)
+        return next(iter(self._published.tests_by_key.get(cell.key, ())), None)
 
     def _stars(self, cited: Citation, cell: PrintedCell, null: Fraction | None, test: PrintedT | None) -> Line:
         if null is None:
@@ -197,7 +196,7 @@ class Checks:
         every, narrow = ([p_of_t(t_of(one, n), n - 1) for one in sizes] for sizes in (effects, pinned))
         # Where t itself is wrong, a P that the means and SDs allow is not accused.
         lenient = not t_agrees and judge(p, narrow)[0] not in AGREES and judge(p, every)[0] in AGREES
-        family = sum(one.task == test.task for one in self._published.tests)
+        family = self._published.tests_of[test.task]
         sizes = self._others(n, test.df)
         why = mistakes.of_p(pinned, test.t, test.df, n, sizes, tests=family, t_agrees=t_agrees)
         return cited.number("P", p, every if lenient else narrow, self._tried(why))
@@ -271,5 +270,6 @@ def _is_in(printed: PrintedF, cell: PrintedCell) -> bool:
     return printed.task == cell.task and {cell.presented, cell.answered} <= set(printed.subject)
 
 
+@functools.lru_cache(maxsize=16)
 def _effects(sample: Sample, null: Fraction) -> tuple[Interval, ...]:
     return tuple(dict.fromkeys(size for one in sample.moments if (size := effect(one, null)) is not None))

@@ -7,6 +7,7 @@ gives every value that rounding or truncation, and counting in whole answers, le
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -20,6 +21,7 @@ from analysis.published.numbers import PrintedCell, PrintedF, PrintedT, Publishe
 from analysis.published.printed import Interval, Printed, point
 from analysis.statistics.anova import TYPES
 from analysis.statistics.exact import mean, sum_of_squares
+from experiment.errors import PublishedError
 
 Misreading = Literal["the population SD", "the standard error"]
 """What may be printed in the place of an SD."""
@@ -175,6 +177,10 @@ MISREADINGS: Mapping[Misreading, Callable[[int], Fraction]] = {
 """The factor by which the square of each is multiplied to give the variance of n values."""
 
 
+MOST_S = 10.0
+"""Processor time for all printed numbers of a file but its rows, s."""
+
+
 class FromPrint:
     """The other numbers in print; `misread` holds, by key, the cells whose printed SD is read as something else."""
 
@@ -187,6 +193,7 @@ class FromPrint:
         self._misread = dict(misread or {})
         self._tables = {cell.key: cell for cell in published.tables()}
         self._found: dict[tuple[str, str, str], Sample] = {}
+        self._until_s = time.process_time() + MOST_S
 
     def misreading(self, cell: PrintedCell) -> Misreading | None:
         """Return what the cell's printed SD is read as, or None where it is read as an SD."""
@@ -201,7 +208,10 @@ class FromPrint:
 
     def reading(self, cells: Iterable[PrintedCell], misreading: Misreading) -> FromPrint | None:
         """Return this evidence with the SDs of `cells` read as `misreading`; None where no values have such moments."""
-        found = FromPrint(self._published, self._misread | {cell.key: misreading for cell in cells})
+        changed = {cell.key: misreading for cell in cells}
+        found = FromPrint(self._published, self._misread | changed)
+        found._until_s = self._until_s
+        found._found = {key: sample for key, sample in self._found.items() if key not in changed}
         return found if all(found.sample(cell).every for cell in cells) else None
 
     def mean(self, cell: PrintedCell) -> Known:
@@ -221,6 +231,7 @@ class FromPrint:
         """Return what fits the printed mean and SD; where nothing fits or values have no steps, both as they stand."""
         source = self._tables.get(cell.key, cell)
         if source.key not in self._found:
+            self._in_time()
             self._found[source.key] = self._fitting(source)
         return self._found[source.key]
 
@@ -232,6 +243,7 @@ class FromPrint:
 
     def variances(self, printed: PrintedF) -> Variances:
         """Return F from the means and SDs of its cells."""
+        self._in_time()
         groups = self._groups(printed)
         samples = [[self.sample(cell) if cell else None for cell in group] for group in groups]
         held = [[together(one.moments) for one in group if one and one.moments] for group in samples]
@@ -314,6 +326,13 @@ class FromPrint:
         if len(sums) * (high - variance.low) * n * scale.items**2 > MANY:
             return None
         return tuple(one for total in sums for one in moments(total, n, scale, variance))
+
+    def _in_time(self) -> None:
+        if time.process_time() > self._until_s:
+            raise PublishedError(
+                f"{self._published.study}: got printed numbers that take more than {MOST_S:g} s to check; "
+                "divide the file into one for each table and its tests"
+            )
 
     def _n(self, task: str) -> int | None:
         found = self._published.task_named(task)

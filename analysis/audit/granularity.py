@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import functools
 import math
+import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -41,6 +42,9 @@ MOST_SUMS = 200
 
 MOST_S = 10.0
 """Time limit of one integer programme, s."""
+
+MOST_ROWS_S = 6.0
+"""Processor time for all rows of a file together, s, beyond which a row is left undecided."""
 
 MOST_MISSING = 20
 """The most trials without an answer that are tried in one row."""
@@ -177,13 +181,16 @@ class Row:
     misprinted: tuple[int, ...] = ()
 
 
-def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[int, Interval]) -> Row:
+def examine(
+    cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[int, Interval], *, until_s: float = math.inf
+) -> Row:
     """Return what whole counts say about a complete row of `n` participants with `trials` each, one cell per answer.
 
-    `pinned` holds the variances of a cell, by its index, where a test says more than the SD does.
+    `pinned` holds the variances of a cell, by its index, where a test says more than the SD does. `until_s` is the
+    processor time at which the search ends.
 
     Raises:
-        Undecided: when there are too many ways, or HiGHS gives no answer.
+        Undecided: when there are too many ways, HiGHS gives no answer, or the time has run out.
     """
     answers = range(len(cells))
     columns = {
@@ -195,7 +202,7 @@ def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[i
 
     def stands(cut: Collection[int]) -> bool:
         chosen = [columns[EITHER if i in cut else ROUNDED][i] for i in answers]
-        return solve(chosen, n, trials, missing=0) is not None
+        return solve(chosen, n, trials, missing=0, until_s=until_s) is not None
 
     if stands(()):
         return Row(n * trials, fewest, most, True)
@@ -207,28 +214,37 @@ def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[i
         return Row(n * trials, fewest, most, True, tuple(cut))
     tried = range(1, min(MOST_MISSING, n * trials) + 1)
     missing = [
-        next((gaps for gaps in tried if _stands(columns[reading], n, trials, gaps)), None)
+        next((gaps for gaps in tried if _stands(columns[reading], n, trials, gaps, until_s)), None)
         for reading in (SD_EITHER, EITHER)
     ]
-    misprinted = tuple(_misprinted(columns[EITHER], n, trials))
+    misprinted = tuple(_misprinted(columns[EITHER], n, trials, until_s))
     return Row(n * trials, fewest, most, False, (), missing[0], missing[1], misprinted)
 
 
-def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int) -> NDArray[np.int64] | None:
+def solve(
+    columns: Sequence[Column], n: int, trials: int, *, missing: int, until_s: float = math.inf
+) -> NDArray[np.int64] | None:
     """Return counts, shape (n, answers), that give every column, or None where no counts do.
 
     Each of `n` participants has `trials`; `missing` of all these are without an answer.
 
     Raises:
-        Undecided: when there are too many ways, or HiGHS gives no answer.
+        Undecided: when there are too many ways, HiGHS gives no answer, or the processor time `until_s` has come.
     """
+    _in_time(until_s)
     ways = _ways(trials, len(columns), some_missing=missing > 0)
     for sums in _sums(columns, n * trials - missing):
         squares = [column[total] for column, total in zip(columns, sums, strict=True)]
+        _in_time(until_s)
         found = _programme(ways, n, sums, squares)
         if found is not None:
             return found
     return None
+
+
+def _in_time(until_s: float) -> None:
+    if time.process_time() >= until_s:
+        raise Undecided(f"not decided within the {MOST_ROWS_S:g} s that all rows of the file have together")
 
 
 def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
@@ -241,20 +257,20 @@ def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
     return found
 
 
-def _misprinted(columns: Sequence[Column], n: int, trials: int) -> Iterator[int]:
+def _misprinted(columns: Sequence[Column], n: int, trials: int, until_s: float) -> Iterator[int]:
     """Yield the cells without which the row would stand: with any count that fills the row, and any spread."""
     for i in range(len(columns)):
         others = product(*(column for k, column in enumerate(columns) if k != i))
         left = {n * trials - sum(rest) for rest in others}
         free = {total: ANY for total in sorted(left) if 0 <= total <= n * trials}
-        if _stands([free if k == i else column for k, column in enumerate(columns)], n, trials, 0):
+        if _stands([free if k == i else column for k, column in enumerate(columns)], n, trials, 0, until_s):
             yield i
 
 
-def _stands(columns: Sequence[Column], n: int, trials: int, missing: int) -> bool:
+def _stands(columns: Sequence[Column], n: int, trials: int, missing: int, until_s: float) -> bool:
     """Return whether counts are found; an explanation that cannot be tried is not given."""
     try:
-        return solve(columns, n, trials, missing=missing) is not None
+        return solve(columns, n, trials, missing=missing, until_s=until_s) is not None
     except Undecided:
         return False
 

@@ -12,6 +12,7 @@ the check finds the numbers that can stand behind them.
 from __future__ import annotations
 
 import math
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -19,9 +20,11 @@ from fractions import Fraction
 from itertools import pairwise
 from operator import attrgetter
 
+import numpy as np
+
 from analysis.audit.checks import Checks
 from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
-from analysis.audit.granularity import Row, Undecided, examine
+from analysis.audit.granularity import MOST_ROWS_S, Row, Undecided, examine
 from analysis.audit.mistakes import AGREES, Citation, Line, Mistake, Verdict, judge, of_any_f
 from analysis.audit.recomputed import effect, p_of_f, quotient
 from analysis.documents.tables import plural
@@ -194,15 +197,32 @@ def counts(printed: Printed, trials: int, reading: Reading) -> range:
 
 def smallest(printed: Printed, reading: Reading) -> int:
     """Return the fewest trials of which some count prints like this."""
-    return next(trials for trials in range(1, _enough(printed) + 1) if counts(printed, trials, reading))
+    return _simplest(reading(printed)).denominator
+
+
+def _simplest(span: Interval) -> Fraction:
+    """Return the number in the interval with the smallest denominator, found as a continued fraction."""
+    least, most = span.whole()
+    if least <= most:
+        return Fraction(least)
+    whole = math.floor(span.low)
+    low, high = span.low - whole, span.high - whole
+    turned = Interval(1 / high, 1 / low if low else math.inf, span.open_high, span.open_low)
+    return whole + 1 / _simplest(turned)
 
 
 def common(printed: Sequence[Printed], reading: Reading) -> Iterator[int]:
     """Yield, rising, the numbers of trials of which all the percentages can be shares."""
     different = {one.text: one for one in printed}.values()
-    for trials in range(1, max(map(_enough, different)) + 1):
-        if all(counts(one, trials, reading) for one in different):
-            yield trials
+    trials = np.arange(1, max(map(_enough, different)) + 1)
+    for one in different:
+        span = reading(one)
+        low, high = Fraction(span.low), Fraction(span.high)
+        least, most = -(-low.numerator * trials // low.denominator), high.numerator * trials // high.denominator
+        least += span.open_low & (least * low.denominator == low.numerator * trials)
+        most -= span.open_high & (most * high.denominator == high.numerator * trials)
+        trials = trials[np.maximum(least, 0) <= np.minimum(most, trials)]
+    yield from map(int, trials)
 
 
 def _enough(printed: Printed) -> int:
@@ -221,12 +241,13 @@ def print_lines(published: Published) -> tuple[Line, ...]:
     evidence = read_print(published)
     checks = Checks(published, evidence, diagnose=True)
     lines = list(checks.lines())
+    until_s = time.process_time() + MOST_ROWS_S
     for table in published.table:
         if table.complete:
-            cells = published.cells_of(table)
-            for presented in dict.fromkeys(cell.presented for cell in cells):
-                row = [cell for cell in cells if cell.presented == presented]
-                lines.append(_row(published, checks, evidence, row))
+            rows: dict[str, list[PrintedCell]] = {}
+            for cell in published.cells_of(table):
+                rows.setdefault(cell.presented, []).append(cell)
+            lines += [_row(published, checks, evidence, row, until_s) for row in rows.values()]
     for sources in published.anova:
         lines += source_lines(sources)
     for icc in published.icc:
@@ -238,7 +259,9 @@ def print_lines(published: Published) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Sequence[PrintedCell]) -> Line:
+def _row(
+    published: Published, checks: Checks, evidence: FromPrint, cells: Sequence[PrintedCell], until_s: float
+) -> Line:
     cited = Citation(cells[0].where, cells[0].task, f"row of {cells[0].presented}", UNDECIDED)
     added = float(sum(cell.mean.exact for cell in cells))
     printed = f"{' + '.join(cell.mean.text for cell in cells)} = {added:.4g}"
@@ -251,7 +274,7 @@ def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Seque
     cells = [replace(cell, sd=None) if evidence.misreading(cell) else cell for cell in cells]
     pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, checks, evidence, cell))}
     try:
-        row = examine(cells, task.participants, task.trials, pinned)
+        row = examine(cells, task.participants, task.trials, pinned, until_s=until_s)
     except Undecided as reason:
         return cited.text("row", printed, "-", UNDECIDED, str(reason))
     return _judged(cited, printed, cells, row, given=", given the printed t" if pinned else "")
@@ -259,7 +282,7 @@ def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Seque
 
 def _pinned(published: Published, checks: Checks, evidence: FromPrint, cell: PrintedCell) -> Interval | None:
     """Return the variances that agree with the cell's t, or None where it has no test or none agrees."""
-    test = next((one for one in published.tests if one.key == cell.key), None)
+    test = next(iter(published.tests_by_key.get(cell.key, ())), None)
     if test is None:
         return None
     pins = checks.effects(test)

@@ -6,6 +6,7 @@ data with those means and variances.
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,11 +37,13 @@ def effect(moments: Moments, null: Fraction) -> Interval | None:
     return outward(low, high)
 
 
+@functools.lru_cache(maxsize=4096)
 def t_of(effect_size: Interval, n: int) -> Interval:
     """Return Student's t of one sample, d sqrt(n)."""
     return image(lambda d: d * math.sqrt(n), effect_size)
 
 
+@functools.lru_cache(maxsize=4096)
 def p_of_t(t: Interval, df: int) -> Interval:
     """Return the two-tailed P of t."""
     return image(lambda distance: p_two_tailed(distance, df), t.absolute())

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import AfterValidator, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
@@ -68,6 +69,10 @@ class Scale:
     high: int | None = 1
 
 
+Key = tuple[str, str, str]
+"""What a cell is about, wherever it stands: its task, and what was presented and answered."""
+
+
 @dataclass(frozen=True)
 class PrintedCell:
     """A mean with all that its place says about it: a ratio of one answer to one material, or a score.
@@ -92,8 +97,7 @@ class PrintedCell:
         return self.presented if self.is_score else f"{self.presented} -> {self.answered}"
 
     @property
-    def key(self) -> tuple[str, str, str]:
-        """What the cell is about, wherever it stands."""
+    def key(self) -> Key:
         return self.task, self.presented, self.answered
 
 
@@ -110,9 +114,19 @@ class PrintedT:
     null: Fraction
 
     @property
-    def key(self) -> tuple[str, str, str]:
+    def key(self) -> Key:
         """The key of the cell that is tested."""
         return self.task, self.material, self.material
+
+
+Keyed = TypeVar("Keyed", PrintedCell, PrintedT)
+
+
+def _by_key(held: Iterable[Keyed]) -> Mapping[Key, tuple[Keyed, ...]]:
+    found: dict[Key, list[Keyed]] = {}
+    for one in held:
+        found.setdefault(one.key, []).append(one)
+    return {key: tuple(group) for key, group in found.items()}
 
 
 class PrintedLevel(Confined):
@@ -317,6 +331,31 @@ def _dicts(table: object, *keys: str) -> Iterator[tuple[tuple[str | int, ...], d
             yield from (((keys[0], i, *path), inner) for path, inner in _dicts(one, *keys[1:]))
 
 
+MOST_PRINTED = 1000
+"""The most cells, tests, lines and other entries of one file; a study has hundreds."""
+
+MOST_LINES = 50
+"""The most lines of one ANOVA table."""
+
+ENTRIES: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("table", "text", "score", "choices"), ("cells",)),
+    **dict.fromkeys(("task", "levels", "one_way", "two_way", "icc", "claim"), ()),
+    "t": ("tests",),
+    "anova": ("lines",),
+}
+"""The key of each kind of entry, and of the entries within it."""
+
+
+def _not_too_many(table: Any) -> Iterator[Broken]:
+    counted = {key: sum(1 for _ in _dicts(table, key, *within)) for key, within in ENTRIES.items()}
+    if sum(counted.values()) > MOST_PRINTED:
+        allowed = f"at most {MOST_PRINTED} cells, tests and other entries in one file; divide it"
+        yield Broken((max(counted, key=counted.__getitem__),), allowed)
+    for path, block in _dicts(table, "anova"):
+        if len(_list(block.get("lines"))) > MOST_LINES:
+            yield Broken((*path, "lines"), f"at most {MOST_LINES} lines")
+
+
 def _tasks_known(table: Any) -> Iterator[Broken]:
     known = {task.get("id") for _, task in _dicts(table, "task")}
     for keys in (("table",), ("text",), ("score",), ("one_way",), ("claim",), ("t", "tests")):
@@ -364,7 +403,7 @@ def _nulls_stated(table: Any) -> Iterator[Broken]:
 
 
 def _published_rules(table: Any) -> Iterator[Broken]:
-    for rule in (_tasks_known, _cells_once, _something_printed, _levels_stated, _nulls_stated):
+    for rule in (_not_too_many, _tasks_known, _cells_once, _something_printed, _levels_stated, _nulls_stated):
         yield from rule(table)
 
 
@@ -409,6 +448,21 @@ class Published(Confined):
             for one in group.tests
         )
 
+    @cached_property
+    def cells_by_key(self) -> Mapping[Key, tuple[PrintedCell, ...]]:
+        """The cells that are about the same, wherever they stand."""
+        return _by_key(self.cells)
+
+    @cached_property
+    def tests_by_key(self) -> Mapping[Key, tuple[PrintedT, ...]]:
+        """The t-tests of each cell."""
+        return _by_key(self.tests)
+
+    @cached_property
+    def tests_of(self) -> Counter[str]:
+        """The number of t-tests of each task."""
+        return Counter(test.task for test in self.tests)
+
     @property
     def anovas(self) -> tuple[PrintedF, ...]:
         """Every F outside of ANOVA tables: one-way, then two-way."""
@@ -441,4 +495,8 @@ class Published(Confined):
 
     def task_named(self, task: str) -> PrintedTask | None:
         """Return the task with this id, or None where the file names no such task."""
-        return next((one for one in self.task if one.id == task), None)
+        return self._tasks.get(task)
+
+    @cached_property
+    def _tasks(self) -> Mapping[str, PrintedTask]:
+        return {one.id: one for one in reversed(self.task)}

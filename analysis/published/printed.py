@@ -114,8 +114,8 @@ def sum_of(spans: Iterable[Interval]) -> Interval:
 def _moved(end: float, by: Fraction) -> End:
     if math.isinf(end):
         return end
-    exact = Fraction(end)
-    return exact + by * abs(exact)
+    above, below = end.as_integer_ratio()
+    return Fraction(above * by.denominator + abs(above) * by.numerator, below * by.denominator)
 
 
 POSITIVE = r"([0-9]{1,15}(\.[0-9]{1,15})?|\.[0-9]{1,15})(e-[0-9]{1,2})?%?"

@@ -72,6 +72,28 @@ __main__.main()
     assert (done.returncode, done.stderr.count("\n")) == (130, 1)
 
 
+def test_an_interrupt_in_a_callback_is_not_lost(repository_root: Path) -> None:
+    """Importing ends in such callbacks, from which nothing can be raised: the command went on to its end."""
+    code = """
+import signal, sys, time, weakref
+from experiment import __main__
+from experiment.cli import app
+sys.argv = ["palpate", "check"]
+class Lock: pass
+def main():
+    lock = Lock()
+    kept = weakref.ref(lock, lambda _: signal.raise_signal(signal.SIGINT))
+    del lock
+    time.sleep(60)
+app.main = main
+__main__.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=repository_root, capture_output=True, text=True, check=False, timeout=50
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (130, 1), done.stderr
+
+
 @pytest.mark.parametrize(("raised", "code"), [("KeyboardInterrupt", 130), ("PalpateError", 2), ("OSError", 2)])
 def test_a_closed_standard_error_changes_no_exit_code(repository_root: Path, raised: str, code: int) -> None:
     """Each write to this device fails, as one to a terminal that was closed does."""

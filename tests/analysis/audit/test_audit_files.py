@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
+from analysis.audit import evidence, print_lines
 from analysis.audit.audit import audit
 from analysis.audit.mistakes import Line
 from analysis.audit.print_lines import UNDECIDED
@@ -176,3 +177,32 @@ def test_a_test_of_a_score_needs_its_null(scores: Path) -> None:
 def test_against_is_for_datasets(scores: Path) -> None:
     with pytest.raises(PublishedError, match="is no dataset"):
         audit("okamoto2012", scores)
+
+
+def test_more_entries_than_a_study_has_are_refused(scores: Path) -> None:
+    text = scores.read_text(encoding="utf-8")
+    more = "".join(f'  {{ name = "n{k}", mean = "5.21" }},\n' for k in range(1000))
+    scores.write_text(text.replace("cells = [\n", f"cells = [\n{more}", 1), encoding="utf-8")
+    with pytest.raises(PublishedError, match="at most 1000 cells, tests and other entries in one file"):
+        audit(str(scores))
+
+
+def test_an_anova_table_of_more_lines_than_can_be_tried_is_refused(scores: Path) -> None:
+    text = scores.read_text(encoding="utf-8")
+    more = "".join(f'  {{ name = "n{k}", df = 1 }},\n' for k in range(49))
+    scores.write_text(text.replace("lines = [\n", f"lines = [\n{more}", 1), encoding="utf-8")
+    with pytest.raises(PublishedError, match="at most 50 lines"):
+        audit(str(scores))
+
+
+def test_numbers_that_take_too_long_are_refused(scores: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evidence, "MOST_S", -1.0)
+    with pytest.raises(PublishedError, match=r"scores: got printed numbers that take more than .* divide the file"):
+        audit(str(scores))
+
+
+def test_rows_beyond_their_time_are_left_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(print_lines, "MOST_ROWS_S", 0.0)
+    rows = [line for line in audit("okamoto2012").comparison.lines if line.quantity == "row"]
+    assert {line.verdict for line in rows} == {UNDECIDED}
+    assert all(line.reason.startswith("not decided within the") for line in rows)

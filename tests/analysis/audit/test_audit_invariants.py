@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import statistics
+from collections.abc import Sequence
 from fractions import Fraction
 from typing import Any
 
@@ -115,8 +116,9 @@ DFS = st.integers(1, 60)
 PAIRS = st.tuples(DFS, DFS)
 
 
-def _some(strategy: st.SearchStrategy[Any], most: int = 2) -> st.SearchStrategy[Any]:
-    return st.lists(strategy, min_size=1, max_size=most).map(tuple)
+def _some(strategy: st.SearchStrategy[Any], most: int = 2, once: Sequence[str] = ()) -> st.SearchStrategy[Any]:
+    by = (lambda one: tuple(one[key] for key in once)) if once else None
+    return st.lists(strategy, min_size=1, max_size=most, unique_by=by).map(tuple)
 
 
 def _table(**fields: st.SearchStrategy[Any]) -> st.SearchStrategy[dict[str, Any]]:
@@ -142,8 +144,10 @@ DOCUMENTS = st.fixed_dictionaries(
         "task": st.fixed_dictionaries(
             {"id": st.just("one"), "participants": st.integers(1, 6)}, optional={"trials": st.integers(1, 4)}
         ).map(lambda task: (task,)),
-        "table": _some(_table(task=st.just("one"), complete=st.booleans(), cells=_some(CELL, 5)), 1),
-        "score": _some(_table(task=st.just("one"), cells=_some(SCORE), items=st.integers(1, 2)), 1),
+        "table": _some(
+            _table(task=st.just("one"), complete=st.booleans(), cells=_some(CELL, 5, ("presented", "answered"))), 1
+        ),
+        "score": _some(_table(task=st.just("one"), cells=_some(SCORE, once=("name",)), items=st.integers(1, 2)), 1),
         "t": _some(_table(tests=_some(st.fixed_dictionaries(TEST, optional={"p": PROBABILITIES}), 3)), 1),
         "one_way": _some(
             _table(task=st.just("one"), pair=st.tuples(NAMES, NAMES), df=PAIRS, f=NUMBERS, p=PROBABILITIES)
