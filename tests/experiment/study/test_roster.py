@@ -176,7 +176,7 @@ def test_a_roster_is_known_as_it_was_under_each_of_its_lines(roster: Roster) -> 
 @pytest.mark.parametrize("days", [1, -10])
 def test_nobody_runs_whose_consent_is_of_the_future_or_before_the_approval(roster: Roster, days: int) -> None:
     roster.enrol("01", TODAY + timedelta(days))
-    with pytest.raises(RosterError, match=r"got consent on 2020-.*; corrected with palpate consent --correct"):
+    with pytest.raises(RosterError, match=r"got consent on 2020-.*; .* corrected with palpate consent --correct"):
         may_run(roster, "01", protocol())
     roster.correct("01", TODAY, "the letter says so")
     may_run(roster, "01", protocol())
