@@ -49,6 +49,10 @@ class End:
     torn: bytes = b""
 
 
+START = End()
+"""Where a file ends in which nothing is written yet."""
+
+
 @dataclass(frozen=True)
 class Chain:
     """A file of chained lines; `torn` are the bytes after the last newline, and `size` those up to and including it."""

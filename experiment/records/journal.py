@@ -73,7 +73,7 @@ class Contents:
     """
 
     lines: tuple[Line, ...]
-    end: End = End()
+    end: End = chain.START
 
     @property
     def torn(self) -> bytes:

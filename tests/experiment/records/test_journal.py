@@ -64,7 +64,7 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     assert contents.torn == b""
 
 
-def test_what_was_read_holds_nothing_but_its_entries(tmp_path: Path) -> None:
+def test_what_was_read_holds_nothing_but_its_entries(tmp_path: Path, without_fsync: None) -> None:
     write(tmp_path / "j", (HEADER, *(ENTRIES[1:3] * 200)))
     entries = [link.entry for link in chain.read(tmp_path / "j", JournalError).links]
 
@@ -80,7 +80,6 @@ def test_what_was_read_holds_nothing_but_its_entries(tmp_path: Path) -> None:
 
     alone = held(lambda: [journal.Line(0, journal.ENTRY.validate_json(json.dumps(entry))) for entry in entries])
     assert held(lambda: journal.read(tmp_path / "j")) < 1.2 * alone
-
 
 
 def test_a_journal_is_told_without_control_characters(tmp_path: Path, without_fsync: None) -> None:
