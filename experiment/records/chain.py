@@ -37,6 +37,23 @@ class Link:
 
 
 @dataclass(frozen=True)
+class End:
+    """Where a file of chained lines ends: after `count` lines and `size` bytes; what follows is `torn`.
+
+    `last` is the SHA-256 of the last line, the `prev` of the next.
+    """
+
+    count: int = 0
+    last: str = GENESIS
+    size: int = 0
+    torn: bytes = b""
+
+
+START = End()
+"""Where a file ends in which nothing is written yet."""
+
+
+@dataclass(frozen=True)
 class Chain:
     """A file of chained lines; `torn` are the bytes after the last newline, and `size` those up to and including it."""
 
@@ -48,6 +65,11 @@ class Chain:
     def last(self) -> str:
         """The SHA-256 of the last whole line, the `prev` of the next."""
         return self.links[-1].sha256 if self.links else GENESIS
+
+    @property
+    def end(self) -> End:
+        """Where it ends, without its lines."""
+        return End(len(self.links), self.last, self.size, self.torn)
 
 
 EMPTY = Chain()
@@ -140,12 +162,12 @@ class Writer:
     of its head.
     """
 
-    def __init__(self, path: Path, chain: Chain) -> None:
-        """Continue `path` after what `read` returned, dropping its torn end.
+    def __init__(self, path: Path, end: End) -> None:
+        """Continue `path` after the end of what `read` returned, dropping its torn end.
 
         Raises `SessionLocked` if another writer has it open, and `OSError`.
         """
-        self._count, self._last, self._size = len(chain.links), chain.last, chain.size
+        self._count, self._last, self._size = end.count, end.last, end.size
         self.whole = True
         # Without a buffer, which would be written after all once a full disk has room again.
         self._file = FileIO(path, "ab")

@@ -20,7 +20,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from experiment.clock import Clock
 from experiment.errors import JournalError, SessionLocked
 from experiment.records import chain
-from experiment.records.chain import Chain
+from experiment.records.chain import End
 from experiment.records.entries import (
     FORMAT,
     Answer,
@@ -67,18 +67,18 @@ class Line:
 
 @dataclass(frozen=True)
 class Contents:
-    """A journal as read from disk: its whole lines, oldest first, and the chain that they are.
+    """A journal as read from disk: its whole lines, oldest first, and where they end.
 
     There are no lines when not even the header was finished.
     """
 
     lines: tuple[Line, ...]
-    chain: Chain = chain.EMPTY
+    end: End = chain.START
 
     @property
     def torn(self) -> bytes:
         """The bytes after the last newline."""
-        return self.chain.torn
+        return self.end.torn
 
     @property
     def entries(self) -> tuple[AnyEntry, ...]:
@@ -114,7 +114,7 @@ def read_if_begun(path: Path) -> Contents:
     """
     found = chain.read(path, JournalError)
     lines = (_line(f"{path}: line {number}", link, number == 1) for number, link in enumerate(found.links, start=1))
-    return Contents(tuple(lines), found)
+    return Contents(tuple(lines), found.end)
 
 
 def _line(where: str, link: chain.Link, first: bool) -> Line:
@@ -150,7 +150,7 @@ class Journal:
         self._clock = clock
         self._begun = bool(contents.lines)
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._writer = chain.Writer(path, contents.chain)
+        self._writer = chain.Writer(path, contents.end)
 
     @property
     def accepts(self) -> bool:

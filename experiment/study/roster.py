@@ -240,7 +240,7 @@ class Roster:
             with FileLock(self.path.with_name(f".{self.path.name}.lock")):
                 latest = Roster.load(self.path)
                 latest._apply(entry)
-                with closing(chain.Writer(self.path, latest.lines)) as opened:
+                with closing(chain.Writer(self.path, latest.lines.end)) as opened:
                     opened.append(self.now_ns(), entry.model_dump(mode="json"))
                 self.lines = chain.read(self.path, RosterError)
         except OSError as error:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import errno
+import gc
 import hashlib
 import json
 import os
 import shutil
 import sys
 import tempfile
+import tracemalloc
 from collections.abc import Callable
 from io import FileIO
 from pathlib import Path
@@ -62,6 +64,24 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     assert contents.torn == b""
 
 
+def test_what_was_read_holds_nothing_but_its_entries(tmp_path: Path, without_fsync: None) -> None:
+    write(tmp_path / "j", (HEADER, *(ENTRIES[1:3] * 200)))
+    entries = [link.entry for link in chain.read(tmp_path / "j", JournalError).links]
+
+    def held(read: Callable[[], object]) -> int:
+        read()  # What is made once is made here.
+        tracemalloc.start()
+        try:
+            kept = read()
+            gc.collect()
+            return tracemalloc.get_traced_memory()[0] if kept else 0
+        finally:
+            tracemalloc.stop()
+
+    alone = held(lambda: [journal.Line(0, journal.ENTRY.validate_json(json.dumps(entry))) for entry in entries])
+    assert held(lambda: journal.read(tmp_path / "j")) < 1.2 * alone
+
+
 def test_a_journal_is_told_without_control_characters(tmp_path: Path, without_fsync: None) -> None:
     nasty = "a\x1b[2J\u202e\n     0.000 s  b"
     write(tmp_path / "j", (HEADER, Phase(state="paused", detail=nasty), Footer(reason="complete", answered=1)))
@@ -87,7 +107,7 @@ def test_every_truncation_keeps_the_whole_lines_and_can_be_continued(tmp_path: P
         contents = journal.read(path)
         kept = data[:length].count(b"\n")
         assert contents.entries == ENTRIES[:kept]
-        assert len(contents.torn) == length - contents.chain.size
+        assert len(contents.torn) == length - contents.end.size
         opened = journal.Journal(path, ManualClock(0), contents)
         opened.append(ANSWER if kept else HEADER)
         opened.close()

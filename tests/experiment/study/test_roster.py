@@ -286,7 +286,7 @@ def test_a_torn_last_line_was_never_confirmed(roster: Roster) -> None:
 )
 def test_a_line_that_cannot_be_trusted_is_refused_and_kept(roster: Roster, entry: dict[str, object], why: str) -> None:
     roster.enrol("01", TODAY)
-    with closing(chain.Writer(roster.path, roster.lines)) as opened:
+    with closing(chain.Writer(roster.path, roster.lines.end)) as opened:
         opened.append(1, entry)
     refused_and_kept(roster, f"roster.jsonl: line 2: {why}.*restore the roster from a backup")
 
