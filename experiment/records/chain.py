@@ -173,7 +173,7 @@ class Writer:
         self._file = FileIO(path, "ab")
         try:
             hold(self._file.fileno(), f"{path}: the file is being written")
-            if os.fstat(self._file.fileno()).st_size != chain.size + len(chain.torn):
+            if os.fstat(self._file.fileno()).st_size != end.size + len(end.torn):
                 raise SessionLocked(f"{path}: was written since it was read; do the same again")
             self._cut()
             self._head = os.open(head_path(path), os.O_RDWR | os.O_CREAT, 0o666)
