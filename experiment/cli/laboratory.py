@@ -22,9 +22,10 @@ Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a st
 def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
     """Show a protocol to an ethics board.
 
-    The page states the whole study. If the file has errors, all of them are printed instead, each with its path, its
-    line, what was got and what is allowed.
+    The page states the whole study, and its last line whether this version is sealed. If the file has errors, all of
+    them are printed instead, each with its path, its line, what was got and what is allowed.
     """
+    from experiment.clock import day, wall_ns
     from experiment.errors import ProtocolError
     from experiment.protocol import approval, files, page
 
@@ -37,15 +38,14 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
             options.put({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
             raise typer.Exit(error.exit_code) from None
         raise
+    sealed = approval.state(protocol_file, protocol, day(wall_ns()))
     if as_json:
         import json
 
-        document = json.loads(approval.canonical(protocol))
-        options.put(
-            {"file": str(protocol_file), "valid": True, "sha256": approval.sha256(protocol), "protocol": document}
-        )
+        sha256, document = approval.sha256(protocol), json.loads(approval.canonical(protocol))
+        options.put({"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": sealed, "protocol": document})
     else:
-        typer.echo(page.page(protocol, str(protocol_file)))
+        typer.echo(f"{page.page(protocol, str(protocol_file))}\n\n{sealed}")
 
 
 @commands.command(
@@ -81,7 +81,12 @@ def seal(
         expires_on=expires_on.date(),
         replace=replace,
     )
-    typer.echo(f"Sealed {sealed.protocol_sha256}: {approval.seal_path(protocol_file)}")
+    limits = protocol.exposure
+    typer.echo(
+        f"Sealed study {protocol.study.id} from {sealed.approved_on} to {sealed.expires_on}: vibration at most "
+        f"{limits.vibration_peak_m_s2:g} m/s^2, masker at most {limits.masker_level_db_a:g} dB(A), session at most "
+        f"{limits.session_min:g} min.\nSealed {sealed.protocol_sha256}: {approval.seal_path(protocol_file)}"
+    )
 
 
 @commands.command(epilog="Example: palpate enrol study.toml --participant 01 --consent-on 2026-05-04")

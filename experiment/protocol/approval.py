@@ -25,6 +25,7 @@ from experiment.errors import Problem, ProtocolError
 from experiment.protocol import rules
 from experiment.protocol.models import Protocol
 from experiment.settings import load
+from experiment.settings.characters import quoted
 from experiment.settings.load import Confined, Line, Rules, Text
 
 
@@ -134,6 +135,24 @@ def read(protocol_path: Path) -> Seal:
     return load.read(path, Seal)
 
 
+def state(protocol_path: Path, protocol: Protocol, today: date) -> str:
+    """Return in a sentence whether `protocol`, as loaded from `protocol_path`, is approved `today`.
+
+    Raises `ProtocolError` if the seal cannot be read.
+    """
+    if not seal_path(protocol_path).exists():
+        return "NOT SEALED: no approval of this protocol is on record beside it."
+    seal = read(protocol_path)
+    if _changed(protocol_path, protocol, seal):
+        return (
+            f"CHANGED SINCE THE SEAL: approval {quoted(seal.approval_number)} is of another version, "
+            f"{seal.protocol_sha256[:12]}...; palpate run refuses this one."
+        )
+    valid = f"from {seal.approved_on} to {seal.expires_on}"
+    today_too = "" if seal.approved_on <= today <= seal.expires_on else f", so not today ({today})"
+    return f"SEALED: approval {quoted(seal.approval_number)} of this version is valid {valid}{today_too}."
+
+
 def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Problem]:
     problems = _contradictions(protocol, seal)
     if seal.protocol_sha256 != (found := sha256(protocol)):
@@ -153,7 +172,7 @@ def _refuse(path: Path, problems: list[Problem]) -> None:
 def _contradictions(protocol: Protocol, seal: Seal) -> list[Problem]:
     return [
         Problem(name, None, f"'{sealed}'", f"'{stated}', as the protocol's own ethics block says; mend one of them")
-        for name in ("approval_number", "approved_on", "expires_on")
+        for name in ("approval_number", "board", "approved_on", "expires_on")
         if (stated := getattr(protocol.ethics, name)) and stated != (sealed := getattr(seal, name))
     ]
 

@@ -150,5 +150,21 @@ def test_a_damaged_seal_is_refused_and_kept(file: Path) -> None:
 )
 def test_any_name_of_a_board_survives_the_file(tmp_path_factory: pytest.TempPathFactory, board: str) -> None:
     file = tmp_path_factory.mktemp("sealed") / "small.toml"
-    approval.write(file, protocol(), **{**APPROVAL, "board": board})
-    assert approval.verify(file, protocol(), date(2020, 6, 1)).board == board
+    named = Protocol.model_validate(changed(document(), ("ethics", "board"), board))
+    approval.write(file, named, **{**APPROVAL, "board": board})
+    assert approval.verify(file, named, date(2020, 6, 1)).board == board
+
+
+def test_a_seal_of_another_board_than_the_pages_is_refused(file: Path) -> None:
+    with pytest.raises(ProtocolError, match="as the protocol's own ethics block says"):
+        approval.write(file, protocol(), **{**APPROVAL, "board": "Another board"})
+
+
+def test_in_a_sentence_whether_a_protocol_is_approved(file: Path) -> None:
+    assert approval.state(file, protocol(), date(2020, 6, 1)).startswith("NOT SEALED")
+    approval.write(file, protocol(), **APPROVAL)
+    assert approval.state(file, protocol(), date(2020, 6, 1)) == (
+        "SEALED: approval '2020-17' of this version is valid from 2020-02-01 to 2021-02-01."
+    )
+    assert approval.state(file, protocol(), date(2021, 2, 2)).endswith("so not today (2021-02-02).")
+    assert approval.state(file, other(), date(2020, 6, 1)).startswith("CHANGED SINCE THE SEAL: approval '2020-17'")
