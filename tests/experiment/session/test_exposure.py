@@ -393,6 +393,20 @@ def test_no_stimulus_sounds_after_the_end_and_one_before_it_is_answered(
     assert [(entry.reason, entry.felt) for entry in broken] == ([] if sounded else [(over, False)])
 
 
+@pytest.mark.parametrize(("after_ms", "asked"), [(230, False), (260, False), (290, False), (900, True)])
+def test_no_onset_is_asked_for_after_the_end_though_it_could_still_be_taken_back(
+    protocol: Protocol, tmp_path: Path, after_ms: int, asked: bool
+) -> None:
+    """The next read may come too late to take it back."""
+    one = real_time("c", Machine())
+    one.actuator.lead_ns = 10_000_000
+    one.run(lasting(protocol, after_ms / 1e3), header("virtual"), tmp_path)
+    ends_ns = START_NS + 200 * 10**9 + after_ms * 10**6
+    onsets = [onset_ns for stimulus in one.actuator.aimed for onset_ns in stimulus]
+    assert bool(onsets) == asked
+    assert all(onset_ns <= ends_ns for onset_ns in onsets)
+
+
 def test_nothing_is_armed_when_the_end_comes_at_a_prompt(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("c")
     place = one.console.place
