@@ -179,7 +179,11 @@ class Footer(Entry):
 
 
 class Withdrawal(Entry):
-    """The participant withdrew after this session: an old roster put back in place does not undo it."""
+    """The participant withdrew after this session: an old roster put back in place does not undo it.
+
+    `torn` is what stood after the last whole line.
+    """
 
     kind: Literal["withdrawal"] = "withdrawal"
     reason: str
+    torn: str

@@ -90,12 +90,15 @@ def _said(entry: AnyEntry) -> str:
             again = "put off to the end of the block" if entry.put_off else "done again"
             return f"trial {entry.trial}.{entry.attempt} does not count and is {again}: {entry.reason}"
         case Resumed():
-            torn = f"; a torn line of {len(entry.torn)} characters was dropped" if entry.torn else ""
-            return f"the session was resumed with {len(entry.remaining)} trials left{torn}"
+            return f"the session was resumed with {len(entry.remaining)} trials left{_torn(entry.torn)}"
         case Footer():
             return f"the session ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}"
         case Withdrawal():
-            return f"the participant has withdrawn ({entry.reason}): no data of theirs is analysed"
+            return f"the participant has withdrawn ({entry.reason}){_torn(entry.torn)}: no data of theirs is analysed"
+
+
+def _torn(torn: str) -> str:
+    return f"; a torn line of {len(torn)} characters was dropped" if torn else ""
 
 
 def _presented(entry: Armed | FootStep | BrokenOff) -> str:

@@ -427,7 +427,8 @@ def _mark(root: Path, participant: str, reason: str) -> None:
     for path, contents in begun:
         if not isinstance(contents.entries[-1], Withdrawal):
             with closing(journal.Journal(path, MonotonicClock(), contents)) as opened:
-                opened.append(Withdrawal(reason=reason))
+                torn = contents.torn.decode("utf-8", "backslashreplace")
+                opened.append(Withdrawal(reason=reason, torn=torn))
     if not begun:
         storage.write_json(storage.withdrawal_path(root, participant), {"participant": participant, "reason": reason})
 

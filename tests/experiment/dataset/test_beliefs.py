@@ -105,6 +105,15 @@ def test_a_withdrawal_that_was_killed_is_finished_by_the_same_command(
     assert done.footer.reason == "complete"
 
 
+def test_a_torn_line_that_a_withdrawal_drops_is_on_record(made: MadeStudy, tmp_path: Path) -> None:
+    study = copied(made, tmp_path / "study")
+    with study.journal().open("ab") as file:
+        file.write(b'{"n": 99')
+    withdraw(study)
+    last = journal.read(study.journal()).entries[-1]
+    assert last == Withdrawal(reason="asked to stop", torn='{"n": 99')
+
+
 def test_a_pilot_is_no_data_of_the_study_and_says_so_everywhere(tmp_path: Path) -> None:
     pilot = make_study(tmp_path / "pilot", pilot=True)
     assert beliefs.believed(pilot.root).purpose == "PILOT"
