@@ -13,12 +13,13 @@ from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker import calibration
 from experiment.clock import Clock, MonotonicClock, day
 from experiment.dataset import beliefs, build, register
+from experiment.dataset.bids import LABELS
 from experiment.desk.port import Console
 from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
-from experiment.records.entries import Footer
+from experiment.records.entries import Footer, Purpose
 from experiment.records.progress import progress
 from experiment.session import runner, scene
 from experiment.session.laboratory import header, open_laboratory
@@ -83,6 +84,7 @@ def run(
         )
     today = day(clock.now_ns())
     approval.verify(protocol_file, protocol, today)
+    purpose: Purpose | None = "STUDY" if root is None else None
     root = root or roster.default_root(protocol)
     enrolled = roster.Roster.load(storage.roster_path(root))
     approved_on = roster.approved_on(root, protocol_file) or today
@@ -92,7 +94,9 @@ def run(
         raise RigError(f"{rig_file}: the rig is simulated; name a rig file of real devices, or use palpate rehearse")
     rigs.check(rig, protocol.footstep.step)
     calibration.check_age(rig, today)
-    seed = roster.settle(root, protocol_file, protocol, None)
+    seed = roster.settle(root, protocol_file, protocol, None, purpose)
+    if roster.purpose_of(root) == "PILOT":
+        console.show(LABELS["PILOT"])
     allocation = roster.find(roster.allocate(protocol, seed), participant)
     beliefs.believed(root)
     _check_turn(root, allocation, task_id)

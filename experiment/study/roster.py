@@ -324,6 +324,7 @@ def enrol(
     folder belongs to something else.
     """
     protocol = files.load(protocol_file)
+    purpose: Purpose | None = "PILOT" if pilot else "STUDY" if root is None else None
     root = root or default_root(protocol, pilot=pilot)
     find(allocate(protocol, 0), participant)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
@@ -331,7 +332,7 @@ def enrol(
     if not path.exists() and any((root / "sourcedata").glob("sub-*")):
         raise DatasetError(f"{root}: has participants and no roster; restore {path} and its head from a backup")
     Roster.load(path).check_next(participant)
-    settle(root, protocol_file, protocol, seed, "PILOT" if pilot else None)
+    settle(root, protocol_file, protocol, seed, purpose)
     Roster.load(path).enrol(participant, consent_on)
     return path
 
@@ -454,13 +455,14 @@ def settle(
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
             raise DatasetError(
-                f"{root}: the study was begun with another version of the protocol; run {kept}, or choose another "
-                "folder with --dataset"
+                f"{root}: the study was begun with another version of the protocol; run {kept}, or give the new "
+                "version an id of its own, or another folder with --dataset"
             )
     settled = seed_of(root)
-    if purpose not in (None, purpose_of(root)):
+    if purpose not in (None, begun_as := purpose_of(root)):
         raise DatasetError(
-            f"{root}: this dataset was not begun as a pilot; leave out --pilot, or choose another folder"
+            f"{root}: this dataset was begun as one of a {begun_as}, not of a {purpose}; name another folder with "
+            "--dataset, and a pilot with --pilot"
         )
     if seed not in (None, settled):
         raise DatasetError(f"{root}: the study has the seed {settled}, not {seed}; leave out --seed")
