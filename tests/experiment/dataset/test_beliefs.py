@@ -126,7 +126,7 @@ def test_a_pilot_is_no_data_of_the_study_and_says_so_everywhere(tmp_path: Path) 
     roster.enrol(pilot.file, "04", DAY, root=pilot.root, seed=None, pilot=True)
     assert roster.purpose_of(pilot.root) == "PILOT"
     study = make_study(tmp_path / "study", sessions=0)
-    with pytest.raises(DatasetError, match="was begun as one of a STUDY, not of a PILOT; name another folder with --dataset"):
+    with pytest.raises(DatasetError, match="was begun as one of a STUDY, not of a PILOT; name another"):
         roster.enrol(study.file, "03", DAY, root=study.root, seed=None, pilot=True)
     assert list(roster.Roster.load(storage.roster_path(study.root)).consent_on) == ["01", "02"]
 
