@@ -64,8 +64,8 @@ def _changed(what: str, path: Path, read: Read, root: Path, size: Size) -> Itera
     sets: dict[str, Iterable[tuple[str, bytes, bytes | None]]] = {
         "truncated at any byte": ((*one, head) for one in _cut(data, size.of(97, 1))),
         "truncated at any byte, head deleted": ((*one, None) for one in _cut(data, size.of(97, 1))),
-        "a bit of any byte flipped": ((*one, head) for one in _flipped(data, size.of(97, 1))),
-        "a bit of any byte flipped, head deleted": ((*one, None) for one in _flipped(data, size.of(97, 1))),
+        "a bit of any byte flipped": ((*one, head) for one in _flipped(data, size.of(397, 1))),
+        "a bit of any byte flipped, head deleted": ((*one, None) for one in _flipped(data, size.of(397, 1))),
         "a line deleted, doubled, swapped or edited": ((*one, head) for one in _lines(lines)),
         "a line deleted, doubled, swapped or edited, head deleted": ((*one, None) for one in _lines(lines)),
         "a line deleted or edited, chained anew": ((*one, head) for one in _chained_anew(lines)),
@@ -73,7 +73,7 @@ def _changed(what: str, path: Path, read: Read, root: Path, size: Size) -> Itera
         "the head deleted, emptied or two lines older": (
             (f"head {n}", data, one) for n, one in enumerate([None, b"", *older[:-1]])
         ),
-        "a bit of the head flipped": ((name, data, one) for name, one in _flipped(head, size.of(7, 1))),
+        "a bit of the head flipped": ((name, data, one) for name, one in _flipped(head, size.of(29, 1))),
     }
     for name, mutants in sets.items():
         yield _count(f"{what}: {name}", mutants, path, read, root)
@@ -132,9 +132,9 @@ def _cut(data: bytes, step: int) -> Iterator[Mutant]:
 
 
 def _flipped(data: bytes, step: int) -> Iterator[Mutant]:
-    """Two bits of each byte: the lowest, and one that goes round."""
+    """Each bit of every so many bytes."""
     for place in range(0, len(data), step):
-        for bit in {0, 1 + place % 7}:
+        for bit in range(8):
             changed = bytes([data[place] ^ 1 << bit])
             yield f"bit {bit} of byte {place}", data[:place] + changed + data[place + 1 :]
 
