@@ -104,7 +104,7 @@ class AudioError(PalpateError):
 
 
 class DoseUsedUp(AudioError):
-    """The masker may not play on: the dose of 24 hours is used up."""
+    """The masker may not play on: the dose for 24 hours is used up."""
 
 
 class JournalError(PalpateError):

@@ -322,7 +322,7 @@ def anchor(
     """Anchor a dataset in a register outside of it.
 
     An anchor tells how many lines the roster and each journal have, and the hash of the last. Without options it is
-    kept in the dataset alone, and its number belongs into the lab book. `palpate run` does the same at each session's
+    kept in the dataset alone, and its number belongs in the lab book. `palpate run` does the same at each session's
     end, with the register that the rig file names.
     """
     from experiment.dataset import register
@@ -331,9 +331,8 @@ def anchor(
     if key and not to:
         raise DatasetError("got --sign without --to; allowed: both, or --to alone; name the register too")
     made = register.keep(dataset)
-    typer.echo(f"For the lab book: {made.line}")
-    if to:
-        typer.echo(register.enter(made, dataset, to, key))
+    entered = f"\n{register.enter(made, dataset, to, key)}" if to else ""
+    typer.echo(f"For the lab book: {made.line}{entered}")
 
 
 @commands.command(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -107,7 +107,7 @@ def check_tables(root: Path) -> Believed:
     for doubt in edited(root, dataset):
         raise doubt
     for path, session in _sessions(dataset).items():
-        _frames(path, session)
+        raw_frames(path, [placed.step for placed in session.steps])
     return dataset
 
 
@@ -275,9 +275,10 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
     header = session.contents.header
     rig = rigs.kept(rig_path(journal_file), header.rig_sha256)
     rate_hz = rig.tracker.rate_hz
+    parts_of_steps = raw_frames(journal_file, [placed.step for placed in session.steps])
     places: list[NDArray[np.float64]] = []
     heights: list[NDArray[np.float64]] = []
-    for placed, part in zip(session.steps, _frames(journal_file, session), strict=True):
+    for placed, part in zip(session.steps, parts_of_steps, strict=True):
         _, decoded = frames.Decoder(near_us=int(placed.at_us)).feed(part)
         seconds = placed.seconds(decoded.device_us)
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
@@ -302,9 +303,9 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
         )
 
 
-def _frames(journal_file: Path, session: _Session) -> list[bytes]:
+def raw_frames(journal_file: Path, steps: Sequence[FootStep | BrokenOff]) -> list[bytes]:
     """Return the raw frames of each step. Raises `DatasetError` if they are not those that the journal names."""
-    if not session.steps:
+    if not steps:
         return []
     path = foot_path(journal_file)
     try:
@@ -312,8 +313,7 @@ def _frames(journal_file: Path, session: _Session) -> list[bytes]:
     except OSError as error:
         raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
     parts = []
-    for placed in session.steps:
-        step = placed.step
+    for step in steps:
         part = raw[step.trace.offset : step.trace.offset + step.trace.length]
         if hashlib.sha256(part).hexdigest() != step.trace.sha256:
             raise DatasetError(

@@ -67,6 +67,8 @@ def verify(
     anchors of the registers count that one of its keys signed. Raises `DatasetError` if the folder is no dataset, or if
     a register, a number or a key cannot be read.
     """
+    if signer is not None and not registers:
+        raise DatasetError("got --signer without --register; allowed: both, or --register alone; name the register too")
     journals = beliefs.journals(root)
     roster = storage.roster_path(root)
     headers: list[Header] = []
@@ -147,27 +149,25 @@ def _session(path: Path, headers: list[Header]) -> str:
     if not contents.lines:
         return "no line: the session never began"
     headers.append(contents.header)
-    rig_file, foot_file = storage.rig_path(path), storage.foot_path(path)
+    rig_file = storage.rig_path(path)
     rig = rigs.kept(rig_file, contents.header.rig_sha256)
     if rig.actuator.shaping:
         rigs.response_table(rig_file.parent, rig.actuator.shaping)
-    traces = [entry.trace for entry in contents.entries if isinstance(entry, FootStep | BrokenOff)]
-    try:
-        raw = storage.read_bytes(foot_file) if traces else b""
-    except OSError as error:
-        raise DatasetError(f"{foot_file}: cannot read the foot trace ({error.strerror}); restore it") from error
-    for trace in traces:
-        if hashlib.sha256(raw[trace.offset : trace.offset + trace.length]).hexdigest() != trace.sha256:
-            raise DatasetError(f"{foot_file}: has other frames than the journal names; restore the file")
+    steps = [entry for entry in contents.entries if isinstance(entry, FootStep | BrokenOff)]
+    build.raw_frames(path, steps)
     torn = f"; {len(contents.torn)} bytes at its end are a line that was never finished" if contents.torn else ""
     told = f"{len(contents.lines)} lines in an unbroken chain up to its head{torn}"
-    return f"{told}; its rig and the frames of {len(traces)} steps are those that it names"
+    return f"{told}; its rig and the frames of {len(steps)} steps are those that it names"
 
 
 def _roster(path: Path) -> str:
     enrolled = Roster.load(path)
-    torn = f"; a torn last line of {len(enrolled.lines.torn)} bytes was never confirmed" if enrolled.lines.torn else ""
-    return f"{len(enrolled.consent_on)} participants, {len(enrolled.withdrawn)} of them withdrawn{torn}"
+    torn = (
+        f"; a torn last line of {len(enrolled.lines.end.torn)} bytes was never confirmed"
+        if enrolled.lines.end.torn
+        else ""
+    )
+    return f"{len(enrolled.consent_on)} enrolled, {len(enrolled.withdrawn)} of them withdrawn{torn}"
 
 
 def _recordings(root: Path, named: set[str | None]) -> str:
@@ -194,7 +194,9 @@ def _sha256(path: Path) -> str | None:
 
 
 def _leftovers(root: Path) -> Iterator[Finding]:
-    left = sorted(path.relative_to(root).as_posix() for path in root.rglob(".palpate-*"))
+    left = sorted(
+        path.relative_to(root).as_posix() for path in root.rglob(".*") if storage.TEMPORARY.fullmatch(path.name)
+    )
     if left:
         yield Finding("note", "temporary files", f"left of commands that were cut off: {', '.join(left)}")
 
@@ -224,7 +226,8 @@ def _evidence(
         counted = mine if signer is None or inside else [one for one in mine if signer.signed(one)]
         by = f" signed by {signer.path}" if signer and not inside else ""
         if len(counted) < len(mine):
-            findings.append(Finding("note", str(path), f"{len(mine) - len(counted)} of its anchors are not{by}"))
+            text = f"anchors that do not count, for they are not{by}: {len(mine) - len(counted)}"
+            findings.append(Finding("note", str(path), text))
         if not counted and not inside:
             findings.append(Finding("refused", str(path), f"has no anchor of this dataset{by}"))
         anchors = tuple(one.anchor for one in counted)
@@ -237,7 +240,8 @@ def _evidence(
             raise DatasetError(f"--number: got {number!r}; allowed: {DIGITS} digits and letters a to f; correct it")
         found = tuple(anchor for anchor in all_anchors if anchor.number == digits)[:1]
         if not found:
-            text = f"no anchor of it is in {LOG}: that file was changed, or the number is of another dataset"
+            why = "the number was mistyped or is of another dataset, or that file was changed"
+            text = f"no anchor of it is in {LOG}: {why}"
             findings.append(Finding("refused", f"number {number}", text))
         evidence.append(Evidence(f"number {number}", found, "change the lab book"))
     return evidence, findings
@@ -303,7 +307,7 @@ def _verdict(refused: int, files: Mapping[str, Sequence[str]], evidence: Sequenc
         yield f"REFUSED: {speak} against this dataset. Keep the folder as it is, and compare it with a backup."
         return
     if not (total := sum(map(len, files.values()))):
-        yield "NOT PROVEN: nothing. A table without a journal shows no change, neither by accident nor by intent."
+        yield "NOT PROVEN: no journal stands behind these tables, so neither an accident nor intent would show."
         return
     yield "Nothing speaks against this dataset: an accident that changed what is listed above would have been noticed."
     outside = [place for place in evidence if place.guard]

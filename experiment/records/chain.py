@@ -55,21 +55,10 @@ START = End()
 
 @dataclass(frozen=True)
 class Chain:
-    """A file of chained lines; `torn` are the bytes after the last newline, and `size` those up to and including it."""
+    """A file of chained lines, and where it ends."""
 
     links: tuple[Link, ...] = ()
-    torn: bytes = b""
-    size: int = 0
-
-    @property
-    def last(self) -> str:
-        """The SHA-256 of the last whole line, the `prev` of the next."""
-        return self.links[-1].sha256 if self.links else GENESIS
-
-    @property
-    def end(self) -> End:
-        """Where it ends, without its lines."""
-        return End(len(self.links), self.last, self.size, self.torn)
+    end: End = START
 
 
 EMPTY = Chain()
@@ -99,7 +88,8 @@ def read(path: Path, error: type[PalpateError]) -> Chain:
         last = links[-1].sha256 if links else GENESIS
         links.append(_verified(f"{path}: line {number + 1}", number, line, last, error))
     _check_head(path, head, links, error)
-    return Chain(tuple(links), torn, len(data or b"") - len(torn))
+    last = links[-1].sha256 if links else GENESIS
+    return Chain(tuple(links), End(len(links), last, len(data or b"") - len(torn), torn))
 
 
 def _bytes(path: Path, error: type[PalpateError]) -> bytes | None:

@@ -182,7 +182,7 @@ class Journal:
 def unwritable(path: Path, error: OSError) -> JournalError:
     """Return what to tell of a file of a session that the disk does not take."""
     return JournalError(
-        f"{path}: cannot be written ({error.strerror}); see to the disk and its free space, then run the same command "
+        f"{path}: cannot be written ({error.strerror}); check the disk and its free space, then run the same command "
         "again; every answer that was confirmed is on disk"
     )
 

@@ -63,9 +63,9 @@ def _said(entry: AnyEntry) -> str:
             return f"zeroed: the foot rests at {entry.offset_mm:+.2f} mm from contact, spread {entry.spread_mm:.2f} mm"
         case MaskerSet():
             level = "silent" if entry.level_db_a is None else f"at {entry.level_db_a:.0f} dB(A)"
-            return f"the masker is {level}; {entry.dose:.1%} of the dose of 24 hours is used up"
+            return f"the masker is {level}; {entry.dose:.1%} of the dose for 24 hours is used up"
         case Exposure():
-            dose = "" if entry.dose is None else f"; {entry.dose:.1%} of the masker's dose of 24 hours is used up"
+            dose = "" if entry.dose is None else f"; {entry.dose:.1%} of the masker's dose for 24 hours is used up"
             return f"so far {entry.stimuli} stimuli were played, {entry.vibration_s:.1f} s together{dose}"
         case Phase():
             return f"{entry.state} {entry.detail}".rstrip()

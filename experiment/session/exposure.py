@@ -124,7 +124,9 @@ class Exposed:
                 self.look()
                 if not shown and (why := self.over()):
                     shown = True
-                    self._console.show(f"\n{why}. Nothing more is felt: answer what is asked, and the session pauses.")
+                    self._console.show(
+                        f"\n{why}. Nothing more will be felt. Answer what is asked; then the session pauses."
+                    )
         except Exception as failed:
             # It is told where the session asks next; the masker does not wait for that.
             self._failed = failed

@@ -96,7 +96,7 @@ class Masking:
             told = self._masker.exposure()
         if not self._used_up and told.dose < 1 and (told.left_s is None or told.left_s > RESERVE_S):
             return ""
-        return f"the masker's dose of 24 hours is used up ({told.dose:.2f} of 1); go on a day later"
+        return f"the masker's dose for 24 hours is used up ({told.dose:.2f} of 1); continue a day later"
 
     def silence(self) -> None:
         """Fall silent for good, and journal the dose, if that has not happened yet."""

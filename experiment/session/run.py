@@ -84,7 +84,7 @@ def run(
         )
     today = day(clock.now_ns())
     approval.verify(protocol_file, protocol, today)
-    purpose: Purpose | None = "STUDY" if root is None else None
+    asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or roster.default_root(protocol)
     enrolled = roster.Roster.load(storage.roster_path(root))
     approved_on = roster.approved_on(root, protocol_file) or today
@@ -94,8 +94,9 @@ def run(
         raise RigError(f"{rig_file}: the rig is simulated; name a rig file of real devices, or use palpate rehearse")
     rigs.check(rig, protocol.footstep.step)
     calibration.check_age(rig, today)
-    seed = roster.settle(root, protocol_file, protocol, None, purpose)
-    if roster.purpose_of(root) == "PILOT":
+    seed = roster.settle(root, protocol_file, protocol, None, asked_purpose)
+    purpose = roster.purpose_of(root)
+    if purpose == "PILOT":
         console.show(LABELS["PILOT"])
     allocation = roster.find(roster.allocate(protocol, seed), participant)
     beliefs.believed(root)
@@ -132,8 +133,8 @@ def run(
             position=allocation.tasks.index(task_id) + 1,
             seed=seed,
             recordings=used,
-            purpose=roster.purpose_of(root),
-            roster_sha256=enrolled.lines.last,
+            purpose=purpose,
+            roster_sha256=enrolled.lines.end.last,
             clock=clock,
         )
         try:
@@ -164,7 +165,7 @@ def _anchor(root: Path, rig: Rig, rig_file: Path, console: Console) -> None:
             again += f" --to {to}" + (f" --sign {key}" if key else "")
             console.show(register.enter(anchor, root, to, key))
     except PalpateError as error:
-        console.show(f"NOT ANCHORED: {error}. The session is on disk. When that is mended, run: {again}")
+        console.show(f"NOT ANCHORED: {error}. The session is on disk. Once that is mended, run: {again}")
 
 
 def _keep_seal(root: Path, protocol_file: Path) -> None:

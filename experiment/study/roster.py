@@ -461,7 +461,7 @@ def settle(
     settled = seed_of(root)
     if purpose not in (None, begun_as := purpose_of(root)):
         raise DatasetError(
-            f"{root}: this dataset was begun as one of a {begun_as}, not of a {purpose}; name another folder with "
+            f"{root}: this dataset was begun as a {begun_as}, not as a {purpose}; name another folder with "
             "--dataset, and a pilot with --pilot"
         )
     if seed not in (None, settled):

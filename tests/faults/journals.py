@@ -100,7 +100,7 @@ def _torn(fault: str, data: bytes, head: bytes, path: Path, read: Read, size: Si
     for place in places:
         _put(path, data[:place], head)
         found = read(path)
-        torn = found.lines.torn if isinstance(found, roster.Roster) else getattr(found, "torn", b"")
+        torn = found.lines.end.torn if isinstance(found, roster.Roster) else getattr(found, "torn", b"")
         if torn != data[begin:place]:
             failures.append(f"{fault}: cut at {place}: {torn!r}")
     return Count(fault, len(places), len(places) - len(failures), len(failures), tuple(failures))

@@ -207,7 +207,7 @@ class AudioMasker:
             self.stop()
             raise DoseUsedUp(
                 f"masker: got a dose of {self._dose:.2f} in 24 hours; allowed: 1, which is {ACTION_DB_A:g} "
-                "dB(A) for eight hours; go on a day later"
+                "dB(A) for eight hours; continue a day later"
             )
         self._loop.wanted = self._noise.gain(bounded)
         self._level_db_a = bounded

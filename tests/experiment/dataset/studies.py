@@ -62,7 +62,7 @@ class MadeStudy:
             seed=roster.seed_of(self.root),
             recordings=None,
             purpose=roster.purpose_of(self.root),
-            roster_sha256=known.lines.last,
+            roster_sha256=known.lines.end.last,
             clock=ManualClock(START_NS),
         )
 

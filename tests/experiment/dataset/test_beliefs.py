@@ -126,7 +126,7 @@ def test_a_pilot_is_no_data_of_the_study_and_says_so_everywhere(tmp_path: Path) 
     roster.enrol(pilot.file, "04", DAY, root=pilot.root, seed=None, pilot=True)
     assert roster.purpose_of(pilot.root) == "PILOT"
     study = make_study(tmp_path / "study", sessions=0)
-    with pytest.raises(DatasetError, match="was begun as one of a STUDY, not of a PILOT; name another"):
+    with pytest.raises(DatasetError, match="was begun as a STUDY, not as a PILOT; name another"):
         roster.enrol(study.file, "03", DAY, root=study.root, seed=None, pilot=True)
     assert list(roster.Roster.load(storage.roster_path(study.root)).consent_on) == ["01", "02"]
 
@@ -137,5 +137,5 @@ def test_a_pilot_stands_beside_its_study(tmp_path: Path, monkeypatch: pytest.Mon
     paths = [roster.enrol(study.file, "01", DAY, root=None, seed=1, pilot=pilot) for pilot in (False, True)]
     assert [path.parents[1].name for path in paths] == ["okamoto2012", "okamoto2012-pilot"]
     shutil.copytree(paths[1].parents[1], paths[0].parents[1], dirs_exist_ok=True)
-    with pytest.raises(DatasetError, match="as one of a PILOT, not of a STUDY"):
+    with pytest.raises(DatasetError, match="as a PILOT, not as a STUDY"):
         roster.enrol(study.file, "02", DAY, root=None, seed=None)

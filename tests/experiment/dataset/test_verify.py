@@ -184,6 +184,11 @@ def test_a_register_inside_the_dataset_proves_nothing_however_its_path_is_spelt(
     assert not any(sentence.startswith("PROVEN") for sentence in report.verdict)
 
 
+def test_a_signer_without_a_register_is_refused(study: MadeStudy, tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="got --signer without --register"):
+        verify(study.root, signer=register.Signer(tmp_path / "key.pub"))
+
+
 def test_a_register_of_another_dataset_proves_nothing(study: MadeStudy, tmp_path: Path) -> None:
     other = make_study(tmp_path / "other", study="another", sessions=1)
     register.enter(register.make(other.root), other.root, tmp_path / "register", None)
@@ -245,7 +250,7 @@ def test_what_is_no_data_of_a_study_says_so_first(tmp_path: Path) -> None:
 def test_a_reconstruction_proves_nothing(repository_root: Path) -> None:
     report = verify(repository_root / "participants" / "okamoto2012")
     assert [(one.word, one.item) for one in report.findings] == [("note", "RECONSTRUCTION")]
-    assert report.verdict[0].startswith("NOT PROVEN: nothing.")
+    assert report.verdict[0].startswith("NOT PROVEN: no journal")
 
 
 def test_a_folder_that_is_no_dataset_is_refused(tmp_path: Path) -> None:

@@ -305,7 +305,7 @@ def test_a_disk_that_is_full_leaves_whole_lines_and_takes_the_next_when_it_has_r
     real = writer._file.write
     with monkeypatch.context() as patched:
         patched.setattr(writer, "_file", InterruptedFile(writer._file, "write", full))
-        with pytest.raises(JournalError, match=r"cannot be written \(No space left on device\); see to the disk"):
+        with pytest.raises(JournalError, match=r"cannot be written \(No space left on device\); check the disk"):
             opened.append(ANSWER)
     assert opened.accepts
     assert journal.read(path).entries == (HEADER,)

@@ -273,7 +273,7 @@ def test_the_masker_is_silent_before_the_dose_is_one(before: float) -> None:
     looking(exposed, clock, 5 * HOUR_NS)
     assert masker.level_db_a is None
     assert 1 - played(int(2 * RESERVE_S * 1e9)) <= masker.exposure().dose < 1
-    assert exposed.over() == "the masker's dose of 24 hours is used up (1.00 of 1); go on a day later"
+    assert exposed.over() == "the masker's dose for 24 hours is used up (1.00 of 1); continue a day later"
     last = [line.entry for line in log.lines if isinstance(line.entry, MaskerSet)][-1]
     assert (last.level_db_a, last.dose) == (None, masker.exposure().dose)
     masking.choose("it hides all", None)
@@ -343,7 +343,7 @@ def test_the_experimenter_is_told_that_the_session_is_over(monkeypatch: pytest.M
     exposed.begin()
     exposed._thread.join(60)
     exposed.close()
-    assert told == ["\nit is over. Nothing more is felt: answer what is asked, and the session pauses."]
+    assert told == ["\nit is over. Nothing more will be felt. Answer what is asked; then the session pauses."]
     with pytest.raises(ScreenGone):
         exposed.over()
 

@@ -120,7 +120,7 @@ def test_a_level_that_the_dose_does_not_allow_pauses_the_session(
     masker._set = until_used_up  # type: ignore[method-assign]
     footer = one.run(protocol, header("real"), tmp_path)
     assert (footer.reason, footer.answered) == ("paused", answered)
-    assert footer.detail.startswith("the masker's dose of 24 hours is used up")
+    assert footer.detail.startswith("the masker's dose for 24 hours is used up")
     assert levels(tmp_path)[-1] is None
     assert one.console.shown[-1:] == ["The masker is silent."] * (presses > 0)
 
@@ -139,7 +139,7 @@ def test_a_dose_that_is_used_up_between_trials_pauses_the_session(protocol: Prot
     one.masker.exposure = spent  # type: ignore[method-assign]
     footer = one.run(protocol, header("real"), tmp_path)
     assert (footer.reason, footer.answered) == ("paused", 2)
-    assert footer.detail == "the masker's dose of 24 hours is used up (1.00 of 1); go on a day later"
+    assert footer.detail == "the masker's dose for 24 hours is used up (1.00 of 1); continue a day later"
 
 
 def test_other_keys_are_not_the_maskers() -> None:

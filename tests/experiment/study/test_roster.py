@@ -158,13 +158,13 @@ def test_each_line_has_its_number_and_time_and_the_hash_of_the_one_before(roster
     hashes = [hashlib.sha256(line).hexdigest() for line in lines]
     read = [{name: json.loads(line)[name] for name in ("n", "t_ns", "prev")} for line in lines]
     assert read == [{"n": 0, "t_ns": 5, "prev": chain.GENESIS}, {"n": 1, "t_ns": 9, "prev": hashes[0]}]
-    assert roster.lines.last == hashes[1]
+    assert roster.lines.end.last == hashes[1]
     assert roster.path.with_suffix(".head").read_text() == f"000000000002 {hashes[1]}\n"
 
 
 def test_a_roster_is_known_as_it_was_under_each_of_its_lines(roster: Roster) -> None:
     roster.enrol("01", None)
-    before = roster.lines.last
+    before = roster.lines.end.last
     roster.consent("01", TODAY)
     roster.withdraw("01", "asked to stop")
     then = Roster.load(roster.path).as_of(before)
@@ -271,7 +271,7 @@ def test_a_torn_last_line_was_never_confirmed(roster: Roster) -> None:
     whole = roster.path.read_bytes()
     roster.path.write_bytes(whole + b'{"n":1,"t_ns":')
     torn = Roster.load(roster.path)
-    assert (list(torn.consent_on), torn.lines.torn) == (["01"], b'{"n":1,"t_ns":')
+    assert (list(torn.consent_on), torn.lines.end.torn) == (["01"], b'{"n":1,"t_ns":')
     torn.enrol("02", TODAY)
     assert list(Roster.load(roster.path).consent_on) == ["01", "02"]
 
