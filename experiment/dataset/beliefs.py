@@ -35,13 +35,13 @@ FARTHEST_EAST = timedelta(hours=14)
 class Believed:
     """A dataset whose journals were all held against what stands beside them.
 
-    `roster` is None in a rehearsal. `sessions` are those that began, by participant and task.
+    `roster` is None in a rehearsal. `sessions` are the headers of those that began, by journal.
     """
 
     protocol: Protocol
     purpose: Purpose
     roster: Roster | None
-    sessions: tuple[tuple[Path, Contents], ...]
+    sessions: tuple[tuple[Path, Header], ...]
 
 
 class Plan(BaseModel):
@@ -115,7 +115,8 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
     Raises what `believed` raises where nothing can: of protocol, seal, seed, roster, or plan.
     """
     study = _study(root)
-    sessions: list[tuple[Path, Contents]] = []
+    sessions: list[tuple[Path, Header]] = []
+    withdrawals: dict[str, Path] = {}
     doubts: list[PalpateError] = []
     paths = journals(root)
     begun = set(paths)
@@ -129,7 +130,9 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
                 begun.discard(path)
                 continue
             _check_header(path, contents.header, study)
-            sessions.append((path, contents))
+            sessions.append((path, header := contents.header))
+            if any(isinstance(entry, Withdrawal) for entry in contents.entries):
+                withdrawals[header.participant] = path
     with collected(doubts):
         _refuse_frames(root, set(paths))
     with collected(doubts):
@@ -138,7 +141,7 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
         _refuse_tables(root, begun)
     if study.roster is not None:
         with collected(doubts):
-            _check_withdrawals(study.roster, root, sessions)
+            _check_withdrawals(study.roster, root, withdrawals)
     return Believed(study.protocol, study.purpose, study.roster, tuple(sessions)), doubts
 
 
@@ -254,10 +257,10 @@ def _check_enrolment(path: Path, header: Header, roster: Roster, seal: Seal, pro
         raise RosterError(f"{path}: the session was not allowed to begin: {error}") from error
 
 
-def _refuse_copies(sessions: list[tuple[Path, Contents]]) -> None:
+def _refuse_copies(sessions: list[tuple[Path, Header]]) -> None:
     by_id: dict[str, Path] = {}
-    for path, contents in sessions:
-        other = by_id.setdefault(contents.header.session_id, path)
+    for path, header in sessions:
+        other = by_id.setdefault(header.session_id, path)
         if other != path:
             raise DatasetError(f"{path}: has the session_id of {other}; allowed: one of its own; take the copy out")
 
@@ -273,16 +276,10 @@ def _refuse_tables(root: Path, journals: set[Path]) -> None:
             )
 
 
-def _check_withdrawals(roster: Roster, root: Path, sessions: list[tuple[Path, Contents]]) -> None:
-    """Refuse a roster that has forgotten a withdrawal."""
-    marks = {
-        contents.header.participant: path
-        for path, contents in sessions
-        if any(isinstance(entry, Withdrawal) for entry in contents.entries)
-    }
-    for mark in (root / "sourcedata").glob("sub-*/sub-*_withdrawn.json"):
-        marks[mark.parent.name.removeprefix("sub-")] = mark
-    for participant, path in marks.items():
+def _check_withdrawals(roster: Roster, root: Path, marks: dict[str, Path]) -> None:
+    """Refuse a roster that has forgotten a withdrawal; `marks` are the journals that hold one."""
+    files = (root / "sourcedata").glob("sub-*/sub-*_withdrawn.json")
+    for participant, path in (marks | {file.parent.name.removeprefix("sub-"): file for file in files}).items():
         if participant not in roster.withdrawn:
             raise RosterError(
                 f"{roster.path}: participant {participant} withdrew, as {path} says, and the roster does not; restore "

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -57,6 +57,7 @@ hash of the one before it.
 
 @dataclass(frozen=True)
 class _Session:
+    path: Path
     contents: journal.Contents
     steps: tuple[Placed, ...]
 
@@ -91,10 +92,10 @@ def build(root: Path) -> None:
     dataset = believed(root)
     if not storage.journals(root):
         raise DatasetError(f"{root}: got no journal; allowed: one or more; run a session first")
-    sessions = _sessions(dataset)
-    bids.write_files(_tables(root, dataset, sessions))
-    for path, session in sessions.items():
-        _write_foot(root, session, path, ORIGINS[dataset.purpose])
+    bids.write_files(_study_files(root, dataset))
+    for session in _sessions(dataset):
+        bids.write_files(_events(root, dataset, session))
+        _write_foot(root, session, ORIGINS[dataset.purpose])
 
 
 def check_tables(root: Path) -> Believed:
@@ -106,37 +107,46 @@ def check_tables(root: Path) -> Believed:
     dataset = believed(root)
     for doubt in edited(root, dataset):
         raise doubt
-    for path, session in _sessions(dataset).items():
-        raw_frames(path, [placed.step for placed in session.steps])
     return dataset
 
 
 def edited(root: Path, dataset: Believed) -> list[PalpateError]:
-    """Return an error for each table on disk that is not the one that the journals give."""
+    """Return an error for each table on disk that the journals do not give, and for frames that they do not name."""
     doubts: list[PalpateError] = []
-    for path, content in _tables(root, dataset, _sessions(dataset)).items():
+
+    def compare(files: bids.Files) -> None:
+        for path, content in files.items():
+            with collected(doubts):
+                _check_table(root, path, content)
+
+    compare(_study_files(root, dataset))
+    for session in _sessions(dataset):
+        compare(_events(root, dataset, session))
         with collected(doubts):
-            _check_table(root, path, content)
+            raw_frames(session.path, [placed.step for placed in session.steps])
     return doubts
 
 
-def _sessions(dataset: Believed) -> dict[Path, _Session]:
-    return {path: _session(path, contents) for path, contents in dataset.sessions}
+def _sessions(dataset: Believed) -> Iterator[_Session]:
+    """Read one journal after another, so that a large dataset takes no more memory than its longest session."""
+    return (_session(path, journal.read(path)) for path, _ in dataset.sessions)
 
 
-def _tables(root: Path, dataset: Believed, sessions: Mapping[Path, _Session]) -> bids.Files:
-    """Return all files but those of the foot's height."""
+def _events(root: Path, dataset: Believed, session: _Session) -> bids.Files:
+    protocol, origin, header = dataset.protocol, ORIGINS[dataset.purpose], session.contents.header
+    task = _task_text(protocol, protocol.task(header.task), origin, header.session_id)
+    return bids.events(root, header.participant, task, _rows(session, origin))
+
+
+def _study_files(root: Path, dataset: Believed) -> bids.Files:
+    """Return the files that stand once in a dataset."""
     protocol, origin = dataset.protocol, ORIGINS[dataset.purpose]
     withdrawn = dataset.roster.withdrawn if dataset.roster is not None else {}
     first_tasks: dict[str, str] = {}
-    files: bids.Files = {}
-    for session in sessions.values():
-        header = session.contents.header
+    for _, header in dataset.sessions:
         first_tasks.setdefault(header.participant, bids.MISSING)
         if header.task_position == 1:
             first_tasks[header.participant] = header.task
-        task = _task_text(protocol, protocol.task(header.task), origin, header.session_id)
-        files |= bids.events(root, header.participant, task, _rows(session, origin))
     people = [
         {"participant_id": f"sub-{who}", "first_task": first, "withdrawn": who in withdrawn}
         for who, first in first_tasks.items()
@@ -153,7 +163,7 @@ def _tables(root: Path, dataset: Believed, sessions: Mapping[Path, _Session]) ->
         readme=README[origin],
         software_version=__version__,
     )
-    return files | bids.participants(root, people, origin=origin) | bids.description(root, text)
+    return bids.participants(root, people, origin=origin) | bids.description(root, text)
 
 
 def _check_table(root: Path, path: Path, content: bytes) -> None:
@@ -203,7 +213,7 @@ def _session(path: Path, contents: journal.Contents) -> _Session:
             at_ns = ClockMap(clock.anchor_us, clock.anchor_ns, clock.drift_ppm).session_ns(at_us)
             at_s = (at_ns - zero_ns) / 1e9
             steps.append(Placed(entry, at_us, at_s, clock.drift_ppm, zero_mm))
-    return _Session(contents, tuple(steps))
+    return _Session(path, contents, tuple(steps))
 
 
 def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
@@ -265,7 +275,7 @@ def _timing_s(step: FootStep | BrokenOff, onset: Onset | None) -> dict[str, obje
     return {column: round(ms / 1e3, 6) for column, ms in known_ms.items() if ms is not None}
 
 
-def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.Origin) -> None:
+def _write_foot(root: Path, session: _Session, origin: bids.Origin) -> None:
     """Write the foot's height on a grid of the rig's rate that begins anew with each step; between steps it is n/a.
 
     A device's clock that drifts leaves a place empty now and then, or puts two of its frames in one.
@@ -273,9 +283,9 @@ def _write_foot(root: Path, session: _Session, journal_file: Path, origin: bids.
     if not session.steps:
         return
     header = session.contents.header
-    rig = rigs.kept(rig_path(journal_file), header.rig_sha256)
+    rig = rigs.kept(rig_path(session.path), header.rig_sha256)
     rate_hz = rig.tracker.rate_hz
-    parts_of_steps = raw_frames(journal_file, [placed.step for placed in session.steps])
+    parts_of_steps = raw_frames(session.path, [placed.step for placed in session.steps])
     places: list[NDArray[np.float64]] = []
     heights: list[NDArray[np.float64]] = []
     for placed, part in zip(session.steps, parts_of_steps, strict=True):

@@ -111,9 +111,9 @@ def _together(root: Path, told: set[str]) -> Iterator[Finding]:
 
 
 def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
-    for _, contents in dataset.sessions:
-        participant, task = contents.header.participant, contents.header.task
-        stepped = any(isinstance(entry, FootStep) for entry in contents.entries)
+    for journal_file, header in dataset.sessions:
+        participant, task = header.participant, header.task
+        stepped = any(isinstance(entry, FootStep) for entry in journal.read(journal_file).entries)
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
             if not path.exists():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from experiment.dataset import build
@@ -37,7 +39,7 @@ def _levels(entries: list[AnyEntry]) -> list[object]:
     steps = tuple(
         build.Placed(entry, entry.at_us or 0, 0.0, 0.0, 0.0) for entry in entries if isinstance(entry, BrokenOff)
     )
-    rows = build._rows(build._Session(Contents(lines), steps), "PARTICIPANT")
+    rows = build._rows(build._Session(Path(), Contents(lines), steps), "PARTICIPANT")
     return [row.get("masker_level", "no column") for row in rows]
 
 

@@ -171,7 +171,7 @@ def test_events_stand_where_they_happened_whatever_the_trackers_clock_does(tmp_p
         frames += decoded.device_us.size
     assert len(session.steps) == TRIALS + 1
     # The device's millisecond is not the session's: some places of the grid stay empty, or take two frames.
-    build._write_foot(tmp_path, session, path, "REHEARSAL")
+    build._write_foot(tmp_path, session, "REHEARSAL")
     (kept,) = heights(tmp_path).values()
     assert frames * (1 - 1.1e-6 * abs(drift_ppm)) - 2 * len(session.steps) <= kept <= frames
 
@@ -188,7 +188,7 @@ def test_a_wall_clock_that_was_set_back_before_a_session_went_on_overwrites_no_f
     second = ManualClock(opened_ns - int(before_s * 1e9))
     assert run(tmp_path, second, Wandering(second, 0.0), "cc", 5).reason == "complete"
     session = build._session(path, journal.read(path))
-    build._write_foot(tmp_path, session, path, "REHEARSAL")
+    build._write_foot(tmp_path, session, "REHEARSAL")
     frames = [placed.step.trace.length // FRAME_BYTES for placed in session.steps]
     # Four steps were before the pause, two after. Each has a place of its own.
     assert len(frames) == 6
