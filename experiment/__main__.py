@@ -25,6 +25,11 @@ def main() -> None:
     """Entry point of the command."""
     before, sys.unraisablehook = sys.unraisablehook, _unraisable
     try:
+        import atexit
+        import signal
+
+        # What is done is done: while Python ends, an interrupt changes nothing.
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
         if sys.argv[1:] in ([], ["-h"], ["--help"]):
             from experiment.cli import overview
 

@@ -139,6 +139,14 @@ def remove_folder(folder: Path) -> None:
         folder.replace(gone)
 
 
+def remove(path: Path) -> None:
+    """Remove a file, a folder with all that it holds, or a link and not what it leads to. Raises `OSError`."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+
+
 @contextmanager
 def temporary(folder: Path, make: Callable[[Path], object] = Path.mkdir) -> Iterator[Path]:
     """Give what `make` makes, within `folder`; unless it is moved away, it is removed when the block ends.
@@ -282,6 +290,13 @@ def journal_path(dataset: Path, participant: str, task: str) -> Path:
 def withdrawal_path(dataset: Path, participant: str) -> Path:
     """Return where the withdrawal of a participant without a journal is kept inside a dataset."""
     return participant_folder(dataset, participant) / f"sub-{participant}_withdrawn.json"
+
+
+def left_of(dataset: Path, participant: str) -> list[Path]:
+    """Return all that a dataset holds of a participant, but for the roster, their withdrawal, and a lock."""
+    source = participant_folder(dataset, participant).glob("[!.]*")
+    tables = dataset.glob(f"sub-{participant}")
+    return [path for path in (*source, *tables) if path != withdrawal_path(dataset, participant)]
 
 
 def rig_path(journal_file: Path) -> Path:

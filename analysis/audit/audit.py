@@ -237,7 +237,7 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
         f"{c.statement}."
         for c in comparison.correlations
     )
-    paragraphs = [f"{comparison.source}. {ABOUT[origin]}", _counted(comparison.lines, origin), correlations]
+    paragraphs = [_counted(comparison.lines, origin), f"{comparison.source}. {ABOUT[origin]}", correlations]
     title = "Printed numbers against one another" if origin == PRINT else "Against the paper"
     return Section("comparison", title, tuple(filter(None, paragraphs)), tuple(tables), tuple(records))
 

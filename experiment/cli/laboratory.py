@@ -1,19 +1,17 @@
 """The commands of a study: its protocol, its approval, and its participants in the room."""
 
 import sys
-from datetime import datetime
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from experiment.cli import options
-from experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder
+from experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder, a_day
 from experiment.errors import RosterError
 
 commands = options.room()
-
-DAY = ["%Y-%m-%d"]
 
 Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")]
 
@@ -22,8 +20,8 @@ Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a st
 def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
     """Show a protocol to an ethics board.
 
-    The page states the whole study, and its last line whether this version is sealed. If the file has errors, all of
-    them are printed instead, each with its path, its line, what was got and what is allowed.
+    The page states the whole study. Below it stands whether this version is sealed, by which board and until when. If
+    the file has errors, all of them are printed instead: each with its path, its line, what was got, what is allowed.
     """
     from experiment.clock import day, wall_ns
     from experiment.errors import ProtocolError
@@ -38,14 +36,17 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
             options.put({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
             raise typer.Exit(error.exit_code) from None
         raise
-    sealed = approval.state(protocol_file, protocol, day(wall_ns()))
+    state, seal = approval.state(protocol_file, protocol, day(wall_ns()))
     if as_json:
         import json
 
         sha256, document = approval.sha256(protocol), json.loads(approval.canonical(protocol))
-        options.put({"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": sealed, "protocol": document})
+        approved = seal.model_dump(mode="json") if seal else None
+        known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
+        options.put(known | {"protocol": document})
     else:
-        typer.echo(f"{page.page(protocol, str(protocol_file))}\n\n{sealed}")
+        told = f"{page.page(protocol, str(protocol_file))}\n{state}"
+        typer.echo(f"{told}\n{page.approved(seal)}" if seal else told)
 
 
 @commands.command(
@@ -55,13 +56,13 @@ def seal(
     protocol_file: ProtocolFile,
     approval_number: Annotated[str, typer.Option("--approval-number", help="The number on the board's letter.")],
     approved_on: Annotated[
-        datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="First day on which the study may run.")
+        date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="First day on which the study may run.")
     ],
     expires_on: Annotated[
-        datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Last day on which the study may run.")
+        date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Last day on which the study may run.")
     ],
     replace: Annotated[
-        bool, typer.Option("--replace", help="Replace the seal of an earlier version of the protocol.")
+        bool, typer.Option("--replace", help="Replace an earlier seal, after a change of the protocol or a slip.")
     ] = False,
 ) -> None:
     """Record the board's approval of a protocol.
@@ -72,21 +73,25 @@ def seal(
     from experiment.protocol import approval, files
 
     protocol = files.load(protocol_file)
+    path = approval.seal_path(protocol_file)
+    replaces = path.exists()
     sealed = approval.write(
         protocol_file,
         protocol,
         approval_number=approval_number,
         board=protocol.ethics.board,
-        approved_on=approved_on.date(),
-        expires_on=expires_on.date(),
+        approved_on=approved_on,
+        expires_on=expires_on,
         replace=replace,
     )
     limits = protocol.exposure
     typer.echo(
         f"Sealed study {protocol.study.id} from {sealed.approved_on} to {sealed.expires_on}: vibration at most "
         f"{limits.vibration_peak_m_s2:g} m/s^2, masker at most {limits.masker_level_db_a:g} dB(A), session at most "
-        f"{limits.session_min:g} min.\nSealed {sealed.protocol_sha256}: {approval.seal_path(protocol_file)}"
+        f"{limits.session_min:g} min.\nSealed {sealed.protocol_sha256}: {path}"
     )
+    if replaces:
+        typer.echo("The earlier seal is replaced. Datasets that were begun under it keep their copy of it.")
 
 
 @commands.command(epilog="Example: palpate enrol study.toml --participant 01 --consent-on 2026-05-04")
@@ -94,7 +99,7 @@ def enrol(
     protocol_file: ProtocolFile,
     participant: Participant,
     consent_on: Annotated[
-        datetime | None, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day on which consent was given.")
+        date | None, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
     ] = None,
     dataset: StudyFolder = None,
     seed: Annotated[
@@ -118,8 +123,7 @@ def enrol(
     """
     from experiment.study import roster
 
-    consented = consent_on.date() if consent_on else None
-    path = roster.enrol(protocol_file, participant, consented, root=dataset, seed=seed, pilot=pilot)
+    path = roster.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}\nSeed of the study: {roster.seed_of(path.parents[1])}")
 
 
@@ -128,7 +132,7 @@ def consent(
     protocol_file: ProtocolFile,
     participant: Participant,
     consent_on: Annotated[
-        datetime, typer.Option(formats=DAY, metavar="YYYY-MM-DD", help="Day on which consent was given.")
+        date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
     ],
     dataset: StudyFolder = None,
     correct: Annotated[
@@ -146,8 +150,8 @@ def consent(
 
     if correct != (reason is not None):
         raise RosterError("got one of --correct and --reason; allowed: both or neither; say why the day is corrected")
-    path = roster.consent(protocol_file, participant, consent_on.date(), root=dataset, correction=reason)
-    done = "has consented" if reason is None else f"consented on {consent_on.date()}, as corrected"
+    path = roster.consent(protocol_file, participant, consent_on, root=dataset, correction=reason)
+    done = "has consented" if reason is None else f"consented on {consent_on}, as corrected"
     typer.echo(f"Participant {participant} {done}: {path}")
 
 
@@ -246,10 +250,15 @@ def run(
     The protocol must be sealed and the participant enrolled. Ctrl-C pauses the session, and the same command continues
     it. If the rig file asks for the tracker to be zeroed, the participant first rests the foot on the panel.
     """
-    from experiment.desk.terminal import TerminalConsole
+    from experiment.desk.terminal import TerminalConsole, typed_ahead
     from experiment.session import run as study
 
-    console = TerminalConsole(write=sys.stdout, ask=input, heading=f"Participant {participant}, task {task}.")
+    console = TerminalConsole(
+        write=sys.stdout,
+        ask=input,
+        heading=f"Participant {participant}, task {task}.",
+        early=lambda: typed_ahead(sys.stdin),
+    )
     footer = study.run(
         protocol_file=protocol_file,
         rig_file=rig,
@@ -288,18 +297,25 @@ def withdraw(
     reason: Annotated[
         str, typer.Option("--reason", help="One line of text; it must name no person and no state of health.")
     ],
+    erase: Annotated[bool, typer.Option("--erase", help="Delete the participant's data too, for ever.")] = False,
     dataset: StudyFolder = None,
 ) -> None:
     """Record that a participant withdrew.
 
-    Their journals say so too, and no data of theirs is analysed. To finish a withdrawal that was interrupted, run the
-    same command again.
+    Their journals say so too, and no data of theirs is analysed. With --erase their journals, raw frames and tables are
+    deleted; the roster keeps their label, their consent, the withdrawal, and that their data were erased. To finish
+    what was interrupted, run the same command again.
     """
     from experiment.dataset import build as datasets
     from experiment.study import roster
 
-    path = roster.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build)
-    typer.echo(f"Participant {participant} has withdrawn: {path}")
+    path = roster.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
+    typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")
+    if erase:
+        typer.echo(
+            "Backups, copies, and the tables of earlier analyses and exports, as under derivatives, still hold them: "
+            "delete them there, or make them anew."
+        )
 
 
 @commands.command(epilog="Example: palpate build participants/study")
@@ -325,12 +341,12 @@ def anchor(
     kept in the dataset alone, and its number belongs in the lab book. `palpate run` does the same at each session's
     end, with the register that the rig file names.
     """
-    from experiment.dataset import register
+    from experiment.dataset import beliefs, register
     from experiment.errors import DatasetError
 
     if key and not to:
         raise DatasetError("got --sign without --to; allowed: both, or --to alone; name the register too")
-    made = register.keep(dataset)
+    made = beliefs.keep_anchor(dataset)
     entered = f"\n{register.enter(made, dataset, to, key)}" if to else ""
     typer.echo(f"For the lab book: {made.line}{entered}")
 
@@ -355,14 +371,13 @@ def verify(
 ) -> None:
     """Say what is proven of a dataset, and what is not.
 
-    Every finding is printed: that it holds, or that it is REFUSED. Nothing is changed. The exit code is 2 if anything
-    is refused.
+    Every finding is printed: that it holds, or that it is REFUSED. Nothing is changed. The exit code is 1 if anything
+    is refused, and 2 if nothing could be checked, as with a register that is not there.
     """
     from dataclasses import asdict
 
     from experiment.dataset import verify as verifying
     from experiment.dataset.register import Signer
-    from experiment.errors import DatasetError
 
     report = verifying.verify(dataset, registers or (), numbers or (), Signer(signer) if signer else None)
     if as_json:
@@ -371,4 +386,4 @@ def verify(
         words = {"holds": "holds  ", "refused": "REFUSED", "note": "note   "}
         found = [f"  {words[one.word]}  {one.item}: {one.text}" for one in report.findings]
         typer.echo("\n".join([report.title, *found, *report.verdict]))
-    raise typer.Exit(DatasetError.exit_code if report.refused else 0)
+    raise typer.Exit(1 if report.refused else 0)

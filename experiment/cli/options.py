@@ -3,14 +3,17 @@
 Modules of commands have no `from __future__ import annotations`, so that Typer need not compile the annotations.
 """
 
+import re
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from datetime import date
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from experiment.settings.characters import hidden
+from experiment.errors import PalpateError
+from experiment.settings.characters import hidden, quoted
 
 ProtocolFile = Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML).")]
 Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")]
@@ -22,6 +25,16 @@ LARGEST_SEED = 2**63 - 1
 
 Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random draw.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+
+
+def a_day(text: str) -> date:
+    """Return the day that an option gives. Raises `PalpateError` for what is none."""
+    with suppress(ValueError):
+        if re.fullmatch(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", text):
+            return date.fromisoformat(text)
+    raise PalpateError(
+        f"got the day {quoted(text)}; allowed: a day that the calendar has, as YYYY-MM-DD, such as 2026-04-01"
+    )
 
 
 def room() -> typer.Typer:

@@ -1,7 +1,7 @@
 """What must hold before a journal counts: nothing foreign, copied, renamed or made for another purpose enters a table.
 
 A journal's header is held against its path, the protocol in the dataset and its seal, the seed, and the roster, or in a
-rehearsal its plan. All of it stands under `sourcedata/`.
+rehearsal its plan, and every file against the anchors in the dataset's log. All of it stands under `sourcedata/`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,9 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from experiment import storage
+from experiment import clock, storage
+from experiment.dataset import register
+from experiment.dataset.register import LOG, Anchor, Kept, Prefix
 from experiment.errors import DatasetError, PalpateError, RosterError
 from experiment.protocol import approval, files
 from experiment.protocol.approval import Seal
@@ -104,9 +106,37 @@ def believed(root: Path) -> Believed:
     fit.
     """
     dataset, doubts = examined(root)
-    for doubt in doubts:
+    for doubt in (*_unlike_anchors(root, dataset.roster), *doubts):
         raise doubt
     return dataset
+
+
+def anchor(root: Path) -> Anchor:
+    """Return the anchor of a dataset as it is now.
+
+    Raises `DatasetError` if it has neither a roster nor a session, and what `believed` raises.
+    """
+    dataset = believed(root)
+    if dataset.roster is None and not dataset.sessions:
+        raise DatasetError(f"{root}: got no session; allowed: one or more; run a session first, then anchor it")
+    return Anchor(
+        anchored_utc=clock.utc(clock.wall_ns()),
+        study=dataset.protocol.study.id,
+        purpose=dataset.purpose,
+        protocol_sha256=approval.sha256(dataset.protocol),
+        prefixes=tuple(
+            Prefix(file=path.relative_to(root).as_posix(), lines=len(hashes), sha256=hashes[-1])
+            for path in (storage.roster_path(root), *(path for path, _ in dataset.sessions))
+            if (hashes := register.line_hashes(path))
+        ),
+    )
+
+
+def keep_anchor(root: Path) -> Anchor:
+    """Anchor a dataset in its own log, and return the anchor. Raises as `anchor`, and if the log cannot be written."""
+    made = anchor(root)
+    register.append(root / LOG, Kept(anchor=made))
+    return made
 
 
 def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
@@ -120,6 +150,9 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
     doubts: list[PalpateError] = []
     paths = journals(root)
     begun = set(paths)
+    erased = study.roster.erased if study.roster is not None else set()
+    with collected(doubts):
+        _refuse_erased(root, erased)
     with collected(doubts):
         _refuse_strays(root, set(paths))
     for path in paths:
@@ -139,6 +172,8 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
         _refuse_copies(sessions)
     with collected(doubts):
         _refuse_tables(root, begun)
+    with collected(doubts):
+        _refuse_people(root, begun, {who: tasks for who, tasks in study.tasks.items() if who not in erased})
     if study.roster is not None:
         with collected(doubts):
             _check_withdrawals(study.roster, root, withdrawals)
@@ -176,6 +211,35 @@ def _study(root: Path) -> _Study:
         raise DatasetError(f"{kept}: is not the protocol that was rehearsed; restore it, or rehearse anew")
     tasks = {one.participant: one.tasks for one in rosters.allocate(protocol, plan.seed)[: plan.participants]}
     return _Study(root, protocol, sha256, "REHEARSAL", plan.seed, tasks, plan, None, None)
+
+
+def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[DatasetError]:
+    """Give an error for each file that was not erased and does not begin as an anchor in the dataset's log has it."""
+    kept = register.read(root / LOG)[0] if (root / LOG).exists() else ()
+    known: dict[str, tuple[str, ...]] = {}
+    for one in kept:
+        for prefix in one.anchor.prefixes:
+            if roster is not None and roster.has_erased(prefix.file):
+                continue
+            if prefix.file not in known:
+                known[prefix.file] = register.line_hashes(root / prefix.file)
+            if not prefix.begins(hashes := known[prefix.file]):
+                found = f"now has {len(hashes)}" if len(hashes) < prefix.lines else "now begins with others"
+                day = one.anchor.anchored_utc[:10]
+                yield DatasetError(
+                    f"{root / prefix.file}: had {prefix.lines} lines by the anchor of {day} in {LOG}, and "
+                    f"{found if hashes else 'is missing'}; restore it from a backup"
+                )
+
+
+def _refuse_erased(root: Path, erased: set[str]) -> None:
+    """Refuse what is there of a participant whose data were erased: a kill left it, or a backup brought it back."""
+    for participant in sorted(erased):
+        for path in storage.left_of(root, participant):
+            raise DatasetError(
+                f"{path}: the data of participant {participant} were erased, as the roster says; delete this too "
+                "(palpate withdraw --erase, once more)"
+            )
 
 
 def _refuse_strays(root: Path, journals: set[Path]) -> None:
@@ -273,6 +337,24 @@ def _refuse_tables(root: Path, journals: set[Path]) -> None:
             raise DatasetError(
                 f"{path}: no journal gives this table; restore the journal under sourcedata from a backup, or take "
                 "the table out of the dataset"
+            )
+
+
+def _refuse_people(root: Path, journals: set[Path], tasks: dict[str, tuple[str, ...]]) -> None:
+    """Refuse a table that knows a participant, or the first task of one, of whom no journal is there."""
+    table = root / "participants.tsv"
+    if not table.is_file():
+        return
+    columns, *rows = (line.split(b"\t") for line in storage.read_bytes(table).splitlines() or [b""])
+    for row in rows:
+        told = dict(zip(columns, (cell.decode("utf-8", "replace") for cell in row), strict=False))
+        participant, first = told.get(b"participant_id", "").removeprefix("sub-"), told.get(b"first_task", "")
+        own = {storage.journal_path(root, participant, task): task for task in tasks.get(participant, ())}
+        wanted = {path for path, task in own.items() if task == first} or own.keys()
+        if wanted and journals.isdisjoint(wanted):
+            raise DatasetError(
+                f"{min(wanted)}: is missing, and {table.name} has a session of participant {participant}; restore the "
+                "journal from a backup"
             )
 
 

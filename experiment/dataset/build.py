@@ -21,7 +21,7 @@ from experiment.dataset.beliefs import Believed, believed, collected
 from experiment.errors import DatasetError, PalpateError
 from experiment.protocol.models import Protocol, Task
 from experiment.records import journal
-from experiment.records.entries import Answer, MaskerSet, Purpose, Redo, TrackerOpened
+from experiment.records.entries import Answer, Correction, MaskerSet, Purpose, Redo, TrackerOpened
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.stimulus import Onset
@@ -87,10 +87,10 @@ def build(root: Path) -> None:
     """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
 
     A journal without a header is one of a session which never started: it is left out. Raises what `believed` raises,
-    and `DatasetError` if there is no journal, or a foot trace is not the one its journal names.
+    and `DatasetError` if there is no journal and none was erased, or a foot trace is not the one its journal names.
     """
     dataset = believed(root)
-    if not storage.journals(root):
+    if not storage.journals(root) and not (dataset.roster and dataset.roster.erased):
         raise DatasetError(f"{root}: got no journal; allowed: one or more; run a session first")
     bids.write_files(_study_files(root, dataset))
     for session in _sessions(dataset):
@@ -218,6 +218,7 @@ def _session(path: Path, contents: journal.Contents) -> _Session:
 
 def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
     answers: dict[tuple[int, int], Answer] = {}
+    corrections: dict[tuple[int, int], Correction] = {}
     redone: dict[tuple[int, int], str] = {}
     masker: dict[str, object] = {}
     maskers: dict[tuple[int, int], dict[str, object]] = {}
@@ -228,13 +229,16 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
             maskers[entry.trial, entry.attempt] = masker
         elif isinstance(entry, Answer):
             answers[entry.trial, entry.attempt] = entry
+        elif isinstance(entry, Correction):
+            corrections[entry.trial, entry.attempt] = entry
         elif isinstance(entry, Redo):
             redone[entry.trial, entry.attempt] = entry.reason
     rows: list[dict[str, object]] = []
     for placed in session.steps:
         step = placed.step
         attempt = step.trial, step.attempt
-        answer = answers.get(attempt)
+        answer, correction = answers.get(attempt), corrections.get(attempt)
+        last = correction or answer
         stimulus, onset = (step.stimulus, step.onset) if isinstance(step, FootStep) else (None, None)
         heard = onset.delivered if onset else None
         missed_ns = heard.onset_ns - onset.contact_ns if onset and heard and heard.onset_ns is not None else None
@@ -247,7 +251,7 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
                 "attempt": step.attempt,
                 "counted": answer is not None and attempt not in redone,
                 "presented": " | ".join(step.presented),
-                "answered": None if answer is None else answer.answered or NO_ANSWER,
+                "answered": None if last is None else last.answered or NO_ANSWER,
                 "response_time": round(answer.response_time_s, 6) if answer else None,
                 "foot_speed": round(step.speed_mm_s, 3) if step.speed_mm_s is not None else None,
                 "frames_lost": step.link.lost + step.link.damaged,
@@ -256,6 +260,7 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
                 "onset_error": None if missed_ns is None else round(missed_ns / 1e9, 6),
                 "redo_reason": step.reason if isinstance(step, BrokenOff) else reason,
                 "origin": origin,
+                **({"corrected_from": answer.answered or NO_ANSWER} if answer and correction else {}),
                 **maskers[attempt],
                 **_timing_s(step, onset),
             }

@@ -21,10 +21,8 @@ from typing import Annotated
 import rfc8785
 from pydantic import Field, ValidationError
 
-from experiment import clock, storage
-from experiment.dataset.beliefs import believed
+from experiment import storage
 from experiment.errors import DatasetError
-from experiment.protocol import approval
 from experiment.records.entries import Purpose, Record
 
 LOG = Path("sourcedata") / "anchors.log"
@@ -45,6 +43,10 @@ class Prefix(Record):
     file: Annotated[str, Field(pattern=r"^sourcedata/(sub-[0-9A-Za-z]+/)?[0-9A-Za-z_-]+\.jsonl$")]
     lines: Annotated[int, Field(ge=1)]
     sha256: Sha256
+
+    def begins(self, hashes: Sequence[str]) -> bool:
+        """Return whether a file with these `line_hashes` still begins with the lines that it had."""
+        return len(hashes) >= self.lines and hashes[self.lines - 1] == self.sha256
 
 
 class Anchor(Record):
@@ -80,34 +82,6 @@ class Kept(Record):
     signature: str | None = None
 
 
-def make(root: Path) -> Anchor:
-    """Return the anchor of a dataset as it is now.
-
-    Raises `DatasetError` if it has neither a roster nor a session, and what `believed` raises.
-    """
-    dataset = believed(root)
-    if dataset.roster is None and not dataset.sessions:
-        raise DatasetError(f"{root}: got no session; allowed: one or more; run a session first, then anchor it")
-    return Anchor(
-        anchored_utc=clock.utc(clock.wall_ns()),
-        study=dataset.protocol.study.id,
-        purpose=dataset.purpose,
-        protocol_sha256=approval.sha256(dataset.protocol),
-        prefixes=tuple(
-            Prefix(file=path.relative_to(root).as_posix(), lines=len(hashes), sha256=hashes[-1])
-            for path in (storage.roster_path(root), *(path for path, _ in dataset.sessions))
-            if (hashes := line_hashes(path))
-        ),
-    )
-
-
-def keep(root: Path) -> Anchor:
-    """Anchor a dataset in its own log, and return the anchor. Raises as `make`, and if the log cannot be written."""
-    anchor = make(root)
-    _append(root / LOG, Kept(anchor=anchor))
-    return anchor
-
-
 def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
     """Add an anchor of the dataset `root` to a register, signed with a private SSH key if there is one; say so.
 
@@ -119,7 +93,7 @@ def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
     begun = not to.exists()
     if not begun and storage.size(to) and not read(to)[0]:
         raise DatasetError(f"{to}: holds no anchor, so it is no register; allowed: a register, or a new file; name one")
-    _append(to, kept)
+    append(to, kept)
     return f"Anchored in {to}{', signed' if key else ''}." + (" This register is a new file." if begun else "")
 
 
@@ -160,20 +134,32 @@ class Signer:
 
     path: Path
 
-    def signed(self, kept: Kept) -> bool:
-        """Return whether one of the keys signed an anchor. Raises `DatasetError` if the keys cannot be read."""
+    def keys(self) -> list[str]:
+        """Return its keys. Raises `DatasetError` if they cannot be read."""
         try:
             keys = [line for line in storage.read_text(self.path).splitlines() if line.strip()]
         except (OSError, UnicodeDecodeError) as error:
             raise DatasetError(f"{self.path}: cannot be read ({error}); give a public key (.pub)") from error
         if not keys or not all(re.match(r"(ssh|ecdsa|sk)-\S+ \S", line) for line in keys):
             raise DatasetError(f"{self.path}: got no public SSH keys; allowed: one a line; give the key's .pub file")
+        return keys
+
+    def signed(self, kept: Kept) -> bool:
+        """Return whether one of the keys signed an anchor. Raises `DatasetError` if the keys cannot be read."""
         with tempfile.TemporaryDirectory() as folder:
             allowed, signature = Path(folder, "allowed"), Path(folder, "signature")
-            allowed.write_text("".join(f"laboratory {line}\n" for line in keys), "utf-8")
+            allowed.write_text("".join(f"laboratory {line}\n" for line in self.keys()), "utf-8")
             signature.write_text(kept.signature or "", "utf-8")
             asked = ("verify", "-f", str(allowed), "-I", "laboratory", "-s", str(signature))
             return _ssh_keygen(asked, kept.anchor).returncode == 0
+
+
+def soundly_signed(kept: Kept) -> bool:
+    """Return whether any key at all signed an anchor as it stands."""
+    with tempfile.NamedTemporaryFile() as signature:
+        signature.write((kept.signature or "").encode())
+        signature.flush()
+        return _ssh_keygen(("check-novalidate", "-s", signature.name), kept.anchor).returncode == 0
 
 
 def _signature(anchor: Anchor, key: Path) -> str:
@@ -192,7 +178,7 @@ def _ssh_keygen(asked: Sequence[str], anchor: Anchor) -> subprocess.CompletedPro
         raise DatasetError("ssh-keygen is not installed; install the OpenSSH client, then do it again") from error
 
 
-def _append(path: Path, kept: Kept) -> None:
+def append(path: Path, kept: Kept) -> None:
     """Add a line, on disk when this returns. A line that was never finished stays a line of its own."""
     try:
         with path.open("a+b") as file:

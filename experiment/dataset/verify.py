@@ -11,6 +11,7 @@ import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import ne
 from pathlib import Path
 from typing import Literal
 
@@ -20,10 +21,14 @@ from experiment.dataset import beliefs, bids, build, register
 from experiment.dataset.beliefs import Believed
 from experiment.dataset.register import DIGITS, LOG, Anchor, Signer
 from experiment.errors import DatasetError, PalpateError, RecordingError
+from experiment.protocol import approval
 from experiment.records import journal
 from experiment.records.entries import Header, Purpose
 from experiment.records.footstep import BrokenOff, FootStep
 from experiment.study.roster import Roster
+
+MISTYPED = 2
+"""A number that differs from an anchor's in so many of its digits was meant to be that one."""
 
 
 @dataclass(frozen=True)
@@ -64,35 +69,44 @@ def verify(
     """Return what holds of a dataset, and what does not.
 
     `registers` are files of anchors, `numbers` those of anchors as they stand in a lab book; with a `signer` only
-    anchors of the registers count that one of its keys signed. Raises `DatasetError` if the folder is no dataset, or if
-    a register, a number or a key cannot be read.
+    anchors of the registers count that one of its keys signed. Raises `DatasetError` if the folder is no dataset, and
+    for what was typed wrongly, which speaks against no dataset: a register, a number or a key that cannot be read, a
+    number that differs from an anchor's in `MISTYPED` digits at most, or a key other than the one that signed.
     """
     if signer is not None and not registers:
         raise DatasetError("got --signer without --register; allowed: both, or --register alone; name the register too")
+    if signer is not None:
+        signer.keys()
+    for path in registers:
+        _check_place(root, path)
     journals = beliefs.journals(root)
     roster = storage.roster_path(root)
     headers: list[Header] = []
+    rosters: list[Roster] = []
     findings = [_told(root, path, lambda path=path: _session(path, headers)) for path in journals]  # type: ignore[misc]
     if roster.exists():
-        findings.append(_told(root, roster, lambda: _roster(roster)))
-    if named := {header.recordings_sha256 for header in headers} - {None}:
-        findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
-    findings += _together(root, {finding.text for finding in findings}) if beliefs.has_journals(root) else _alone(root)
-    findings += _leftovers(root)
+        findings.append(_told(root, roster, lambda: _roster(roster, rosters)))
     known = {(header.study, header.purpose) for header in headers}
     evidence, told = _evidence(root, known, registers, numbers, signer)
     files = {path.relative_to(root).as_posix(): register.line_hashes(path) for path in (roster, *journals)}
-    findings += [*told, *_contradictions(files, evidence)]
+    people = rosters[0] if rosters else Roster(roster)
+    unlike = [one for one in _contradictions(files, evidence) if not people.has_erased(one.item)]
+    sound = not any(finding.word == "refused" for finding in (*findings, *unlike))
+    if named := {header.recordings_sha256 for header in headers} - {None}:
+        findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
+    texts = {finding.text for finding in findings}
+    findings += _together(root, texts, sound=sound) if beliefs.has_journals(root) else _alone(root)
+    findings += [*_leftovers(root), *_erased(people), *told, *unlike]
     refused = sum(finding.word == "refused" for finding in findings)
     kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
     return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(refused, files, evidence)))
 
 
-def _together(root: Path, told: set[str]) -> Iterator[Finding]:
-    """Tell what several files show together, but for what is `told` already."""
+def _together(root: Path, told: set[str], *, sound: bool) -> Iterator[Finding]:
+    """Tell what several files show together, but for what is `told` already; `sound` if each file by itself holds."""
     try:
         dataset, doubts = beliefs.examined(root)
-        if doubts:
+        if doubts or not sound:
             yield Finding("note", "tables", "were not compared with the journals, because not every journal holds")
         elif dataset.sessions:
             doubts = [*build.edited(root, dataset), *_lost_traces(root, dataset)]
@@ -102,12 +116,23 @@ def _together(root: Path, told: set[str]) -> Iterator[Finding]:
         finding = _refused(root, doubt)
         if finding.text not in told:
             yield finding
-    if not doubts and not dataset.sessions:
-        yield Finding("note", "sessions", "none has begun, so there are no tables")
-    elif not doubts:
+    if doubts or not sound:
+        return
+    if not dataset.sessions:
+        yield Finding("note", "sessions", "there is none, so there is nothing in the tables")
+    else:
         of = "protocol and the plan of the rehearsal" if dataset.roster is None else "sealed protocol, seed and roster"
         yield Finding("holds", "headers", f"each journal is of its path, the {of}")
+        yield from _sealed(root) if dataset.roster else ()
         yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")
+
+
+def _sealed(root: Path) -> Iterator[Finding]:
+    """Tell the seal under which the study was begun; each text of it ends its line, so that it reorders nothing."""
+    seal = approval.read(storage.protocol_path(root))
+    yield Finding("holds", "seal", f"is of the protocol; its approval is from {seal.approved_on} to {seal.expires_on}")
+    yield Finding("holds", "approval number", seal.approval_number)
+    yield Finding("holds", "board", " ".join(seal.board.split()))
 
 
 def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
@@ -160,8 +185,9 @@ def _session(path: Path, headers: list[Header]) -> str:
     return f"{told}; its rig and the frames of {len(steps)} steps are those that it names"
 
 
-def _roster(path: Path) -> str:
+def _roster(path: Path, rosters: list[Roster]) -> str:
     enrolled = Roster.load(path)
+    rosters.append(enrolled)
     torn = (
         f"; a torn last line of {len(enrolled.lines.end.torn)} bytes was never confirmed"
         if enrolled.lines.end.torn
@@ -201,6 +227,23 @@ def _leftovers(root: Path) -> Iterator[Finding]:
         yield Finding("note", "temporary files", f"left of commands that were cut off: {', '.join(left)}")
 
 
+def _check_place(root: Path, path: Path) -> None:
+    """Refuse what is no register, and one inside the dataset."""
+    if path.resolve().is_relative_to(root.resolve()):
+        raise DatasetError(
+            f"{path}: stands inside the dataset, where whoever can change the one can change the other; allowed: a "
+            "register elsewhere; name one"
+        )
+    kept, _ = register.read(path)
+    if not kept and not any(word in storage.read_bytes(path) for word in (b'"anchor"', b'"prefixes"')):
+        raise DatasetError(f"{path}: is no register, for it has no anchor; give the file that palpate anchor wrote to")
+
+
+def _erased(people: Roster) -> Iterator[Finding]:
+    for participant in sorted(people.erased):
+        yield Finding("note", f"sub-{participant}", "has no data: they were erased, as the roster says")
+
+
 def _evidence(
     root: Path,
     known: set[tuple[str, Purpose]],
@@ -214,10 +257,6 @@ def _evidence(
     all_anchors: list[Anchor] = []
     for path in (*([root / LOG] if (root / LOG).exists() else []), *registers):
         inside = path == root / LOG
-        if not inside and path.resolve().is_relative_to(root.resolve()):
-            text = "stands inside the dataset: whoever can change the one can change the other; name one outside"
-            findings.append(Finding("refused", str(path), text))
-            continue
         kept, broken = register.read(path)
         if broken:
             lines = ", ".join(map(str, broken))
@@ -228,6 +267,11 @@ def _evidence(
         if len(counted) < len(mine):
             text = f"anchors that do not count, for they are not{by}: {len(mine) - len(counted)}"
             findings.append(Finding("note", str(path), text))
+        if signer and not counted and any(map(register.soundly_signed, mine)):
+            raise DatasetError(
+                f"{signer.path}: is not the key that signed the anchors of this dataset in {path}; give that one; if "
+                "this is the laboratory's only key, somebody else wrote the register"
+            )
         if not counted and not inside:
             findings.append(Finding("refused", str(path), f"has no anchor of this dataset{by}"))
         anchors = tuple(one.anchor for one in counted)
@@ -239,6 +283,12 @@ def _evidence(
         if not re.fullmatch(rf"[0-9a-f]{{{DIGITS}}}", digits):
             raise DatasetError(f"--number: got {number!r}; allowed: {DIGITS} digits and letters a to f; correct it")
         found = tuple(anchor for anchor in all_anchors if anchor.number == digits)[:1]
+        near = [anchor for anchor in all_anchors if sum(map(ne, digits, anchor.number)) <= MISTYPED]
+        if near and not found:
+            raise DatasetError(
+                f"--number: got {number!r}, which is almost the number of the anchor {near[0].line}; compare it with "
+                "the lab book again"
+            )
         if not found:
             why = "the number was mistyped or is of another dataset, or that file was changed"
             text = f"no anchor of it is in {LOG}: {why}"
@@ -265,7 +315,7 @@ def _of(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> list[
                 prefix.lines,
                 anchor.anchored_utc[:10],
                 place.place,
-                len(hashes) >= prefix.lines and hashes[prefix.lines - 1] == prefix.sha256,
+                prefix.begins(hashes),
             )
             for place in evidence
             for anchor in place.anchors

@@ -2,9 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 from experiment.apparatus.ports import Rester
+
+
+@dataclass(frozen=True)
+class Noted:
+    """The experimenter notes something about where the session is."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """The experimenter corrects an answer of this session: `key` is what the participant said in truth."""
+
+    trial: int
+    key: str
+    reason: str
+
+
+Remark = Noted | Corrected
+"""What the experimenter may say instead of answering a question."""
 
 
 class Console(Rester, Protocol):
@@ -34,12 +55,24 @@ class Console(Rester, Protocol):
         """Say that a step broke off, why, and that the trial is armed again; return at once, as `arm` does."""
         ...
 
-    def ask(self, *, trial: int, keys: dict[str, str]) -> str:
-        """Wait for one of `keys` (key -> what it stands for) and return it."""
+    def ask(self, *, trial: int, keys: dict[str, str]) -> str | Remark:
+        """Wait for one of `keys` (key -> what it stands for), or a remark, and return it."""
+        ...
+
+    def confirm(self, *, key: str, meaning: str) -> bool:
+        """Return whether the experimenter stands by the key that was chosen."""
         ...
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:
         """Say that the answer is on disk."""
+        ...
+
+    def debrief(self) -> Remark | None:
+        """Wait, once all trials are answered, for a remark, or for the end of the session: None."""
+        ...
+
+    def ignored(self) -> str:
+        """Return what was typed before it was asked for, since this was called last; it answered nothing."""
         ...
 
 

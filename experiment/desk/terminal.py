@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TextIO
 
-from experiment.desk.port import RESTS
+from experiment.desk.port import RESTS, Corrected, Noted, Remark
 from experiment.errors import ScreenGone
-from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
+from experiment.settings import characters
 
 if TYPE_CHECKING:
     from experiment.recordings.store import Condition
@@ -17,19 +19,80 @@ if TYPE_CHECKING:
 GONE = "the screen is gone ({})"
 
 
-class TerminalConsole:
-    """Implements `Console` on a text stream. Answers are keyed, shown, and confirmed with Enter.
+REMARKS = "note TEXT, or correct TRIAL KEY REASON"
+"""What may be typed instead of a key."""
 
-    The end of the input (Ctrl-D) interrupts as Ctrl-C does.
+
+def typed_ahead(source: TextIO) -> str:
+    """Return what was typed on a terminal before now, and drop it; nothing where `source` is a pipe.
+
+    A pipe holds what was meant to be read later; a terminal holds what somebody typed too early.
+    """
+    try:
+        descriptor = source.fileno()
+        if not os.isatty(descriptor):
+            return ""
+    except (OSError, ValueError):
+        return ""
+    if sys.platform == "win32":
+        import msvcrt
+
+        dropped = ""
+        while msvcrt.kbhit():
+            dropped += msvcrt.getwch()
+        return dropped
+    import termios
+
+    settings = termios.tcgetattr(descriptor)
+    at_once = [*settings[:6], [*settings[6]]]
+    # By single characters, so that a line which was begun, and not ended, is dropped as well.
+    at_once[3] &= ~(termios.ICANON | termios.ECHO)
+    at_once[6][termios.VMIN] = at_once[6][termios.VTIME] = 0
+    termios.tcsetattr(descriptor, termios.TCSANOW, at_once)
+    try:
+        dropped_bytes = b""
+        while read := os.read(descriptor, 4096):
+            dropped_bytes += read
+    finally:
+        termios.tcsetattr(descriptor, termios.TCSANOW, settings)
+    return dropped_bytes.decode("utf-8", "replace")
+
+
+def _no_typing() -> str:
+    return ""
+
+
+class TerminalConsole:
+    """Implements `Console` on a text stream: an answer's key is typed, and typed again to confirm it.
+
+    Nothing that was typed before a question answers it. The end of the input (Ctrl-D) interrupts as Ctrl-C does.
     """
 
-    def __init__(self, *, write: TextIO, ask: Callable[[str], str], heading: str) -> None:
-        """Write lines to `write`, each trial's after `heading`; `ask` shows a prompt and returns the line typed."""
+    def __init__(
+        self, *, write: TextIO, ask: Callable[[str], str], heading: str, early: Callable[[], str] = _no_typing
+    ) -> None:
+        """Write lines to `write`, each trial's after `heading`; `ask` shows a prompt and returns the line typed.
+
+        `early` returns what was typed before now, and drops it.
+        """
         self._write = write
         self._read = ask
         self._heading = heading
+        self._early = early
+        self._ignored = ""
+
+    def ignored(self) -> str:
+        told, self._ignored = self._ignored, ""
+        return told
 
     def _ask(self, prompt: str) -> str:
+        try:
+            early = self._early()
+        except OSError as error:
+            raise ScreenGone(GONE.format(error)) from error
+        if early:
+            self._ignored += early
+            self.show(f"Ignored, for it was typed before the question: {characters.quoted(early)}")
         try:
             return self._read(prompt)
         except EOFError:
@@ -74,17 +137,45 @@ class TerminalConsole:
             "participant may lift the foot and step."
         )
 
-    def ask(self, *, trial: int, keys: dict[str, str]) -> str:
+    def ask(self, *, trial: int, keys: dict[str, str]) -> str | Remark:
         offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
         while True:
-            key = self._ask(f"Trial {trial}, the participant said:  {offered}\nKey: ").strip().lower()
-            if key not in keys:
-                self.show(f"'{key}' is not a key of this protocol; press one of {' '.join(keys)}")
-                continue
-            if key in (LOUDER_KEY, SOFTER_KEY):
+            typed = self._ask(f"Trial {trial}, the participant said:  {offered}\nKey: ").strip()
+            if remark := self._remark(typed):
+                return remark
+            if (key := typed.lower()) in keys:
                 return key
-            if not self._ask(f"{keys[key]} - press Enter to confirm, or type anything else to ask again: ").strip():
-                return key
+            self.show(f"{characters.quoted(typed)} is no key; type one of {' '.join(keys)}, or {REMARKS}")
+
+    def confirm(self, *, key: str, meaning: str) -> bool:
+        # Not Enter: a key that somebody leans on repeats.
+        typed = self._ask(f"{meaning} - type {key} again to confirm, anything else to ask again: ")
+        return typed.strip().lower() == key
+
+    def debrief(self) -> Remark | None:
+        while typed := self._ask(
+            f"{self._heading}  All trials are answered. Type {REMARKS}; press Enter to end the session: "
+        ).strip():
+            if remark := self._remark(typed):
+                return remark
+            self.show(f"{characters.quoted(typed)} is no remark; type {REMARKS}, or press Enter")
+        return None
+
+    def _remark(self, typed: str) -> Remark | None:
+        """Return what was typed as a remark; None if it is none, or one that cannot go on record."""
+        word, _, rest = typed.partition(" ")
+        try:
+            text = characters.one_line(rest.strip())
+        except ValueError as error:
+            self.show(f"The remark {error}, which cannot go on record; type it without")
+            return None
+        if word == "note" and text:
+            return Noted(text)
+        trial, _, rest = text.partition(" ")
+        key, _, reason = rest.strip().partition(" ")
+        if word == "correct" and trial.isdecimal() and reason.strip():
+            return Corrected(int(trial), key.lower(), reason.strip())
+        return None
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:
         self.show(f"{self._heading}  Trial {trial}: the answer is on disk: {answer or 'no answer'}.")

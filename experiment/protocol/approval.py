@@ -25,7 +25,6 @@ from experiment.errors import Problem, ProtocolError
 from experiment.protocol import rules
 from experiment.protocol.models import Protocol
 from experiment.settings import load
-from experiment.settings.characters import quoted
 from experiment.settings.load import Confined, Line, Rules, Text
 
 
@@ -81,8 +80,9 @@ def write(
 ) -> Seal:
     """Record the approval of `protocol`, as loaded from `protocol_path`, beside it.
 
-    `replace` lets the seal take the place of one for another version of the protocol. Raises `ProtocolError` if a field
-    is empty or contradicts the protocol's own ethics block, or if a seal exists already.
+    `replace` lets the seal take the place of another, of which datasets that were begun under it keep their copy.
+    Raises `ProtocolError` if a field is empty or contradicts the protocol's own ethics block, or if a seal exists
+    already.
     """
     path = seal_path(protocol_path)
     stated = {
@@ -135,22 +135,22 @@ def read(protocol_path: Path) -> Seal:
     return load.read(path, Seal)
 
 
-def state(protocol_path: Path, protocol: Protocol, today: date) -> str:
-    """Return in a sentence whether `protocol`, as loaded from `protocol_path`, is approved `today`.
+def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Seal | None]:
+    """Return in a sentence whether `protocol`, as loaded from `protocol_path`, is approved `today`, and its seal.
 
     Raises `ProtocolError` if the seal cannot be read.
     """
     if not seal_path(protocol_path).exists():
-        return "NOT SEALED: no approval of this protocol is on record beside it."
+        return "NOT SEALED: no approval of this protocol is recorded beside its file.", None
     seal = read(protocol_path)
     if _changed(protocol_path, protocol, seal):
-        return (
-            f"CHANGED SINCE THE SEAL: approval {quoted(seal.approval_number)} is of another version, "
-            f"{seal.protocol_sha256[:12]}...; palpate run refuses this one."
-        )
-    valid = f"from {seal.approved_on} to {seal.expires_on}"
-    today_too = "" if seal.approved_on <= today <= seal.expires_on else f", so not today ({today})"
-    return f"SEALED: approval {quoted(seal.approval_number)} of this version is valid {valid}{today_too}."
+        version = f"{seal.protocol_sha256[:12]}..."
+        return f"CHANGED SINCE THE SEAL: the seal is of another version, {version}; palpate run refuses this one.", seal
+    if today < seal.approved_on:
+        return f"SEALED FOR LATER: the approval of this version begins on {seal.approved_on}.", seal
+    if today > seal.expires_on:
+        return f"SEALED, BUT EXPIRED: the approval of this version ended before today ({today}).", seal
+    return "SEALED: this version is approved; compare what the seal says with the board's letter.", seal
 
 
 def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Problem]:
@@ -178,13 +178,12 @@ def _contradictions(protocol: Protocol, seal: Seal) -> list[Problem]:
 
 
 def _in_the_way(path: Path, seal: Seal, replace: bool) -> list[Problem]:
-    if load.read(path, Seal).protocol_sha256 == seal.protocol_sha256:
-        allowed = "no seal: this version of the protocol is sealed already; to seal it anew, move that file away"
-        return [Problem("seal", None, "an existing seal", allowed)]
-    if not replace:
-        allowed = "no seal: there is one for another version of this protocol; replace it (--replace), or move it away"
-        return [Problem("seal", None, "an existing seal", allowed)]
-    return []
+    same = load.read(path, Seal).protocol_sha256 == seal.protocol_sha256
+    if replace:
+        return []
+    there = "this version of the protocol is sealed already" if same else "there is one for another version"
+    allowed = f"no seal: {there}; replace it (--replace), or move it away"
+    return [Problem("seal", None, "an existing seal", allowed)]
 
 
 def _write(path: Path, seal: Seal) -> None:

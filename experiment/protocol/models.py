@@ -287,7 +287,7 @@ class Answers(Confined):
     Attributes:
         mode: the participant says the answer, and the experimenter keys it.
         no_answer_key: the key for a trial without an answer.
-        redo_key: the key that has the trial done again at once.
+        redo_key: the key that has the trial done again, at the end of its block.
         pause_key: the key that pauses the session.
     """
 

@@ -1,7 +1,8 @@
 """A protocol as one page of plain text that states every fact of the file to an ethics board.
 
-Words of the file cannot pass for words of palpate, and so not for a limit or a heading: free text stands on lines of
-its own, each behind a bar, and names stand between double quotes and are never broken.
+Words of the file cannot pass for words of palpate, and so not for a limit or a heading: free text stands behind a bar
+with nothing after it, on lines of its own where letters run from right to left, since these reorder what stands beside
+them; and names stand between double quotes and are never broken.
 """
 
 from __future__ import annotations
@@ -12,8 +13,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from experiment.protocol import approval
+from experiment.protocol.approval import Seal
 from experiment.protocol.models import ExclusionRule, PlannedTest, Protocol, Task
-from experiment.settings.characters import plain
+from experiment.settings.characters import leftward, plain
 
 WIDTH = 92
 """Columns of a line, at most."""
@@ -52,6 +54,8 @@ def say(text: str, indent: str = "", first: str | None = None) -> list[str]:
 def quote(text: str, indent: str = "    ", first: str | None = None) -> list[str]:
     """Return free text behind bars."""
     begin = indent if first is None else first
+    if leftward(text) and begin.strip():
+        return [begin.rstrip(), *quote(text, indent)]
     return say(plain(text, keep="\n"), indent + BAR, begin + BAR)
 
 
@@ -108,6 +112,18 @@ def page(protocol: Protocol, file: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def approved(seal: Seal) -> str:
+    """Return what a seal says, in lines as those of the page."""
+    return "\n".join(
+        facts(
+            ("Board", Free(seal.board)),
+            ("Approval number", Free(seal.approval_number)),
+            ("Approved on", str(seal.approved_on)),
+            ("Expires on", str(seal.expires_on)),
+        )
+    )
+
+
 def _trials(protocol: Protocol, task: Task) -> int:
     return task.repetitions * len(protocol.materials)
 
@@ -121,13 +137,13 @@ def _title(protocol: Protocol, file: str) -> Iterator[str]:
         ("SHA-256", approval.sha256(protocol)),
     )
     yield from say(
-        "The SHA-256 identifies this version of the protocol. It changes with any fact on this page but the name of "
-        "the file, and an approval holds for this version alone.",
+        "The SHA-256 identifies this version of the protocol. It changes whenever a fact on this page changes, except "
+        "the name of the file, and an approval holds for this version alone.",
         indent="  ",
     )
     yield from say(
-        "What stands behind a bar (|) or between double quotes is text of the file, word for word. All else on this "
-        "page is written by palpate from the values of the file, and these values hold whatever a text may say.",
+        "Text behind a bar (|) or between double quotes is quoted from the file word for word. Everything else on this "
+        "page is written by palpate from the values in the file, and these values hold whatever a text may say.",
         indent="  ",
     )
 
@@ -279,18 +295,16 @@ def _stimuli(protocol: Protocol) -> Iterator[str]:
     yield from say(
         f"Frequencies outside {number(tactile.low_hz)} to {number(tactile.high_hz)} Hz are left out of every stimulus "
         f"of a task if together they stay below {number(tactile.floor_m_s2)} m/s^2 (rms) in every material; otherwise "
-        "they are left out of none. Source:"
+        "they all stay in. Source:"
     )
     yield from quote(tactile.source)
     yield from say(
         f"The speed of the foot is measured while it moves down from {number(step.gate_top_mm)} to "
         f"{number(step.gate_bottom_mm)} mm above the panel, and the stimulus starts when it reaches "
         f"{number(step.contact_mm)} mm. If the foot stops, turns back or hesitates on the way, no stimulus is played "
-        "and the trial is armed again at once."
+        "and the trial is at once made ready (armed) for another step."
     )
-    yield from say(
-        f"Headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that this holds:"
-    )
+    yield from say(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
     yield from quote(masker.criterion)
 
 
@@ -321,16 +335,17 @@ def _answers(protocol: Protocol) -> Iterator[str]:
         f"[{answers.pause_key}] pause.",
         indent="    ",
     )
+    yield from say(
+        "A trial whose stimulus may have been felt, and which has no confirmed answer, is repeated at the end of its "
+        "block, whatever the cause: the key, a pause, a rule below, or a fault of the rig. In a task whose order is "
+        "blocked-random, a block presents each material once; any other task is one single block. The experimenter "
+        "can correct an answer until the session ends; the record then holds both, and the reason."
+    )
 
 
 def _exclusion(protocol: Protocol) -> Iterator[str]:
     if not protocol.exclusion:
         yield from say("There are no exclusion rules: every trial of every participant counts.")
-    if any(rule.action == "repeat-trial" for rule in protocol.exclusion):
-        yield from say(
-            "If the order of a task is blocked-random, a block presents each material once; otherwise the whole task "
-            "is one block."
-        )
     for rule in protocol.exclusion:
         yield from item(f"{named(rule.id)}: {_condition(rule)}, {_ACTION[rule.action]}. Reason:")
         yield from quote(rule.reason)
@@ -353,7 +368,7 @@ def _condition(rule: ExclusionRule) -> str:
         case "speed-above":
             return f"If the foot moves at more than {limit} mm/s"
         case "undelivered":
-            return "If the vibration was early, late, changed or missing when it was measured, by the rig's thresholds"
+            return "If the vibration, as measured, was early, late, changed or missing by the rig's thresholds"
         case "answers-below":
             return f"If a participant answers fewer than {limit} trials of a task"
         case "withdrawn":

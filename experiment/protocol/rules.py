@@ -11,6 +11,7 @@ from datetime import date
 from itertools import pairwise
 from typing import Any
 
+from experiment.settings.characters import skeleton
 from experiment.settings.load import Broken, Table, written
 from experiment.storage import Place
 
@@ -27,9 +28,15 @@ MAX_COUNTED = 400
 """Trials of a task whose orders are counted exactly: up to here that takes seconds."""
 
 
+EARLIEST = date(1950, 1, 1)
+"""No approval is older: ours; ethics boards are younger."""
+
+
 def ethics(table: Table) -> Iterator[Broken]:
-    """`expires_on` comes after `approved_on`."""
+    """`approved_on` is a day from 1950 on, and `expires_on` comes after it."""
     approved, expires = table.get("approved_on"), table.get("expires_on")
+    if type(approved) is date and approved < EARLIEST:
+        yield Broken(("approved_on",), f"a date from {EARLIEST} on, as on the board's letter")
     # A date with a time is a date too, for Python, and compares with none.
     if type(approved) is type(expires) is date and expires <= approved:
         yield Broken(("expires_on",), f"a date after approved_on ({approved})")
@@ -119,7 +126,8 @@ def planned_test(table: Table) -> Iterator[Broken]:
 
 
 def protocol(table: Table) -> Iterator[Broken]:
-    """Ids are unique among materials, tasks and exclusion rules; so are keys, and phrases of `spoken`.
+    """Ids are unique among materials, tasks and exclusion rules; so are keys, and phrases of `spoken`: none looks like
+    another, whatever its case, blanks and alphabet, and no phrase like the id of another material.
 
     The keys `+` and `-` set the masker's level and stand for nothing else. No task has more participants than the
     study, and the largest has as many. The tests of `analysis` name tasks of the protocol. A familiarisation is shorter
@@ -159,6 +167,13 @@ def _spoken(table: Table) -> Iterator[Broken]:
         for j, said in enumerate(_list(material, "spoken"))
     ]
     yield from _seen_once(places, "a phrase of its own")
+    ids: dict[str | int, str] = {
+        i: skeleton(name) for i, one in _tables(table, "materials") if isinstance(name := one.get("id"), str)
+    }
+    for path, said in places:
+        for i, name in ids.items():
+            if isinstance(said, str) and skeleton(said) == name != ids.get(path[1]):
+                yield Broken(path, f"a phrase of its own: {written(('materials', i, 'id'))} is that name")
 
 
 def _participants(table: Table) -> Iterator[Broken]:
@@ -218,7 +233,7 @@ def _seen_once(places: Iterable[tuple[Place, object]], what: str) -> Iterator[Br
     first: dict[str, Place] = {}
     for path, value in places:
         if isinstance(value, str):
-            earlier = first.setdefault(" ".join(value.casefold().split()), path)
+            earlier = first.setdefault(skeleton(value), path)
             if earlier != path:
                 yield Broken(path, f"{what}: {written(earlier)} has it already")
 

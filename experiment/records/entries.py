@@ -140,7 +140,11 @@ class Armed(Entry):
 
 
 class Answer(Entry):
-    """A confirmed answer: one of those that the kind of trial allows, or None where the participant gave none."""
+    """A confirmed answer: one of those that the kind of trial allows, or None where the participant gave none.
+
+    `response_time_s` is from the moment from which it could be given to the choice of its key, `confirmed_s` to the
+    confirmation.
+    """
 
     kind: Literal["answer"] = "answer"
     trial: int
@@ -149,6 +153,34 @@ class Answer(Entry):
     answered: str | None
     key: str
     response_time_s: float
+    confirmed_s: float
+
+
+class Correction(Entry):
+    """Another answer takes the place of one that was confirmed in this session; both stay on record."""
+
+    kind: Literal["correction"] = "correction"
+    trial: int
+    attempt: int
+    answered: str | None
+    key: str
+    reason: str
+
+
+class Note(Entry):
+    """What the experimenter noted, during a trial or, where `trial` is None, outside of trials."""
+
+    kind: Literal["note"] = "note"
+    trial: int | None
+    text: str
+
+
+class Ignored(Entry):
+    """What was typed before it was asked for, and answered nothing."""
+
+    kind: Literal["ignored"] = "ignored"
+    trial: int | None
+    typed: str
 
 
 class Redo(Entry):

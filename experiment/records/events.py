@@ -20,7 +20,7 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
     },
     "presented": {"Description": "Material presented."},
     "answered": {"Description": f"Material the participant named; {NO_ANSWER} where none was named."},
-    "response_time": {"Description": "From contact to the confirmed answer. n/a where no clock ran.", "Units": "s"},
+    "response_time": {"Description": "From contact to the choice of the answer. n/a where no clock ran.", "Units": "s"},
     "foot_speed": {"Description": "10 mm divided by the time from 20 mm to 10 mm above the panel.", "Units": "mm/s"},
     "frames_lost": {"Description": "Tracker frames lost or damaged between arming and contact."},
     "floored_bins": {"Description": "Bins of the synthesised spectrum floored at zero. n/a without synthesis."},
@@ -46,6 +46,9 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
 """Columns of `_events.tsv` in their order, as the sidecar describes them."""
 
 FURTHER_COLUMNS: dict[str, dict[str, object]] = {
+    "corrected_from": {
+        "Description": "Answer that was confirmed first, where the experimenter corrected it. n/a where it stands."
+    },
     "masker_level": {"Description": "Level of the masker in this attempt. n/a for silence.", "Units": "dB(A)"},
     "prediction_error": {
         "Description": "Contact as predicted last before the onset could no longer be moved, minus actual contact. n/a "

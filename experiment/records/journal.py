@@ -25,10 +25,13 @@ from experiment.records.entries import (
     FORMAT,
     Answer,
     Armed,
+    Correction,
     Exposure,
     Footer,
     Header,
+    Ignored,
     MaskerSet,
+    Note,
     Phase,
     Redo,
     Resumed,
@@ -48,6 +51,9 @@ AnyEntry = Annotated[
     | FootStep
     | BrokenOff
     | Answer
+    | Correction
+    | Note
+    | Ignored
     | Redo
     | Resumed
     | Footer

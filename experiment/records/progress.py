@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
-from itertools import pairwise
 
-from experiment.records.entries import Answer, Armed, Footer, Header, MaskerSet, PlannedTrial, Redo, Resumed, Withdrawal
+from experiment.records.entries import Answer, Armed, Footer, Header, MaskerSet, PlannedTrial, Redo, Withdrawal
 from experiment.records.footstep import BrokenOff, FootStep
-from experiment.records.journal import AnyEntry, Contents
+from experiment.records.journal import AnyEntry
 
 
 @dataclass(frozen=True)
@@ -90,12 +89,3 @@ def progress(entries: Sequence[AnyEntry]) -> Progress:
     if not isinstance(header, Header):
         raise TypeError("the first entry of a journal is its header")
     return reduce(Progress.after, entries[1:], Progress(header))
-
-
-def spent_ns(contents: Contents) -> int:
-    """Return how long the session has lasted so far, without the pauses between its runners, ns."""
-    spent, begun = 0, contents.lines[0].t_ns if contents.lines else 0
-    for before, line in pairwise(contents.lines):
-        if isinstance(line.entry, Resumed):
-            spent, begun = spent + before.t_ns - begun, line.t_ns
-    return spent + (contents.lines[-1].t_ns - begun if contents.lines else 0)

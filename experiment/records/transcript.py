@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import textwrap
+
 from experiment.clock import utc
 from experiment.records.entries import (
     Answer,
     Armed,
+    Correction,
     Exposure,
     Footer,
     Header,
+    Ignored,
     MaskerSet,
+    Note,
     Phase,
     Redo,
     Resumed,
@@ -19,8 +24,14 @@ from experiment.records.entries import (
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
-from experiment.records.stimulus import Onset
+from experiment.records.stimulus import Onset, Stimulus
 from experiment.settings.characters import plain
+
+WIDTH = 100
+"""No line of a transcript is wider, in characters."""
+
+INDENT = " " * 14
+"""Stands where the time of an entry stands, in each further line of it."""
 
 
 def text(contents: Contents) -> str:
@@ -50,7 +61,8 @@ def text(contents: Contents) -> str:
         lines.append(f"The last line is torn: {len(contents.torn)} bytes that were never confirmed were left out.")
     if done.footer is None:
         lines.append("The session has no footer: it ended without saying why. It can be resumed.")
-    return "\n".join(plain(line, keep="") for line in lines)
+    fill = textwrap.TextWrapper(WIDTH, subsequent_indent=INDENT, break_on_hyphens=False).fill
+    return "\n".join(fill(plain(line, keep="")) for line in lines)
 
 
 def _said(entry: AnyEntry) -> str:
@@ -73,9 +85,9 @@ def _said(entry: AnyEntry) -> str:
             return f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, armed"
         case FootStep():
             link = entry.link
-            played = "a stimulus was played" if entry.stimulus else "no stimulus"
             return (
-                f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, {entry.speed_mm_s:.1f} mm/s, {played}; "
+                f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, {entry.speed_mm_s:.1f} mm/s, "
+                f"{_played(entry.stimulus, entry.onset)}; "
                 f"frames {link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated"
                 f"{_met(entry.onset)}{_dead(entry.dead_time_ms)}"
             )
@@ -84,8 +96,13 @@ def _said(entry: AnyEntry) -> str:
             said = f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, broke off, {again}: {entry.reason}"
             return f"{said}{_dead(entry.dead_time_ms)}"
         case Answer():
-            answered = f"answered {entry.answered}" if entry.answered else "no answer was given"
-            return f"trial {entry.trial}.{entry.attempt}: {answered} after {entry.response_time_s:.2f} s"
+            return f"trial {entry.trial}.{entry.attempt}: {_answered(entry)} after {entry.response_time_s:.2f} s"
+        case Correction():
+            return f"trial {entry.trial}.{entry.attempt}: corrected to {_answered(entry)}: {entry.reason}"
+        case Note():
+            return f"note{'' if entry.trial is None else f' at trial {entry.trial}'}: {entry.text}"
+        case Ignored():
+            return f"ignored, for it was typed before the question: {entry.typed!r}"
         case Redo():
             again = "put off to the end of the block" if entry.put_off else "done again"
             return f"trial {entry.trial}.{entry.attempt} does not count and is {again}: {entry.reason}"
@@ -97,12 +114,25 @@ def _said(entry: AnyEntry) -> str:
             return f"the participant has withdrawn ({entry.reason}){_torn(entry.torn)}: no data of theirs is analysed"
 
 
+def _answered(entry: Answer | Correction) -> str:
+    return f"answered {entry.answered}" if entry.answered else "no answer was given"
+
+
 def _torn(torn: str) -> str:
     return f"; a torn line of {len(torn)} characters was dropped" if torn else ""
 
 
 def _presented(entry: Armed | FootStep | BrokenOff) -> str:
     return " and ".join(entry.presented)
+
+
+def _played(stimulus: Stimulus | None, onset: Onset | None) -> str:
+    if stimulus is None:
+        return "no stimulus"
+    said = f"a stimulus was played, with a peak of at most {stimulus.reached_peak_m_s2:.3g} m/s^2"
+    if stimulus.handed_unit == "V":
+        said += f" at the panel for {stimulus.handed_peak:.3g} V"
+    return said if onset and onset.delivered else f"{said}; delivery was not measured"
 
 
 def _met(onset: Onset | None) -> str:

@@ -17,6 +17,7 @@ from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
 from experiment.session import interrupts
 from experiment.session.kind import KindDevices, Limits, Log
 from experiment.session.masker import KEYS, Masking
+from experiment.session.remarks import Remarks
 
 
 class State(StrEnum):
@@ -115,6 +116,7 @@ class Attempts:
         self._kind = devices.kind.begin(
             protocol=protocol, header=header, console=devices.console, clock=devices.clock, log=log, limits=limits
         )
+        self._remarks = Remarks(spoken=protocol.answers, kind=self._kind, console=devices.console, log=log)
         self._answered_ns: int | None = None
         self._outage = ""
         self._undelivered = 0
@@ -132,6 +134,7 @@ class Attempts:
             # Nothing had begun: nothing is on file of it, and the same attempt is armed again.
             self._outage = str(stopped)
             return Event.LOST
+        self._remarks.note_ignored(planned.trial)
         if self._limits.over():
             # While something was laid out, or the tracker zeroed.
             return Event.BROKEN_OFF
@@ -177,6 +180,16 @@ class Attempts:
         self._kind.reconnect(timeout_s)
         self._outage = ""
 
+    def note_ignored(self) -> None:
+        """Put on record what was typed too early before the trials."""
+        self._remarks.note_ignored(None)
+
+    def debrief(self) -> None:
+        """Have the experimenter note and correct, once every trial is answered."""
+        while (remark := self._console.debrief()) is not None:
+            self._remarks.take(remark, None)
+        self.note_ignored()
+
     def _ask(self, planned: PlannedTrial, attempt: int, answerable_ns: int) -> Event:
         console, spoken, answers = self._console, self._spoken, self._kind.answers(planned)
         keys = {key: meaning.words for key, meaning in answers.items()} | {
@@ -185,13 +198,11 @@ class Attempts:
             spoken.pause_key: "pause",
             **(KEYS if self._masking is not None else {}),
         }
-        key = console.ask(trial=planned.trial, keys=keys)
-        while self._masking is not None and self._masking.change(key):
-            key = console.ask(trial=planned.trial, keys=keys)
+        key, chosen_ns = self._chosen(planned.trial, keys)
         if key in (spoken.pause_key, spoken.redo_key):
             pauses = key == spoken.pause_key
             reason = "paused before the answer" if pauses else "asked for by the experimenter"
-            self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
+            self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
             return Event.PAUSE if pauses else Event.REDONE
         self._answered_ns = self._clock.now_ns()
         answered = None if key == spoken.no_answer_key else answers[key].answer
@@ -202,8 +213,23 @@ class Attempts:
                 presented=planned.presented,
                 answered=answered,
                 key=key,
-                response_time_s=(self._answered_ns - answerable_ns) / 1e9,
+                response_time_s=(chosen_ns - answerable_ns) / 1e9,
+                confirmed_s=(self._answered_ns - answerable_ns) / 1e9,
             )
         )
         console.confirmed(trial=planned.trial, answer=answered)
         return Event.ANSWERED
+
+    def _chosen(self, trial: int, keys: dict[str, str]) -> tuple[str, int]:
+        """Return the key that was chosen and confirmed, and the session time of the choice, ns."""
+        while True:
+            said = self._console.ask(trial=trial, keys=keys)
+            chosen_ns = self._clock.now_ns()
+            self._remarks.note_ignored(trial)
+            if not isinstance(said, str):
+                self._remarks.take(said, trial)
+            elif self._masking is None or not self._masking.change(said):
+                confirmed = self._console.confirm(key=said, meaning=keys[said])
+                self._remarks.note_ignored(trial)
+                if confirmed:
+                    return said, chosen_ns

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from experiment.apparatus import host
 from experiment.errors import PalpateError
-from experiment.records.entries import Exposure, Header, MaskerSet, Resumed
+from experiment.records.entries import Exposure, Footer, Header, MaskerSet, Resumed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -33,6 +33,9 @@ LOOK_S = 0.5
 
 EVERY_NS = 5 * 10**9
 """Between two entries, ns; a session that was killed counts as playing its masker for so long after its last line."""
+
+KILLED_NS = EVERY_NS + int(LOOK_S * 1e9)
+"""A runner that was killed may have gone on for so long after its last line, ns, and its session lasted so long."""
 
 WINDOW_NS = 24 * 3600 * 10**9
 """Doses are added over so long, ns: neither midnight nor a time zone changes them."""
@@ -135,6 +138,14 @@ class Exposed:
                     self._masking.silence()
 
 
+def spent_ns(contents: Contents) -> int:
+    """Return how long the session has lasted so far, without the pauses between its runners, ns."""
+    return sum(
+        lines[-1].t_ns - lines[0].t_ns + (0 if isinstance(lines[-1].entry, Footer) else KILLED_NS)
+        for lines in _runners(contents)
+    )
+
+
 def dose_before(journals: Iterable[Contents], clock: Clock) -> float:
     """Return what the sessions of these journals used up of the masker's dose in the last 24 hours.
 
@@ -142,11 +153,8 @@ def dose_before(journals: Iterable[Contents], clock: Clock) -> float:
     long the machine was off between two starts; where it seems to have gone back, that was no time. A participant's
     tasks come one after the other, and so do their runners, whatever the clock said.
     """
-    begun_journals = [contents for contents in journals if contents.lines]
-    runners: list[Sequence[Line]] = []
-    for contents in sorted(begun_journals, key=lambda contents: contents.header.task_position):
-        begun = [n for n, entry in enumerate(contents.entries) if isinstance(entry, Header | Resumed)]
-        runners += [contents.lines[first:last] for first, last in pairwise([*begun, len(contents.lines)])]
+    begun = sorted((one for one in journals if one.lines), key=lambda contents: contents.header.task_position)
+    runners = list(chain.from_iterable(map(_runners, begun)))
     up_now_ns = _uptimes_now(runners, clock)
     spent = 0.0
     for lines in runners:
@@ -156,6 +164,12 @@ def dose_before(journals: Iterable[Contents], clock: Clock) -> float:
             now_ns = t_ns + up_now_ns[boot] - up_ns
         spent += _played(lines, now_ns)
     return spent
+
+
+def _runners(contents: Contents) -> list[Sequence[Line]]:
+    """Return the lines of each runner of a session, in order."""
+    begun = [n for n, entry in enumerate(contents.entries) if isinstance(entry, Header | Resumed)]
+    return [contents.lines[first:last] for first, last in pairwise([*begun, len(contents.lines)])]
 
 
 def _uptimes(lines: Sequence[Line]) -> Iterator[tuple[str, int, int]]:

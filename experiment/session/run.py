@@ -157,7 +157,7 @@ def _anchor(root: Path, rig: Rig, rig_file: Path, console: Console) -> None:
     """Show the dataset's anchor for the lab book, and enter it where the rig says; a failure undoes no session."""
     again = f"palpate anchor {root}"
     try:
-        anchor = register.keep(root)
+        anchor = beliefs.keep_anchor(root)
         console.show(f"For the lab book: {anchor.line}")
         if wanted := rig.anchors:
             to, *keys = (rig_file.parent / Path(one).expanduser() for one in (wanted.file, wanted.key) if one)

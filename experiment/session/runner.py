@@ -17,10 +17,10 @@ from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
 from experiment.records.entries import Footer, Header, Phase, Redo, Resumed, Trace
 from experiment.records.journal import AnyEntry
-from experiment.records.progress import Progress, progress, spent_ns
+from experiment.records.progress import Progress, progress
 from experiment.session import interrupts
 from experiment.session.attempt import Attempts, Devices, Event, State, follow
-from experiment.session.exposure import Exposed
+from experiment.session.exposure import Exposed, spent_ns
 from experiment.session.masker import Masking
 from experiment.storage import foot_path, journal_path, rig_path
 
@@ -152,6 +152,7 @@ class _Session:
             self._begin(contents)
             if self._masking is not None and not self._exposed.over():
                 self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a)
+            self._attempts.note_ignored()
             pause = self._trials()
         except ScreenGone as gone:
             pause = str(gone)
@@ -186,6 +187,7 @@ class _Session:
             self._follow(event)
             if event is Event.LOST and (pause := self._wait_for_tracker()):
                 return pause
+        self._attempts.debrief()
         return ""
 
     def _why_not(self, trial: int, begun: Counter[int]) -> str:
@@ -241,7 +243,7 @@ class _Session:
             if done.unanswered is not None:
                 trial, attempt = done.unanswered
                 reason = "the session was interrupted before the answer"
-                self._log.write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=False))
+                self._log.write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=True))
             if done.armed is not None:
                 trial, attempt = done.armed
                 reason = "the session was interrupted while the trial was armed; its stimulus may have been felt"

@@ -43,9 +43,9 @@ MOST_TOLD = 1_000
 BROKEN_RULE = "broken_rule"
 """Type of the validation error that stands for broken rules."""
 
-VISIBLE = "without control or invisible characters"
+VISIBLE = "without control, invisible or look-alike characters or stray marks"
 ONE_LINE = AfterValidator(characters.one_line)
-"""Of a field with a pattern of its own: that it is one line without control or invisible characters."""
+"""Of a field with a pattern of its own: that it is one line of characters that `characters` allows."""
 
 Remark = Annotated[str, Field(description=f"text {VISIBLE}"), AfterValidator(characters.free)]
 Text = Annotated[str, Field(pattern=r"\S", description=f"text, not blank, {VISIBLE}"), AfterValidator(characters.free)]
@@ -62,7 +62,7 @@ Name = Annotated[
     Field(
         pattern=r"^[\p{L}\p{N}]([^\p{Cc}]{0,38}[^\s\p{Cc}])?$",
         description="one line of 1 to 40 characters, a letter or digit first, no blank last, without double quotes "
-        "and control or invisible characters",
+        f"or letters that run from right to left, {VISIBLE}",
     ),
     AfterValidator(characters.naming),
 ]

@@ -18,7 +18,7 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import date
 from itertools import permutations
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal
 
 from filelock import FileLock
@@ -33,7 +33,7 @@ from experiment.records import chain, journal
 from experiment.records.chain import Chain
 from experiment.records.entries import Entry, Purpose, Record, Withdrawal
 from experiment.settings.characters import quoted
-from experiment.settings.load import Line
+from experiment.settings.load import VISIBLE, Line
 from experiment.study.schedule import Draws
 
 LOCK = ".study.lock"
@@ -128,7 +128,14 @@ class Withdrawn(Entry):
     reason: Reason
 
 
-AnyEntry = Annotated[Enrolled | Consented | Corrected | Withdrawn, Field(discriminator="kind")]
+class Erased(Entry):
+    """Journals, raw frames and tables of a participant who had withdrawn are deleted from here on."""
+
+    kind: Literal["erased"] = "erased"
+    participant: str
+
+
+AnyEntry = Annotated[Enrolled | Consented | Corrected | Withdrawn | Erased, Field(discriminator="kind")]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
 
 
@@ -137,12 +144,14 @@ class Roster:
     """The roster file of a study: one chained line for each event, only ever appended to.
 
     `consent_on` holds each participant's day of consent, or None without consent, in the order of enrolment;
-    `withdrawn` holds the reasons of those who withdrew. `now_ns` tells the time of a new line.
+    `withdrawn` holds the reasons of those who withdrew, and `erased` those whose data were deleted. `now_ns` tells the
+    time of a new line.
     """
 
     path: Path
     consent_on: dict[str, date | None] = field(default_factory=dict)
     withdrawn: dict[str, str] = field(default_factory=dict)
+    erased: set[str] = field(default_factory=set)
     lines: Chain = chain.EMPTY
     now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
 
@@ -193,6 +202,14 @@ class Roster:
         """
         self._append(Withdrawn, participant=participant, reason=reason)
 
+    def erase(self, participant: str) -> None:
+        """Record that the data of a participant are deleted. Raises `RosterError` unless the participant withdrew."""
+        self._append(Erased, participant=participant)
+
+    def has_erased(self, file: str) -> bool:
+        """Return whether a file of the dataset, by its path inside, was of a participant whose data were deleted."""
+        return PurePosixPath(file).parent.name.removeprefix("sub-") in self.erased
+
     def may_run(self, participant: str, protocol: Protocol, *, approved_on: date, today: date) -> None:
         """Return when `participant` may be run in the study of `protocol`.
 
@@ -232,8 +249,8 @@ class Roster:
             entry = kind.model_validate(facts)
         except ValidationError as error:
             raise RosterError(
-                f"got the reason {quoted(str(facts.get('reason')))}; allowed: one line of 1 to 200 characters, none of "
-                "them a control or invisible one; mend it"
+                f"got the reason {quoted(str(facts.get('reason')))}; allowed: one line of 1 to 200 characters, "
+                f"{VISIBLE}; mend it"
             ) from error
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -245,7 +262,7 @@ class Roster:
                 self.lines = chain.read(self.path, RosterError)
         except OSError as error:
             raise RosterError(f"{self.path}: cannot write the roster ({error.strerror}); mend that first") from error
-        self.consent_on, self.withdrawn = latest.consent_on, latest.withdrawn
+        self.consent_on, self.withdrawn, self.erased = latest.consent_on, latest.withdrawn, latest.erased
 
     def _apply(self, entry: AnyEntry) -> None:
         participant = entry.participant
@@ -254,6 +271,11 @@ class Roster:
             self.consent_on[participant] = entry.consent_on
             return
         self.check_enrolled(participant)
+        if isinstance(entry, Erased):
+            if participant not in self.withdrawn or participant in self.erased:
+                raise RosterError(f"participant {participant} has not withdrawn, or is erased already")
+            self.erased.add(participant)
+            return
         if participant in self.withdrawn:
             raise RosterError(f"participant {participant} has withdrawn already; enrol another participant")
         known = self.consent_on[participant]
@@ -326,6 +348,7 @@ def enrol(
     protocol = files.load(protocol_file)
     purpose: Purpose | None = "PILOT" if pilot else "STUDY" if root is None else None
     root = root or default_root(protocol, pilot=pilot)
+    _refuse_rehearsal(root)
     find(allocate(protocol, 0), participant)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
@@ -386,6 +409,7 @@ def consent(
     participant is not enrolled or has withdrawn, has consented already, or cannot have consented on that day.
     """
     root = root or default_root(files.load(protocol_file))
+    _refuse_rehearsal(root)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
     if correction is None:
@@ -396,24 +420,35 @@ def consent(
 
 
 def withdraw(
-    protocol_file: Path, participant: str, reason: str, *, root: Path | None, rebuild: Callable[[Path], None]
+    protocol_file: Path,
+    participant: str,
+    reason: str,
+    *,
+    root: Path | None,
+    rebuild: Callable[[Path], None],
+    erase: bool = False,
 ) -> Path:
     """Record that a participant withdrew, and return the roster's file; analysis leaves them out.
 
     The roster is told first, then the participant's journals, then the tables; the same call goes on with what a kill
-    cut short. `rebuild` makes the tables of the dataset in a folder anew. Raises `RosterError` if the participant is
-    not enrolled or has withdrawn for another reason, or the reason is no line of text, and `SessionLocked` if a session
-    of theirs is running.
+    cut short. With `erase` the roster is told that too, and then all else of the participant is deleted, but for a file
+    that says that they withdrew; a reason that is on record stays. `rebuild` makes the tables of the dataset in a
+    folder anew. Raises `RosterError` if the participant is not enrolled or has withdrawn for another reason, or the
+    reason is no line of text, and `SessionLocked` if a session of theirs is running.
     """
     root = root or default_root(files.load(protocol_file))
+    _refuse_rehearsal(root)
     path = storage.roster_path(root)
     Roster.load(path).check_enrolled(participant)
     with journal.locked(storage.participant_folder(root, participant), participant):
         known = Roster.load(path)
-        if known.withdrawn.get(participant) != reason:
+        if known.withdrawn.get(participant) != reason and not (erase and participant in known.withdrawn):
             known.withdraw(participant, reason)
-        _mark(root, participant, reason)
-        if storage.journals(root):
+        if erase:
+            _erase(root, known, participant)
+        else:
+            _mark(root, participant, reason)
+        if erase or storage.journals(root):
             rebuild(root)
     return path
 
@@ -431,7 +466,32 @@ def _mark(root: Path, participant: str, reason: str) -> None:
                 torn = contents.torn.decode("utf-8", "backslashreplace")
                 opened.append(Withdrawal(reason=reason, torn=torn))
     if not begun:
-        storage.write_json(storage.withdrawal_path(root, participant), {"participant": participant, "reason": reason})
+        _mark_apart(root, participant, reason)
+
+
+def _mark_apart(root: Path, participant: str, reason: str) -> None:
+    storage.write_json(storage.withdrawal_path(root, participant), {"participant": participant, "reason": reason})
+
+
+def _erase(root: Path, roster: Roster, participant: str) -> None:
+    """Delete what the dataset has of a participant; the roster says so before the first file is gone."""
+    folder = storage.participant_folder(root, participant)
+    if folder.is_symlink():
+        raise DatasetError(f"{folder}: is a link; put the folder itself in its place, then do it again")
+    _mark_apart(root, participant, roster.withdrawn[participant])
+    if participant not in roster.erased:
+        roster.erase(participant)
+    for path in storage.left_of(root, participant):
+        storage.remove(path)
+    storage.sync_folder(folder)
+
+
+def _refuse_rehearsal(root: Path) -> None:
+    if storage.plan_path(root).exists():
+        raise DatasetError(
+            f"{root}: this is the dataset of a rehearsal, and its participants are simulated: nobody enrols, consents "
+            "or withdraws; name the folder of a study with --dataset, or delete this one if it is not needed"
+        )
 
 
 def settle(
@@ -444,8 +504,6 @@ def settle(
     kept, lock = storage.protocol_path(root), root / "sourcedata" / LOCK
     if not kept.exists() and any(_of_something_else(path.relative_to(root)) for path in root.rglob("*")):
         raise DatasetError(f"{root}: this folder holds something else; choose another folder with --dataset")
-    if storage.plan_path(root).exists():
-        raise DatasetError(f"{root}: this is the dataset of a rehearsal; choose another folder with --dataset")
     lock.parent.mkdir(parents=True, exist_ok=True)
     with FileLock(lock):
         if not kept.exists():

@@ -94,6 +94,21 @@ __main__.main()
     assert (done.returncode, done.stderr.count("\n")) == (130, 1), done.stderr
 
 
+def test_an_interrupt_after_the_last_line_changes_no_exit_code(repository_root: Path) -> None:
+    code = """
+import atexit, signal, sys
+from experiment import __main__
+# Runs after what the command has Python do at its end, and long after its last line.
+atexit.register(signal.raise_signal, signal.SIGINT)
+sys.argv = ["palpate", "--help"]
+__main__.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=repository_root, capture_output=True, text=True, check=False, timeout=50
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 @pytest.mark.parametrize(("raised", "code"), [("KeyboardInterrupt", 130), ("PalpateError", 2), ("OSError", 2)])
 def test_a_closed_standard_error_changes_no_exit_code(repository_root: Path, raised: str, code: int) -> None:
     """Each write to this device fails, as one to a terminal that was closed does."""

@@ -171,6 +171,8 @@ def real_time(minutes: float, out: Path, *, repetitions: int, pace_s: float) -> 
                 step_s = now_s + pace_s
             elif seen["asked"]:
                 life.type("q\n" if now_s >= ends_s else list(KEYS)[answers % len(KEYS)] + "\n")
+            elif seen["confirm"]:
+                life.type(seen["confirm"] + "\n")
             elif seen["trial"]:
                 answers += 1
             elif seen["ended"]:

@@ -14,6 +14,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 from unittest import mock
@@ -22,6 +23,7 @@ import numpy as np
 
 from experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
 from experiment.apparatus.audio.stream import AudioStream
+from experiment.apparatus.panel.conditioning import Played
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Scrutiny
@@ -33,8 +35,9 @@ from experiment.records.entries import PlannedTrial
 from experiment.session import attempt, runner
 from experiment.session.exposure import Exposed, dose_before
 from experiment.session.footstep.trials import FootstepDevices
+from experiment.synthesis.waveforms import Stimulus
 from tests.experiment.session.bench import HEADER, Constant, in_pieces
-from tests.experiment.session.scripted import START_NS, ScriptedActuator, step_samples
+from tests.experiment.session.scripted import START_NS, ScriptedActuator, rest_samples, step_samples
 from tests.experiment.synthesis.stimuli import given
 from tests.faults.campaign import Count, Size
 
@@ -45,7 +48,23 @@ LIMIT_DB_A, FULL_SCALE_DB_A = 85.0, 100.0
 SESSION_MIN = 150
 """So that dose 1 comes after 152 min at the limit: in a second session, or a third."""
 
+SHORT_MIN = 12
+"""So that a foot may land as the session ends: 6 min after the familiarisation."""
+
 TRIALS = 12
+LEAD_NS = 20_000_000
+"""Of the panel: a block and what the device holds of them."""
+
+PREPARES_NS = 2_000_000
+"""What a stimulus takes to be made."""
+
+SPEED_MM_S = 100.0
+FALLS_NS = 300_000_000
+"""From the beginning of a step at that speed to its contact, ns."""
+
+STAYS = 5
+"""So many fifths of a second the foot stays on the panel."""
+
 RUNNERS = 8
 """Of a history: of one task, then of the other."""
 
@@ -150,29 +169,41 @@ def beyond_s(played: list[tuple[int, int, float]]) -> float:
 
 
 class Foot:
-    """Implements `Tracker`: the foot rests above the panel for a while after each arming, then steps."""
+    """Implements `Tracker`: the foot rests above the panel for a while after each arming, then steps and stays down.
 
-    def __init__(self, machine: Machine, clock: MachineClock, dice: random.Random) -> None:
+    Now and then it lands around the session's end. Some reads come late, and what follows comes at once.
+    """
+
+    def __init__(self, machine: Machine, clock: MachineClock, dice: random.Random, ends_ns: int) -> None:
         self._machine, self._clock, self._dice = machine, clock, dice
+        self._ends_ns = ends_ns
         self._pieces: list[Samples] = []
-        self._waits_s = 0.0
+        self._begins_ns = 0
         self.counts = LinkCounts()
         self.clock_map = ClockMap(machine.now_ns // 1000, clock.now_ns())
 
     def drain(self) -> None:
-        self._pieces, self._waits_s = [], self._dice.choice([0.5, 5.0, 60.0, 900.0, 2400.0])
+        dice, now_ns = self._dice, self._machine.now_ns
+        self._pieces = []
+        self._begins_ns = now_ns + round(dice.choice([0.5, 5.0, 60.0, 900.0, 2400.0]) * SECOND_NS)
+        last_ns = self._ends_ns - FALLS_NS + round(dice.gauss(0.0, 0.05) * SECOND_NS)
+        if 0 < last_ns - now_ns < HOUR_NS and dice.random() < 0.7:
+            self._begins_ns = last_ns
 
     def read(self) -> Samples:
-        if self._waits_s > 0:
-            self._waits_s -= 1
-            self._machine.go(1)
+        now_ns = self._machine.now_ns
+        if now_ns < self._begins_ns:
+            self._machine.go(min((self._begins_ns - now_ns) / 1e9, 1.0))
             us = np.array([self._machine.now_ns // 1000])
             return Samples(us, np.array([30.0]), b"0", np.array([1]), self._clock.now_ns())
         if not self._pieces:
-            self._pieces = in_pieces(step_samples(self._machine.now_ns // 1000 + 1000, 100.0))
+            step = step_samples(now_ns // 1000 + 1000, SPEED_MM_S)
+            stays = [rest_samples(int(step.device_us[-1]) + 1000 + 200_000 * n, 0.0) for n in range(STAYS)]
+            self._pieces = [piece for part in (step, *stays) for piece in in_pieces(part)]
         piece = self._pieces.pop(0)
-        self._machine.go(piece.device_us.size / 1000)
-        return piece
+        late_s = self._dice.choices([0.0, 0.03], [19, 1])[0]
+        self._machine.go(max(int(piece.device_us[-1]) * 1000 - now_ns, 0) / 1e9 + late_s)
+        return replace(piece, arrived_ns=self._clock.now_ns())
 
     def reconnect(self, timeout_s: float) -> None:
         raise AssertionError("the foot's tracker never stops")
@@ -182,16 +213,45 @@ class Foot:
 
 
 class Panel(ScriptedActuator):
-    """Implements `Actuator`; knows when each stimulus sounded."""
+    """Implements `Actuator` with a lead, as a sound card has one; knows when each stimulus sounded, session time."""
 
-    def __init__(self, machine: Machine) -> None:
+    def __init__(self, clock: MachineClock) -> None:
         super().__init__()
-        self._machine = machine
+        self._clock = clock
+        self.lead_ns = LEAD_NS
+        self._onset_ns: int | None = None
         self.sounded_ns: list[int] = []
+
+    def prepare(self, stimulus: Stimulus) -> Played:
+        self.settle()
+        self._clock.sleep_ns(PREPARES_NS)
+        return super().prepare(stimulus)
+
+    def aim(self, onset_ns: int) -> bool:
+        if self._is_gone or onset_ns < self._clock.now_ns() + self.lead_ns:
+            return False
+        self._onset_ns = onset_ns
+        return super().aim(onset_ns)
 
     def landed(self, contact_ns: int) -> None:
         super().landed(contact_ns)
-        self.sounded_ns.append(self._machine.now_ns)
+        if self._onset_ns is None:
+            self._onset_ns = self._clock.now_ns() + self.lead_ns
+
+    def withdraw(self) -> bool:
+        self.sounds_anyway = self._is_gone
+        self.settle()
+        return super().withdraw()
+
+    def settle(self) -> None:
+        """What can no longer be taken back sounds; nothing else does."""
+        if self._is_gone and self._onset_ns is not None:
+            self.sounded_ns.append(self._onset_ns)
+        self._onset_ns = None
+
+    @property
+    def _is_gone(self) -> bool:
+        return self._onset_ns is not None and self._clock.now_ns() >= self._onset_ns - self.lead_ns
 
 
 class Dawdler:
@@ -219,6 +279,15 @@ class Dawdler:
 
     def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
         pass
+
+    def confirm(self, *, key: str, meaning: str) -> bool:
+        return True
+
+    def debrief(self) -> None:
+        return None
+
+    def ignored(self) -> str:
+        return ""
 
     def ask(self, *, trial: int, keys: Mapping[str, str]) -> str:
         self._machine.go(self._dice.choice([1.0, 20.0, 600.0, 1800.0]))
@@ -264,13 +333,14 @@ def on(machine: Machine) -> Iterator[None]:
 class History:
     """A participant's sessions, one runner after another."""
 
-    def __init__(self, dataset: Path, seed: int) -> None:
+    def __init__(self, dataset: Path, seed: int, session_min: int) -> None:
         self._dataset = dataset
+        self._session_min = session_min
         self._dice = random.Random(seed)
         self._machine = Machine()
         self._played: list[tuple[int, int, float]] = []
         shown = files.load(shipped("okamoto2012.toml"))
-        limits = {"session_min": SESSION_MIN, "masker_level_db_a": LIMIT_DB_A}
+        limits = {"session_min": session_min, "masker_level_db_a": LIMIT_DB_A}
         self._protocol = shown.model_copy(update={"exposure": shown.exposure.model_copy(update=limits)})
         self._spent_ns: dict[str, int] = defaultdict(int)
 
@@ -298,14 +368,15 @@ class History:
     def _session(self, task: str, place: int, clock: MachineClock, believed: float) -> tuple[str, int]:
         machine, dice = self._machine, self._dice
         begun_ns = machine.now_ns
-        machine.dies_ns = begun_ns + round(dice.uniform(1500, 9000) * SECOND_NS) if dice.random() < 0.4 else None
-        heard, panel = Heard(machine, self._played), Panel(machine)
+        machine.dies_ns = begun_ns + round(dice.uniform(1500, 9000) * SECOND_NS) if dice.random() < 0.5 else None
+        ends_ns = begun_ns + self._session_min * 60 * SECOND_NS - self._spent_ns[task]
+        heard, panel = Heard(machine, self._played), Panel(clock)
         noise = MaskerNoise(np.ones(8, np.float32), FULL_SCALE_DB_A, LIMIT_DB_A)
         virtual = task == "virtual"
         silent = {m.id: given([0.0], material=m.id).basis for m in self._protocol.materials}
         devices = attempt.Devices(
             kind=FootstepDevices(
-                tracker=Foot(machine, clock, dice),
+                tracker=Foot(machine, clock, dice, ends_ns),
                 tracker_port="scripted",
                 noise_mm=0.1,
                 scrutiny=Scrutiny(rate_hz=1000, noise_mm=0.1),
@@ -331,9 +402,10 @@ class History:
         machine.watchers.clear()
         machine.dies_ns = None
         heard.ends()
-        ends_ns = begun_ns + SESSION_MIN * 60 * SECOND_NS - self._spent_ns[task]
+        panel.settle()
         self._spent_ns[task] += machine.now_ns - begun_ns
-        return ended, sum(sounded > ends_ns for sounded in panel.sounded_ns)
+        ahead_ns = clock.now_ns() - machine.now_ns
+        return ended, sum(sounded_ns - ahead_ns > ends_ns for sounded_ns in panel.sounded_ns)
 
     def _meanwhile(self, ended: str) -> str:
         """Let time pass until the next session; return what happened last that a dose must survive."""
@@ -358,8 +430,9 @@ def attacks(size: Size) -> Iterator[Count]:
     tallies: dict[str, list[tuple[bool, float, str]]] = defaultdict(list)
     zone = os.environ.get("TZ")
     with tempfile.TemporaryDirectory() as folder:
-        for seed in range(size.of(2, 100)):
-            for what, survived, lost, where in History(Path(folder) / str(seed), seed).run():
+        lasting = [SESSION_MIN] * size.of(2, 80) + [SHORT_MIN] * size.of(8, 120)
+        for seed, session_min in enumerate(lasting):
+            for what, survived, lost, where in History(Path(folder) / str(seed), seed, session_min).run():
                 tallies[what].append((survived, lost, f"history {seed}, {where}"))
     os.environ.pop("TZ") if zone is None else os.environ.update(TZ=zone)
     time.tzset()

@@ -53,20 +53,23 @@ SLOW = ("power", "numerics", "validate")
 
 TODAY = date.today()
 
+TRIALS = [1, 2]
+"""Of each session that is rehearsed here."""
+
 
 @dataclass(frozen=True)
 class Case:
     """A command, the folder that it begins with, and what it says where there is nothing left to do.
 
-    Files whose names match `differing` hold times or random ids, so that only their names are compared. The tables of
-    `dataset` have to be what `palpate build` makes of it. `then` is another command that must not be locked out, None
-    for the same one again.
+    `done` is all of that; most say nothing and end with 0. `records` is whether it writes lines of a
+    journal or roster, which hold times. The tables of `dataset` have to be what `palpate build` makes of it. `then` is
+    another command that must not be locked out, None for the same one again.
     """
 
     command: str
     begins: str
-    done: str = "(?!)"
-    differing: str = "(?!)"
+    done: str | None = None
+    records: bool = False
     dataset: str | None = None
     then: str | None = None
 
@@ -82,9 +85,6 @@ class Ended:
 
 ENROL = f"enrol protocol.toml -p 01 --consent-on {TODAY} --dataset study --seed 1"
 IMPORT = "import-counts --task one=one.csv --study small --source print --out counts"
-RECORDS = r"^roster\.|_journal\."
-"""Both hold the time of each line."""
-
 STATES = {
     "new": "",
     "sealed": f"seal protocol.toml --approval-number 1 --approved-on {TODAY - timedelta(9)} "
@@ -98,32 +98,58 @@ STATES = {
 with the seal."""
 
 CASES = (
-    Case(STATES["sealed"], "new", done="is sealed already"),
-    Case(ENROL, "sealed", done="is enrolled already", differing=RECORDS),
-    Case(f"consent protocol.toml -p 01 --consent-on {TODAY} --dataset study", "sealed", then=ENROL, differing=RECORDS),
+    Case(
+        STATES["sealed"],
+        "new",
+        done="palpate: protocol.seal.toml: 1 error\n  seal: got an existing seal; allowed: no seal: this version of "
+        "the protocol is sealed already; replace it (--replace), or move it away\n",
+    ),
+    Case(ENROL, "sealed", done="palpate: participant 01 is enrolled already; the next label is 02\n", records=True),
+    Case(f"consent protocol.toml -p 01 --consent-on {TODAY} --dataset study", "sealed", then=ENROL, records=True),
     Case(
         f"consent protocol.toml -p 01 --consent-on {TODAY} --dataset study",
         "without consent",
-        done="consented on .* already",
-        differing=RECORDS,
+        done=f"palpate: participant 01 consented on {TODAY} already; "
+        "if that day is wrong, give --correct and --reason\n",
+        records=True,
     ),
-    Case(ENROL.replace("01", "02", 1), "enrolled", done="is enrolled already", differing=RECORDS),
+    Case(
+        ENROL.replace("01", "02", 1),
+        "enrolled",
+        done="palpate: participant 02 is enrolled already; the next label is 03\n",
+        records=True,
+    ),
     Case(
         "withdraw study.toml -p 01 --reason asked --dataset dataset",
         "study",
-        done="has withdrawn already",
-        differing=RECORDS,
+        records=True,
+        dataset="dataset",
+    ),
+    Case(
+        "withdraw study.toml -p 01 --reason asked --erase --dataset dataset",
+        "study",
+        records=True,
         dataset="dataset",
     ),
     Case("build dataset", "study", dataset="dataset"),
     Case("build data", "rehearsed", dataset="data"),
-    Case(STATES["rehearsed"], "new", differing=".*", dataset="data"),
+    Case(STATES["rehearsed"], "new", records=True, dataset="data"),
     Case("analyse data --no-figures", "rehearsed"),
     Case("export data --out tables", "rehearsed"),
     Case("power protocol.toml --model data --studies 20 --participants 2 --jobs 1 --out power", "rehearsed"),
     Case("numerics --quick --out numerics", "new"),
-    Case(IMPORT, "new", done="never overwritten"),
-    Case(STATES["recorded"], "new", done="holds recordings already"),
+    Case(
+        IMPORT,
+        "new",
+        done="palpate: counts: exists, and a dataset is never overwritten; allowed: a new or empty folder; "
+        "choose another, or move it away\n",
+    ),
+    Case(
+        STATES["recorded"],
+        "new",
+        done="palpate: recordings: holds recordings already; "
+        "allowed: a new or empty folder; choose another with --out\n",
+    ),
     Case("validate recordings --no-figures --out validation", "recorded"),
 )
 
@@ -195,18 +221,48 @@ def called(command: str) -> object:
     return 0
 
 
-def files(folder: Path, differing: str = "(?!)") -> dict[str, str]:
-    """Every file but locks -> the hash of its bytes, or nothing where they differ from run to run; and every link."""
+def files(folder: Path, *, records: bool = False) -> dict[str, str]:
+    """Every file but locks -> the hash of what it holds; and every link, which has none.
+
+    With `records`, journals and roster are taken without what time and machine put in: see `timeless`.
+    """
     return {
-        str(path.relative_to(folder)): ""
-        if re.search(differing, path.name) or path.is_symlink()
-        else hashlib.sha256(path.read_bytes()).hexdigest()
+        str(path.relative_to(folder)): "" if path.is_symlink() else hashlib.sha256(held(path, records)).hexdigest()
         for path in folder.rglob("*")
         # The head of a roster may be one line behind; the next line brings it up.
         if path.is_symlink() or (path.is_file() and not path.name.endswith(("lock", "roster.head")))
-        # A session that was killed and goes on has its foot trace in two recordings.
-        if differing != ".*" or "_physio" not in path.name
     }
+
+
+def held(path: Path, records: bool) -> bytes:
+    """What a file holds; a journal's head, which names the hash of its last line, only how many lines there are."""
+    data = path.read_bytes()
+    if records and path.name.endswith("_journal.head"):
+        return data.split()[0]
+    return timeless(data) if records and path.suffix == ".jsonl" else data
+
+
+def timeless(lines: bytes) -> bytes:
+    """Lines of a journal or roster without their times, the hashes of them, and the number of a pseudo-terminal."""
+    documents = [json.loads(line) for line in lines.splitlines()]
+    for document in documents:
+        del document["t_ns"], document["prev"]
+        document["entry"].pop("port", None)
+    return json.dumps(documents).encode()
+
+
+def went_on(folder: Path) -> dict[str, list[int]]:
+    """Each session that was interrupted and went on, `sub-01_task-one` -> the trials that it has answers of.
+
+    Its steps were made anew and took other times, so that its files are others.
+    """
+    sessions = {}
+    for path in folder.rglob("*_journal.jsonl"):
+        entries = [json.loads(line)["entry"] for line in path.read_bytes().splitlines()]
+        if any(entry["kind"] == "resumed" for entry in entries):
+            name = path.name.removesuffix("_journal.jsonl")
+            sessions[name] = sorted(entry["trial"] for entry in entries if entry["kind"] == "answer")
+    return sessions
 
 
 def temporary(folder: Path) -> list[str]:
@@ -263,30 +319,42 @@ class Laboratory:
             run(folder, case.then)
         elif ended.code:
             raise SystemExit(f"{case.command}: ended with {ended.code}: {ended.said}")
-        return ended.calls, files(folder, case.differing)
+        return ended.calls, files(folder, records=case.records)
 
     def attack(self, case: Case, call: int, fault: int, wanted: dict[str, str]) -> tuple[list[str], bool]:
         """Return what went wrong, and whether something was lost."""
         folder = self.copy(case.begins)
         wrong = []
         first = run(folder, case.command, call, fault)
-        if first.code not in (0, 2, -fault) or "Traceback" in first.said:
+        if not told(first, fault):
             wrong.append(f"ended with {first.code}: {first.said}")
-        lost = first.code == 0 and case.then is None and not wanted.items() <= files(folder, case.differing).items()
+        whole = wanted.items() <= files(folder, records=case.records).items()
+        lost = first.code == 0 and case.then is None and not whole
         again = run(folder, case.then or case.command)
-        if again.code != 0 and not (again.code == 2 and re.search(case.done, again.said)):
+        if again.code != 0 and not (again.code == 2 and again.said == case.done):
             wrong.append(f"then ended with {again.code}: {again.said}")
         if left := temporary(folder):
             wrong.append(f"left {left}")
-        found = files(folder, case.differing)
-        if found != wanted:
-            wrong.append(f"other files: {sorted(dict(found.items() ^ wanted.items()))[:4]}")
+        found = files(folder, records=case.records)
+        # A session that was killed and goes on has every trial answered once, and its foot trace in two recordings.
+        resumed = went_on(folder)
+        others = [name for name in dict(found.items() ^ wanted.items()) if not any(one in name for one in resumed)]
+        gone = [name for name in wanted.keys() - found.keys() if "_physio" not in name]
+        if others or gone or len(resumed) > 1 or any(trials != TRIALS for trials in resumed.values()):
+            wrong.append(f"other files: {sorted(others)[:4]}, gone: {gone[:4]}, {resumed}")
         if case.dataset is not None and not wrong:
             before = files(folder)
             built = run(folder, f"build {case.dataset}")
             if built.code or files(folder) != before:
                 wrong.append(f"stale tables: {built.said} {sorted(dict(files(folder).items() ^ before.items()))[:4]}")
         return wrong, lost
+
+
+def told(ended: Ended, fault: int) -> bool:
+    """Whether a command ended as it should, and a refusal names, in one line, the fault or the file."""
+    if ended.code != 2:
+        return ended.code in (0, -fault) and "Traceback" not in ended.said
+    return ended.said.startswith("palpate: ") and ended.said.count("\n") == 1 and os.strerror(fault) in ended.said
 
 
 def sample(calls: int, few: int, part: float) -> Sequence[int]:

@@ -10,13 +10,13 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from experiment import storage
-from experiment.dataset import beliefs, build
-from experiment.errors import PalpateError
+from experiment.dataset import beliefs, build, verify
+from experiment.errors import DatasetError, PalpateError
 from experiment.records import chain, journal
 from experiment.study import roster
 from tests.experiment.dataset.studies import MadeStudy
 from tests.faults.campaign import Count, Size
-from tests.faults.wrong import WRONG, base, copied
+from tests.faults.wrong import ALONE, WRONG, base, copied
 
 Read = Callable[[Path], object]
 Mutant = tuple[str, bytes]
@@ -28,6 +28,7 @@ def attacks(size: Size) -> Iterator[Count]:
     with tempfile.TemporaryDirectory() as name:
         made = base(Path(name) / "study")
         yield from _wrong(made, Path(name), size)
+        yield _alone(made, Path(name))
         roster.withdraw(made.file, "02", "asked to stop", root=made.root, rebuild=build.build)
         for what, path, read in (
             ("journal", made.journal(), journal.read),
@@ -55,6 +56,23 @@ def _wrong(made: MadeStudy, folder: Path, size: Size) -> Iterator[Count]:
     for by, let_in in (("analyse, export, audit, power", by_analyse), ("build", by_build)):
         kept_out = len(chosen) - len(let_in)
         yield Count(f"dataset: something wrong in it, by {by}", len(chosen), kept_out, len(let_in), tuple(let_in))
+
+
+def _alone(made: MadeStudy, folder: Path) -> Count:
+    let_in = []
+    for number, (name, act) in enumerate(ALONE.items()):
+        study = copied(made, folder / f"alone-{number}")
+        act(study, folder)
+        verified = not _refused(_proven, study.root)
+        if verified or not _refused(build.build, study.root):
+            let_in.append(f"{name}: {'verify' if verified else 'build'}")
+    fault = "dataset: a study's tables without what is behind them, by verify and build"
+    return Count(fault, len(ALONE), len(ALONE) - len(let_in), len(let_in), tuple(let_in))
+
+
+def _proven(root: Path) -> None:
+    if verify.verify(root).refused:
+        raise DatasetError("refused")
 
 
 def _changed(what: str, path: Path, read: Read, root: Path, size: Size) -> Iterator[Count]:

@@ -1,6 +1,6 @@
 """Live sessions that are killed, interrupted and robbed of their parts, at moments of every phase.
 
-`python -m tests.faults.kills FOLDER SEED ROWS` is one laboratory, with ROWS in JSON: how often each attack is made.
+`python -m tests.faults.kills FOLDER NUMBER ROWS` is one laboratory, with ROWS in JSON: how often each attack is made.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -21,19 +22,25 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from re import Match
 
+from experiment.errors import JournalError
+from experiment.records.entries import Footer, Ignored
+from experiment.records.progress import progress
 from tests.faults.campaign import Count, Size
-from tests.faults.ledger import Ledger
+from tests.faults.ledger import Ledger, Wrong
 from tests.faults.live import KEYS, PATIENCE_S, Laboratory, Life, World, palpate, rig_of
 
 LABORATORIES = 2
 """At a time, one a core."""
+
+SOUND = 1
+"""The number of the laboratory that plays the masker through a sound server, where the machine has one."""
 
 
 @dataclass(frozen=True)
 class Moment:
     """When an attack comes: `delay_s` at most after something, drawn anew for each life; 0 is before anything is typed.
 
-    `after` is `fork`, a group of `SCREEN`, `heard` (by the panel), `typed` (the Enter that confirms an answer), `grown`
+    `after` is `fork`, a group of `SCREEN`, `heard` (by the panel), `typed` (the key that confirms an answer), `grown`
     (the journal, after that) or `last` (the answer after which nothing remains).
     """
 
@@ -55,14 +62,13 @@ class Tally:
 class Attack:
     """What is done at one of some moments, and what must be seen then.
 
-    `act` returns whether the experimenter goes on as if nothing had been. `prepared` is done in the new process before
-    the command. `ended` returns what is wrong with how the life ended. `piped` has its output lead into a pipe.
+    `act` returns whether the experimenter goes on as if nothing had been. `ended` returns what is wrong with how the
+    life ended. `piped` has its output lead into a pipe.
     """
 
     moments: tuple[Moment, ...]
     act: Callable[[Run], bool]
-    ended: Callable[[Run], list[str]]
-    prepared: Callable[[Run], None] = lambda run: None
+    ended: Callable[[Run], list[Wrong]]
     piped: bool = False
 
 
@@ -75,27 +81,51 @@ class Run:
     life: Life
     dice: random.Random
     trials: int
+    before: int
+    """Entries that the journal had."""
     acted: bool = False
     since: int = 0
     """Answers that were confirmed since."""
-    wrong: list[str] = field(default_factory=list)
-    """What the attack itself found wrong."""
+    wrong: list[Wrong] = field(default_factory=list)
 
-    def says(self, *words: str) -> list[str]:
-        """Return what is wrong with a life that had to end in words."""
-        text, status = self.life.text, self.life.status
-        wrong = [f"it said {word!r}" for word in ("FAULT", "Traceback", "a fault in palpate") if word in text]
-        # Before a session begins, and while tables are built, a signal may end the process as it ends any other.
-        if status is None or (os.waitstatus_to_exitcode(status) not in (0, 1, 2, 130, -signal.SIGTERM, -signal.SIGHUP)):
-            wrong.append(f"it ended with status {status}")
+    @property
+    def code(self) -> int | None:
+        """The exit code, or the signal below 0; None while it lives."""
+        return None if self.life.status is None else os.waitstatus_to_exitcode(self.life.status)
+
+    def says(self, codes: tuple[int, ...], *words: str) -> list[Wrong]:
+        """Return what is wrong with a life that had to end with one of these codes, and say one of the words."""
+        text = self.life.text
+        wrong = [Wrong(f"it said {word!r}") for word in ("FAULT", "Traceback", "a fault in palpate") if word in text]
+        if self.code not in codes:
+            wrong.append(Wrong(f"it ended with {self.code}: {text[-200:]!r}"))
         if words and not any(word in text for word in words):
-            wrong.append(f"it did not say {' or '.join(words)}: {text[-200:]!r}")
+            wrong.append(Wrong(f"it did not say {' or '.join(words)}: {text[-200:]!r}"))
         return wrong
 
-    def footed(self) -> list[str]:
-        """Return what is wrong with a journal whose session had to pause."""
-        begun = self.ledger.journal.exists() and self.ledger.journal.stat().st_size
-        return ["the journal has no footer"] if begun and not self.ledger.footer() else []
+    def footed(self, *wanted: str) -> list[Wrong]:
+        """Return what is wrong with the journal's end, if this life wrote any of it.
+
+        It must be a footer that matches one of these, as `reason: detail`; an empty one stands for no footer. A session
+        in which nothing remains may be complete instead, and no other.
+        """
+        try:
+            entries = self.ledger.entries()
+        except JournalError:
+            return []  # The ledger says so.
+        if len(entries) == self.before:
+            return []
+        last = entries[-1]
+        found = f"{last.reason}: {last.detail}" if isinstance(last, Footer) else ""
+        if found == "complete: ":
+            good = len(progress(entries).answered) == self.trials
+        else:
+            good = any(re.fullmatch(one, found) for one in wanted)
+        return [] if good else [Wrong(f"the journal ends with {found!r}, not as {wanted}")]
+
+    def completed(self) -> list[Wrong]:
+        """Return what is wrong with a life that had to bring the session to its end."""
+        return self.says((0,), "The session is complete") + self.footed()
 
 
 def killed(run: Run) -> bool:
@@ -103,8 +133,9 @@ def killed(run: Run) -> bool:
     return False
 
 
-def is_dead(run: Run) -> list[str]:
-    return []
+def is_dead(run: Run) -> list[Wrong]:
+    """It ended by the signal, or before it by itself."""
+    return run.footed("") if run.code == -signal.SIGKILL else run.completed()
 
 
 def signalled(number: int) -> Callable[[Run], bool]:
@@ -133,8 +164,21 @@ def closed(run: Run) -> bool:
     return False
 
 
-def paused(run: Run) -> list[str]:
-    return run.says() + run.footed()
+def paused(*signals: int) -> Callable[[Run], list[Wrong]]:
+    """Before a session begins, and while tables are built, a signal may end the process as it ends any other."""
+
+    def ended(run: Run) -> list[Wrong]:
+        return run.says((0, 130, *(-number for number in signals))) + run.footed(INTERRUPTED)
+
+    return ended
+
+
+def hung(run: Run) -> list[Wrong]:
+    return run.says((0, 2, 130, -signal.SIGHUP)) + run.footed(INTERRUPTED, SCREEN_GONE)
+
+
+def unheard(run: Run) -> list[Wrong]:
+    return run.says((0, 1, 2, 130)) + run.footed(SCREEN_GONE)
 
 
 def unplugged(run: Run) -> bool:
@@ -144,8 +188,20 @@ def unplugged(run: Run) -> bool:
     return True
 
 
-def goes_on(run: Run) -> list[str]:
-    return run.says("The session is complete") + run.footed()
+def goes_on(run: Run) -> list[Wrong]:
+    return run.completed()
+
+
+def hasty(run: Run) -> bool:
+    """Type what would be an answer and its confirmation, if it were asked for."""
+    key = run.dice.choice(list(KEYS))
+    run.life.type(run.dice.choice([f"{key}\n{key}\n", f"{key}\n{key}", key, "\n\n"]))
+    return True
+
+
+def ignored(run: Run) -> list[Wrong]:
+    told = sum(isinstance(entry, Ignored) for entry in run.ledger.entries()[run.before :])
+    return run.completed() + [Wrong(f"the journal tells {told} times of keys that were ignored")] * (told != 1)
 
 
 def deafened(run: Run) -> bool:
@@ -153,9 +209,9 @@ def deafened(run: Run) -> bool:
     return True
 
 
-def hears_again(run: Run) -> list[str]:
+def hears_again(run: Run) -> list[Wrong]:
     run.there.world.do("hears")
-    return run.says("actuator at") + run.footed()
+    return run.says((2,), "actuator at") + run.footed("error: actuator at .*")
 
 
 def moved(run: Run) -> bool:
@@ -163,11 +219,12 @@ def moved(run: Run) -> bool:
     return True
 
 
-def moved_back(run: Run) -> list[str]:
+def moved_back(run: Run) -> list[Wrong]:
     # Whatever was written where the folder had been stands beside it, and is no part of the dataset.
     shutil.rmtree(run.ledger.dataset, ignore_errors=True)
     run.ledger.dataset.with_suffix(".moved").rename(run.ledger.dataset)
-    return run.says() + [f"{run.since} answers were confirmed without the folder"] * (run.since > 0)
+    wrong = run.says((2,), "the file is gone") + run.footed("", "error: .*: the file is gone: .*")
+    return wrong + [Wrong(f"{run.since} answers were confirmed without the folder", run.since)] * (run.since > 0)
 
 
 def deleted(run: Run) -> bool:
@@ -187,29 +244,27 @@ def doubled(run: Run) -> bool:
     command = run.there.command(run.ledger.dataset, run.ledger.participant, run.ledger.task, rig)
     second = Life(world, lambda: palpate(*command))
     while second.next(time.monotonic() + PATIENCE_S) != "end":
-        run.wrong.append("a second runner was let in")
+        run.wrong.append(Wrong("a second runner was let in", 1))
         second.kill()
     if "by another runner" not in second.text:
-        run.wrong.append(f"the second runner it refused was told {second.text[-200:]!r}")
+        run.wrong.append(Wrong(f"the second runner was told {second.text[-200:]!r}"))
     world.close()
     return True
 
 
-def crowded(run: Run) -> None:
-    """No file may grow by more than a few lines: the disk is full."""
-    held = [path.stat().st_size for path in run.ledger.journal.parent.glob("*") if path.is_file()]
-    most = max(held, default=0) + run.dice.randrange(1, 6000)
-    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
-
-
-def as_it_was(run: Run) -> bool:
+def filled(run: Run) -> bool:
+    """The disk takes little more than the journal's next lines, and nothing of a file that is larger."""
+    most = _size(run.ledger.journal) + run.dice.randrange(1, 1500)
+    resource.prlimit(run.life.pid, resource.RLIMIT_FSIZE, (most, most))
     return True
 
 
-def in_words(run: Run) -> list[str]:
-    return run.says()
+def in_words(run: Run) -> list[Wrong]:
+    return run.says((0, 2), "File too large", "The session is complete") + run.footed("", "error: .*File too large.*")
 
+
+INTERRUPTED = "paused: interrupted at the keyboard"
+SCREEN_GONE = r"paused: the screen is gone \(.*\)"
 
 EVERYWHERE = (
     Moment("fork", 0.4),
@@ -231,17 +286,18 @@ ATTACKS = {
     "SIGKILL as an answer is written": Attack((Moment("typed", 0.008), Moment("grown", 0.001)), killed, is_dead),
     "SIGKILL after an answer is confirmed": Attack((Moment("trial", 0.0), Moment("trial", 0.03)), killed, is_dead),
     "SIGKILL as footer and tables are written": Attack((Moment("last", 0.25),), killed, is_dead),
-    "SIGTERM": Attack(EVERYWHERE, signalled(signal.SIGTERM), paused),
-    "SIGHUP": Attack(EVERYWHERE, signalled(signal.SIGHUP), paused),
-    "terminal closed": Attack(EVERYWHERE[1:], hung_up, paused),
-    "Ctrl-C": Attack(EVERYWHERE, control_c, paused),
-    "standard output closed": Attack(EVERYWHERE[1:], closed, paused, piped=True),
+    "SIGTERM": Attack(EVERYWHERE, signalled(signal.SIGTERM), paused(signal.SIGTERM)),
+    "SIGHUP": Attack(EVERYWHERE, signalled(signal.SIGHUP), paused(signal.SIGHUP)),
+    "terminal closed": Attack(EVERYWHERE[1:], hung_up, hung),
+    "Ctrl-C": Attack(EVERYWHERE, control_c, paused()),
+    "standard output closed": Attack(EVERYWHERE[1:], closed, unheard, piped=True),
+    "keys before the question": Attack(IN_TRIALS[:1], hasty, ignored),
     "tracker unplugged for up to 0.3 s": Attack(IN_TRIALS, unplugged, goes_on),
     "panel off the network": Attack((Moment("armed", 0.0),), deafened, hears_again),
     "dataset moved in mid-session": Attack(IN_TRIALS, moved, moved_back),
     "dataset deleted in mid-session": Attack(IN_TRIALS, deleted, moved_back),
     "lock removed, second runner": Attack((Moment("asked", 0.0), Moment("confirm", 0.0)), doubled, goes_on),
-    "disk full": Attack((Moment("fork", 0.0),), as_it_was, in_words, crowded),
+    "disk full": Attack((Moment("fork", 0.4), *IN_TRIALS), filled, in_words),
 }
 """By the name of the row. Of an attack's moments the next is taken in turn."""
 
@@ -271,55 +327,42 @@ class Study:
                 for task in tasks:
                     yield Ledger(dataset, participant, task)
 
-    def _begin_anew(self) -> None:
-        """What went wrong in one session spoils no other."""
-        self._session, self._sessions = None, self._all()
-
     def run(self, todo: list[str]) -> None:
-        """Make each attack of the list once, in this order as far as the sessions allow."""
+        """Make each attack of the list once, in this order as far as sessions allow, and bring the last to its end."""
         turns: dict[str, int] = defaultdict(int)
-        self._begin_anew()
-        while todo:
+        while todo or self._session is not None:
             session = self._session or next(self._sessions)
             self._session = session
             virtual = session.task == "virtual"
             row = next((one for one in todo if virtual or one not in VIRTUAL), None)
             attack = ATTACKS[row] if row is not None else None
             moment = attack.moments[turns[row] % len(attack.moments)] if attack and row else None
-            acted, wrong = self._life(session, attack, moment)
+            run = self._life(session, attack, moment)
+            acted, wrong = run.acted, run.wrong
             if row is not None and acted:
                 turns[row] += 1
                 todo.remove(row)
             name = row if acted and row is not None else UNHURT
-            if session.footer() == "complete" and not acted:
+            if run.code == 0 and "The session is complete" in run.life.text:
                 wrong += session.table()
                 self._session = None
             if wrong:
-                self._begin_anew()
+                # What went wrong in one session spoils no other.
+                self._session, self._sessions = None, self._all()
             tally = self.tallies[name]
             tally.tried += acted or bool(wrong)
             tally.survived += acted and not wrong
-            tally.lost += sum("it " not in one for one in wrong)
+            tally.lost += sum(one.lost for one in wrong)
             where = f"{session.journal} {moment}"
-            tally.failures += [f"{where}: {one}" for one in wrong]
+            tally.failures += [f"{where}: {one.text}" for one in wrong]
 
-    def _life(self, session: Ledger, attack: Attack | None, moment: Moment | None) -> tuple[bool, list[str]]:
+    def _life(self, session: Ledger, attack: Attack | None, moment: Moment | None) -> Run:
         there, dice = self._there, self._dice
         there.world.heard.clear()
         command = there.command(session.dataset, session.participant, session.task)
-        trials = len(there.protocol.materials)
-        run: Run | None = None
-        state = dice.getstate()
-
-        def begin() -> None:
-            if attack is not None:
-                copied = random.Random()
-                copied.setstate(state)
-                attack.prepared(Run(there, session, life=None, dice=copied, trials=trials))  # type: ignore[arg-type]
-            palpate(*command)
-
-        life = Life(there.world, begin, piped=attack is not None and attack.piped)
-        run = Run(there, session, life, dice, trials)
+        trials, before = len(there.protocol.materials), len(session.entries())
+        life = Life(there.world, lambda: palpate(*command), piped=attack is not None and attack.piped)
+        run = Run(there, session, life, dice, trials, before)
         delay_s = dice.uniform(0.0, moment.delay_s) if moment else 0.0
         due_s = time.monotonic() + delay_s if moment and moment.after == "fork" else float("inf")
         heard_s = time.monotonic()
@@ -344,14 +387,16 @@ class Study:
             seen = life.next(min(due_s, heard_s + PATIENCE_S))
             if seen == "end":
                 break
+            struck = due_s <= time.monotonic()
+            if struck:
+                strike()
             if seen == "late":
-                if due_s <= time.monotonic():
-                    strike()
-                elif hangs:
+                if struck:
+                    continue
+                if hangs:
                     break
-                else:
-                    hangs = True
-                    life.kill(signal.SIGKILL)
+                hangs = True
+                life.kill(signal.SIGKILL)
                 continue
             heard_s = time.monotonic()
             if seen == "heard":
@@ -359,12 +404,14 @@ class Study:
             elif isinstance(seen, Match):
                 self._react(run, seen, came, lambda: stays)
         there.world.do("ping")
-        wrong = ["it hung"] if hangs else []
+        if hangs:
+            run.wrong.append(Wrong("it hung"))
+        elif attack is None or not run.acted:
+            run.wrong += run.completed()
         if attack is not None and run.acted:
-            wrong += run.wrong + attack.ended(run)
-        elif not hangs:
-            wrong += run.says()
-        return run.acted, wrong + session.wrong(there.world.heard)
+            run.wrong += attack.ended(run)
+        run.wrong += session.wrong(there.world.heard)
+        return run
 
     def _react(self, run: Run, seen: Match[str], came: Callable[[str], None], stays: Callable[[], bool]) -> None:
         """Do what the experimenter and the participant do; the dead are not answered, but what they said counts."""
@@ -388,7 +435,7 @@ class Study:
             life.type(key + "\n")
         elif seen["confirm"]:
             size = _size(ledger.journal)
-            life.type("\n")
+            life.type(seen["confirm"] + "\n")
             came("typed")
             ends_s = time.monotonic() + 0.05
             while time.monotonic() < ends_s and _size(ledger.journal) == size:
@@ -403,7 +450,7 @@ def _size(path: Path) -> int:
 
 
 WHOLE = {row: 125 for row in ATTACKS if row.startswith("SIGKILL")} | {
-    row: 50 for row in ATTACKS if not row.startswith("SIGKILL")
+    row: 25 for row in ATTACKS if not row.startswith("SIGKILL")
 }
 SUBSET = dict.fromkeys(ATTACKS, 1)
 
@@ -421,7 +468,7 @@ def attacks(size: Size) -> Iterator[Count]:
         ]
         running = [
             subprocess.Popen(
-                [sys.executable, "-m", "tests.faults.kills", f"{folder}/{number}", str(1 + number), json.dumps(share)],
+                [sys.executable, "-m", "tests.faults.kills", f"{folder}/{number}", str(number), json.dumps(share)],
                 stdout=subprocess.PIPE,
                 env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
             )
@@ -443,15 +490,13 @@ def attacks(size: Size) -> Iterator[Count]:
 
 
 def main() -> None:
-    folder, seed, rows = Path(sys.argv[1]), int(sys.argv[2]), json.loads(sys.argv[3])
-    with Laboratory(folder, repetitions=1) as there:
-        study = Study(there, seed)
+    folder, number, rows = Path(sys.argv[1]), int(sys.argv[2]), json.loads(sys.argv[3])
+    sound = number == SOUND and shutil.which("jackd") is not None
+    with Laboratory(folder, repetitions=1, sound=sound) as there:
+        study = Study(there, seed=1 + number)
         kills = [row for row, count in rows.items() if row.startswith("SIGKILL") for _ in range(count)]
-        random.Random(seed).shuffle(kills)
-        study.run(kills)
-        for row, count in rows.items():
-            if count and not row.startswith("SIGKILL"):
-                study.run([row] * count)
+        random.Random(number).shuffle(kills)
+        study.run(kills + [row for row, count in rows.items() if row not in kills for _ in range(count)])
     print(json.dumps({row: vars(tally) for row, tally in study.tallies.items()}))
 
 

@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import csv
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from experiment import storage
 from experiment.errors import JournalError
 from experiment.records import journal
-from experiment.records.entries import Answer, Armed, Footer, Redo
+from experiment.records.entries import Answer, Armed, Redo
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep
 from experiment.records.journal import AnyEntry
 from experiment.records.progress import progress
 from tests.faults.live import KEYS
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """What does not hold; `lost` counts what was lost, doubled, invented or let in by it, 0 where nothing was."""
+
+    text: str
+    lost: int = 0
 
 
 class Ledger:
@@ -26,19 +35,20 @@ class Ledger:
         self.journal = storage.journal_path(dataset, participant, task)
         self._typed: dict[int, str] = {}
         self._confirmed: dict[int, str] = {}
-        self._screen: list[str] = []
+        self._screen: list[Wrong] = []
         self._known: Counter[str] = Counter()
 
     def asked(self, trial: int, key: str) -> None:
         """The screen asks for an answer, and `key` is typed."""
         if trial in self._confirmed:
-            self._screen.append(f"trial {trial} is asked for again although it was confirmed")
+            self._screen.append(Wrong(f"trial {trial} is asked for again although it was confirmed", 1))
         self._typed[trial] = KEYS[key]
 
     def confirmed(self, trial: int, answer: str) -> None:
         """The screen says that an answer is on disk."""
         if trial in self._confirmed or self._typed.get(trial) != answer:
-            self._screen.append(f"trial {trial}: {answer!r} was confirmed, {self._typed.get(trial)!r} was typed")
+            what = f"trial {trial}: {answer!r} was confirmed, {self._typed.get(trial)!r} was typed"
+            self._screen.append(Wrong(what, 1))
         self._confirmed[trial] = answer
 
     @property
@@ -48,8 +58,8 @@ class Ledger:
     def entries(self) -> tuple[AnyEntry, ...]:
         return journal.read(self.journal).entries if self.journal.exists() else ()
 
-    def wrong(self, heard: list[dict[str, Any]]) -> list[str]:
-        """Return what does not hold after a life in which the panel heard some stimuli; one line a fault.
+    def wrong(self, heard: list[dict[str, Any]]) -> list[Wrong]:
+        """Return what does not hold after a life in which the panel heard some stimuli.
 
         An answer that was on disk before it could be confirmed counts as confirmed from now on.
         """
@@ -57,62 +67,59 @@ class Ledger:
         try:
             entries = self.entries()
         except JournalError as error:
-            return [*wrong, f"the journal is refused: {error}"]
+            return [*wrong, Wrong(f"the journal is refused: {error}", max(self.answered, 1))]
         if not entries:
-            return [*wrong, *(f"trial {trial} is lost with its journal" for trial in self._confirmed), *map(str, heard)]
+            lost = self.answered + len(heard)
+            gone = f"there is no journal of {self.answered} confirmed answers and {len(heard)} stimuli"
+            return [*wrong, Wrong(gone, lost)] if lost else wrong
         answers = Counter(e.trial for e in entries if isinstance(e, Answer))
-        wrong += [f"trial {trial} has {count} answers" for trial, count in answers.items() if count > 1]
+        wrong += [Wrong(f"trial {trial} has {count} answers", 1) for trial, count in answers.items() if count > 1]
         on_disk = {e.trial: e.answered or "no answer" for e in entries if isinstance(e, Answer)}
         counted = set(progress(entries).answered)
         wrong += [
-            f"trial {trial}: {answer!r} was confirmed, {on_disk.get(trial)!r} is in the journal"
+            Wrong(f"trial {trial}: {answer!r} was confirmed, {on_disk.get(trial)!r} is in the journal", 1)
             for trial, answer in self._confirmed.items()
             if on_disk.get(trial) != answer or trial not in counted
         ]
         for trial, answer in on_disk.items():
             if self._confirmed.setdefault(trial, answer) == answer and self._typed.get(trial) != answer:
-                wrong.append(f"trial {trial}: {answer!r} is in the journal, {self._typed.get(trial)!r} was typed")
+                what = f"trial {trial}: {answer!r} is in the journal, {self._typed.get(trial)!r} was typed"
+                wrong.append(Wrong(what, 1))
         return wrong + self._unknown(entries, heard) + _attempts(entries)
 
-    def _unknown(self, entries: tuple[AnyEntry, ...], heard: list[dict[str, Any]]) -> list[str]:
+    def _unknown(self, entries: tuple[AnyEntry, ...], heard: list[dict[str, Any]]) -> list[Wrong]:
         """Return the stimuli that no entry knows: neither a step, nor an attempt that was armed and has no end yet."""
         steps = Counter(e.stimulus.handed_sha256 for e in entries if isinstance(e, FootStep) and e.stimulus)
         left = Counter(one["heard"] for one in heard) - (steps - self._known)
         broken = sum(isinstance(e, BrokenOff) and e.felt for e in entries) + (progress(entries).armed is not None)
         spare = broken - self._known["broken"]
         self._known = steps + Counter(broken=broken - (progress(entries).armed is not None))
-        return [f"{left.total()} stimuli were heard that the journal does not know"] if left.total() > spare else []
+        unknown = left.total() - spare
+        return [Wrong(f"{unknown} stimuli were heard that the journal does not know", unknown)] if unknown > 0 else []
 
-    def table(self) -> list[str]:
+    def table(self) -> list[Wrong]:
         """Return what is wrong with the table of a session that is complete."""
         name = f"sub-{self.participant}_task-{self.task}_events.tsv"
         path = self.dataset / f"sub-{self.participant}" / "beh" / name
         if not path.exists():
-            return [f"{name} is missing"]
+            return [Wrong(f"{name} is missing", self.answered)]
         with path.open() as file:
             rows = [row for row in csv.DictReader(file, delimiter="\t") if row["counted"] == "1"]
-        found = sorted((int(row["trial"]), row["answered"].replace(NO_ANSWER, "no answer")) for row in rows)
-        wanted = sorted(self._confirmed.items())
-        return [] if found == wanted else [f"{name} has {found}; the ledger has {wanted}"]
-
-    def footer(self) -> str:
-        """Return why the session ended, as the journal's last line has it; nothing where that is no footer."""
-        try:
-            last = self.entries()[-1:]
-        except JournalError:
-            return ""
-        return "".join(e.reason for e in last if isinstance(e, Footer))
+        found = Counter((int(row["trial"]), row["answered"].replace(NO_ANSWER, "no answer")) for row in rows)
+        wanted = Counter(self._confirmed.items())
+        lost = max((wanted - found).total(), (found - wanted).total())
+        return [Wrong(f"{name} has {sorted(found)}; the ledger has {sorted(wanted)}", lost)] if lost else []
 
 
-def _attempts(entries: tuple[AnyEntry, ...]) -> list[str]:
+def _attempts(entries: tuple[AnyEntry, ...]) -> list[Wrong]:
     """Return which attempts were armed twice, and which have no end although another was armed after them."""
     armed = [(e.trial, e.attempt) for e in entries if isinstance(e, Armed)]
-    wrong = [f"attempt {one} was armed {count} times" for one, count in Counter(armed).items() if count > 1]
+    wrong = [Wrong(f"attempt {one} was armed {count} times", 1) for one, count in Counter(armed).items() if count > 1]
     under_way: tuple[int, int] | None = None
     for entry in entries:
         if isinstance(entry, Armed):
             if under_way is not None:
-                wrong.append(f"attempt {under_way} has no end")
+                wrong.append(Wrong(f"attempt {under_way} has no end", 1))
             under_way = entry.trial, entry.attempt
         elif isinstance(entry, FootStep | BrokenOff | Redo):
             under_way = None

@@ -59,11 +59,12 @@ SCREEN = re.compile(
     r"|(?P<lay>Lay out [^\n]*, then press Enter: )"
     r"|(?P<armed>Armed: the participant may step\.|may lift the foot and step\.)"
     r"|Trial (?P<asked>\d+), the participant said:[^\n]*\nKey: "
-    r"|(?P<confirm>press Enter to confirm, or type anything else to ask again: )"
+    r"|type (?P<confirm>\S) again to confirm, anything else to ask again: "
     r"|Trial (?P<trial>\d+): the answer is on disk: (?P<answer>[^\n]*)\.\n"
+    r"|(?P<remarks>press Enter to end the session: )"
     r"|(?P<ended>\[ended -?\d+\])"
 )
-"""What the experimenter acts on. `asked` and `trial` are numbers of trials."""
+"""What the experimenter acts on. `asked` and `trial` are numbers of trials, `confirm` is the key to type again."""
 
 KEYS = {"c": "copy paper", "a": "aluminum foil", "p": "polypropylene", "t": "typing paper", "n": "no answer"}
 
@@ -96,7 +97,7 @@ class World:
     def do(self, *words: object) -> None:
         """Give a command, and wait until it is done."""
         self.begin(*words)
-        while "done" not in self._next():
+        while self._next().get("done") != words[0]:
             pass
 
     def begin(self, *words: object) -> None:

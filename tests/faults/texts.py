@@ -14,7 +14,7 @@ import sys
 import tempfile
 import tomllib
 import unicodedata
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
 from datetime import date
@@ -50,6 +50,19 @@ KINDS = tuple(
     one for one in map(chr, range(sys.maxunicode + 1)) if unicodedata.category(one) == "Cf" and one not in JOINERS
 )
 """One of each kind: every control and format character, every one drawn as nothing, and some without a meaning."""
+
+FORMS = (
+    *(f"a{one}" for one in "АВЕКМНОРСТХаеіјорсухѕΑΒΕΖΗΙΚΜΝΟΡΤΥΧανορυ"),
+    *map(chr, (*range(0xFF10, 0xFF1A), *range(0xFF21, 0xFF3B), *range(0xFF41, 0xFF5B), *range(0x1D400, 0x1D434))),
+    *(f"{before}{mark:c}" for before in (" ", "3", "a\u0301\u0302") for mark in range(0x300, 0x316)),
+)
+"""Letters of a second alphabet, special forms, and marks that stand on no letter or on two: the last is refused."""
+
+LEFTWARD = tuple(map(chr, (*range(0x5D0, 0x5EB), *range(0x620, 0x64B), *range(0x660, 0x66A), *range(0x712, 0x730))))
+"""Letters and digits of Hebrew, Arabic and Syriac."""
+
+TWINS = ("COCOA", "co coa", "\u0441\u043e\u0441\u043e\u0430", "\u0421\u041e\u0421\u041e\u0410", "coco\u2003a")
+"""Names that look like cocoa, or differ by what a reader passes over."""
 
 STEP = 37
 """From one text to the next, so that a few of each cover all kinds; ours, without a common factor with their number."""
@@ -97,6 +110,9 @@ def attacks(size: Size) -> Iterator[Count]:
         rig = _tables(shipped("rigs/rehearsal.toml")) | {"audio": _tables(shipped("rigs/headless.toml"))["audio"]}
         rig["tracker"] |= {"driver": "palpate-frames"}
         yield _file("a rig", rig, folder / "r.toml", ("doctor", "--rig", "FILE"), size, most=24)
+        yield _file("a protocol", document(), folder / "p.toml", ("check", "FILE"), size, kinds=FORMS)
+        yield _leftward(folder / "p.toml", size)
+        yield _twins(folder / "p.toml")
         takes = folder / "takes"
         takes.mkdir()
         yield _file("recordings", MANIFEST, takes / "manifest.toml", ("validate", str(takes)), size, most=45)
@@ -144,10 +160,10 @@ def _write(path: Path, tables: dict[str, Any]) -> None:
     path.write_text("".join(f"{key} = {_toml(value)}\n" for key, value in tables.items()), "utf-8")
 
 
-def _drawn(place: int, size: Size, most: int = 12) -> Iterator[str]:
+def _drawn(place: int, size: Size, most: int = 12, kinds: Sequence[str] = KINDS) -> Iterator[str]:
     """A few kinds for the text at this place."""
     count = size.of(1, most)
-    return (KINDS[(STEP * (place * count + one)) % len(KINDS)] for one in range(count))
+    return (kinds[(STEP * (place * count + one)) % len(kinds)] for one in range(count))
 
 
 def _palpate(*arguments: object) -> tuple[int, str, str]:
@@ -177,16 +193,64 @@ def _code(character: str) -> str:
     return f"U+{ord(character):04X}"
 
 
-def _file(what: str, tables: dict[str, Any], path: Path, command: tuple[str, ...], size: Size, most: int = 12) -> Count:
-    tally = _Tally(f"a hidden character in a text of {what}")
+def _file(
+    what: str,
+    tables: dict[str, Any],
+    path: Path,
+    command: tuple[str, ...],
+    size: Size,
+    most: int = 12,
+    kinds: Sequence[str] = KINDS,
+) -> Count:
+    fault = "a hidden character" if kinds is KINDS else "a letter that passes for another, or a stray mark,"
+    tally = _Tally(f"{fault} in a text of {what}")
     texts: list[tuple[Where, str]] = [(where, held) for where, held in leaves(tables) if isinstance(held, str)]
     if size is Size.SUBSET:
         texts = list(islice(texts, 0, None, max(1, len(texts) // 20)))
     for place, (where, held) in enumerate(texts):
-        for character in _drawn(place, size, most):
-            _write(path, changed(tables, where, held[:3] + character + held[3:]))
+        for kind in _drawn(place, size, most, kinds):
+            _write(path, changed(tables, where, held[:3] + kind + held[3:]))
             told = _palpate(*(str(path) if one == "FILE" else one for one in command))
-            tally.note(f"{written(where)} with {_code(character)}", *_wrong(told, written(where), _code(character)))
+            code = _code(kind[-1])
+            tally.note(f"{written(where)} with {code}", *_wrong(told, written(where), code))
+    return tally.count()
+
+
+def _leftward(path: Path, size: Size) -> Count:
+    """Names refuse it; a text shows it on lines that begin with a bar, so that no value of palpate's stands there."""
+    tally = _Tally("a letter that runs from right to left")
+    texts = dict(with_text())
+    for place, where in enumerate([*texts, *(one for one, _ in _names_of(document()))]):
+        for character in _drawn(place, size, kinds=LEFTWARD):
+            tables = changed(document(), where, f"a3 {character}5")
+            if where in texts:
+                lines = page(Protocol.model_validate(tables), "small.toml").split("\n")
+                shown = [line for line in lines if character in line]
+                wrong = [line for line in shown if not re.match(r" *\| ", line)] if shown else ["is not shown"]
+            else:
+                _write(path, tables)
+                wrong = [*_wrong(_palpate("check", path), written(where), _code(character))]
+            tally.note(f"{written(where)} with {_code(character)}", *wrong)
+    return tally.count()
+
+
+def _names_of(tables: dict[str, Any]) -> Iterator[tuple[Where, str]]:
+    for where, held in leaves(tables):
+        if "spoken" in where or (where[-1] == "id" and where[0] in ("materials", "exclusion")):
+            yield where, held
+
+
+def _twins(path: Path) -> Count:
+    tally = _Tally("two names that look alike")
+    for first, second in (
+        (("materials", 0, "id"), ("materials", 1, "id")),
+        (("materials", 0, "spoken", 0), ("materials", 1, "spoken", 0)),
+        (("materials", 0, "id"), ("materials", 1, "spoken", 0)),
+        (("exclusion", 0, "id"), ("exclusion", 1, "id")),
+    ):
+        for twin in TWINS:
+            _write(path, changed(changed(document(), first, "cocoa"), second, twin))
+            tally.note(f"{written(second)}: {twin!a}", *_wrong(_palpate("check", path), written(second), "of its own"))
     return tally.count()
 
 

@@ -6,6 +6,7 @@ survived if the step counts with a speed within 2 % of the true one, or does not
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing
@@ -47,8 +48,8 @@ SPEEDS_MM_S = (50.0, 100.0, 170.0, 250.0, 400.0)
 Lie = Callable[[Wire, np.random.Generator], Wire]
 
 
-def outcome(tracker: Tracker, settings: TrackerRig, clock: Clock) -> WatchedStep | str:
-    """Return the step that counts, or the last reason why none does; a foot that hesitated is watched on."""
+def outcome(tracker: Tracker, settings: TrackerRig, clock: Clock, hesitation: Hesitation = "none") -> WatchedStep | str:
+    """Return the step that counts, or the first reason why none does; a foot that did hesitate is watched on."""
     noise_mm = settings.noise_mm or 0.1
     parts = Watch(
         feed=Feed(tracker, simulated_time=False),
@@ -62,27 +63,36 @@ def outcome(tracker: Tracker, settings: TrackerRig, clock: Clock) -> WatchedStep
     try:
         while True:
             step = watch(parts, "paper")
-            if isinstance(step, WatchedStep) or step.reason not in (TURNED_BACK, STOPPED):
-                return step if isinstance(step, WatchedStep) else step.reason
+            if isinstance(step, WatchedStep):
+                return step
+            if hesitation == "none" or step.reason not in (TURNED_BACK, STOPPED):
+                return step.reason
     except TrackerError as error:
         return str(error)
 
 
-def fed(wire: Wire, rng: np.random.Generator) -> WatchedStep | str:
+def fed(wire: Wire, rng: np.random.Generator, hesitation: Hesitation = "none") -> WatchedStep | str:
     clock = ManualClock(10**18)
-    return outcome(Fed(wire, clock, rng), wire.settings, clock)
+    return outcome(Fed(wire, clock, rng), wire.settings, clock, hesitation)
 
 
-FAULTS = ("clock", "times", "heights", "reading", "no frame", "driver")
-"""Words by which a reason names the tracker."""
+NAMED = re.compile(
+    r"the tracker's (clock (ran ahead of|fell behind) the session's|times (lie|leave room for)|heights (jump|stay)) .*"
+    r"|no reading for \d+ ms where the foot crossed the gate; see to the tracker's line"
+    r"|tracker at fed: the device's clock no longer runs on .*"
+)
+"""How a reason names what is wrong with the tracker."""
+
+SILENT = re.compile(r"tracker at fed: no frame for 200 ms; .*")
+"""How it names a tracker that sends nothing more."""
 
 
-def wrong(found: WatchedStep | str, true_mm_s: float) -> str:
+def wrong(found: WatchedStep | str, true_mm_s: float, named: re.Pattern[str] = NAMED) -> str:
     """Return what is wrong with how a lie ended; empty if it was survived."""
     if isinstance(found, WatchedStep):
         off = found.gate.speed_mm_s / true_mm_s - 1
         return f"{found.gate.speed_mm_s:.1f} mm/s counted for {true_mm_s:.1f}" if abs(off) > OFF else ""
-    return "" if any(word in found for word in FAULTS) else f"not the tracker's fault: {found}"
+    return "" if named.fullmatch(found) else f"does not name the tracker's fault: {found}"
 
 
 def unmoved(found: WatchedStep | str, wire: Wire) -> str:
@@ -200,6 +210,11 @@ def lost(samples: int, *, numbered: bool) -> Lie:
     return lie
 
 
+def silent(wire: Wire, rng: np.random.Generator) -> Wire:
+    """No frame comes from the middle of the gate on."""
+    return wire.only(np.arange(wire.middle(rng)))
+
+
 def swapped(wire: Wire, rng: np.random.Generator) -> Wire:
     order = np.arange(wire.us.size)
     at = wire.middle(rng)
@@ -253,6 +268,8 @@ def two_feet(wire: Wire, rng: np.random.Generator) -> Wire:
     return replace(wire, mm=np.where(other, 60.0, wire.mm))
 
 
+NO_FRAMES = "no frames from the gate on"
+
 LIES: dict[str, Lie] = {
     "clock twice as fast": clock(2.0),
     "clock half as fast": clock(0.5),
@@ -290,6 +307,7 @@ LIES: dict[str, Lie] = {
     "a burst of noise of 20 mm at rest": height(burst(20, 60), "before"),
     "20 frames lost in the gate": lost(20, numbered=True),
     "5 frames lost in the gate, and not counted": lost(5, numbered=False),
+    NO_FRAMES: silent,
     "two frames swapped": swapped,
     "ten frames sent again": again,
     "the device restarts in the gate": restart,
@@ -309,7 +327,8 @@ def _lies(size: Size) -> Iterator[Count]:
                 tried += 1
                 found = fed(lie(wire, rng), rng)
                 # One false reading sets nothing off: the step counts, and its contact is the true one.
-                failure = unmoved(found, wire) if name.startswith("one ") else wrong(found, wire.speed_mm_s)
+                named = SILENT if name == NO_FRAMES else NAMED
+                failure = unmoved(found, wire) if name.startswith("one ") else wrong(found, wire.speed_mm_s, named)
                 if failure:
                     failures.append(f"{speed_mm_s:g} mm/s, seed {seed}: {failure}")
         yield Count(f"lying tracker: {name}", tried, tried - len(failures), 0, tuple(failures))
@@ -397,7 +416,7 @@ def _honest(size: Size) -> Iterator[Count]:
                 ),
                 rng,
             )
-            found = fed(wire, rng)
+            found = fed(wire, rng, good.hesitation)
             # Noise of 0.1 mm alone moves a speed by 1.4 % rms: there only a refusal is a false alarm.
             noisy = good.noise_mm > 0.05 and isinstance(found, WatchedStep)
             if failure := "" if noisy else unmoved(found, wire):
@@ -514,9 +533,9 @@ def spliced(frames: list[bytes], rng: np.random.Generator) -> list[bytes]:
 
 
 def replaced(frames: list[bytes], rng: np.random.Generator) -> list[bytes]:
-    """Bytes at random, as of another device or baud rate, in place of frames."""
+    """Bytes at random, as of another device or baud rate, in place of frames; a 0x00 ends them as it ends a frame."""
     data = rng.bytes(FRAME_BYTES * len(frames))
-    return [data[at : at + FRAME_BYTES] for at in range(0, len(data), FRAME_BYTES)]
+    return [data[at : at + FRAME_BYTES - 1] + b"\0" for at in range(0, len(data), FRAME_BYTES)]
 
 
 SPOILERS: dict[str, Spoiler] = {
@@ -538,11 +557,12 @@ def _frames(size: Size) -> Iterator[Count]:
         spoilt = spoiler(good, rng)
         wire = [frame if at % 4 == 0 else spoilt[at] for at, frame in enumerate(good)]
         scrutiny = Scrutiny(rate_hz=1000, noise_mm=0.1)
-        decoder, sifted, invented = Decoder(period_us=1000.0), Sifted(), []
+        decoder, sifted, held, invented = Decoder(period_us=1000.0), Sifted(), 0, []
         for at in range(0, len(wire), 100):
             decoder, found = decoder.feed(b"".join(wire[at : at + 100]))
             samples = Samples(found.device_us, found.counts.astype(float) * COUNT_MM, b"", found.ends, 0)
             sifted, believed = scrutiny.sift(sifted, samples)
+            held += believed.device_us.size
             for us, mm in zip(believed.device_us.tolist(), believed.height_mm.tolist(), strict=True):
                 sent = us // 1000
                 if us % 1000 or not 0 <= sent < len(counts) or counts[sent] != round(mm / COUNT_MM):
@@ -550,7 +570,8 @@ def _frames(size: Size) -> Iterator[Count]:
             if found.restarted:
                 # The rest of another good frame may be whole: told as a restart, which ends a session in words.
                 decoder, sifted = Decoder(period_us=1000.0), Sifted()
-        yield Count(f"spoilt frames: {name}", tried, tried - len(invented), len(invented), tuple(invented))
+        failures = invented if held else ["no reading was believed, so that nothing was tried"]
+        yield Count(f"spoilt frames: {name}", tried, tried - len(failures), len(invented), tuple(failures))
 
 
 def _real_time(size: Size) -> Iterator[Count]:

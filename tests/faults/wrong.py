@@ -10,12 +10,12 @@ from datetime import date
 from pathlib import Path
 
 from experiment import storage
-from experiment.dataset import build
+from experiment.dataset import beliefs, build, register
 from experiment.protocol import approval
 from experiment.records import chain, journal
 from experiment.study import roster
 from experiment.study.roster import Roster
-from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 
 Act = Callable[[MadeStudy, Path], None]
 """Does it to a study; the folder is for other datasets."""
@@ -203,6 +203,31 @@ def _erased(study: MadeStudy, _: Path) -> None:
     shutil.rmtree(study.root / "sub-01")
 
 
+def _without_folders(study: MadeStudy, _: Path) -> None:
+    """All of a participant but their row in the table of participants."""
+    for folder in (storage.participant_folder(study.root, "02"), study.root / "sub-02"):
+        shutil.rmtree(folder)
+
+
+def _erased_but_for_the_roster(study: MadeStudy, folder: Path) -> None:
+    beliefs.keep_anchor(study.root)
+    _without_folders(study, folder)
+    people = _people(study).read_text("utf-8").splitlines(keepends=True)
+    _people(study).write_text("".join(line for line in people if not line.startswith("sub-02")), "utf-8")
+
+
+def _erased_everywhere(study: MadeStudy, folder: Path) -> None:
+    """A participant whom nothing knows but the dataset's log of anchors."""
+    shutil.copytree(study.root, folder / "before")
+    roster.enrol(study.file, "04", DAY, root=study.root, seed=None)
+    study.run(study.header("04", study.tasks[3].tasks[0]))
+    beliefs.keep_anchor(study.root)
+    log = (study.root / register.LOG).read_bytes()
+    shutil.rmtree(study.root)
+    shutil.copytree(folder / "before", study.root)
+    (study.root / register.LOG).write_bytes(log)
+
+
 def _stray_trace(study: MadeStudy, _: Path) -> None:
     name = _events(study).name
     (_events(study).parent / name.replace("sub-01", f"sub-{THIRD}").replace("_events", "_physio")).write_bytes(b"1\n")
@@ -329,6 +354,9 @@ WRONG = (
     ),
     Wrong("a journal emptied, its head and tables deleted", _emptied, "knows of no attempt"),
     Wrong("a session erased but for its frames", _erased, "the journal of these frames is missing"),
+    Wrong("a session erased but for its participant's row", _without_folders, "is missing, and participants.tsv has"),
+    Wrong("a session erased but for its anchor", _erased_but_for_the_roster, "by the anchor of .* and is missing"),
+    Wrong("a participant erased but for their anchor", _erased_everywhere, "by the anchor of .* and now has 3"),
     Wrong("a trace of no journal", _stray_trace, "no journal gives this table"),
     Wrong("a foot trace edited", _replaced(_foot, b"\x00", b"\x01"), "not those that the journal names"),
     Wrong("a foot trace deleted", _gone(_foot), "cannot read the foot trace"),
@@ -344,3 +372,22 @@ WRONG = (
     ),
 )
 """All of it is refused by name: by `palpate build` unless it mends it, and by every command that reads a dataset."""
+
+
+def _tables_alone(study: MadeStudy, _: Path) -> None:
+    """All journals, the roster, seed and raw frames are gone."""
+    shutil.rmtree(study.root / "sourcedata")
+
+
+def _protocol_left(study: MadeStudy, folder: Path) -> None:
+    """Nothing of sourcedata but the sealed protocol."""
+    kept = [(path, path.read_bytes()) for path in (_protocol(study), _seal(study))]
+    _tables_alone(study, folder)
+    _protocol(study).parent.mkdir()
+    for path, content in kept:
+        path.write_bytes(content)
+
+
+ALONE: dict[str, Act] = {"sourcedata deleted": _tables_alone, "all but the protocol deleted": _protocol_left}
+"""A study's tables are left, and nothing behind them: `palpate verify` and `palpate build` refuse them, and commands
+that analyse tables note it on standard error."""

@@ -88,7 +88,7 @@ def test_a_session_from_the_experimenters_chair(
         assert not (tmp_path / "dataset" / "stimuli").exists()
     # From here on they stand in for a laboratory's own.
     manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")
-    typed = iter(["c", "", "a", "", "n", "", "t", ""])
+    typed = iter("ccaanntt")
     prompts = []
 
     def ask(prompt: str) -> str:
@@ -137,7 +137,7 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
 ) -> None:
     laboratory.faults[3] = Faults(unplug_at=250)
     plugged_in_when_waited_for(laboratory, monkeypatch)
-    typed = iter(["c", "", "a", "", "n", "", "t", ""])
+    typed = iter("ccaanntt")
     monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "")
     code, out, err = palpate(
         "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
@@ -164,7 +164,7 @@ def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
     laboratory: Laboratory, task: str, monkeypatch: pytest.MonkeyPatch, palpate: Palpate
 ) -> None:
     plugged_in_when_waited_for(laboratory, monkeypatch)
-    typed = iter(["c", "", "a", "", "n", "", "t", ""])
+    typed = iter("ccaanntt")
     asked = 0
 
     def ask(prompt: str) -> str:
@@ -202,7 +202,7 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
     laboratory.power(1.5)
     laboratory.faults[4] = Faults(unplug_at=250)
     plugged_in_when_waited_for(laboratory, monkeypatch, -0.8)
-    typed = iter(["c", "", "a", "", "n", "", "t", ""])
+    typed = iter("ccaanntt")
     asked = 0
 
     def ask(prompt: str) -> str:
@@ -249,7 +249,7 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
 def test_ctrl_c_while_the_last_line_is_written_leaves_the_tables_of_a_complete_session(
     task: str, monkeypatch: pytest.MonkeyPatch, palpate: Palpate
 ) -> None:
-    typed, append = iter(["c", "", "a", "", "n", "", "t", ""]), journal.Journal.append
+    typed, append = iter("ccaanntt"), journal.Journal.append
 
     def appending(self: journal.Journal, entry: AnyEntry) -> int:
         if isinstance(entry, Footer):
@@ -283,7 +283,7 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     rig = tmp_path / "rig.toml"
     rig.write_text(rig.read_text("utf-8") + '\n[anchors]\nfile = "~/share/register"\n', "utf-8")
     monkeypatch.setenv("HOME", str(tmp_path))
-    typed = iter(["c", "", "q", "", "a", "", "n", "", "t", ""])
+    typed = iter("ccqqaanntt")
     monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "")
     session = ["run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"]
     code, out, _ = palpate(*session)

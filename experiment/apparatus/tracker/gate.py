@@ -74,6 +74,9 @@ HOLE_US = 10_000
 """Longest stretch without a sample in which a crossing may lie, microseconds: a foot that is put down at 400 mm/s bends
 by less than 0.1 mm off a straight line in it."""
 
+STUCK_US = 500_000
+"""A sensor that gives one height inside the gate for so long is stuck, microseconds: a leg trembles."""
+
 RATE_PART = 0.015
 """Part of the rig's rate by which a passage's samples may differ: doctor's and a resonator's 1 %, and below 2 %."""
 
@@ -147,11 +150,15 @@ class Scrutiny:
         us, mm = [read[0] for read in passed], [read[1] for read in passed]
         return after, replace(samples, device_us=np.array(us, np.int64), height_mm=np.array(mm, np.float64))
 
-    def fault(self, path: Sequence[Samples], gate: Gate, contact: Contact, missing: int) -> str:
+    def settled_us(self, us: int) -> int:
+        """Return the device time until which samples are needed so that a jump at `us` shows, microseconds."""
+        return us + math.ceil((SIDE + 1) * self._period_us)
+
+    def fault(self, path: Sequence[Samples], gate: Gate, until_us: int, missing: int) -> str:
         """Return why the passage cannot be counted; empty if nothing speaks against it.
 
-        `path` are the believed samples, read by read, from above the gate until contact was given. `missing` is how
-        many frames are known to be missing of all that were sent meanwhile.
+        `path` are the believed samples, read by read, from above the gate until the foot landed or hesitated, at
+        `until_us`, or later. `missing` is how many frames are known to be missing of all that were sent meanwhile.
         """
         reads: list[Samples] = []
         for read in reversed(path):
@@ -163,7 +170,7 @@ class Scrutiny:
         top = max(int(np.searchsorted(us, gate.top_us)) - 1, 0)
         bottom = int(np.searchsorted(us, gate.bottom_us))
         apart_us = np.diff(us)
-        fell_us = apart_us[top : int(np.searchsorted(us, contact.given_us))]
+        fell_us = apart_us[top : int(np.searchsorted(us, until_us))]
         periods = np.rint(fell_us / self._period_us).sum()
         off = 1 - periods * self._period_us / fell_us.sum()
         if abs(off) > RATE_PART:
@@ -181,7 +188,7 @@ class Scrutiny:
             return (
                 f"no reading for {longest_us / 1e3:.0f} ms where the foot crossed the gate; see to the tracker's line"
             )
-        jumps_mm = self._jumps_mm(us, mm, np.arange(max(top, 1), bottom))
+        jumps_mm = self._jumps_mm(us, mm, np.arange(max(top, 1), min(bottom, us.size - 2)))
         if jumps_mm.max(initial=0.0) > 0:
             worst = max(top, 1) + int(np.argmax(jumps_mm))
             return (
@@ -245,6 +252,13 @@ class GateDetector:
             return None
         height_mm = self._step.gate_top_mm - self._step.gate_bottom_mm
         return height_mm * 1e6 / (state.bottom_us - state.top_us)
+
+    def stuck(self, mm: float, lasts_us: int) -> str:
+        """Return why a foot that gives this height, mm, for so long, microseconds, is none; empty if it may be one."""
+        top_mm, bottom_mm = self._levels_mm[:2]
+        if lasts_us < STUCK_US or not bottom_mm <= mm <= top_mm:
+            return ""
+        return f"the tracker's heights stay at {mm:.2f} mm inside the gate, as no foot's do; see to the sensor"
 
     def step(self, state: GateState, samples: Samples) -> tuple[GateState, tuple[Gate | Contact, ...]]:
         """Return the state after the next samples, and what happened, in order, however samples are cut."""

@@ -346,6 +346,15 @@ class SimulatedParticipant:
         self.clock.sleep_ns(spoken_ns - self.clock.now_ns())
         return next(key for key, meaning in keys.items() if meaning.startswith(answer))
 
+    def confirm(self, *, key: str, meaning: str) -> bool:  # noqa: ARG002
+        return True
+
+    def debrief(self) -> None:
+        return None
+
+    def ignored(self) -> str:
+        return ""
+
     def confirmed(self, *, trial: int, answer: str | None) -> None:
         self.tick()
         if self.screen is not None:

@@ -10,6 +10,7 @@ is on file: it was felt, and does not count.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -249,6 +250,8 @@ class _Step:
         self._contact: Contact | None = None
         self._sifted = Sifted()
         self._path: deque[Samples] = deque(maxlen=PATH)
+        self._still: tuple[float, int] | None = None
+        self._withdrawn: bool | None = None
         self._sounding: Sounding | None = None
         if parts.sounder is not None:
             self._sounding = Sounding(parts.sounder, material, self._taken.session_ns, parts.clock)
@@ -259,10 +262,11 @@ class _Step:
         state, falling = detector.init(), predictor.init()
         ahead_ns = AHEAD_NS + (self._parts.sounder.actuator.lead_ns if self._parts.sounder is not None else 0)
         while True:
-            self._sifted, samples = self._parts.scrutiny.sift(self._sifted, self._taken.next())
-            self._path.append(samples)
+            samples = self._next()
             # What is asked for from here on can be taken back until its lead before it sounds.
             if reason := self._parts.limits.over(ahead_ns):
+                return reason
+            if reason := detector.stuck(*self._since(samples)):
                 return reason
             state, events = detector.step(state, samples)
             upcoming = deque(events)
@@ -279,8 +283,7 @@ class _Step:
                 if self._contact is not None:
                     break
                 if reason := predictor.hesitates(falling, self._gate):
-                    self._taken.until(us)
-                    return reason
+                    return self._blamed(us, self._gate) or reason
                 landing = predictor.landing(falling) if falling is not None and sounding is not None else None
                 if landing is not None and sounding is not None and sounding.in_time(landing):
                     aim_at = landing
@@ -294,6 +297,33 @@ class _Step:
                 if speed_mm_s is not None:
                     sounding.prepare(speed_mm_s)
 
+    def _next(self) -> Samples:
+        """Return the next samples that are believed, none perhaps. Raises `TrackerError`."""
+        self._sifted, samples = self._parts.scrutiny.sift(self._sifted, self._taken.next())
+        self._path.append(samples)
+        return samples
+
+    def _since(self, samples: Samples) -> tuple[float, int]:
+        """Return the newest height, mm, and for how long it is the same, microseconds."""
+        us, mm = samples.device_us, samples.height_mm
+        if us.size and (self._still is None or (mm != self._still[0]).any()):
+            self._still = float(mm[-1]), int(us[-1])
+        height_mm, since_us = self._still or (math.inf, 0)
+        return height_mm, (self._taken.newest_us or 0) - since_us
+
+    def _blamed(self, us: int, gate: Gate) -> str:
+        """Return why it is the tracker, and not the foot, that seems to hesitate at `us`; empty if it is the foot."""
+        self.withdraw()
+        settled_us = self._parts.scrutiny.settled_us(us)
+        while (self._taken.newest_us or 0) < settled_us:
+            self._next()
+        self._taken.until(settled_us)
+        return self._fault(gate, us, self._taken.link(settled_us))
+
+    def _fault(self, gate: Gate, until_us: int, link: LinkCounts) -> str:
+        missing = link.lost + link.damaged + self._sifted.dropped
+        return self._parts.scrutiny.fault(self._path, gate, until_us, missing)
+
     def _allows(self, landing: Landing) -> bool:
         """Return whether a foot that lands so may feel it; a read that comes late could not take it back."""
         return self._taken.session_ns(landing.us) <= self._parts.limits.ends_ns
@@ -305,11 +335,12 @@ class _Step:
             raise RuntimeError("no step lands before it has fallen")
         if self._sounding is not None:
             self._sounding.landed(contact)
+        # Contact may lie ahead of the newest sample.
+        while (taken.newest_us or 0) < contact.us:
+            taken.next()
         link = taken.link(contact.us)
         taken.until(contact.us + TAIL_US)
-        missing = link.lost + link.damaged + self._sifted.dropped
-        fault = self._parts.scrutiny.fault(self._path, gate, contact, missing) or self._parted(gate, contact)
-        if fault:
+        if fault := self._fault(gate, contact.given_us, link) or self._parted(gate, contact):
             return self.broken(fault)
         clock = taken.clock()
         contact_ns = clock.session_ns(contact.us)
@@ -345,8 +376,10 @@ class _Step:
         )
 
     def withdraw(self) -> bool:
-        """Take the stimulus back; return whether nothing of it sounds."""
-        return self._sounding is None or self._sounding.withdraw()
+        """Take the stimulus back, once; return whether nothing of it sounds."""
+        if self._withdrawn is None:
+            self._withdrawn = self._sounding is None or self._sounding.withdraw()
+        return self._withdrawn
 
     def broken(
         self, reason: str, *, stopped: TrackerStopped | None = None, failed: BaseException | None = None

@@ -220,3 +220,9 @@ def test_a_dataset_without_a_paper_says_what_to_do(tmp_path: Path) -> None:
     root = write_dataset(tmp_path, {"1": {"virtual": balanced(1, 9, MATERIALS)}})
     with pytest.raises(DatasetError, match="give the file to --against"):
         audit(str(root))
+
+
+def test_the_result_comes_first(okamoto: Audit) -> None:
+    heading, rule, _, result, *_ = okamoto.text().splitlines()
+    assert (heading, set(rule)) == ("Printed numbers against one another", {"="})
+    assert result == "Of 133 printed numbers and rows, 121 agree, 10 differ, 1 is impossible and 1 cannot be decided."

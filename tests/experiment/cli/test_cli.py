@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable
 from datetime import date, timedelta
@@ -42,6 +43,23 @@ def test_a_file_name_is_never_printed_raw(palpate: Palpate, tmp_path: Path, comm
     assert "<U+001B>[2J<U+202E>" in err
     assert not hidden(err, "\n")
     assert not any(line.startswith("b") for line in err.splitlines())
+
+
+@pytest.mark.parametrize(
+    "day", ["2026-11-31", "2026-1-1", "20260101", "tomorrow", "2026-01-01T10:00", "", "\uff12026-01-01"]
+)
+@pytest.mark.parametrize(
+    ("command", "option"),
+    [("enrol", "--consent-on"), ("consent", "--consent-on"), ("seal", "--approved-on"), ("seal", "--expires-on")],
+)
+def test_a_day_that_no_calendar_has_is_refused_in_words(
+    palpate: Palpate, protocol: Path, command: str, option: str, day: str
+) -> None:
+    code, out, err = palpate(command, protocol, option, day)
+    assert (code, out) == (2, "")
+    assert re.fullmatch(
+        r"palpate: got the day '.*; allowed: a day that the calendar has, as YYYY-MM-DD, such as 2026-04-01\n", err
+    )
 
 
 def test_json_escapes_what_is_not_printed_raw(palpate: Palpate, tmp_path: Path, protocol: Path) -> None:
@@ -229,6 +247,19 @@ class TestALaboratorysStudy:
         assert (code, len(lines(err))) == (2, 1)
         assert "no-such-port: no such port" in err
         assert not list(root.glob("sourcedata/sub-*"))
+
+    def test_a_slip_in_a_seal_is_mended(self, palpate: Palpate, protocol: Path) -> None:
+        assert "replaced" not in self.seal(palpate, protocol)[1]
+        days = ("--approved-on", date.today() - timedelta(1), "--expires-on", date.today() + timedelta(1))
+        again = ("seal", protocol, "--approval-number", "18 \u05d0", *days)
+        code, _, err = palpate(*again)
+        assert (code, "is sealed already; replace it (--replace)" in err) == (2, True)
+        assert "replaced. Datasets that were begun under it keep their copy" in palpate(*again, "--replace")[1]
+        sealed = "SEALED: this version is approved; compare what the seal says with the board's letter."
+        _, told = palpate("check", protocol)[1].split(f"\n{sealed}\n")
+        assert "  Approval number\n                   | 18 \u05d0\n" in told
+        known = json.loads(palpate("check", protocol, "--json")[1])
+        assert (known["seal"], known["approval"]["approved_on"]) == (sealed, str(days[1]))
 
     def test_a_protocol_changed_after_its_approval_is_refused(
         self, palpate: Palpate, protocol: Path, rig: Path

@@ -16,7 +16,7 @@ from experiment.records.progress import progress
 from experiment.study import roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
-from tests.faults.wrong import WRONG, Wrong, base, copied
+from tests.faults.wrong import ALONE, WRONG, Act, Wrong, base, copied
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +66,21 @@ def test_every_command_that_reads_a_dataset_refuses_what_is_wrong_in_it(
         assert f"(palpate build {study.root})" in err
     assert palpate("build", study.root)[0] == 0
     assert palpate("export", study.root, *out)[0] == 0
+
+
+@pytest.mark.parametrize("act", ALONE.values(), ids=ALONE)
+def test_tables_with_nothing_behind_them_prove_nothing_and_are_analysed_with_a_note(
+    made: MadeStudy, tmp_path: Path, palpate: Palpate, act: Act
+) -> None:
+    study = copied(made, tmp_path / "study")
+    act(study, tmp_path)
+    code, shown, err = palpate("verify", study.root)
+    assert (code, shown) == (2, "")
+    assert err.startswith(f"palpate: {study.root}: says PARTICIPANT, and sourcedata holds no journal; restore it")
+    assert palpate("build", study.root)[0] == 2
+    code, _, err = palpate("export", study.root, "--out", tmp_path / "out")
+    assert code == 0
+    assert f"{study.root}: no journal stands behind these tables, so a changed cell would not show\n" in err
 
 
 def withdraw(study: MadeStudy, reason: str = "asked to stop") -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from experiment import storage
-from experiment.dataset import register
+from experiment.dataset import beliefs, register
 from experiment.dataset.register import LOG, Anchor
 from experiment.errors import DatasetError, JournalError
 from experiment.study.roster import Roster
@@ -30,7 +30,7 @@ def dataset(made: Path, tmp_path: Path) -> Path:
 
 
 def test_an_anchor_has_the_length_and_the_last_hash_of_every_journal(dataset: Path) -> None:
-    anchor = register.make(dataset)
+    anchor = beliefs.anchor(dataset)
     assert [prefix.file for prefix in anchor.prefixes] == [
         path.relative_to(dataset).as_posix() for path in (storage.roster_path(dataset), *storage.journals(dataset))
     ]
@@ -41,7 +41,7 @@ def test_an_anchor_has_the_length_and_the_last_hash_of_every_journal(dataset: Pa
 
 
 def test_its_number_is_the_hash_of_its_canonical_json(dataset: Path) -> None:
-    anchor = register.keep(dataset)
+    anchor = beliefs.keep_anchor(dataset)
     stated = json.loads((dataset / LOG).read_bytes())["anchor"]
     # Plain ASCII and whole numbers: sorted keys without blanks are RFC 8785.
     canonical = json.dumps(stated, sort_keys=True, separators=(",", ":")).encode()
@@ -51,25 +51,25 @@ def test_its_number_is_the_hash_of_its_canonical_json(dataset: Path) -> None:
 
 
 def test_a_torn_line_is_not_anchored_and_a_session_that_never_began_is_left_out(dataset: Path) -> None:
-    before = register.make(dataset).prefixes
+    before = beliefs.anchor(dataset).prefixes
     begun = storage.journals(dataset)[0]
     begun.with_name(f"sub-01_task-{'real' if 'virtual' in begun.name else 'virtual'}_journal.jsonl").touch()
     with begun.open("ab") as file:
         file.write(b'{"n": 17, "t_')
-    assert register.make(dataset).prefixes == before
+    assert beliefs.anchor(dataset).prefixes == before
 
 
 def test_what_is_broken_is_not_anchored(dataset: Path) -> None:
     path = storage.journals(dataset)[0]
     path.write_bytes(path.read_bytes().replace(b"familiarising", b"familiarisinG"))
     with pytest.raises(JournalError, match="does not follow"):
-        register.keep(dataset)
+        beliefs.keep_anchor(dataset)
     assert not (dataset / LOG).exists()
 
 
 def test_a_roster_is_anchored_before_the_first_session(tmp_path: Path) -> None:
     study = make_study(tmp_path / "study", sessions=0)
-    anchor = register.make(study.root)
+    anchor = beliefs.anchor(study.root)
     assert [prefix.file for prefix in anchor.prefixes] == ["sourcedata/roster.jsonl"]
     assert (anchor.study, anchor.purpose) == ("okamoto2012", "STUDY")
 
@@ -77,16 +77,16 @@ def test_a_roster_is_anchored_before_the_first_session(tmp_path: Path) -> None:
 def test_a_register_is_no_other_file(dataset: Path, tmp_path: Path) -> None:
     (tmp_path / "notes").write_text("mine", "utf-8")
     with pytest.raises(DatasetError, match="holds no anchor, so it is no register"):
-        register.enter(register.make(dataset), dataset, tmp_path / "notes", None)
+        register.enter(beliefs.anchor(dataset), dataset, tmp_path / "notes", None)
     assert (tmp_path / "notes").read_text("utf-8") == "mine"
 
 
 def test_a_register_keeps_every_anchor_and_tells_when_it_is_new(dataset: Path, tmp_path: Path) -> None:
     to = tmp_path / "register"
-    first = register.keep(dataset)
+    first = beliefs.keep_anchor(dataset)
     assert register.enter(first, dataset, to, None) == f"Anchored in {to}. This register is a new file."
     Roster.load(storage.roster_path(dataset)).withdraw("02", "asked to stop")
-    second = register.keep(dataset)
+    second = beliefs.keep_anchor(dataset)
     assert register.enter(second, dataset, to, None) == f"Anchored in {to}."
     for path in (to, dataset / LOG):
         kept, broken = register.read(path)
@@ -95,7 +95,7 @@ def test_a_register_keeps_every_anchor_and_tells_when_it_is_new(dataset: Path, t
 
 def test_a_line_that_was_never_finished_hides_no_other(dataset: Path, tmp_path: Path) -> None:
     to = tmp_path / "register"
-    anchor = register.make(dataset)
+    anchor = beliefs.anchor(dataset)
     register.enter(anchor, dataset, to, None)
     whole = to.read_bytes()
     for length in range(1, len(whole) - 1, 97):
@@ -106,7 +106,7 @@ def test_a_line_that_was_never_finished_hides_no_other(dataset: Path, tmp_path: 
 
 
 def test_a_register_is_outside_of_the_dataset_and_in_a_folder_that_is_there(dataset: Path, tmp_path: Path) -> None:
-    anchor = register.make(dataset)
+    anchor = beliefs.anchor(dataset)
     (tmp_path / "link").symlink_to(dataset)
     for inside in (dataset / "register", tmp_path / "link" / "register"):
         with pytest.raises(DatasetError, match="inside the dataset"):
@@ -121,7 +121,7 @@ def test_a_register_is_outside_of_the_dataset_and_in_a_folder_that_is_there(data
     "file", ["../../secret", "/etc/passwd", "sourcedata/../x.jsonl", "sourcedata/sub-01/a/b.jsonl"]
 )
 def test_an_anchor_names_only_files_of_a_dataset(dataset: Path, tmp_path: Path, file: str) -> None:
-    document = register.make(dataset).model_dump(mode="json")
+    document = beliefs.anchor(dataset).model_dump(mode="json")
     document["prefixes"][0]["file"] = file
     (tmp_path / "register").write_text(json.dumps({"anchor": document}) + "\n")
     assert register.read(tmp_path / "register") == ((), (1,))
@@ -140,5 +140,5 @@ def test_the_command_prints_the_line_for_the_lab_book(dataset: Path, tmp_path: P
 
 
 def test_anchors_survive_json(dataset: Path) -> None:
-    anchor = register.make(dataset)
+    anchor = beliefs.anchor(dataset)
     assert Anchor.model_validate_json(anchor.model_dump_json()) == anchor

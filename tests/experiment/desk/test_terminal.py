@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import io
 import os
+import select
 from collections import deque
+from collections.abc import Callable
 
 import pytest
 
-from experiment.desk.terminal import TerminalConsole
+from experiment.desk.port import Corrected, Noted
+from experiment.desk.terminal import TerminalConsole, typed_ahead
 from experiment.errors import ScreenGone
 
 KEYS = {"c": "copy paper", "n": "no answer"}
@@ -24,23 +27,82 @@ def console(*typed: str) -> tuple[TerminalConsole, io.StringIO, list[str]]:
     return TerminalConsole(write=screen, ask=ask, heading="Participant 01."), screen, prompts
 
 
-def test_an_answer_is_keyed_shown_and_confirmed() -> None:
-    one, _, prompts = console("C ", "")
+def test_an_answer_is_keyed_shown_and_confirmed_by_the_same_key() -> None:
+    one, _, prompts = console("C ", "c")
     assert one.ask(trial=3, keys=KEYS) == "c"
     assert "[c] copy paper  [n] no answer" in prompts[0]
-    assert prompts[1].startswith("copy paper - press Enter to confirm")
+    assert one.confirm(key="c", meaning="copy paper")
+    assert prompts[1] == "copy paper - type c again to confirm, anything else to ask again: "
+
+
+@pytest.mark.parametrize("typed", ["", "n", "no", "cc", "enter"])
+def test_no_other_key_confirms_and_enter_that_repeats_does_not(typed: str) -> None:
+    one, _, _ = console(typed)
+    assert not one.confirm(key="c", meaning="copy paper")
 
 
 def test_a_wrong_key_is_named_and_asked_again() -> None:
-    one, screen, _ = console("x", "n", "")
+    one, screen, _ = console("x", "", "n")
     assert one.ask(trial=3, keys=KEYS) == "n"
-    assert screen.getvalue() == "'x' is not a key of this protocol; press one of c n\n"
+    told = "is no key; type one of c n, or note TEXT, or correct TRIAL KEY REASON"
+    assert screen.getvalue().splitlines() == [f"'x' {told}", f"'' {told}"]
 
 
-def test_an_answer_that_is_not_confirmed_is_asked_again() -> None:
-    one, _, prompts = console("c", "no", "n", "")
-    assert one.ask(trial=3, keys=KEYS) == "n"
-    assert len(prompts) == 4
+def test_a_note_and_a_correction_take_the_place_of_a_key() -> None:
+    one, screen, _ = console("note Coughs. ", "correct 12 N misheard, a door slammed", "note", "correct x c why", "c")
+    assert one.ask(trial=3, keys=KEYS) == Noted("Coughs.")
+    assert one.ask(trial=3, keys=KEYS) == Corrected(12, "n", "misheard, a door slammed")
+    assert one.ask(trial=3, keys=KEYS) == "c"
+    assert screen.getvalue().count("is no key") == 2
+
+
+def test_a_remark_that_could_deceive_does_not_go_on_record() -> None:
+    one, screen, _ = console("note all\x1b[2Jwell", "c")
+    assert one.ask(trial=3, keys=KEYS) == "c"
+    assert screen.getvalue().startswith("The remark holds U+001B, which cannot go on record; type it without\n")
+
+
+def test_a_session_ends_with_enter_and_takes_remarks_until_then() -> None:
+    one, screen, prompts = console("bye", "note Felt all of them.", "")
+    assert one.debrief() == Noted("Felt all of them.")
+    assert one.debrief() is None
+    assert screen.getvalue() == ("'bye' is no remark; type note TEXT, or correct TRIAL KEY REASON, or press Enter\n")
+    assert all("press Enter to end the session: " in prompt for prompt in prompts)
+
+
+QUESTIONS: tuple[Callable[[TerminalConsole], object], ...] = (
+    lambda one: one.ask(trial=1, keys=KEYS),
+    lambda one: one.confirm(key="c", meaning="copy paper"),
+    lambda one: one.debrief(),
+    lambda one: one.place(trial=1, material="foil"),
+    lambda one: one.rest(why=""),
+    lambda one: one.level(level_db_a=50.0, limit_db_a=80.0, criterion="", keys={"+": "louder"}),
+    lambda one: one.familiarise(instruction="", min_s=0, max_s=1),
+)
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_what_was_typed_before_a_question_does_not_answer_it(question: Callable[[TerminalConsole], object]) -> None:
+    """On a pseudo-terminal: a line that was ended, and one that was begun, are both dropped, told, and kept."""
+    far, near = os.openpty()
+    screen = io.StringIO()
+
+    def ask(prompt: str) -> str:
+        os.write(far, b"\n" if "Enter" in prompt else b"c\n")
+        line = b""
+        while not line.endswith(b"\n"):
+            line += os.read(near, 1)
+        return line.decode().strip()
+
+    with os.fdopen(near, closefd=False) as terminal:
+        one = TerminalConsole(write=screen, ask=ask, heading="", early=lambda: typed_ahead(terminal))
+        os.write(far, b"n\nn")
+        # Until the terminal has it.
+        assert select.select([near], [], [], 5)[0]
+        question(one)
+    assert "Ignored, for it was typed before the question: 'n n'" in screen.getvalue()
+    assert (one.ignored(), one.ignored()) == ("n\nn", "")
+    assert typed_ahead(io.StringIO("n\n")) == ""
 
 
 def test_the_real_object_is_laid_out_before_the_participant_may_step() -> None:
@@ -82,12 +144,6 @@ def test_the_maskers_level_is_shown_changed_and_kept() -> None:
         "'x' does not change the level; press one of + -, or Enter",
         "Participant 01.  Masker at 50 dB(A), at most 80. Nothing is heard.",
     ]
-
-
-def test_a_key_of_the_masker_is_not_confirmed() -> None:
-    one, _, prompts = console("+")
-    assert one.ask(trial=1, keys=KEYS | {"+": "masker louder"}) == "+"
-    assert len(prompts) == 1
 
 
 def test_the_end_of_the_input_interrupts_as_the_keyboard_does() -> None:

@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from experiment.protocol.approval import sha256
+from experiment.protocol.approval import Seal, sha256
 from experiment.protocol.models import Protocol
+from experiment.protocol.page import approved
 from experiment.protocol.page import page as page_of
-from experiment.settings.characters import JOINERS, hidden
+from experiment.settings.characters import JOINERS, deceptive, hidden, leftward
 from tests.experiment.protocol.small import changed, document, leaves, okamoto2012, protocol, with_text
 
 
@@ -199,7 +200,7 @@ def test_a_name_is_never_broken() -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["\uff36\uff49\uff42 " * 200, "紙" * 500, "cafe\u0301 " * 300, "\u0645\u06cc\u200c\u062e " * 100]
+    "text", ["\uff76\uff01\u30d3\u3000" * 200, "紙" * 500, "cafe\u0301 " * 300, "\u0645\u06cc\u200c\u062e " * 100]
 )
 def test_wide_characters_do_not_run_over_the_edge(text: str) -> None:
     shown = page(Protocol.model_validate(changed(document(), ("tasks", 0, "instruction"), text)))
@@ -214,9 +215,30 @@ def test_no_accepted_protocol_shows_what_cannot_be_seen(data: st.DataObject) -> 
     try:
         study = Protocol.model_validate(changed(document(), path, text))
     except ValueError:
-        assert hidden(text, "\n" + JOINERS)
+        assert hidden(text, "\n" + JOINERS) or deceptive(text)
         return
     assert not hidden(page(study), "\n" + JOINERS)
+
+
+@pytest.mark.parametrize("path", [path for path, _ in with_text()], ids=str)
+def test_letters_that_run_from_right_to_left_stand_behind_a_bar_alone(path: tuple[str | int, ...]) -> None:
+    text = "\u05d0\u05d1 3 \u05d2 " * 40
+    shown = page(Protocol.model_validate(changed(document(), path, text)))
+    lines = [line for line in shown.split("\n") if leftward(line)]
+    assert len(lines) > 3
+    assert all(re.match(r" *\| ", line) for line in lines)
+
+
+def test_a_seal_is_told_in_lines_of_its_own() -> None:
+    days = {"approved_on": date(2020, 2, 1), "expires_on": date(2021, 2, 1)}
+    seal = Seal(protocol_sha256="0" * 64, approval_number="17 \u05d0", board="Board\nof tests", **days)
+    assert approved(seal).split("\n") == [
+        "  Board            | Board of tests",
+        "  Approval number",
+        "                   | 17 \u05d0",
+        "  Approved on      2020-02-01",
+        "  Expires on       2021-02-01",
+    ]
 
 
 def test_the_file_stands_on_the_page() -> None:

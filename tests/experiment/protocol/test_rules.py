@@ -46,6 +46,24 @@ BROKEN = [
     (changed(document(), ("study", "participants"), 8), "study.participants", "6, as many as the largest task has"),
     (changed(document(), ("tasks", 1, "order", "max_run"), 2), "tasks[1].order.max_run", "only kind 'max-run' has"),
     *(
+        (changed(document(), ("materials", 1, "id"), name), "materials[1].id", "a name of its own: materials[0].id has")
+        for name in ("F E L T", "Fe lt")
+    ),
+    (
+        changed(
+            changed(document(), ("materials", 0, "id"), "cocoa"),
+            ("materials", 1, "id"),
+            "\u0441\u043e\u0441\u043e\u0430",
+        ),
+        "materials[1].id",
+        "a name of its own: materials[0].id has it already",
+    ),
+    (
+        changed(changed(document(), ("materials", 0, "spoken"), ("cloth",)), ("materials", 1, "spoken"), ("Felt",)),
+        "materials[1].spoken[0]",
+        "a phrase of its own: materials[0].id is that name",
+    ),
+    *(
         (changed(document(), ("materials", 0, "id"), name), "materials[0].id", f"any name but '{name}'")
         for name in ("n/a", "NA", "NaN", "null")
     ),

@@ -29,7 +29,7 @@ from tests.experiment.session.bench import HEADER
 
 pytestmark = pytest.mark.fsync
 
-ANSWER = Answer(trial=1, attempt=1, presented=("foil",), answered=None, key="n", response_time_s=0.25)
+ANSWER = Answer(trial=1, attempt=1, presented=("foil",), answered=None, key="n", response_time_s=0.25, confirmed_s=0.25)
 ENTRIES: tuple[AnyEntry, ...] = (
     HEADER,
     Phase(state="familiarising"),

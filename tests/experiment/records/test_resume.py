@@ -60,7 +60,15 @@ def broken_off(trial: int, attempt: int, *, felt: bool) -> BrokenOff:
 
 
 def answer(trial: int, attempt: int) -> Answer:
-    return Answer(trial=trial, attempt=attempt, presented=("foil",), answered="foil", key="f", response_time_s=1.0)
+    return Answer(
+        trial=trial,
+        attempt=attempt,
+        presented=("foil",),
+        answered="foil",
+        key="f",
+        response_time_s=1.0,
+        confirmed_s=1.0,
+    )
 
 
 def test_a_fresh_session_has_everything_left() -> None:

@@ -12,6 +12,7 @@ from experiment.apparatus.panel.conditioning import Played
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.clock import ManualClock
+from experiment.desk.port import Remark
 from experiment.errors import PalpateError, TrackerStopped
 from experiment.records.stimulus import Delivered
 from experiment.synthesis.waveforms import Stimulus
@@ -134,7 +135,9 @@ class ScriptedActuator:
 class ScriptedConsole:
     """Implements `Console`: gives the scripted keys, and lets a second pass for each."""
 
-    def __init__(self, clock: ManualClock, keys: Iterable[str], before_ask: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, clock: ManualClock, keys: Iterable[str | Remark], before_ask: Callable[[], None] = lambda: None
+    ) -> None:
         self._clock = clock
         self._keys = deque(keys)
         self._before_ask = before_ask
@@ -145,6 +148,14 @@ class ScriptedConsole:
         self.levels: deque[str] = deque()
         """Keys of the masker's level; `.` keeps it."""
         self.confirmations: list[tuple[int, str | None]] = []
+        self.confirm_ns = 0
+        """How long a confirmation takes."""
+        self.confirms: deque[bool] = deque()
+        """Whether each choice is confirmed; those that follow are."""
+        self.remarks: deque[Remark] = deque()
+        """What is said once all trials are answered."""
+        self.early: deque[str] = deque()
+        """What was typed before each question; before those that follow, nothing."""
         self.familiarised = 0
         self.rested: list[str] = []
         """Why the foot was asked to rest, each time."""
@@ -173,12 +184,22 @@ class ScriptedConsole:
     def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
         self.rearmed.append((trial, attempt, reason))
 
-    def ask(self, *, trial: int, keys: dict[str, str]) -> str:
+    def ask(self, *, trial: int, keys: dict[str, str]) -> str | Remark:
         self._before_ask()
         self._clock.sleep_ns(10**9)
         key = self._keys.popleft()
-        assert key in keys
+        assert not isinstance(key, str) or key in keys
         return key
+
+    def confirm(self, *, key: str, meaning: str) -> bool:
+        self._clock.sleep_ns(self.confirm_ns)
+        return self.confirms.popleft() if self.confirms else True
+
+    def debrief(self) -> Remark | None:
+        return self.remarks.popleft() if self.remarks else None
+
+    def ignored(self) -> str:
+        return self.early.popleft() if self.early else ""
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:
         self.confirmations.append((trial, answer))

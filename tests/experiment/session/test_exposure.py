@@ -21,9 +21,9 @@ from experiment.records import journal, transcript
 from experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
 from experiment.records.footstep import BrokenOff, FootStep
 from experiment.records.journal import AnyEntry, Contents, Line
-from experiment.records.progress import Progress, progress, spent_ns
+from experiment.records.progress import Progress, progress
 from experiment.session import exposure
-from experiment.session.exposure import EVERY_NS, LOOK_S, WINDOW_NS, Exposed, dose_before
+from experiment.session.exposure import EVERY_NS, KILLED_NS, LOOK_S, WINDOW_NS, Exposed, dose_before, spent_ns
 from experiment.session.masker import Masking
 from experiment.session.runner import SessionLog
 from tests.experiment.session.bench import Bench, as_read, bench, entries, header
@@ -484,11 +484,15 @@ def test_a_screen_that_is_gone_pauses_the_session(protocol: Protocol, tmp_path: 
     assert bench("cpt").run(protocol, header("virtual"), tmp_path).reason == "complete"
 
 
-def test_session_time_survives_a_kill() -> None:
+@settings(max_examples=60)
+@given(lasted_ns=st.integers(0, 200 * 10**9), killed=st.booleans())
+def test_a_session_that_was_killed_counts_all_of_its_time(lasted_ns: int, killed: bool) -> None:
     clock = Machine()
     log = Lines(clock)
     log.write(header("virtual"))
     exposed, _, _ = watched(clock, log)
     exposed.look()
-    looking(exposed, clock, 123 * 10**9)
-    assert 0 <= 123 * 10**9 - spent_ns(log.contents) < EVERY_NS
+    looking(exposed, clock, lasted_ns)
+    if not killed:
+        log.write(Footer(reason="paused", answered=0))
+    assert 0 <= spent_ns(log.contents) - lasted_ns <= (KILLED_NS if killed else 0)

@@ -166,7 +166,7 @@ def test_a_step_that_was_felt_is_on_file_before_the_session_pauses(
     assert (step.trial, step.attempt) == (1, 1)
     second = bench("cpt")
     assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
-    assert second.console.armed == [(1, 2), (2, 1), (3, 1)]
+    assert second.console.armed == [(2, 1), (3, 1), (1, 2)]
 
 
 def test_what_failed_after_contact_is_told_and_not_the_key(

@@ -137,11 +137,11 @@ def test_the_dead_time_after_an_answer_is_journaled_without_the_laying_out(
     one.tracker = ScriptedTracker(as_read(4, 150.0), clock=clock)
     one.run(protocol, header(task), tmp_path)
     steps = [e for e in entries(tmp_path, task) if isinstance(e, FootStep)]
-    assert [(step.trial, step.attempt) for step in steps] == [(1, 1), (2, 1), (2, 2), (3, 1)]
+    assert [(step.trial, step.attempt) for step in steps] == [(1, 1), (2, 1), (3, 1), (2, 2)]
     # None came before the first, and what came before the third was no answer.
     assert [step.dead_time_ms for step in steps] == [None, 5.0, None, 5.0]
     said = transcript.text(journal.read(storage.journal_path(tmp_path, "01", task)))
-    assert said.count("; armed 5.0 ms after the answer before it") == 2
+    assert " ".join(said.split()).count("; armed 5.0 ms after the answer before it") == 2
 
 
 def test_simulated_time_knows_no_dead_time(protocol: Protocol, tmp_path: Path) -> None:
@@ -154,9 +154,9 @@ def test_simulated_time_knows_no_dead_time(protocol: Protocol, tmp_path: Path) -
 def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("crpt")
     one.run(protocol, header("real"), tmp_path)
-    assert one.console.armed == [(1, 1), (2, 1), (2, 2), (3, 1)]
+    assert one.console.armed == [(1, 1), (2, 1), (3, 1), (2, 2)]
     redone = [e for e in entries(tmp_path, "real") if isinstance(e, Redo)]
-    assert redone == [Redo(trial=2, attempt=1, reason="asked for by the experimenter", put_off=False)]
+    assert redone == [Redo(trial=2, attempt=1, reason="asked for by the experimenter", put_off=True)]
 
 
 def test_the_protocols_rule_repeats_a_step_that_lost_frames(protocol: Protocol, tmp_path: Path) -> None:
@@ -173,9 +173,10 @@ def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(prot
     assert bench("cq").run(protocol, header("real"), tmp_path).reason == "paused"
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path).reason == "complete"
-    assert second.console.armed == [(2, 2), (3, 1)]
+    # What was felt comes again at the end of its block, whatever kept it from its answer.
+    assert second.console.armed == [(3, 1), (2, 2)]
     assert second.console.familiarised == 0
-    assert [e.remaining for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == [(2, 3)]
+    assert [e.remaining for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == [(3, 2)]
 
 
 def test_an_interrupt_at_the_keyboard_pauses(protocol: Protocol, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,7 +19,7 @@ from experiment.errors import PalpateError, TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Armed, Footer, Phase, TrackerOpened
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
-from tests.experiment.session.bench import ORDER, bench, entries, header
+from tests.experiment.session.bench import ORDER, bench, entries, header, in_pieces
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples, step_samples
 
 
@@ -36,7 +37,7 @@ def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol
     assert isinstance(footer, Footer)
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path).reason == "complete"
-    assert second.console.armed == [(2, 2), (3, 1)]
+    assert second.console.armed == [(3, 1), (2, 2)]
 
 
 def test_where_clocks_part_a_step_and_its_onset_go_by_one_clock(protocol: Protocol, tmp_path: Path) -> None:
@@ -48,6 +49,45 @@ def test_where_clocks_part_a_step_and_its_onset_go_by_one_clock(protocol: Protoc
         assert step.onset is not None
         assert step.onset.contact_ns == by.session_ns(step.contact_us)
     assert step.trial == 2
+
+
+def risen(step: Samples) -> Samples:
+    """From 15 mm on, inside the gate, a sensor reads 3 mm too much; the foot seems to stop."""
+    return replace(step, height_mm=step.height_mm + 3.0 * (step.height_mm < 15.0))
+
+
+def stuck(step: Samples) -> Samples:
+    """From 15 mm on a sensor gives one height for 0.6 s."""
+    us = int(step.device_us[0]) + 1000 * np.arange(700)
+    height_mm = np.maximum(np.interp(us, step.device_us, step.height_mm), 15.0)
+    return Samples(us, height_mm, bytes(700), np.arange(700) + 1, step.arrived_ns)
+
+
+@pytest.mark.parametrize(
+    ("lie", "told"),
+    [
+        (risen, "the tracker's heights jump from 15.0 to 17.9 mm inside the gate, as no foot does; see to the sensor"),
+        (stuck, "the tracker's heights stay at 15.00 mm inside the gate, as no foot's do; see to the sensor"),
+    ],
+)
+def test_a_foot_that_only_seems_to_stop_is_told_as_its_trackers_fault(
+    protocol: Protocol, tmp_path: Path, lie: Callable[[Samples], Samples], told: str
+) -> None:
+    good = [step_samples(2_000_000 * n, 170.0) for n in (1, 2, 3)]
+    one = bench("cpt", [*in_pieces(lie(step_samples(0, 170.0))), *good])
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.console.rearmed == [(1, 2, told)]
+    (broken,) = [e for e in entries(tmp_path, "virtual") if isinstance(e, BrokenOff)]
+    assert not broken.felt
+
+
+def test_frames_are_counted_until_contact_however_reads_are_cut(protocol: Protocol, tmp_path: Path) -> None:
+    slow = step_samples(2_000_000, 60.0)
+    for place, steps in enumerate(([slow], in_pieces(slow))):
+        one = bench("c", [*steps, TrackerStopped("tracker at scripted: no frame for 200 ms")])
+        one.run(protocol, header("real"), tmp_path / str(place))
+        (step,) = [entry for entry in entries(tmp_path / str(place), "real") if isinstance(entry, FootStep)]
+        assert step.link.received == 501
 
 
 class Drifting(ScriptedTracker):

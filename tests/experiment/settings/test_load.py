@@ -159,6 +159,10 @@ TEXTS = [
     ('id = "felt"', 'id = "(none)"', "materials[0].id", "'(none)'", "a letter or digit first"),
     ('id = "felt"', 'id = "=felt"', "materials[0].id", "'=felt'", "a letter or digit first"),
     ('id = "felt"', r'id = "fe\u200dlt"', "materials[0].id", "'fe<U+200D>lt' with U+200D", "invisible"),
+    ('id = "felt"', r'id = "f\u0435lt"', "materials[0].id", "'f<U+0435>lt' with U+0435 (CYRILLIC SMALL", "look-alike"),
+    ('"Grey felt."', r'"Grey f\uff45lt."', "materials[0].description", "with U+FF45 (FULLWIDTH LATIN", "look-alike"),
+    ('title = "The first"', r'title = "\u0338 it"', "tasks[0].title", "U+0338 (COMBINING LONG SOLIDUS", "stray marks"),
+    ('id = "gone"', r'id = "\u05d0\u05d1"', "exclusion[1].id", "with U+05D0 (HEBREW", "letters that run from right to"),
     ('id = "gone"', r'id = "go\nne"', "exclusion[1].id", "'go ne' with U+000A", "one line"),
 ]
 

@@ -48,3 +48,16 @@ def test_a_folder_of_something_else_is_refused_and_stays_as_it_is(
         roster.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
     assert path.read_bytes() == b"mine"
     assert not storage.roster_path(tmp_path / "study").exists()
+
+
+def test_nobody_enrols_consents_or_withdraws_in_a_rehearsal(tmp_path: Path, protocol_file: Path) -> None:
+    root = tmp_path / "rehearsal"
+    storage.write_json(storage.plan_path(root), {"label": "REHEARSAL"})
+    (root / "sourcedata" / "sub-01").mkdir()
+    said = "a rehearsal, and its participants are simulated: nobody enrols"
+    with pytest.raises(DatasetError, match=said):
+        roster.enrol(protocol_file, "01", DAY, root=root, seed=1)
+    with pytest.raises(DatasetError, match=said):
+        roster.consent(protocol_file, "01", DAY, root=root)
+    with pytest.raises(DatasetError, match=said):
+        roster.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)

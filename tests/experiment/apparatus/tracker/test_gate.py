@@ -308,7 +308,7 @@ def fault(us: NDArray[np.int64], mm: Heights, *, missing: int = 0, rate_hz: int 
     assert isinstance(gate, Gate)
     assert isinstance(contact, Contact)
     path = [samples(us[at : at + 7], mm[at : at + 7]) for at in range(0, us.size, 7)]
-    return Scrutiny(rate_hz=rate_hz, noise_mm=0.01).fault(path, gate, contact, missing)
+    return Scrutiny(rate_hz=rate_hz, noise_mm=0.01).fault(path, gate, contact.given_us, missing)
 
 
 @pytest.mark.parametrize("speed_mm_s", [50.0, 170.0, 400.0])

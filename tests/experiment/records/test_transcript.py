@@ -1,0 +1,88 @@
+"""What `palpate journal` says of a session, in lines that fit a page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from experiment.records import chain, journal, transcript
+from experiment.records.entries import Entry, Footer, Phase
+from experiment.records.footstep import FootStep, Zeroed
+from experiment.records.stimulus import Onset, Stimulus
+from tests.experiment.records.test_resume import broken_off, step
+from tests.experiment.session.bench import COMPUTED, DELIVERED, HEADER
+
+STIMULUS = Stimulus(
+    asked_sha256="0" * 64,
+    floored_bins=0,
+    extrapolated=False,
+    computed=COMPUTED,
+    handed_sha256="0" * 64,
+    handed_unit="V",
+    handed_peak=0.5,
+    samples=48_000,
+    rate_hz=48_000,
+    limited=0,
+    reached_peak_m_s2=12.345,
+)
+ONSET = Onset(
+    predicted_us=None,
+    standard_error_ms=None,
+    predicted_from_us=None,
+    prediction_error_ms=-0.12,
+    contact_ns=0,
+    scheduled_ns=0,
+    gate_to_scheduled_ms=1.5,
+    delivered=DELIVERED,
+)
+
+
+def told(folder: Path, *entries: Entry) -> str:
+    path = folder / "sub-01_task-virtual_journal.jsonl"
+    writer = chain.Writer(path, chain.START)
+    for number, entry in enumerate((HEADER, *entries)):
+        writer.append(number * 1_000_000, entry.model_dump(mode="json"))
+    writer.close()
+    return transcript.text(journal.read(path))
+
+
+def stepped(stimulus: Stimulus | None, onset: Onset | None) -> FootStep:
+    return step(1, 1).model_copy(update={"stimulus": stimulus, "onset": onset})
+
+
+@pytest.mark.parametrize(
+    ("stimulus", "onset", "said"),
+    [
+        (None, None, "no stimulus; frames"),
+        (STIMULUS, ONSET, "with a peak of at most 12.3 m/s^2 at the panel for 0.5 V; frames"),
+        (STIMULUS, None, "for 0.5 V; delivery was not measured; frames"),
+        (
+            STIMULUS.model_copy(update={"handed_unit": "m/s^2"}),
+            ONSET.model_copy(update={"delivered": None}),
+            "with a peak of at most 12.3 m/s^2; delivery was not measured; frames",
+        ),
+    ],
+)
+def test_it_says_how_strong_a_stimulus_was_and_whether_that_was_measured(
+    tmp_path: Path, stimulus: Stimulus | None, onset: Onset | None, said: str
+) -> None:
+    text = " ".join(told(tmp_path, stepped(stimulus, onset)).split())
+    assert said in text
+    assert ("delivery was not measured" in text) == ("delivery was not measured" in said)
+
+
+def test_no_line_is_wider_than_a_page(tmp_path: Path) -> None:
+    text = told(
+        tmp_path,
+        Zeroed(offset_mm=-0.5, spread_mm=0.01, samples=100),
+        stepped(STIMULUS, ONSET).model_copy(update={"dead_time_ms": 5.0, "presented": ("wood " * 20, "foil" * 40)}),
+        broken_off(1, 2, felt=True).model_copy(update={"reason": "a reason of many words, " * 8}),
+        Phase(state="paused", detail="x" * 300),
+        Footer(reason="paused", detail="y " * 150, answered=0),
+    )
+    widths = [len(line) for line in text.splitlines()]
+    assert max(widths) <= transcript.WIDTH
+    # An entry's further lines stand behind its time, so that none of them passes for an entry.
+    entries = text.split("\n\n")[1].splitlines()
+    assert all(line.startswith(transcript.INDENT) or line[10:14] == " s  " for line in entries)

@@ -1,0 +1,115 @@
+"""Notes, corrections and keys that were typed too early: what of them is on record, and what the table takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from experiment import storage
+from experiment.dataset import build
+from experiment.desk.port import Corrected, Noted, Remark
+from experiment.protocol.models import Protocol
+from experiment.records import journal, transcript
+from experiment.records.entries import Answer, Correction, Footer, Ignored, Note, Redo
+from tests.experiment.session.bench import bench, entries, header
+from tests.experiment.session.scripted import ScriptedConsole
+
+
+def run(protocol: Protocol, folder: Path, *keys: str | Remark, remarks: tuple[Remark, ...] = ()) -> ScriptedConsole:
+    one = bench("cpt")
+    one.console = ScriptedConsole(one.clock, keys)
+    one.console.remarks.extend(remarks)
+    one.console.confirm_ns = 2 * 10**9
+    one.run(protocol, header("real"), folder)
+    return one.console
+
+
+def test_a_note_belongs_to_the_trial_at_which_it_was_made(protocol: Protocol, tmp_path: Path) -> None:
+    run(protocol, tmp_path, "c", Noted("A door slammed."), "p", "t", remarks=(Noted("Felt every one."),))
+    found = [e for e in entries(tmp_path, "real") if isinstance(e, Note)]
+    assert found == [Note(trial=2, text="A door slammed."), Note(trial=None, text="Felt every one.")]
+
+
+@pytest.mark.parametrize("late", [False, True], ids=["at the next question", "after the last trial"])
+@pytest.mark.parametrize(("key", "material"), [("t", "typing paper"), ("n", None)])
+def test_the_table_takes_the_correction_and_the_journal_holds_both(
+    protocol: Protocol, tmp_path: Path, late: bool, key: str, material: str | None
+) -> None:
+    correction = Corrected(2, key, "misheard")
+    keys = ["c", "p", "t"] if late else ["c", "p", correction, "t"]
+    console = run(protocol, tmp_path, *keys, remarks=(correction,) if late else ())
+    found = entries(tmp_path, "real")
+    assert [e.answered for e in found if isinstance(e, Answer)] == ["copy paper", "polypropylene", "typing paper"]
+    expected = Correction(trial=2, attempt=1, answered=material, key=key, reason="misheard")
+    assert [e for e in found if isinstance(e, Correction)] == [expected]
+    assert f"Trial 2: the correction is on disk: {material or 'no answer'}." in console.shown
+    path = storage.journal_path(tmp_path, "01", "real")
+    session = build._session(path, journal.read(path))
+    rows = build._rows(session, "PARTICIPANT")
+    assert [row["answered"] for row in rows] == ["copy paper", material or "(none)", "typing paper"]
+    assert [row.get("corrected_from", "n/a") for row in rows] == ["n/a", "polypropylene", "n/a"]
+    assert "corrected to " in transcript.text(journal.read(path))
+
+
+def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Path) -> None:
+    slips = Corrected(1, "t", "misheard"), Corrected(1, "p", "a slip of the hand")
+    run(protocol, tmp_path, "c", "p", "t", remarks=slips)
+    path = storage.journal_path(tmp_path, "01", "real")
+    (row, *_) = build._rows(build._session(path, journal.read(path)), "PARTICIPANT")
+    assert (row["answered"], row["corrected_from"]) == ("polypropylene", "copy paper")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [
+        (Corrected(3, "c", "not answered yet"), "Trial 3 has no answer that counts; nothing was corrected."),
+        (Corrected(99, "c", "no such trial"), "Trial 99 has no answer that counts; nothing was corrected."),
+        (Corrected(1, "q", "no answer"), "'q' is no key of an answer; type one of c a p t n. Nothing was corrected."),
+    ],
+)
+def test_what_cannot_be_corrected_is_refused_in_words(
+    protocol: Protocol, tmp_path: Path, wrong: Corrected, told: str
+) -> None:
+    console = run(protocol, tmp_path, "c", wrong, "p", "t")
+    assert told in console.shown
+    assert not any(isinstance(e, Correction) for e in entries(tmp_path, "real"))
+
+
+def test_an_answer_that_was_corrected_and_then_done_again_is_the_new_one(protocol: Protocol, tmp_path: Path) -> None:
+    """A correction is of the attempt that was answered: it does not reach a later one."""
+    one = bench("cpt")
+    one.console = ScriptedConsole(one.clock, ["c", Corrected(1, "t", "misheard"), "q"])
+    assert one.run(protocol, header("real"), tmp_path).reason == "paused"
+    second = bench("cpt")
+    second.console = ScriptedConsole(second.clock, ["p", Corrected(2, "c", "not yet"), "t"])
+    assert second.run(protocol, header("real"), tmp_path).reason == "complete"
+    found = entries(tmp_path, "real")
+    assert [(e.trial, e.attempt, e.answered) for e in found if isinstance(e, Correction)] == [(1, 1, "typing paper")]
+
+
+def test_response_time_ends_at_the_choice_and_not_at_the_confirmation(protocol: Protocol, tmp_path: Path) -> None:
+    run(protocol, tmp_path, "c", "p", "t")
+    answers = [e for e in entries(tmp_path, "real") if isinstance(e, Answer)]
+    assert [e.confirmed_s - e.response_time_s for e in answers] == pytest.approx([2.0] * 3)
+
+
+def test_a_choice_that_is_not_confirmed_is_no_answer(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.console = ScriptedConsole(one.clock, ["c", "p", "q", "p", "t"])
+    one.console.confirms.extend([False, True, False])
+    one.run(protocol, header("real"), tmp_path)
+    found = entries(tmp_path, "real")
+    assert [e.key for e in found if isinstance(e, Answer)] == ["p", "p", "t"]
+    assert not any(isinstance(e, Redo) for e in found)
+
+
+def test_what_was_typed_too_early_is_on_record_and_answers_nothing(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.console.early.extend(["\n", "", "pp"])
+    one.run(protocol, header("real"), tmp_path)
+    found = entries(tmp_path, "real")
+    # Before the first trial, and after the first question.
+    ignored = [e for e in found if isinstance(e, Ignored)]
+    assert ignored == [Ignored(trial=None, typed="\n"), Ignored(trial=1, typed="pp")]
+    assert isinstance(found[-1], Footer)

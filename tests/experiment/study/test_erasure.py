@@ -1,0 +1,154 @@
+"""A request to erase: what goes, what stays, and what every command says afterwards. All data are SIMULATED."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from experiment import storage
+from experiment.dataset import beliefs, build, register
+from experiment.dataset.verify import verify
+from experiment.errors import DatasetError, PalpateError
+from experiment.study import roster
+from experiment.study.roster import Roster
+from tests.conftest import Palpate
+from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.faults.wrong import copied
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
+    """Two participants with a session each, anchored in the dataset."""
+    study = make_study(tmp_path_factory.mktemp("made") / "study")
+    beliefs.keep_anchor(study.root)
+    return study
+
+
+@pytest.fixture
+def study(made: MadeStudy, tmp_path: Path) -> MadeStudy:
+    return copied(made, tmp_path / "study")
+
+
+def erase(study: MadeStudy, participant: str = "02", reason: str = "asked to erase") -> None:
+    roster.withdraw(study.file, participant, reason, root=study.root, rebuild=build.build, erase=True)
+
+
+def of(study: MadeStudy, participant: str) -> list[str]:
+    """Return every file of a participant but locks."""
+    found = [*study.root.glob(f"**/sub-{participant}/**/*"), *study.root.glob(f"**/*sub-{participant}*")]
+    return sorted({path.name for path in found if path.is_file() and path.suffix != ".lock"})
+
+
+def erased(study: MadeStudy) -> bool:
+    """Whether nothing but the withdrawal is left, and all commands know it."""
+    build.check_tables(study.root)
+    table = (study.root / "participants.tsv").read_text("utf-8")
+    return of(study, "02") == ["sub-02_withdrawn.json"] and "sub-02" not in table and verify(study.root).refused == 0
+
+
+def test_all_of_the_participant_goes_and_nothing_of_the_other(study: MadeStudy) -> None:
+    before = {path: path.read_bytes() for path in study.root.glob("**/sub-01_*") if path.is_file()}
+    erase(study)
+    assert erased(study)
+    assert before == {path: path.read_bytes() for path in before}
+    known = Roster.load(storage.roster_path(study.root))
+    assert (list(known.consent_on), known.withdrawn, known.erased) == (["01", "02"], {"02": "asked to erase"}, {"02"})
+
+
+def test_verify_tells_the_erasure_in_one_line_also_with_an_anchor_whose_journal_is_gone(
+    study: MadeStudy, tmp_path: Path
+) -> None:
+    register.enter(beliefs.anchor(study.root), study.root, tmp_path / "register", None)
+    erase(study)
+    report = verify(study.root, [tmp_path / "register"])
+    told = [one for one in report.findings if "02" in one.item]
+    assert [(one.word, one.item, one.text) for one in told] == [
+        ("note", "sub-02", "has no data: they were erased, as the roster says")
+    ]
+    assert any(sentence.startswith("PROVEN") for sentence in report.verdict)
+    beliefs.keep_anchor(study.root)
+    assert verify(study.root, [tmp_path / "register"]).refused == 0
+
+
+def test_another_file_that_is_missing_is_still_missed(study: MadeStudy) -> None:
+    erase(study)
+    for folder in (study.journal().parent, study.root / "sub-01"):
+        shutil.rmtree(folder)
+    with pytest.raises(DatasetError, match=r"sub-01_.* and is missing"):
+        build.build(study.root)
+    assert verify(study.root).refused
+
+
+def test_all_may_be_erased_and_again_after_an_earlier_withdrawal(study: MadeStudy) -> None:
+    roster.withdraw(study.file, "02", "moved away", root=study.root, rebuild=build.build)
+    erase(study)
+    erase(study, "01")
+    erase(study)
+    assert erased(study)
+    assert Roster.load(storage.roster_path(study.root)).withdrawn == {"02": "moved away", "01": "asked to erase"}
+    assert len((study.root / "participants.tsv").read_text("utf-8").splitlines()) == 1
+
+
+def test_what_a_backup_brings_back_is_refused_until_it_is_erased_again(made: MadeStudy, study: MadeStudy) -> None:
+    erase(study)
+    shutil.copytree(made.root / "sourcedata" / "sub-02", study.root / "sourcedata" / "sub-02", dirs_exist_ok=True)
+    for check in (build.build, build.check_tables):
+        with pytest.raises(DatasetError, match="the data of participant 02 were erased, as the roster says"):
+            check(study.root)
+    assert verify(study.root).refused
+    erase(study)
+    assert erased(study)
+
+
+def test_a_roster_that_forgot_the_erasure_is_refused(made: MadeStudy, study: MadeStudy) -> None:
+    erase(study)
+    for name in ("roster.jsonl", "roster.head"):
+        shutil.copy(made.root / "sourcedata" / name, study.root / "sourcedata" / name)
+    with pytest.raises(PalpateError, match="and is missing; restore it"):
+        build.build(study.root)
+
+
+@pytest.mark.parametrize("call", range(1, 12))
+def test_an_erasure_that_was_killed_is_finished_by_the_same_command(
+    study: MadeStudy, monkeypatch: pytest.MonkeyPatch, call: int
+) -> None:
+    """Killed before each file that is written whole, and each that is deleted."""
+    left = call
+
+    def killed(real: Callable[..., object]) -> Callable[..., object]:
+        def act(*given: object) -> object:
+            nonlocal left
+            left -= 1
+            if not left:
+                raise KeyboardInterrupt
+            return real(*given)
+
+        return act
+
+    with monkeypatch.context() as patch:
+        patch.setattr(storage, "write", killed(storage.write))
+        patch.setattr(storage, "remove", killed(storage.remove))
+        with pytest.raises(KeyboardInterrupt):
+            erase(study)
+    erase(study)
+    assert erased(study)
+
+
+def test_a_folder_that_is_a_link_is_not_followed(study: MadeStudy, tmp_path: Path) -> None:
+    folder = storage.participant_folder(study.root, "02")
+    shutil.move(folder, tmp_path / "elsewhere")
+    folder.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(DatasetError, match="is a link"):
+        erase(study)
+    assert len(list((tmp_path / "elsewhere").glob("*.jsonl"))) == 1
+
+
+def test_the_command_says_what_it_cannot_reach(study: MadeStudy, palpate: Palpate) -> None:
+    code, out, _ = palpate(
+        "withdraw", study.file, "-p", "02", "--reason", "asked to erase", "--erase", "--dataset", study.root
+    )
+    assert (code, "their data are erased" in out, "Backups, copies" in out) == (0, True, True)
+    assert erased(study)
