@@ -181,8 +181,9 @@ def _participants(protocol: Protocol) -> Iterator[str]:
 def _recorded(protocol: Protocol) -> Iterator[str]:
     yield from say(
         "The following is recorded under a number and never under a name: the height of the foot over time, the speed "
-        "and time of each step, what was presented, the answer that the experimenter keyed and when, and every pause "
-        "and repetition with its reason."
+        "and time of each step, what was presented, the level and the dose of the noise, the answer that the "
+        "experimenter keyed and when, its corrections, keys that were pressed too early, and every pause and "
+        "repetition with its reason. The experimenter can add notes, which are kept with the trial."
     )
     if protocol.consent.voice_recordings:
         yield from say("Spoken answers are recorded as sound, to which participants consent.")
