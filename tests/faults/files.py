@@ -238,17 +238,19 @@ def held(path: Path, records: bool) -> bytes:
     """What a file holds; a journal's head, which names the hash of its last line, only how many lines there are."""
     data = path.read_bytes()
     if records and path.name.endswith("_journal.head"):
-        return data.split()[0]
+        # Empty before the first line.
+        return b"".join(data.split()[:1])
     return timeless(data) if records and path.suffix == ".jsonl" else data
 
 
 def timeless(lines: bytes) -> bytes:
     """Lines of a journal or roster without their times, the hashes of them, and the number of a pseudo-terminal."""
-    documents = [json.loads(line) for line in lines.splitlines()]
+    *whole, torn = lines.split(b"\n")
+    documents = [json.loads(line) for line in whole]
     for document in documents:
         del document["t_ns"], document["prev"]
         document["entry"].pop("port", None)
-    return json.dumps(documents).encode()
+    return json.dumps(documents).encode() + torn
 
 
 def went_on(folder: Path) -> dict[str, list[int]]:
@@ -258,7 +260,7 @@ def went_on(folder: Path) -> dict[str, list[int]]:
     """
     sessions = {}
     for path in folder.rglob("*_journal.jsonl"):
-        entries = [json.loads(line)["entry"] for line in path.read_bytes().splitlines()]
+        entries = [json.loads(line)["entry"] for line in path.read_bytes().split(b"\n")[:-1]]
         if any(entry["kind"] == "resumed" for entry in entries):
             name = path.name.removesuffix("_journal.jsonl")
             sessions[name] = sorted(entry["trial"] for entry in entries if entry["kind"] == "answer")
