@@ -215,7 +215,9 @@ def _study(root: Path) -> _Study:
 
 def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[DatasetError]:
     """Give an error for each file that was not erased and does not begin as an anchor in the dataset's log has it."""
-    kept = register.read(root / LOG)[0] if (root / LOG).exists() else ()
+    kept, broken = register.read(root / LOG) if (root / LOG).exists() else ((), ())
+    if broken and not kept:
+        yield DatasetError(f"{root / LOG}: holds no anchor that can be read; restore it from a backup")
     known: dict[str, tuple[str, ...]] = {}
     for one in kept:
         for prefix in one.anchor.prefixes:

@@ -23,6 +23,7 @@ from pydantic import Field, ValidationError
 
 from experiment import storage
 from experiment.errors import DatasetError
+from experiment.records import chain
 from experiment.records.entries import Purpose, Record
 
 LOG = Path("sourcedata") / "anchors.log"
@@ -124,8 +125,7 @@ def line_hashes(path: Path) -> tuple[str, ...]:
         return ()
     except OSError as error:
         raise DatasetError(f"{path}: cannot be read ({error.strerror}); restore it") from error
-    whole = data[: data.rfind(b"\n") + 1]
-    return tuple(hashlib.sha256(line).hexdigest() for line in whole.splitlines())
+    return tuple(hashlib.sha256(line).hexdigest() for line in chain.split(data)[0])
 
 
 @dataclass(frozen=True)
@@ -188,6 +188,8 @@ def append(path: Path, kept: Kept) -> None:
             file.write(b"\n" * bool(torn) + kept.model_dump_json().encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
+        if not size:
+            storage.sync_folder(path.parent)
     except OSError as error:
         why = error.strerror or error
         raise DatasetError(f"{path}: the anchor cannot be written ({why}); make the file reachable") from error

@@ -124,6 +124,9 @@ def _together(root: Path, told: set[str], *, sound: bool) -> Iterator[Finding]:
         of = "protocol and the plan of the rehearsal" if dataset.roster is None else "sealed protocol, seed and roster"
         yield Finding("holds", "headers", f"each journal is of its path, the {of}")
         yield from _sealed(root) if dataset.roster else ()
+        if dataset.roster and not (root / LOG).exists():
+            text = "is missing: each session that ends adds an anchor to it; it was deleted, or no session ended"
+            yield Finding("note", LOG.as_posix(), text)
         yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")
 
 

@@ -82,7 +82,7 @@ def read(path: Path, error: type[PalpateError]) -> Chain:
         head, data = now, _bytes(path, error)
     if data is None and head[0]:
         raise error(f"{path}: the file is missing: it had {head[0]} lines; restore it from a backup")
-    *lines, torn = (data or b"").split(b"\n")
+    lines, torn = split(data or b"")
     links: list[Link] = []
     for number, line in enumerate(lines):
         last = links[-1].sha256 if links else GENESIS
@@ -90,6 +90,12 @@ def read(path: Path, error: type[PalpateError]) -> Chain:
     _check_head(path, head, links, error)
     last = links[-1].sha256 if links else GENESIS
     return Chain(tuple(links), End(len(links), last, len(data or b"") - len(torn), torn))
+
+
+def split(data: bytes) -> tuple[list[bytes], bytes]:
+    """Return the whole lines of a file of chained lines, and what stands after the last newline."""
+    *lines, torn = data.split(b"\n")
+    return lines, torn
 
 
 def _bytes(path: Path, error: type[PalpateError]) -> bytes | None:
@@ -128,7 +134,15 @@ def _verified(where: str, number: int, line: bytes, last: str, error: type[Palpa
         raise error(f"{where} is no chained line ({type(problem).__name__}): {older}; {remedy}") from problem
     if not fits or (n, prev) != (number, last):
         raise error(f"{where} does not follow the line before it: a line was changed or is missing; {remedy}")
+    # JSON lets a line hold more than what it says, another line among it: blanks, or one key twice.
+    if line != _line(number, t_ns, prev, entry):
+        raise error(f"{where} is not as palpate writes it: it was changed; {remedy}")
     return Link(t_ns, entry, hashlib.sha256(line).hexdigest())
+
+
+def _line(number: int, t_ns: int, last: str, entry: dict[str, object]) -> bytes:
+    document = {"n": number, "t_ns": t_ns, "prev": last, "entry": entry}
+    return json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
 
 
 def _check_head(path: Path, head: tuple[int, str], links: list[Link], error: type[PalpateError]) -> None:
@@ -181,8 +195,7 @@ class Writer:
 
     def append(self, t_ns: int, entry: dict[str, object]) -> None:
         """Write one more line; it is on disk when this returns. Raises `OSError`."""
-        document = {"n": self._count, "t_ns": t_ns, "prev": self._last, "entry": entry}
-        line = json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+        line = _line(self._count, t_ns, self._last, entry)
         # An interrupt from here on leaves it open whether the line is on disk; only reading the file again tells.
         self.whole = False
         try:

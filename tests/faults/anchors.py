@@ -8,6 +8,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -49,6 +50,32 @@ def _rechain(path: Path, change: Callable[[int, dict[str, Any]], object]) -> Non
         change(number, line)
         line["prev"] = last
         lines.append(json.dumps(line, separators=(",", ":"), ensure_ascii=False).encode())
+        last = hashlib.sha256(lines[-1]).hexdigest()
+    path.write_bytes(b"".join(line + b"\n" for line in lines))
+    chain.head_path(path).write_text(f"{len(lines):012d} {last}\n")
+
+
+HIDES: dict[str, Callable[[bytes, bytes, int], bytes]] = {
+    "between carriage returns": lambda line, old, number: b'{"entry":' + b"\r" * (number - 2) + old + b"\r," + line[1:],
+    "under a key of its own": lambda line, old, number: line[:-1] + b',"was":' + old + b"}",
+    "under a key that comes twice": lambda line, old, number: b'{"entry":' + old + b"," + line[1:],
+    "behind blanks": lambda line, old, number: line + b" " * number,
+}
+"""How a file may hold its old last line, as JSON allows: the new second line, the old last one and its number -> what
+takes the second line's place."""
+
+
+def smuggle(path: Path, hide: Callable[[bytes, bytes, int], bytes]) -> None:
+    """Change every answer of a journal, and hide its old last line in the second, so that an anchor may find it."""
+    *old, _ = path.read_bytes().split(b"\n")
+    last, lines = "0" * 64, []
+    for number, text in enumerate(old, start=1):
+        document = json.loads(text)
+        if document["entry"]["kind"] == "answer":
+            document["entry"] |= {"answered": None, "key": "n"}
+        document["prev"] = last
+        line = json.dumps(document, separators=(",", ":"), ensure_ascii=False).encode()
+        lines.append(hide(line, old[-1], len(old)) if number == 2 else line)
         last = hashlib.sha256(lines[-1]).hexdigest()
     path.write_bytes(b"".join(line + b"\n" for line in lines))
     chain.head_path(path).write_text(f"{len(lines):012d} {last}\n")
@@ -109,6 +136,7 @@ def attacks(size: Size) -> Iterator[Count]:
         bench = _Bench(Path(folder), size.of(2, 5))
         yield from _made_anew(bench)
         yield from _answers(bench, size)
+        yield _smuggled(bench)
         yield _cut(bench, size)
         yield _lost(bench)
         yield _register(bench, size)
@@ -163,6 +191,20 @@ def _answers(bench: _Bench, size: Size) -> Iterator[Count]:
     yield from (with_anchor.count(), without.count())
 
 
+def _smuggled(bench: _Bench) -> Count:
+    tally = _Tally("answers changed and the anchored line hidden in another, with an anchor: refused, and named")
+    for path in storage.journals(bench.sound):
+        for how, hide in HIDES.items():
+            root = bench.copy()
+            file = path.relative_to(bench.sound).as_posix()
+            smuggle(root / file, hide)
+            with suppress(PalpateError):
+                build.build(root)
+            report = verify.verify(root, [bench.register])
+            tally.add(f"{file} {how}", _said(report, file, 2), report)
+    return tally.count()
+
+
 def _cut(bench: _Bench, size: Size) -> Count:
     """Lines cut from the end, the head written for what is left, and the same from the roster."""
     tally = _Tally("lines cut off, the head made anew, with an anchor: refused, and named")
@@ -182,7 +224,8 @@ def _cut(bench: _Bench, size: Size) -> Count:
 
 
 def _lost(bench: _Bench) -> Count:
-    """Every file deleted, one at a time."""
+    """Every file deleted, one at a time, the dataset's own log of anchors too."""
+    beliefs.keep_anchor(bench.sound)
     tally = _Tally("a file of a dataset deleted: refused, and named")
     for path in sorted(bench.sound.rglob("*")):
         file = path.relative_to(bench.sound).as_posix()
@@ -191,7 +234,9 @@ def _lost(bench: _Bench) -> Count:
         root = bench.copy()
         (root / file).unlink()
         report = verify.verify(root)
-        named = any(path.name in f"{one.item} {one.text}" for one in report.findings if one.word == "refused")
+        # That a log of anchors is not there is told: one has none before its first session ends.
+        word = "note" if file == register.LOG.as_posix() else "refused"
+        named = any(path.name in f"{one.item} {one.text}" for one in report.findings if one.word == word)
         tally.add(file, named, report)
     return tally.count()
 

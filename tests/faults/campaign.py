@@ -1,15 +1,17 @@
 """The fault campaign: what is done to palpate, how often, and what it survived.
 
 Each part is a module of this folder with a function `attacks(size)` that yields one `Count` a kind of fault. The suite
-runs a small part of each; `python -m tests.faults` runs everything and writes the table of this folder's README.
+runs a small part of each; `python -m tests.faults` runs everything and writes the table of this folder's README, part
+by part.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 from importlib import import_module
+from itertools import chain
 from pathlib import Path
 
 README = Path(__file__).with_name("README.md")
@@ -61,14 +63,11 @@ def attacks(part: str, size: Size) -> Iterator[Count]:
     yield from import_module(f"tests.faults.{part}").attacks(size)
 
 
-def table(counts: Iterable[Count]) -> str:
-    """Return the counts as a Markdown table."""
-    rows = [f"| {one.fault} | {one.tried:,} | {one.survived:,} | {one.lost:,} |" for one in counts]
-    return "\n".join(["| fault | tried | survived | lost |", "|:--|--:|--:|--:|", *rows])
-
-
-def write(counts: Sequence[Count], readme: Path = README) -> None:
-    """Replace the table in the README."""
+def write(part: str, counts: Iterable[Count], readme: Path = README) -> None:
+    """Replace the rows of one part in the README's table, which has the parts in their order."""
     text = readme.read_text("utf-8")
-    before, after = text.split(BEGIN)[0], text.split(END)[1]
-    readme.write_text(f"{before}{BEGIN}\n\n{table(counts)}\n\n{END}{after}", "utf-8")
+    before, table, after = text.split(BEGIN)[0], text.split(BEGIN)[1].split(END)[0], text.split(END)[1]
+    rows = {one: [line for line in table.splitlines() if line.startswith(f"| `{one}` |")] for one in PARTS}
+    rows[part] = [f"| `{part}` | {one.fault} | {one.tried:,} | {one.survived:,} | {one.lost:,} |" for one in counts]
+    lines = ["| part | fault | tried | survived | lost |", "|:--|:--|--:|--:|--:|", *chain(*rows.values())]
+    readme.write_text("\n".join([f"{before}{BEGIN}", "", *lines, "", f"{END}{after}"]), "utf-8")

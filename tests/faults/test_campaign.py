@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from tests.faults import campaign
-from tests.faults.campaign import PARTS, Size
+from tests.faults.campaign import BEGIN, END, PARTS, Count, Size
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -15,3 +17,15 @@ def test_every_fault_is_survived(part: str) -> None:
     for count in counts:
         assert count.tried > 0, count.fault
         assert (count.survived, count.lost) == (count.tried, 0), (count.fault, *count.failures[:20])
+
+
+def test_a_part_that_ran_replaces_its_own_rows_and_no_others(tmp_path: Path) -> None:
+    readme = tmp_path / "README.md"
+    readme.write_text(f"Before.\n\n{BEGIN}\n\nNothing yet.\n\n{END}\n\nAfter.\n")
+    for part, tried in (("texts", 1), ("kills", 2), ("texts", 3000)):
+        campaign.write(part, [Count(f"a fault of {part}", tried, tried)], readme)
+    assert readme.read_text() == (
+        f"Before.\n\n{BEGIN}\n\n| part | fault | tried | survived | lost |\n|:--|:--|--:|--:|--:|\n"
+        "| `kills` | a fault of kills | 2 | 2 | 0 |\n| `texts` | a fault of texts | 3,000 | 3,000 | 0 |\n"
+        f"\n{END}\n\nAfter.\n"
+    )

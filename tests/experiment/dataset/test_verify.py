@@ -53,6 +53,7 @@ def cut(path: Path, lines: int) -> None:
 
 
 def test_a_sound_dataset_holds_and_intent_is_not_excluded(study: MadeStudy) -> None:
+    beliefs.keep_anchor(study.root)
     report = verify(study.root)
     assert {finding.word for finding in report.findings} == {"holds"}
     assert report.title == f"STUDY of okamoto2012: {study.root}"
@@ -176,6 +177,17 @@ def test_the_log_of_the_dataset_alone_refuses_but_proves_nothing(study: MadeStud
     assert verify(study.root).verdict[1].startswith(ANEW)
     forge(study.root, study.journal(), 5)
     assert list(refused(verify(study.root))) == [inside(study, study.journal())]
+
+
+def test_a_log_of_anchors_that_is_gone_is_told_and_one_that_was_overwritten_is_refused(study: MadeStudy) -> None:
+    beliefs.keep_anchor(study.root)
+    log = study.root / register.LOG
+    log.write_text("another text\n")
+    with pytest.raises(DatasetError, match=r"anchors\.log: holds no anchor that can be read; restore it from a backup"):
+        beliefs.believed(study.root)
+    log.unlink()
+    notes = {finding.item: finding.text for finding in verify(study.root).findings if finding.word == "note"}
+    assert notes[register.LOG.as_posix()].startswith("is missing: ")
 
 
 def test_a_register_inside_the_dataset_proves_nothing_however_its_path_is_spelt(study: MadeStudy) -> None:

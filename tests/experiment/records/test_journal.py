@@ -262,9 +262,32 @@ def test_a_journal_of_another_format_is_refused_in_words(tmp_path: Path, format_
     del line["entry"]["format"]
     # Another form may have anything in it.
     line["entry"] |= {"format": format_, "colour": "red"} if format_ else {"colour": "red"}
-    path.write_text(json.dumps(line) + "\n")
+    path.write_text(json.dumps(line, separators=(",", ":"), ensure_ascii=False) + "\n", "utf-8")
     chain.head_path(path).unlink()
     with pytest.raises(JournalError, match=rf"line 1: got a journal of {named}; allowed: 5; .*\(palpate 0\)"):
+        journal.read(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b'{"n"', b'{ "n"'),
+        (b'{"n"', b'{\r"n"'),
+        (b'{"n"', b'{"entry":{"kind":"footer"},"n"'),
+        (b'"entry":{', b'"entry":{"kind":"answer",'),
+        (b'"n":1', b'"n":1.0'),
+        (b"}}", b"}} "),
+    ],
+)
+def test_a_line_that_holds_more_than_it_says_is_refused(tmp_path: Path, old: bytes, new: bytes) -> None:
+    """JSON allows it, and another line could hide there."""
+    path = tmp_path / "j"
+    write(path, ENTRIES[:2])
+    first, second, _ = path.read_bytes().split(b"\n")
+    assert old in second
+    path.write_bytes(first + b"\n" + second.replace(old, new, 1) + b"\n")
+    chain.head_path(path).unlink()
+    with pytest.raises(JournalError, match="line 2 is not as palpate writes it: it was changed"):
         journal.read(path)
 
 
