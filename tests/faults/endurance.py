@@ -28,6 +28,10 @@ WARM_SESSIONS = 4
 """Each task twice: from then on everything is imported, and the audio library has its threads."""
 
 
+SLOWEST_S = 180.0
+"""A session that says nothing for longer hangs: as it ends, it writes the tables of all sessions before it."""
+
+
 @dataclass(frozen=True)
 class Sample:
     """What a process holds."""
@@ -162,7 +166,7 @@ def real_time(minutes: float, out: Path, *, repetitions: int, pace_s: float) -> 
             if now_s >= due_s:
                 due_s = now_s + EACH_S
                 within.append(sampled("in a session"))
-            if seen == "end" or now_s - heard_s > 60 + pace_s:
+            if seen == "end" or now_s - heard_s > SLOWEST_S + pace_s:
                 raise RuntimeError(f"the session ended or hangs: {life.text[-500:]}")
             if isinstance(seen, str):
                 continue
