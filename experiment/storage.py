@@ -218,9 +218,13 @@ def sync_folder(folder: Path) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Put `content` at `path`, whole and on disk. Raises `DatasetError` if the file system refuses."""
+    """Put `content` at `path`, whole and on disk; a file that holds it already is left as it is.
+
+    Raises `DatasetError` if the file system refuses.
+    """
     try:
-        write(path, content)
+        if path.is_symlink() or not path.is_file() or path.read_bytes() != content:
+            write(path, content)
     except OSError as error:
         raise DatasetError(f"cannot write {path}: {error.strerror}; check its folder and the free space") from error
 

@@ -154,3 +154,18 @@ def test_json_is_read_as_it_stands() -> None:
     assert storage.json_of('{"a": [1, -0.5, null, "\\u00e4\\ud83d\\ude00"]}') == {
         "a": [1, -0.5, None, "\u00e4\U0001f600"]
     }
+
+
+def test_a_file_that_holds_what_is_to_be_written_is_left_as_it_is(tmp_path: Path) -> None:
+    """A session's end writes the tables of all sessions; on a slow disk those that stay the same took a minute."""
+    path, other = tmp_path / "file", tmp_path / "other"
+    storage.write_bytes(path, b"content")
+    before = path.stat()
+    storage.write_bytes(path, b"content")
+    assert (path.stat().st_ino, path.stat().st_mtime_ns) == (before.st_ino, before.st_mtime_ns)
+    storage.write_bytes(path, b"Content")
+    assert path.read_bytes() == b"Content"
+    # A link is replaced by the file, whatever it leads to.
+    other.symlink_to(path)
+    storage.write_bytes(other, b"Content")
+    assert not other.is_symlink()
