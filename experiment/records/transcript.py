@@ -102,7 +102,7 @@ def _said(entry: AnyEntry) -> str:
         case Note():
             return f"note{'' if entry.trial is None else f' at trial {entry.trial}'}: {entry.text}"
         case Ignored():
-            return f"ignored, for it was typed before the question: {entry.typed!r}"
+            return f"ignored because it was typed before the question: {entry.typed!r}"
         case Redo():
             again = "put off to the end of the block" if entry.put_off else "done again"
             return f"trial {entry.trial}.{entry.attempt} does not count and is {again}: {entry.reason}"
