@@ -60,7 +60,8 @@ def text(contents: Contents) -> str:
     if contents.torn:
         lines.append(f"The last line is torn: {len(contents.torn)} bytes that were never confirmed were left out.")
     if done.footer is None:
-        lines.append("The session has no footer: it ended without saying why. It can be resumed.")
+        again = "" if any(isinstance(entry, Withdrawal) for entry in contents.entries) else " It can be resumed."
+        lines.append(f"The session has no footer: it ended without saying why.{again}")
     fill = textwrap.TextWrapper(WIDTH, subsequent_indent=INDENT, break_on_hyphens=False).fill
     return "\n".join(fill(plain(line, keep="")) for line in lines)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from experiment.records import chain, journal, transcript
-from experiment.records.entries import Entry, Footer, Phase
+from experiment.records.entries import Entry, Footer, Phase, Withdrawal
 from experiment.records.footstep import FootStep, Zeroed
 from experiment.records.stimulus import Onset, Stimulus
 from tests.experiment.records.test_resume import broken_off, step
@@ -36,6 +36,9 @@ ONSET = Onset(
     gate_to_scheduled_ms=1.5,
     delivered=DELIVERED,
 )
+
+
+WITHDRAWN = Withdrawal(reason="asked to stop", torn="")
 
 
 def told(folder: Path, *entries: Entry) -> str:
@@ -70,6 +73,13 @@ def test_it_says_how_strong_a_stimulus_was_and_whether_that_was_measured(
     text = " ".join(told(tmp_path, stepped(stimulus, onset)).split())
     assert said in text
     assert ("delivery was not measured" in text) == ("delivery was not measured" in said)
+
+
+def test_a_session_without_a_footer_can_be_resumed_unless_the_participant_withdrew(tmp_path: Path) -> None:
+    ended = "The session has no footer: it ended without saying why."
+    for name, entries, last in (("on", [], f"{ended} It can be resumed."), ("off", [WITHDRAWN], ended)):
+        (folder := tmp_path / name).mkdir()
+        assert told(folder, Phase(state="ready"), *entries).splitlines()[-1] == last
 
 
 def test_no_line_is_wider_than_a_page(tmp_path: Path) -> None:
