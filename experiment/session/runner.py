@@ -228,6 +228,7 @@ class _Session:
             if self._masking is not None:
                 self._masking.end(note=accepts)
             if accepts:
+                self._attempts.note_ignored()
                 self._log.write(footer)
         return footer
 
