@@ -15,7 +15,7 @@ from experiment.clock import Clock
 from experiment.errors import JournalError, PalpateError, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
-from experiment.records.entries import Footer, Header, Phase, Redo, Resumed, Trace
+from experiment.records.entries import Footer, Header, Phase, Redo, Resumed, Trace, Withdrawal
 from experiment.records.journal import AnyEntry
 from experiment.records.progress import Progress, progress
 from experiment.session import interrupts
@@ -37,15 +37,21 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
     If a journal exists, its own header rules and must be of the same session; a session that is complete is not
     touched. The rig's file is kept beside the journal.
 
-    Raises `SessionLocked` if another runner holds the participant; `JournalError` if the journal is broken or belongs
-    to another session; `PalpateError` if a part failed (the footer says so, and the session can be resumed); and
-    `KeyboardInterrupt` on Ctrl-C while the footer was written (it is on disk). A closed terminal pauses as Ctrl-C does.
+    Raises `SessionLocked` if another runner holds the participant; `JournalError` if the journal is broken, belongs to
+    another session, or says that the participant withdrew; `PalpateError` if a part failed (the footer says so, and the
+    session can be resumed); and `KeyboardInterrupt` on Ctrl-C while the footer was written (it is on disk). A closed
+    terminal pauses as Ctrl-C does.
     """
     path = journal_path(dataset, header.participant, header.task)
     with interrupts.all_alike(), journal.locked(path.parent, header.participant):
         contents = journal.read_if_begun(path)
         if contents.lines:
             _check_same_session(path, contents.header, header)
+            if any(isinstance(entry, Withdrawal) for entry in contents.entries):
+                who = header.participant
+                raise JournalError(
+                    f"{path}: participant {who} withdrew and is not run again; enrol another participant"
+                )
             header = contents.header
         done = progress(contents.entries or (header,))
         if done.footer is not None and done.footer.reason == "complete":
