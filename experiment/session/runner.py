@@ -22,7 +22,8 @@ from experiment.session import interrupts
 from experiment.session.attempt import Attempts, Devices, Event, State, follow
 from experiment.session.exposure import Exposed, spent_ns
 from experiment.session.masker import Masking
-from experiment.storage import foot_path, journal_path, rig_path
+from experiment.storage import foot_path, journal_path, rig_path, roster_path
+from experiment.study.roster import Roster
 
 MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
@@ -38,7 +39,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
     touched. The rig's file is kept beside the journal.
 
     Raises `SessionLocked` if another runner holds the participant; `JournalError` if the journal is broken, belongs to
-    another session, or says that the participant withdrew; `PalpateError` if a part failed (the footer says so, and the
+    another session, or if the participant withdrew; `PalpateError` if a part failed (the footer says so, and the
     session can be resumed); and `KeyboardInterrupt` on Ctrl-C while the footer was written (it is on disk). A closed
     terminal pauses as Ctrl-C does.
     """
@@ -47,12 +48,8 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
         contents = journal.read_if_begun(path)
         if contents.lines:
             _check_same_session(path, contents.header, header)
-            if any(isinstance(entry, Withdrawal) for entry in contents.entries):
-                who = header.participant
-                raise JournalError(
-                    f"{path}: participant {who} withdrew and is not run again; enrol another participant"
-                )
             header = contents.header
+        _check_not_withdrawn(path, contents, header.participant, dataset)
         done = progress(contents.entries or (header,))
         if done.footer is not None and done.footer.reason == "complete":
             return done.footer
@@ -61,6 +58,13 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
             session = _Session(protocol=protocol, devices=devices, log=log, spent_ns=spent_ns(contents))
             with closing(session):
                 return session.run(contents)
+
+
+def _check_not_withdrawn(path: Path, contents: journal.Contents, who: str, dataset: Path) -> None:
+    """Refuse a participant who withdrew, up to the moment at which this runner held them."""
+    said = any(isinstance(entry, Withdrawal) for entry in contents.entries)
+    if said or who in Roster.load(roster_path(dataset)).withdrawn:
+        raise JournalError(f"{path}: participant {who} withdrew and is not run again; enrol another participant")
 
 
 def _check_same_session(path: Path, found: Header, asked: Header) -> None:

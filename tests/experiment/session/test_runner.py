@@ -19,6 +19,7 @@ from experiment.records.entries import Answer, Armed, Footer, Header, Phase, Red
 from experiment.records.footstep import FootStep
 from experiment.records.stimulus import Stimulus
 from experiment.session.footstep.watch import BrokenStep, WatchedStep, watch
+from experiment.study.roster import Roster
 from tests.experiment.session.bench import COMPUTED, ORDER, as_read, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole, ScriptedTracker, step_samples
 
@@ -98,6 +99,17 @@ def test_nobody_who_withdrew_is_resumed(protocol: Protocol, tmp_path: Path, keys
     with pytest.raises(JournalError, match="participant 01 withdrew and is not run again; enrol another participant"):
         bench("ptt").run(protocol, header("real"), tmp_path)
     assert path.read_bytes() == before
+
+
+def test_nobody_begins_who_withdrew_by_the_roster(protocol: Protocol, tmp_path: Path) -> None:
+    path = storage.roster_path(tmp_path)
+    path.parent.mkdir()
+    known = Roster.load(path)
+    known.enrol("01", None)
+    known.withdraw("01", "asked to stop")
+    with pytest.raises(JournalError, match="participant 01 withdrew and is not run again"):
+        bench("cpt").run(protocol, header("real"), tmp_path)
+    assert not storage.journal_path(tmp_path, "01", "real").exists()
 
 
 def test_response_time_runs_from_contact_in_device_time(protocol: Protocol, tmp_path: Path) -> None:
