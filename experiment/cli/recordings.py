@@ -55,7 +55,7 @@ def record(
                 takes=takes,
             )
         else:
-            from experiment.desk.terminal import TerminalTakes
+            from experiment.desk.terminal import TerminalTakes, typed_ahead
 
             if rig is None:
                 raise RecordingError(
@@ -65,7 +65,7 @@ def record(
                 protocol_file=protocol_file,
                 rig_file=rig,
                 out=out,
-                console=TerminalTakes(write=sys.stdout, ask=input),
+                console=TerminalTakes(write=sys.stdout, ask=input, early=lambda: typed_ahead(sys.stdin)),
                 speeds_mm_s=wanted,
                 takes=takes,
             )

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, timedelta
+from datetime import date, datetime, timedelta
 from pathlib import Path
 from typing import Literal
 
@@ -317,7 +317,7 @@ def _check_enrolment(path: Path, header: Header, roster: Roster, seal: Seal, pro
             header.participant,
             roster.consent_on[header.participant],
             approved_on=seal.approved_on,
-            today=(datetime.fromisoformat(header.started_utc).astimezone(UTC) + FARTHEST_EAST).date(),
+            today=(datetime.fromisoformat(header.started_utc) + FARTHEST_EAST).date(),
         )
     except RosterError as error:
         raise RosterError(f"{path}: the session was not allowed to begin: {error}") from error

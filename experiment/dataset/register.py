@@ -24,7 +24,7 @@ from pydantic import Field, ValidationError
 from experiment import storage
 from experiment.errors import DatasetError
 from experiment.records import chain
-from experiment.records.entries import Purpose, Record
+from experiment.records.entries import Purpose, Record, Utc
 
 LOG = Path("sourcedata") / "anchors.log"
 """Every anchor of a dataset, inside it."""
@@ -53,7 +53,7 @@ class Prefix(Record):
 class Anchor(Record):
     """What a dataset held at one moment."""
 
-    anchored_utc: Annotated[str, Field(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9:]{8}\+00:00$")]
+    anchored_utc: Utc
     study: Annotated[str, Field(pattern=r"^[a-z][a-z0-9]{0,31}$")]
     purpose: Purpose
     protocol_sha256: Sha256

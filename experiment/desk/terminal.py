@@ -22,11 +22,15 @@ GONE = "the screen is gone ({})"
 REMARKS = "note TEXT, or correct TRIAL KEY REASON"
 """What may be typed instead of a key."""
 
+MOST_DIGITS = 6
+"""No trial's number has more digits."""
+
 
 def typed_ahead(source: TextIO) -> str:
     """Return what was typed on a terminal before now, and drop it; nothing where `source` is a pipe.
 
-    A pipe holds what was meant to be read later; a terminal holds what somebody typed too early.
+    A pipe holds what was meant to be read later; a terminal holds what somebody typed too early. Raises `OSError` if
+    the terminal is lost.
     """
     try:
         descriptor = source.fileno()
@@ -43,18 +47,21 @@ def typed_ahead(source: TextIO) -> str:
         return dropped
     import termios
 
-    settings = termios.tcgetattr(descriptor)
-    at_once = [*settings[:6], [*settings[6]]]
-    # By single characters, so that a line which was begun, and not ended, is dropped as well.
-    at_once[3] &= ~(termios.ICANON | termios.ECHO)
-    at_once[6][termios.VMIN] = at_once[6][termios.VTIME] = 0
-    termios.tcsetattr(descriptor, termios.TCSANOW, at_once)
     try:
-        dropped_bytes = b""
-        while read := os.read(descriptor, 4096):
-            dropped_bytes += read
-    finally:
-        termios.tcsetattr(descriptor, termios.TCSANOW, settings)
+        settings = termios.tcgetattr(descriptor)
+        at_once = [*settings[:6], [*settings[6]]]
+        # By single characters, so that a line which was begun, and not ended, is dropped as well.
+        at_once[3] &= ~(termios.ICANON | termios.ECHO)
+        at_once[6][termios.VMIN] = at_once[6][termios.VTIME] = 0
+        termios.tcsetattr(descriptor, termios.TCSANOW, at_once)
+        try:
+            dropped_bytes = b""
+            while read := os.read(descriptor, 4096):
+                dropped_bytes += read
+        finally:
+            termios.tcsetattr(descriptor, termios.TCSANOW, settings)
+    except termios.error as lost:
+        raise OSError(*lost.args) from lost
     return dropped_bytes.decode("utf-8", "replace")
 
 
@@ -62,22 +69,16 @@ def _no_typing() -> str:
     return ""
 
 
-class TerminalConsole:
-    """Implements `Console` on a text stream: an answer's key is typed, and typed again to confirm it.
+class _Lines:
+    """A text stream to show lines on, and what is typed at its prompts."""
 
-    Nothing that was typed before a question answers it. The end of the input (Ctrl-D) interrupts as Ctrl-C does.
-    """
-
-    def __init__(
-        self, *, write: TextIO, ask: Callable[[str], str], heading: str, early: Callable[[], str] = _no_typing
-    ) -> None:
-        """Write lines to `write`, each trial's after `heading`; `ask` shows a prompt and returns the line typed.
+    def __init__(self, *, write: TextIO, ask: Callable[[str], str], early: Callable[[], str] = _no_typing) -> None:
+        """Write lines to `write`; `ask` shows a prompt and returns the line typed.
 
         `early` returns what was typed before now, and drops it.
         """
         self._write = write
         self._read = ask
-        self._heading = heading
         self._early = early
         self._ignored = ""
 
@@ -92,7 +93,7 @@ class TerminalConsole:
             raise ScreenGone(GONE.format(error)) from error
         if early:
             self._ignored += early
-            self.show(f"Ignored, for it was typed before the question: {characters.quoted(early)}")
+            self.show(f"Ignored because it was typed before the question: {characters.quoted(early)}")
         try:
             return self._read(prompt)
         except EOFError:
@@ -107,6 +108,20 @@ class TerminalConsole:
         except (OSError, ValueError) as error:
             # A stream that was closed is a ValueError.
             raise ScreenGone(GONE.format(error)) from error
+
+
+class TerminalConsole(_Lines):
+    """Implements `Console` on a text stream: an answer's key is typed, and typed again to confirm it.
+
+    Nothing that was typed before a question answers it. The end of the input (Ctrl-D) interrupts as Ctrl-C does.
+    """
+
+    def __init__(
+        self, *, write: TextIO, ask: Callable[[str], str], heading: str, early: Callable[[], str] = _no_typing
+    ) -> None:
+        """Show each trial's lines after `heading`."""
+        super().__init__(write=write, ask=ask, early=early)
+        self._heading = heading
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
         self.show(f"{self._heading}  Familiarisation, {min_s / 60:.1f} to {max_s / 60:.1f} min. {instruction}")
@@ -167,13 +182,13 @@ class TerminalConsole:
         try:
             text = characters.one_line(rest.strip())
         except ValueError as error:
-            self.show(f"The remark {error}, which cannot go on record; type it without")
+            self.show(f"The remark {error}, which cannot go on record; type it again without that character")
             return None
         if word == "note" and text:
             return Noted(text)
         trial, _, rest = text.partition(" ")
         key, _, reason = rest.strip().partition(" ")
-        if word == "correct" and trial.isdecimal() and reason.strip():
+        if word == "correct" and trial.isdecimal() and len(trial) <= MOST_DIGITS and reason.strip():
             return Corrected(int(trial), key.lower(), reason.strip())
         return None
 
@@ -188,17 +203,12 @@ def _made_ready(condition: Condition) -> str:
     return f"Lay out a fresh {condition.material}" if condition.material else "Leave the panel bare"
 
 
-class TerminalTakes:
-    """Implements `TakesConsole` on a text stream; nothing is kept without a key."""
-
-    def __init__(self, *, write: TextIO, ask: Callable[[str], str]) -> None:
-        """Write lines to `write`; `ask` shows a prompt and returns the line typed."""
-        self._write = write
-        self._ask = ask
+class TerminalTakes(_Lines):
+    """Implements `TakesConsole` on a text stream; nothing is kept without a key, typed when it is asked for."""
 
     def rest(self, *, why: str) -> None:
         if why:
-            self._show(why)
+            self.show(why)
         self._ask(RESTS)
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
@@ -207,11 +217,11 @@ class TerminalTakes:
     def arm(self, condition: Condition, *, attempt: int) -> None:
         again = f", attempt {attempt}" if attempt > 1 else ""
         what = condition.material or "bare panel"
-        self._show(f"{what}, take {condition.number}{again}: step at {condition.speed_mm_s:g} mm/s.")
+        self.show(f"{what}, take {condition.number}{again}: step at {condition.speed_mm_s:g} mm/s.")
 
     def keeps(self, step: Step) -> bool:
         target = step.condition.speed_mm_s
-        self._show(
+        self.show(
             f"The speed was {step.achieved_mm_s:.0f} mm/s; the target is {target:g} mm/s ({step.deviation:+.1%}): "
             f"{step.verdict}."
         )
@@ -228,9 +238,5 @@ class TerminalTakes:
 
     def _key(self, prompt: str) -> bool:
         while (key := self._ask(prompt).strip().lower()) not in (KEEP, REPEAT):
-            self._show(f"'{key}' is not a key here; press {KEEP} or {REPEAT}")
+            self.show(f"'{key}' is not a key here; press {KEEP} or {REPEAT}")
         return key == KEEP
-
-    def _show(self, text: str) -> None:
-        self._write.write(text + "\n")
-        self._write.flush()

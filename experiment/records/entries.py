@@ -6,10 +6,11 @@ kind of trial leaves on record of an attempt stands in a module of its own (`foo
 
 from __future__ import annotations
 
+from datetime import datetime
 from hashlib import sha256
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 FORMAT: Literal[5] = 5
 """The format of the journal: its models and their meaning.
@@ -22,6 +23,19 @@ and said nothing of an attempt before it had ended.
 
 Purpose = Literal["STUDY", "PILOT", "PRACTICE", "REHEARSAL"]
 """What a session is for. Only sessions of one purpose stand in one dataset, and only a STUDY is data of its study."""
+
+
+def _moment(text: str) -> str:
+    datetime.fromisoformat(text)
+    return text
+
+
+Utc = Annotated[
+    str,
+    Field(pattern=r"^(19|2[01])[0-9]{2}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}\+00:00$"),
+    AfterValidator(_moment),
+]
+"""A moment as `clock.utc` writes it."""
 
 
 class Record(BaseModel):
@@ -65,7 +79,7 @@ class Header(Entry):
     task: str
     task_position: int
     purpose: Purpose
-    started_utc: str
+    started_utc: Utc
     block_trials: int
     order: tuple[PlannedTrial, ...]
 
@@ -92,6 +106,10 @@ class Trace(Record):
     sha256: str
 
 
+LOUDEST_DB_A = 200.0
+"""No masker plays any louder, dB(A)."""
+
+
 class MaskerSet(Entry):
     """The masker's level from now on, dB(A), None for silence; the dose so far, and L_EX,8h of that dose.
 
@@ -101,7 +119,7 @@ class MaskerSet(Entry):
     """
 
     kind: Literal["masker"] = "masker"
-    level_db_a: float | None
+    level_db_a: Annotated[float, Field(le=LOUDEST_DB_A)] | None
     dose: float
     daily_level_db_a: float | None
 

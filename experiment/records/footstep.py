@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from experiment.records.entries import Entry, Record, Trace
 from experiment.records.stimulus import Onset, Stimulus
+
+MOST_US = 2**63 // 1000
+"""No device time is farther from zero, microseconds: session times are 64-bit nanoseconds."""
+
+MOST_PPM = 1e6
+"""No clock runs twice as fast as another."""
+
+DeviceUs = Annotated[float, Field(ge=-MOST_US, le=MOST_US)]
+WholeUs = Annotated[int, Field(ge=-MOST_US, le=MOST_US)]
 
 
 class Zeroed(Entry):
@@ -36,9 +47,9 @@ class TrackerClock(Record):
     `anchor_us` was at `anchor_ns`, and since then the session's clock ran ahead of the device's by `drift_ppm`.
     """
 
-    anchor_us: int
+    anchor_us: WholeUs
     anchor_ns: int
-    drift_ppm: float
+    drift_ppm: Annotated[float, Field(ge=-MOST_PPM, le=MOST_PPM)]
 
 
 class FootStep(Entry):
@@ -54,9 +65,9 @@ class FootStep(Entry):
     presented: tuple[str, ...]
     clock: TrackerClock
     dead_time_ms: float | None
-    gate_top_us: float
-    gate_bottom_us: float
-    contact_us: float
+    gate_top_us: DeviceUs
+    gate_bottom_us: DeviceUs
+    contact_us: DeviceUs
     speed_mm_s: float
     link: Link
     trace: Trace
@@ -81,9 +92,9 @@ class BrokenOff(Entry):
     felt: bool
     clock: TrackerClock | None
     dead_time_ms: float | None
-    at_us: int | None
-    gate_top_us: float | None
-    gate_bottom_us: float | None
+    at_us: WholeUs | None
+    gate_top_us: DeviceUs | None
+    gate_bottom_us: DeviceUs | None
     speed_mm_s: float | None
     link: Link
     trace: Trace

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
+
+from pydantic import Field
 
 from experiment.records.entries import Record
 
@@ -60,7 +62,7 @@ class Stimulus(Record):
     handed_unit: Literal["V", "m/s^2"]
     handed_peak: float
     samples: int
-    rate_hz: int
+    rate_hz: Annotated[int, Field(ge=1)]
     limited: int
     reached_peak_m_s2: float
     shaping: Shaping | None = None

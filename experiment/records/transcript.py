@@ -60,7 +60,8 @@ def text(contents: Contents) -> str:
     if contents.torn:
         lines.append(f"The last line is torn: {len(contents.torn)} bytes that were never confirmed were left out.")
     if done.footer is None:
-        lines.append("The session has no footer: it ended without saying why. It can be resumed.")
+        again = "" if any(isinstance(entry, Withdrawal) for entry in contents.entries) else " It can be resumed."
+        lines.append(f"The session has no footer: it ended without saying why.{again}")
     fill = textwrap.TextWrapper(WIDTH, subsequent_indent=INDENT, break_on_hyphens=False).fill
     return "\n".join(fill(plain(line, keep="")) for line in lines)
 
@@ -102,7 +103,7 @@ def _said(entry: AnyEntry) -> str:
         case Note():
             return f"note{'' if entry.trial is None else f' at trial {entry.trial}'}: {entry.text}"
         case Ignored():
-            return f"ignored, for it was typed before the question: {entry.typed!r}"
+            return f"ignored because it was typed before the question: {entry.typed!r}"
         case Redo():
             again = "put off to the end of the block" if entry.put_off else "done again"
             return f"trial {entry.trial}.{entry.attempt} does not count and is {again}: {entry.reason}"

@@ -118,6 +118,7 @@ class Attempts:
         )
         self._remarks = Remarks(spoken=protocol.answers, kind=self._kind, console=devices.console, log=log)
         self._answered_ns: int | None = None
+        self._trial: int | None = None
         self._outage = ""
         self._undelivered = 0
 
@@ -128,13 +129,14 @@ class Attempts:
         `PalpateError` if a part failed.
         """
         answered_ns, self._answered_ns = self._answered_ns, None
+        self._trial = planned.trial
         try:
             self._kind.ready(planned, attempt, answered_ns)
         except TrackerStopped as stopped:
             # Nothing had begun: nothing is on file of it, and the same attempt is armed again.
             self._outage = str(stopped)
             return Event.LOST
-        self._remarks.note_ignored(planned.trial)
+        self.note_ignored()
         if self._limits.over():
             # While something was laid out, or the tracker zeroed.
             return Event.BROKEN_OFF
@@ -181,14 +183,14 @@ class Attempts:
         self._outage = ""
 
     def note_ignored(self) -> None:
-        """Put on record what was typed too early before the trials."""
-        self._remarks.note_ignored(None)
+        """Put on record what was typed too early, at the trial that is under way or outside of trials."""
+        self._remarks.note_ignored(self._trial)
 
     def debrief(self) -> None:
         """Have the experimenter note and correct, once every trial is answered."""
+        self._trial = None
         while (remark := self._console.debrief()) is not None:
             self._remarks.take(remark, None)
-        self.note_ignored()
 
     def _ask(self, planned: PlannedTrial, attempt: int, answerable_ns: int) -> Event:
         console, spoken, answers = self._console, self._spoken, self._kind.answers(planned)
@@ -225,11 +227,11 @@ class Attempts:
         while True:
             said = self._console.ask(trial=trial, keys=keys)
             chosen_ns = self._clock.now_ns()
-            self._remarks.note_ignored(trial)
+            self.note_ignored()
             if not isinstance(said, str):
                 self._remarks.take(said, trial)
             elif self._masking is None or not self._masking.change(said):
                 confirmed = self._console.confirm(key=said, meaning=keys[said])
-                self._remarks.note_ignored(trial)
+                self.note_ignored()
                 if confirmed:
                     return said, chosen_ns

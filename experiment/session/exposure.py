@@ -32,10 +32,10 @@ LOOK_S = 0.5
 """Between two looks, s."""
 
 EVERY_NS = 5 * 10**9
-"""Between two entries, ns; a session that was killed counts as playing its masker for so long after its last line."""
+"""Between two entries, ns."""
 
 KILLED_NS = EVERY_NS + int(LOOK_S * 1e9)
-"""A runner that was killed may have gone on for so long after its last line, ns, and its session lasted so long."""
+"""A runner that was killed counts as going on, and as playing its masker, for so long after its last line, ns."""
 
 WINDOW_NS = 24 * 3600 * 10**9
 """Doses are added over so long, ns: neither midnight nor a time zone changes them."""
@@ -128,7 +128,7 @@ class Exposed:
                 if not shown and (why := self.over()):
                     shown = True
                     self._console.show(
-                        f"\n{why}. Nothing more will be felt. Answer what is asked; then the session pauses."
+                        f"\n{why}. Nothing more will be felt. Answer what is asked; then the session ends or pauses."
                     )
         except Exception as failed:
             # It is told where the session asks next; the masker does not wait for that.
@@ -218,5 +218,5 @@ def _played(lines: Sequence[Line], now_ns: int) -> float:
     from experiment.apparatus.audio import masker
 
     # It was killed while the masker played.
-    played_ns = lines[-1].t_ns - told[-1][0] + min(max(since_ns, 0), EVERY_NS)
+    played_ns = lines[-1].t_ns - told[-1][0] + min(max(since_ns, 0), KILLED_NS)
     return spent + masker.dose(level_db_a=level_db_a, duration_s=played_ns / 1e9)

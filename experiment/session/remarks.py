@@ -40,7 +40,9 @@ class Remarks:
         answers: dict[str, str | None] = {**meanings, self._spoken.no_answer_key: None}
         if asked.key not in answers:
             allowed = " ".join(answers)
-            self._console.show(f"'{asked.key}' is no key of an answer; type one of {allowed}. Nothing was corrected.")
+            self._console.show(
+                f"'{asked.key}' does not stand for an answer; type one of {allowed}. Nothing was corrected."
+            )
             return
         answered = answers[asked.key]
         self._log.write(

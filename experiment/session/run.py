@@ -86,10 +86,9 @@ def run(
     approval.verify(protocol_file, protocol, today)
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or roster.default_root(protocol)
-    enrolled = roster.Roster.load(storage.roster_path(root))
-    approved_on = roster.approved_on(root, protocol_file) or today
-    enrolled.may_run(participant, protocol, approved_on=approved_on, today=today)
+    _admitted(root, protocol_file, protocol, participant, clock)
     rig = rigs.load(rig_file)
+    anchored_in = _anchored_in(rig, rig_file)
     if rig.rig.simulated:
         raise RigError(f"{rig_file}: the rig is simulated; name a rig file of real devices, or use palpate rehearse")
     rigs.check(rig, protocol.footstep.step)
@@ -103,6 +102,7 @@ def run(
     _check_turn(root, allocation, task_id)
     _keep_seal(root, protocol_file)
     _wait_for_break(root, protocol, allocation, task_id, clock, console)
+    _admitted(root, protocol_file, protocol, participant, clock)
     if rig.audio is None:
         console.show(
             f"The rig has no audio device for the masker. Play {protocol.masker.noise} noise by other means, "
@@ -134,7 +134,8 @@ def run(
             seed=seed,
             recordings=used,
             purpose=purpose,
-            roster_sha256=enrolled.lines.end.last,
+            # Nobody who withdrew in the meantime is begun with.
+            roster_sha256=_admitted(root, protocol_file, protocol, participant, clock).lines.end.last,
             clock=clock,
         )
         try:
@@ -144,24 +145,46 @@ def run(
             opened.close()
             try:
                 build.build(root)
-                _anchor(root, rig, rig_file, console)
+                _anchor(root, anchored_in, console)
             except PalpateError as unbuilt:
                 ended.add_note(f"the dataset could not be brought up to date either: {unbuilt}")
             raise
     build.build(root)
-    _anchor(root, rig, rig_file, console)
+    _anchor(root, anchored_in, console)
     return footer
 
 
-def _anchor(root: Path, rig: Rig, rig_file: Path, console: Console) -> None:
+def _admitted(root: Path, protocol_file: Path, protocol: Protocol, participant: str, clock: Clock) -> roster.Roster:
+    """Return the roster as it is now, if the participant may be run. Raises `RosterError` that says why not."""
+    today = day(clock.now_ns())
+    enrolled = roster.Roster.load(storage.roster_path(root))
+    approved_on = roster.approved_on(root, protocol_file) or today
+    enrolled.may_run(participant, protocol, approved_on=approved_on, today=today)
+    return enrolled
+
+
+def _anchored_in(rig: Rig, rig_file: Path) -> tuple[Path, Path | None] | None:
+    """Return the register that the rig names, if any, and the key that signs there, if any."""
+    if (wanted := rig.anchors) is None:
+        return None
+    try:
+        to, *keys = (rig_file.parent / Path(one).expanduser() for one in (wanted.file, wanted.key) if one)
+    except RuntimeError as error:
+        raise RigError(
+            f"{rig_file}: anchors: got a path that begins with ~, and nobody's home folder is known here; "
+            "allowed: a path without ~; write it out"
+        ) from error
+    return to, keys[0] if keys else None
+
+
+def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: Console) -> None:
     """Show the dataset's anchor for the lab book, and enter it where the rig says; a failure undoes no session."""
     again = f"palpate anchor {root}"
     try:
         anchor = beliefs.keep_anchor(root)
         console.show(f"For the lab book: {anchor.line}")
-        if wanted := rig.anchors:
-            to, *keys = (rig_file.parent / Path(one).expanduser() for one in (wanted.file, wanted.key) if one)
-            key = keys[0] if keys else None
+        if anchored_in:
+            to, key = anchored_in
             again += f" --to {to}" + (f" --sign {key}" if key else "")
             console.show(register.enter(anchor, root, to, key))
     except PalpateError as error:

@@ -15,14 +15,15 @@ from experiment.clock import Clock
 from experiment.errors import JournalError, PalpateError, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
-from experiment.records.entries import Footer, Header, Phase, Redo, Resumed, Trace
+from experiment.records.entries import Footer, Header, Phase, Redo, Resumed, Trace, Withdrawal
 from experiment.records.journal import AnyEntry
 from experiment.records.progress import Progress, progress
 from experiment.session import interrupts
 from experiment.session.attempt import Attempts, Devices, Event, State, follow
 from experiment.session.exposure import Exposed, spent_ns
 from experiment.session.masker import Masking
-from experiment.storage import foot_path, journal_path, rig_path
+from experiment.storage import foot_path, journal_path, rig_path, roster_path
+from experiment.study.roster import Roster
 
 MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
@@ -37,9 +38,10 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
     If a journal exists, its own header rules and must be of the same session; a session that is complete is not
     touched. The rig's file is kept beside the journal.
 
-    Raises `SessionLocked` if another runner holds the participant; `JournalError` if the journal is broken or belongs
-    to another session; `PalpateError` if a part failed (the footer says so, and the session can be resumed); and
-    `KeyboardInterrupt` on Ctrl-C while the footer was written (it is on disk). A closed terminal pauses as Ctrl-C does.
+    Raises `SessionLocked` if another runner holds the participant; `JournalError` if the journal is broken, belongs to
+    another session, or if the participant withdrew; `PalpateError` if a part failed (the footer says so, and the
+    session can be resumed); and `KeyboardInterrupt` on Ctrl-C while the footer was written (it is on disk). A closed
+    terminal pauses as Ctrl-C does.
     """
     path = journal_path(dataset, header.participant, header.task)
     with interrupts.all_alike(), journal.locked(path.parent, header.participant):
@@ -47,6 +49,7 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
         if contents.lines:
             _check_same_session(path, contents.header, header)
             header = contents.header
+        _check_not_withdrawn(path, contents, header.participant, dataset)
         done = progress(contents.entries or (header,))
         if done.footer is not None and done.footer.reason == "complete":
             return done.footer
@@ -55,6 +58,13 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
             session = _Session(protocol=protocol, devices=devices, log=log, spent_ns=spent_ns(contents))
             with closing(session):
                 return session.run(contents)
+
+
+def _check_not_withdrawn(path: Path, contents: journal.Contents, who: str, dataset: Path) -> None:
+    """Refuse a participant who withdrew, up to the moment at which this runner held them."""
+    said = any(isinstance(entry, Withdrawal) for entry in contents.entries)
+    if said or who in Roster.load(roster_path(dataset)).withdrawn:
+        raise JournalError(f"{path}: participant {who} withdrew and is not run again; enrol another participant")
 
 
 def _check_same_session(path: Path, found: Header, asked: Header) -> None:
@@ -228,6 +238,7 @@ class _Session:
             if self._masking is not None:
                 self._masking.end(note=accepts)
             if accepts:
+                self._attempts.note_ignored()
                 self._log.write(footer)
         return footer
 

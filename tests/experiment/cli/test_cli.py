@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from datetime import date, timedelta
 from pathlib import Path
 
@@ -14,11 +16,14 @@ import pytest
 from scipy.io import wavfile
 
 from experiment.apparatus import rig as rigs
+from experiment.dataset import build
 from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.wires.serial_line import SerialLine
+from experiment.session import run
 from experiment.settings.characters import hidden
+from experiment.study import roster
 from tests.conftest import Palpate
 
 
@@ -308,6 +313,37 @@ class TestALaboratorysStudy:
         self.enrol(palpate, protocol)
         assert palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")[0] == 0
         assert "participant 01 withdrew (asked to stop)" in self.run(palpate, protocol, rig)[2]
+
+    @pytest.mark.parametrize("meanwhile", ["_wait_for_break", "open_laboratory"])
+    def test_who_withdraws_before_the_session_begins_is_not_run(
+        self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch, meanwhile: str
+    ) -> None:
+        """In the break, or while the devices are opened."""
+        root = protocol.with_name("dataset")
+        self.seal(palpate, protocol)
+        self.enrol(palpate, protocol)
+
+        def withdraws(*_: object, **__: object) -> AbstractContextManager[None]:
+            roster.withdraw(protocol, "01", "asked to stop", root=root, rebuild=build.build)
+            return nullcontext()
+
+        monkeypatch.setattr(run, meanwhile, withdraws)
+        code, _, err = self.run(palpate, protocol, rig)
+        assert (code, len(lines(err))) == (2, 1)
+        assert "participant 01 withdrew (asked to stop)" in err
+        assert not list(root.glob("sourcedata/sub-01/*.jsonl"))
+
+    def test_a_register_in_a_home_that_nobody_knows_is_refused_before_anybody_is_run(
+        self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        self.seal(palpate, protocol)
+        self.enrol(palpate, protocol)
+        rig.write_text(rig.read_text("utf-8") + '\n[anchors]\nfile = "~/register"\n', "utf-8")
+        # Neither the environment nor the system's users tell it.
+        monkeypatch.setattr(os.path, "expanduser", lambda path: path)
+        code, _, err = self.run(palpate, protocol, rig)
+        assert code == 2
+        assert "rig.toml: anchors: got a path that begins with ~, and nobody's home folder is known here" in err
 
     @pytest.mark.parametrize(("days", "allowed"), [(1, "up to"), (-400, "from")])
     def test_a_day_on_which_nobody_can_have_consented_is_refused(

@@ -10,7 +10,7 @@ import pytest
 from experiment import storage
 from experiment.dataset import beliefs, build
 from experiment.errors import DatasetError, PalpateError, RosterError
-from experiment.records import journal
+from experiment.records import chain, journal
 from experiment.records.entries import Withdrawal
 from experiment.records.progress import progress
 from experiment.study import roster
@@ -66,6 +66,30 @@ def test_every_command_that_reads_a_dataset_refuses_what_is_wrong_in_it(
         assert f"(palpate build {study.root})" in err
     assert palpate("build", study.root)[0] == 0
     assert palpate("export", study.root, *out)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "wrong"),
+    [
+        ("header", {"started_utc": "garbage"}),
+        ("step", {"contact_us": 1e300}),
+    ],
+)
+def test_a_moment_that_no_clock_tells_is_refused_though_its_journal_was_chained_anew(
+    made: MadeStudy, tmp_path: Path, palpate: Palpate, kind: str, wrong: dict[str, object]
+) -> None:
+    study = copied(made, tmp_path / "study")
+    path = study.journal()
+    links = chain.read(path, DatasetError).links
+    path.unlink()
+    chain.head_path(path).unlink()
+    writer = chain.Writer(path, chain.START)
+    for link in links:
+        writer.append(link.t_ns, {**link.entry, **(wrong if link.entry["kind"] == kind else {})})
+    writer.close()
+    for code, *command in ((1, "verify"), (2, "build"), (2, "analyse", "--out", tmp_path / "out")):
+        got, shown, err = palpate(*command[:1], study.root, *command[1:])
+        assert (got, "is no journal entry (ValidationError)" in shown + err) == (code, True)
 
 
 @pytest.mark.parametrize("act", ALONE.values(), ids=ALONE)

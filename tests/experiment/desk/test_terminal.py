@@ -49,17 +49,26 @@ def test_a_wrong_key_is_named_and_asked_again() -> None:
 
 
 def test_a_note_and_a_correction_take_the_place_of_a_key() -> None:
-    one, screen, _ = console("note Coughs. ", "correct 12 N misheard, a door slammed", "note", "correct x c why", "c")
+    one, screen, _ = console(
+        "note Coughs. ",
+        "correct 12 N misheard, a door slammed",
+        "note",
+        "correct x c why",
+        f"correct {'1' * 4301} c why",
+        "c",
+    )
     assert one.ask(trial=3, keys=KEYS) == Noted("Coughs.")
     assert one.ask(trial=3, keys=KEYS) == Corrected(12, "n", "misheard, a door slammed")
     assert one.ask(trial=3, keys=KEYS) == "c"
-    assert screen.getvalue().count("is no key") == 2
+    assert screen.getvalue().count("is no key") == 3
 
 
 def test_a_remark_that_could_deceive_does_not_go_on_record() -> None:
     one, screen, _ = console("note all\x1b[2Jwell", "c")
     assert one.ask(trial=3, keys=KEYS) == "c"
-    assert screen.getvalue().startswith("The remark holds U+001B, which cannot go on record; type it without\n")
+    assert screen.getvalue().startswith(
+        "The remark holds U+001B, which cannot go on record; type it again without that character\n"
+    )
 
 
 def test_a_session_ends_with_enter_and_takes_remarks_until_then() -> None:
@@ -100,9 +109,29 @@ def test_what_was_typed_before_a_question_does_not_answer_it(question: Callable[
         # Until the terminal has it.
         assert select.select([near], [], [], 5)[0]
         question(one)
-    assert "Ignored, for it was typed before the question: 'n n'" in screen.getvalue()
+    assert "Ignored because it was typed before the question: 'n n'" in screen.getvalue()
     assert (one.ignored(), one.ignored()) == ("n\nn", "")
     assert typed_ahead(io.StringIO("n\n")) == ""
+
+
+@pytest.mark.parametrize("when", ["isatty", "read"])
+def test_a_terminal_that_is_lost_while_its_input_is_dropped_is_a_screen_that_is_gone(
+    monkeypatch: pytest.MonkeyPatch, when: str
+) -> None:
+    """It hangs up before its settings are read, or before they are restored."""
+    far, near = os.openpty()
+    before = getattr(os, when)
+
+    def lost(descriptor: int, *size: int) -> object:
+        found = before(descriptor, *size)
+        os.close(far)
+        return found
+
+    with os.fdopen(near) as terminal:
+        one = TerminalConsole(write=io.StringIO(), ask=input, heading="", early=lambda: typed_ahead(terminal))
+        monkeypatch.setattr(os, when, lost)
+        with pytest.raises(ScreenGone, match=r"^the screen is gone \(.*Input/output error\)$"):
+            one.rest(why="")
 
 
 def test_the_real_object_is_laid_out_before_the_participant_may_step() -> None:

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from experiment.errors import JournalError
 from experiment.records import chain, journal, transcript
-from experiment.records.entries import Entry, Footer, Phase
-from experiment.records.footstep import FootStep, Zeroed
+from experiment.records.entries import Entry, Footer, MaskerSet, Phase, Withdrawal
+from experiment.records.footstep import FootStep, TrackerClock, Zeroed
 from experiment.records.stimulus import Onset, Stimulus
 from tests.experiment.records.test_resume import broken_off, step
 from tests.experiment.session.bench import COMPUTED, DELIVERED, HEADER
@@ -36,6 +37,9 @@ ONSET = Onset(
     gate_to_scheduled_ms=1.5,
     delivered=DELIVERED,
 )
+
+
+WITHDRAWN = Withdrawal(reason="asked to stop", torn="")
 
 
 def told(folder: Path, *entries: Entry) -> str:
@@ -70,6 +74,38 @@ def test_it_says_how_strong_a_stimulus_was_and_whether_that_was_measured(
     text = " ".join(told(tmp_path, stepped(stimulus, onset)).split())
     assert said in text
     assert ("delivery was not measured" in text) == ("delivery was not measured" in said)
+
+
+def test_a_session_without_a_footer_can_be_resumed_unless_the_participant_withdrew(tmp_path: Path) -> None:
+    ended = "The session has no footer: it ended without saying why."
+    for name, entries, last in (("on", [], f"{ended} It can be resumed."), ("off", [WITHDRAWN], ended)):
+        (folder := tmp_path / name).mkdir()
+        assert told(folder, Phase(state="ready"), *entries).splitlines()[-1] == last
+
+
+@pytest.mark.parametrize(
+    ("entry", "field", "wrong"),
+    [
+        (HEADER, "started_utc", "2001-02-30T00:00:00+00:00"),
+        (HEADER, "started_utc", "9999-12-31T23:59:59+00:00"),
+        (HEADER, "started_utc", "0001-01-01T00:00:00+14:00"),
+        (step(1, 1), "gate_top_us", -1e16),
+        (step(1, 1), "gate_bottom_us", 1e16),
+        (step(1, 1), "contact_us", 1e300),
+        (
+            step(1, 1),
+            "clock",
+            TrackerClock(anchor_us=0, anchor_ns=0, drift_ppm=0.0).model_copy(update={"drift_ppm": 1e300}),
+        ),
+        (step(1, 1), "stimulus", STIMULUS.model_copy(update={"rate_hz": 0})),
+        (MaskerSet(level_db_a=50.0, dose=0.0, daily_level_db_a=None), "level_db_a", 1e300),
+    ],
+)
+def test_a_value_that_nothing_can_have_is_no_entry_however_it_was_chained(
+    tmp_path: Path, entry: Entry, field: str, wrong: object
+) -> None:
+    with pytest.raises(JournalError, match="line 2 is no journal entry"):
+        told(tmp_path, entry.model_copy(update={field: wrong}))
 
 
 def test_no_line_is_wider_than_a_page(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 from experiment import storage
 from experiment.dataset import build
 from experiment.desk.port import Corrected, Noted, Remark
+from experiment.errors import ScreenGone
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
 from experiment.records.entries import Answer, Correction, Footer, Ignored, Note, Redo
@@ -65,7 +66,10 @@ def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Pa
     [
         (Corrected(3, "c", "not answered yet"), "Trial 3 has no answer that counts; nothing was corrected."),
         (Corrected(99, "c", "no such trial"), "Trial 99 has no answer that counts; nothing was corrected."),
-        (Corrected(1, "q", "no answer"), "'q' is no key of an answer; type one of c a p t n. Nothing was corrected."),
+        (
+            Corrected(1, "q", "no answer"),
+            "'q' does not stand for an answer; type one of c a p t n. Nothing was corrected.",
+        ),
     ],
 )
 def test_what_cannot_be_corrected_is_refused_in_words(
@@ -113,3 +117,21 @@ def test_what_was_typed_too_early_is_on_record_and_answers_nothing(protocol: Pro
     ignored = [e for e in found if isinstance(e, Ignored)]
     assert ignored == [Ignored(trial=None, typed="\n"), Ignored(trial=1, typed="pp")]
     assert isinstance(found[-1], Footer)
+
+
+@pytest.mark.parametrize("ended", [KeyboardInterrupt(), ScreenGone("the screen is gone")], ids=["Ctrl-C", "no screen"])
+@pytest.mark.parametrize("prompt", ["ask", "place", "debrief"])
+def test_what_was_typed_before_the_question_that_ended_the_session_is_on_record(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, prompt: str, ended: BaseException
+) -> None:
+    one = bench("cpt")
+
+    def end(**_: object) -> None:
+        one.console.early.append("p\n")
+        raise ended
+
+    monkeypatch.setattr(one.console, prompt, end)
+    assert one.run(protocol, header("real"), tmp_path).reason == "paused"
+    *_, ignored, footer = entries(tmp_path, "real")
+    assert ignored == Ignored(trial=None if prompt == "debrief" else 1, typed="p\n")
+    assert isinstance(footer, Footer)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +15,11 @@ from experiment.clock import ManualClock
 from experiment.errors import JournalError, PalpateError, RigError
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
-from experiment.records.entries import Answer, Armed, Footer, Header, Phase, Redo, Resumed, TrackerOpened
+from experiment.records.entries import Answer, Armed, Footer, Header, Phase, Redo, Resumed, TrackerOpened, Withdrawal
 from experiment.records.footstep import FootStep
 from experiment.records.stimulus import Stimulus
 from experiment.session.footstep.watch import BrokenStep, WatchedStep, watch
+from experiment.study.roster import Roster
 from tests.experiment.session.bench import COMPUTED, ORDER, as_read, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole, ScriptedTracker, step_samples
 
@@ -85,6 +87,29 @@ def test_familiarisation_lasts_as_long_as_the_protocol_asks(protocol: Protocol, 
     one = bench("cpt")
     one.run(protocol, header("real"), tmp_path)
     assert one.console.familiarised == 2, "100 s a time, 180 s wanted"
+
+
+@pytest.mark.parametrize("keys", ["cq", "cpt"], ids=["paused", "complete"])
+def test_nobody_who_withdrew_is_resumed(protocol: Protocol, tmp_path: Path, keys: str) -> None:
+    bench(keys).run(protocol, header("real"), tmp_path)
+    path = storage.journal_path(tmp_path, "01", "real")
+    with closing(journal.Journal(path, ManualClock(START_NS), journal.read(path))) as opened:
+        opened.append(Withdrawal(reason="asked to stop", torn=""))
+    before = path.read_bytes()
+    with pytest.raises(JournalError, match="participant 01 withdrew and is not run again; enrol another participant"):
+        bench("ptt").run(protocol, header("real"), tmp_path)
+    assert path.read_bytes() == before
+
+
+def test_nobody_begins_who_withdrew_by_the_roster(protocol: Protocol, tmp_path: Path) -> None:
+    path = storage.roster_path(tmp_path)
+    path.parent.mkdir()
+    known = Roster.load(path)
+    known.enrol("01", None)
+    known.withdraw("01", "asked to stop")
+    with pytest.raises(JournalError, match="participant 01 withdrew and is not run again"):
+        bench("cpt").run(protocol, header("real"), tmp_path)
+    assert not storage.journal_path(tmp_path, "01", "real").exists()
 
 
 def test_response_time_runs_from_contact_in_device_time(protocol: Protocol, tmp_path: Path) -> None:
