@@ -148,7 +148,9 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
 def _alone(root: Path) -> Iterator[Finding]:
     """Tell what stands behind tables without journals."""
     if (origin := beliefs.origin_of(root)) != "RECONSTRUCTION":
-        raise DatasetError(f"{root}: says {origin}, and sourcedata holds no journal; restore it from a backup")
+        text = f"holds no journal, and the tables say {origin}; restore it from a backup"
+        yield Finding("refused", "sourcedata", text)
+        return
     yield Finding(
         "note", "RECONSTRUCTION", "no journal is behind these tables, only counts from print: no change shows"
     )
