@@ -272,12 +272,16 @@ class Roster:
             return
         self.check_enrolled(participant)
         if isinstance(entry, Erased):
-            if participant not in self.withdrawn or participant in self.erased:
-                raise RosterError(f"participant {participant} has not withdrawn, or is erased already")
+            if participant not in self.withdrawn:
+                raise RosterError(f"participant {participant} has not withdrawn; withdraw them first")
+            if participant in self.erased:
+                raise RosterError(f"the data of participant {participant} are erased already; nothing is left to do")
             self.erased.add(participant)
             return
         if participant in self.withdrawn:
-            raise RosterError(f"participant {participant} has withdrawn already; enrol another participant")
+            on_record = f"the reason on record is '{self.withdrawn[participant]}'; give that one"
+            mend = on_record if isinstance(entry, Withdrawn) else "enrol another participant"
+            raise RosterError(f"participant {participant} has withdrawn already; {mend}")
         known = self.consent_on[participant]
         if isinstance(entry, Withdrawn):
             self.withdrawn[participant] = entry.reason

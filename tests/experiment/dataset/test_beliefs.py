@@ -125,7 +125,7 @@ def test_a_withdrawal_that_was_killed_is_finished_by_the_same_command(
         with pytest.raises(KeyboardInterrupt):
             withdraw(study)
     assert not withdrawn(study)
-    with pytest.raises(RosterError, match="participant 01 has withdrawn already"):
+    with pytest.raises(RosterError, match="the reason on record is 'asked to stop'; give that one"):
         withdraw(study, "another reason")
     for _ in range(2):
         withdraw(study)
