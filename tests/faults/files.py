@@ -229,15 +229,14 @@ def files(folder: Path, *, records: bool = False) -> dict[str, str]:
     return {
         str(path.relative_to(folder)): "" if path.is_symlink() else hashlib.sha256(held(path, records)).hexdigest()
         for path in folder.rglob("*")
-        # The head of a roster may be one line behind; the next line brings it up.
-        if path.is_symlink() or (path.is_file() and not path.name.endswith(("lock", "roster.head")))
+        if path.is_symlink() or (path.is_file() and not path.name.endswith("lock"))
     }
 
 
 def held(path: Path, records: bool) -> bytes:
-    """What a file holds; a journal's head, which names the hash of its last line, only how many lines there are."""
+    """What a file holds; a head, which names the hash of the last line, only how many lines there are."""
     data = path.read_bytes()
-    if records and path.name.endswith("_journal.head"):
+    if records and path.suffix == ".head":
         # Empty before the first line.
         return b"".join(data.split()[:1])
     return timeless(data) if records and path.suffix == ".jsonl" else data
