@@ -488,12 +488,17 @@ import os, sys
 from experiment.__main__ import main
 class Arguments(list):
     def __getitem__(self, place):
+        # Plain from here on: processes that the command starts get a copy.
+        sys.argv = list(self)
         os.write(1, b".")
         return list.__getitem__(self, place)
 sys.argv = Arguments(sys.argv)
 main()
 """
 """The command, with a sign when Python has begun and it is palpate that answers: it looks at its arguments."""
+
+
+PROGRESS = re.compile(r"\d+/\d+ \d+:\d\d:\d\d")
 
 
 @dataclass(frozen=True)
@@ -508,10 +513,13 @@ class Ended:
     def clean(self) -> bool:
         return not any("Traceback" in line or "Exception" in line for line in self.lines)
 
-    @property
-    def interrupted(self) -> bool:
-        """Whether it ended as it promises for Ctrl-C: by its code, with one line."""
-        return self.code == 130 and len(self.lines) == 1 and self.lines[0].startswith("palpate: ")
+    def interrupted(self, alone: Ended) -> bool:
+        """Whether it ended as it promises for Ctrl-C: by its code, with one line.
+
+        What it also shows when it is `alone`, and a bar of progress, are no lines about the interrupt.
+        """
+        own = [line for line in self.lines if line not in alone.lines and not PROGRESS.search(line)]
+        return self.code == 130 and len(own) == 1 and own[0].startswith("palpate: ") and "interrupted" in own[0]
 
 
 def started(folder: Path, name: str, command: Sequence[str], after_s: float | None) -> Ended:
@@ -557,10 +565,12 @@ def interrupted(folder: Path, count: int) -> list[str]:
 
     def one(place: int) -> str:
         command, alone = commands[place % len(commands)], by_itself[place % len(commands)]
+        if alone.code not in (0, 1, 2) or not alone.clean:
+            return f"{command} without an interrupt: {alone.code}: {alone.lines[-3:]}"
         after_s = alone.lasted_s * (place + 0.5) / count
         for _ in range(DRAWS):
             ended = started(folder, f"interrupted-{place}", command, after_s)
-            if ended.interrupted:
+            if ended.interrupted(alone):
                 return ""
             if ended.code is None or ended.code != alone.code or not ended.clean:
                 return f"{command} after {after_s:.3f} s: {ended.code}: {ended.lines[-3:]}"
