@@ -356,7 +356,8 @@ def _refuse_people(root: Path, journals: set[Path], tasks: dict[str, tuple[str, 
         if wanted and journals.isdisjoint(wanted):
             raise DatasetError(
                 f"{min(wanted)}: is missing, and {table.name} has a session of participant {participant}; restore the "
-                "journal from a backup"
+                f"journal from a backup; if no such session took place, {table.name} was edited: delete that, and make "
+                f"it again (palpate build {root})"
             )
 
 

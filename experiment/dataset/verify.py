@@ -151,7 +151,9 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
 def _alone(root: Path) -> Iterator[Finding]:
     """Tell what stands behind tables without journals."""
     if (origin := beliefs.origin_of(root)) != "RECONSTRUCTION":
-        raise DatasetError(f"{root}: says {origin}, and sourcedata holds no journal; restore it from a backup")
+        text = f"holds no journal, and the tables say {origin}; restore it from a backup"
+        yield Finding("refused", "sourcedata", text)
+        return
     yield Finding(
         "note", "RECONSTRUCTION", "no journal is behind these tables, only counts from print: no change shows"
     )
@@ -267,9 +269,9 @@ def _evidence(
         mine = [one for one in kept if not known or (one.anchor.study, one.anchor.purpose) in known]
         counted = mine if signer is None or inside else [one for one in mine if signer.signed(one)]
         by = f" signed by {signer.path}" if signer and not inside else ""
-        if len(counted) < len(mine):
-            text = f"anchors that do not count, for they are not{by}: {len(mine) - len(counted)}"
-            findings.append(Finding("note", str(path), text))
+        if signer and (unsigned := len(mine) - len(counted)):
+            do = "1 anchor does" if unsigned == 1 else f"{unsigned} anchors do"
+            findings.append(Finding("note", str(path), f"{do} not count: {signer.path} did not sign them"))
         if signer and not counted and any(map(register.soundly_signed, mine)):
             raise DatasetError(
                 f"{signer.path}: is not the key that signed the anchors of this dataset in {path}; give that one; if "
@@ -294,7 +296,7 @@ def _evidence(
             )
         if not found:
             why = "the number was mistyped or is of another dataset, or that file was changed"
-            text = f"no anchor of it is in {LOG}: {why}"
+            text = f"{LOG} holds no anchor with this number: {why}"
             findings.append(Finding("refused", f"number {number}", text))
         evidence.append(Evidence(f"number {number}", found, "change the lab book"))
     return evidence, findings

@@ -80,7 +80,7 @@ def write(
 ) -> Seal:
     """Record the approval of `protocol`, as loaded from `protocol_path`, beside it.
 
-    `replace` lets the seal take the place of another, of which datasets that were begun under it keep their copy.
+    `replace` lets the seal take the place of another, whatever that says; datasets begun under it keep their copy.
     Raises `ProtocolError` if a field is empty or contradicts the protocol's own ethics block, or if a seal exists
     already.
     """
@@ -94,8 +94,8 @@ def write(
     }
     seal = load.checked(path, Seal, stated)
     _refuse(path, _contradictions(protocol, seal))
-    if path.exists():
-        _refuse(path, _in_the_way(path, seal, replace))
+    if path.exists() and not replace:
+        _refuse(path, _in_the_way(path, seal))
     _write(path, seal)
     return seal
 
@@ -177,10 +177,8 @@ def _contradictions(protocol: Protocol, seal: Seal) -> list[Problem]:
     ]
 
 
-def _in_the_way(path: Path, seal: Seal, replace: bool) -> list[Problem]:
+def _in_the_way(path: Path, seal: Seal) -> list[Problem]:
     same = load.read(path, Seal).protocol_sha256 == seal.protocol_sha256
-    if replace:
-        return []
     there = "this version of the protocol is sealed already" if same else "there is one for another version"
     allowed = f"no seal: {there}; replace it (--replace), or move it away"
     return [Problem("seal", None, "an existing seal", allowed)]

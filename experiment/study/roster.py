@@ -14,7 +14,7 @@ import json
 import re
 import secrets
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import date
 from itertools import permutations
@@ -172,6 +172,19 @@ class Roster:
             f"{self.path}: lacks a line that a session began under: it was cut or changed; restore it from a backup"
         )
 
+    @classmethod
+    def continued(cls, path: Path) -> Roster:
+        """Read a roster as `load` does, and bring its head up to the last line: a kill leaves it one line behind.
+
+        Until then nobody would notice if that line were cut off, and a refused command writes none.
+        """
+        roster = cls.load(path)
+        if roster.lines.links:
+            with roster._writing():
+                roster = cls.load(path)
+                chain.Writer(path, roster.lines.end).close()
+        return roster
+
     def enrol(self, participant: str, consent_on: date | None) -> None:
         """Give the next place to a participant, on disk when this returns; `consent_on` is None without consent.
 
@@ -252,17 +265,23 @@ class Roster:
                 f"got the reason {quoted(str(facts.get('reason')))}; allowed: one line of 1 to 200 characters, "
                 f"{VISIBLE}; mend it"
             ) from error
+        with self._writing():
+            latest = Roster.load(self.path)
+            latest._apply(entry)
+            with closing(chain.Writer(self.path, latest.lines.end)) as opened:
+                opened.append(self.now_ns(), entry.model_dump(mode="json"))
+            self.lines = chain.read(self.path, RosterError)
+        self.consent_on, self.withdrawn, self.erased = latest.consent_on, latest.withdrawn, latest.erased
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Keep other writers out. Raises `RosterError` if the roster cannot be written."""
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             with FileLock(self.path.with_name(f".{self.path.name}.lock")):
-                latest = Roster.load(self.path)
-                latest._apply(entry)
-                with closing(chain.Writer(self.path, latest.lines.end)) as opened:
-                    opened.append(self.now_ns(), entry.model_dump(mode="json"))
-                self.lines = chain.read(self.path, RosterError)
+                yield
         except OSError as error:
             raise RosterError(f"{self.path}: cannot write the roster ({error.strerror}); mend that first") from error
-        self.consent_on, self.withdrawn, self.erased = latest.consent_on, latest.withdrawn, latest.erased
 
     def _apply(self, entry: AnyEntry) -> None:
         participant = entry.participant
@@ -272,12 +291,16 @@ class Roster:
             return
         self.check_enrolled(participant)
         if isinstance(entry, Erased):
-            if participant not in self.withdrawn or participant in self.erased:
-                raise RosterError(f"participant {participant} has not withdrawn, or is erased already")
+            if participant not in self.withdrawn:
+                raise RosterError(f"participant {participant} has not withdrawn; withdraw them first")
+            if participant in self.erased:
+                raise RosterError(f"the data of participant {participant} are erased already; nothing is left to do")
             self.erased.add(participant)
             return
         if participant in self.withdrawn:
-            raise RosterError(f"participant {participant} has withdrawn already; enrol another participant")
+            on_record = f"the reason on record is '{self.withdrawn[participant]}'; give that one"
+            mend = on_record if isinstance(entry, Withdrawn) else "enrol another participant"
+            raise RosterError(f"participant {participant} has withdrawn already; {mend}")
         known = self.consent_on[participant]
         if isinstance(entry, Withdrawn):
             self.withdrawn[participant] = entry.reason
@@ -354,7 +377,7 @@ def enrol(
     path = storage.roster_path(root)
     if not path.exists() and any((root / "sourcedata").glob("sub-*")):
         raise DatasetError(f"{root}: has participants and no roster; restore {path} and its head from a backup")
-    Roster.load(path).check_next(participant)
+    Roster.continued(path).check_next(participant)
     settle(root, protocol_file, protocol, seed, purpose)
     Roster.load(path).enrol(participant, consent_on)
     return path
@@ -412,10 +435,11 @@ def consent(
     _refuse_rehearsal(root)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
+    known = Roster.continued(path)
     if correction is None:
-        Roster.load(path).consent(participant, consent_on)
+        known.consent(participant, consent_on)
     else:
-        Roster.load(path).correct(participant, consent_on, correction)
+        known.correct(participant, consent_on, correction)
     return path
 
 
@@ -441,7 +465,7 @@ def withdraw(
     path = storage.roster_path(root)
     Roster.load(path).check_enrolled(participant)
     with journal.locked(storage.participant_folder(root, participant), participant):
-        known = Roster.load(path)
+        known = Roster.continued(path)
         if known.withdrawn.get(participant) != reason and not (erase and participant in known.withdrawn):
             known.withdraw(participant, reason)
         if erase:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterable, Iterator
@@ -39,23 +40,28 @@ def attacks(size: Size) -> Iterator[Count]:
 
 def _wrong(made: MadeStudy, folder: Path, size: Size) -> Iterator[Count]:
     chosen = WRONG[:: size.of(4, 1)]
-    by_build, by_analyse = [], []
+    check = "the check with which analyse, export, audit and power begin"
+    answers: dict[str, list[tuple[str, str | None]]] = {check: [], "build": []}
     for number, wrong in enumerate(chosen):
         there = folder / f"wrong-{number}"
         study = copied(made, there / "study")
         wrong.act(study, there)
-        if not _refused(lambda root: build.check_tables(root), study.root):
-            by_analyse.append(wrong.name)
+        answers[check].append((wrong.said, _refusal(build.check_tables, study.root)))
         if wrong.mended:
             build.build(study.root)
-            if _refused(lambda root: build.check_tables(root), study.root):
-                by_build.append(wrong.name)
-        elif not _refused(build.build, study.root):
-            by_build.append(wrong.name)
+            answers["build"].append(("^mended$", _refusal(build.check_tables, study.root) or "mended"))
+        else:
+            answers["build"].append((wrong.said, _refusal(build.build, study.root)))
         shutil.rmtree(there)
-    for by, let_in in (("analyse, export, audit, power", by_analyse), ("build", by_build)):
-        kept_out = len(chosen) - len(let_in)
-        yield Count(f"dataset: something wrong in it, by {by}", len(chosen), kept_out, len(let_in), tuple(let_in))
+    for by, said in answers.items():
+        failures = tuple(
+            f"{wrong.name}: {got or 'let in'}"
+            for wrong, (pattern, got) in zip(chosen, said, strict=True)
+            if got is None or not re.search(pattern, got)
+        )
+        let_in = sum(got is None for _, got in said)
+        name = f"dataset: something wrong in it, by {by}"
+        yield Count(name, len(chosen), len(chosen) - len(failures), let_in, failures)
 
 
 def _alone(made: MadeStudy, folder: Path) -> Count:
@@ -133,11 +139,16 @@ def _put(path: Path, data: bytes, head: bytes | None) -> None:
 
 
 def _refused(act: Callable[[Path], object], path: Path) -> bool:
+    return _refusal(act, path) is not None
+
+
+def _refusal(act: Callable[[Path], object], path: Path) -> str | None:
+    """Return the words in which it is refused; None if it is let in."""
     try:
         act(path)
-    except PalpateError:
-        return True
-    return False
+    except PalpateError as error:
+        return str(error)
+    return None
 
 
 def _head_of(lines: list[bytes]) -> bytes:

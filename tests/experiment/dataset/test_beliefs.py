@@ -92,6 +92,19 @@ def test_a_moment_that_no_clock_tells_is_refused_though_its_journal_was_chained_
         assert (got, "is no journal entry (ValidationError)" in shown + err) == (code, True)
 
 
+def test_a_first_task_that_was_edited_is_mended_as_the_error_says(made: MadeStudy, tmp_path: Path) -> None:
+    study = copied(made, tmp_path / "study")
+    people = study.root / "participants.tsv"
+    before = people.read_bytes()
+    first, other = (task.encode() for task in study.tasks[0].tasks)
+    people.write_bytes(before.replace(b"sub-01\t" + first, b"sub-01\t" + other))
+    with pytest.raises(DatasetError, match=r"participants\.tsv was edited: delete that, and make it again"):
+        build.build(study.root)
+    people.unlink()
+    build.build(study.root)
+    assert people.read_bytes() == before
+
+
 @pytest.mark.parametrize("act", ALONE.values(), ids=ALONE)
 def test_tables_with_nothing_behind_them_prove_nothing_and_are_analysed_with_a_note(
     made: MadeStudy, tmp_path: Path, palpate: Palpate, act: Act
@@ -99,8 +112,10 @@ def test_tables_with_nothing_behind_them_prove_nothing_and_are_analysed_with_a_n
     study = copied(made, tmp_path / "study")
     act(study, tmp_path)
     code, shown, err = palpate("verify", study.root)
-    assert (code, shown) == (2, "")
-    assert err.startswith(f"palpate: {study.root}: says PARTICIPANT, and sourcedata holds no journal; restore it")
+    assert (code, err) == (1, "")
+    told = "sourcedata: holds no journal, and the tables say PARTICIPANT; restore it from a backup"
+    assert told in " ".join(shown.split())
+    assert "REFUSED: 1 finding speaks against this dataset." in shown
     assert palpate("build", study.root)[0] == 2
     code, _, err = palpate("export", study.root, "--out", tmp_path / "out")
     assert code == 0
@@ -134,7 +149,7 @@ def test_a_withdrawal_that_was_killed_is_finished_by_the_same_command(
         with pytest.raises(KeyboardInterrupt):
             withdraw(study)
     assert not withdrawn(study)
-    with pytest.raises(RosterError, match="participant 01 has withdrawn already"):
+    with pytest.raises(RosterError, match="the reason on record is 'asked to stop'; give that one"):
         withdraw(study, "another reason")
     for _ in range(2):
         withdraw(study)

@@ -267,7 +267,16 @@ def test_a_journal_that_is_missing_has_to_come_from_a_backup(study: MadeStudy, *
         shutil.rmtree(study.root / "sub-01")
     report = verify(study.root)
     assert any("from a backup" in text for text in refused(report).values())
-    assert "palpate build" not in str(report)
+    tables_alone = [one.text for one in report.findings if "palpate build" in one.text]
+    assert all("if no such session took place" in text for text in tables_alone)
+
+
+def test_a_register_is_told_also_where_all_of_sourcedata_is_gone(study: MadeStudy, anchored: Path) -> None:
+    path = inside(study, study.journal())
+    shutil.rmtree(study.root / "sourcedata")
+    found = refused(verify(study.root, [anchored]))
+    assert "holds no journal" in found["sourcedata"]
+    assert "is missing: it had" in found[path]
 
 
 def test_recordings_are_held_against_the_journals_and_their_manifest(study: MadeStudy) -> None:

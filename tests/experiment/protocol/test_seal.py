@@ -158,17 +158,19 @@ def test_the_seal_of_another_form_is_replaced_on_request_alone(file: Path) -> No
     assert approval.verify(file, other(), date(2020, 6, 1)).protocol_sha256 == sha256(other())
 
 
-def test_a_damaged_seal_is_refused_and_kept(file: Path) -> None:
+def test_a_damaged_seal_is_refused_and_kept_until_it_is_replaced_on_request(file: Path) -> None:
     path = file.parent / "small.seal.toml"
     path.write_text("protocol_sha256 = 'abc'\nboard = 3\n", encoding="utf-8")
     attempts: tuple[Callable[[], object], ...] = (
         lambda: approval.verify(file, protocol(), date(2020, 6, 1)),
-        lambda: approval.write(file, protocol(), **APPROVAL, replace=True),
+        lambda: approval.write(file, protocol(), **APPROVAL),
     )
     for attempt in attempts:
         with pytest.raises(ProtocolError, match="line 1: protocol_sha256: got 'abc'; allowed: 64 hexadecimal digits"):
             attempt()
     assert path.read_text(encoding="utf-8").startswith("protocol_sha256 = 'abc'")
+    sealed = approval.write(file, protocol(), **APPROVAL, replace=True)
+    assert approval.verify(file, protocol(), date(2020, 6, 1)) == sealed
 
 
 @given(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from experiment.errors import ScreenGone
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
 from experiment.records.entries import Answer, Correction, Footer, Ignored, Note, Redo
+from experiment.records.footstep import FootStep
 from tests.experiment.session.bench import bench, entries, header
 from tests.experiment.session.scripted import ScriptedConsole
 
@@ -82,6 +84,24 @@ def test_what_cannot_be_corrected_is_refused_in_words(
 
 def test_an_answer_that_was_corrected_and_then_done_again_is_the_new_one(protocol: Protocol, tmp_path: Path) -> None:
     """A correction is of the attempt that was answered: it does not reach a later one."""
+    run(protocol, tmp_path, "c", "p", "t", remarks=(Corrected(1, "t", "misheard"),))
+    path = storage.journal_path(tmp_path, "01", "real")
+    contents = journal.read(path)
+    first = [e for e in contents.entries if isinstance(e, FootStep | Answer) and e.trial == 1]
+    again = [e.model_copy(update={"attempt": 2}) for e in first]
+    again[-1] = again[-1].model_copy(update={"answered": "polypropylene"})
+    redo = Redo(trial=1, attempt=1, reason="asked to", put_off=False)
+    lines = tuple(replace(contents.lines[-1], entry=entry) for entry in (redo, *again))
+    rows = build._rows(build._session(path, replace(contents, lines=contents.lines + lines)), "PARTICIPANT")
+    found = [(row["attempt"], row["counted"], row["answered"], row.get("corrected_from")) for row in rows]
+    assert found[0] == (1, False, "typing paper", "copy paper")
+    assert found[-1] == (2, True, "polypropylene", None)
+    assert [row["answered"] for row in rows if row["trial"] == 1 and row["counted"]] == ["polypropylene"]
+
+
+def test_what_was_corrected_before_a_pause_stays_and_what_was_not_answered_is_not_corrected(
+    protocol: Protocol, tmp_path: Path
+) -> None:
     one = bench("cpt")
     one.console = ScriptedConsole(one.clock, ["c", Corrected(1, "t", "misheard"), "q"])
     assert one.run(protocol, header("real"), tmp_path).reason == "paused"

@@ -242,9 +242,16 @@ def test_what_has_happened_does_not_happen_again(roster: Roster) -> None:
     roster.enrol("01", TODAY)
     with pytest.raises(RosterError, match="participant 01 consented on 2020-06-01 already"):
         roster.consent("01", TODAY)
+    with pytest.raises(RosterError, match="participant 01 has not withdrawn; withdraw them first"):
+        roster.erase("01")
     roster.withdraw("01", "asked to stop")
-    with pytest.raises(RosterError, match="participant 01 has withdrawn already"):
-        roster.withdraw("01", "asked to stop")
+    with pytest.raises(RosterError, match="has withdrawn already; the reason on record is 'asked to stop'; give that"):
+        roster.withdraw("01", "moved away")
+    with pytest.raises(RosterError, match="participant 01 has withdrawn already; enrol another participant"):
+        roster.correct("01", TODAY, "the letter says so")
+    roster.erase("01")
+    with pytest.raises(RosterError, match="the data of participant 01 are erased already; nothing is left to do"):
+        roster.erase("01")
     with pytest.raises(RosterError, match="participant '02' is not enrolled"):
         roster.withdraw("02", "asked to stop")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from datetime import date
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 
 from experiment import storage
 from experiment.errors import DatasetError, RosterError
+from experiment.records import chain
 from experiment.study import roster
 from tests.experiment.protocol.small import SMALL
 
@@ -27,6 +29,33 @@ def test_consent_before_enrolment_is_refused_and_locks_nobody_out(tmp_path: Path
         roster.consent(protocol_file, "01", DAY, root=tmp_path / "study")
     path = roster.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
     assert roster.Roster.load(path).consent_on == {"01": DAY}
+
+
+@pytest.mark.parametrize("command", ["enrol", "consent", "withdraw"])
+def test_the_same_command_brings_up_the_head_that_a_kill_left_behind(
+    tmp_path: Path, protocol_file: Path, command: str
+) -> None:
+    root = tmp_path / "study"
+    head = chain.head_path(roster.enrol(protocol_file, "01", None, root=root, seed=1))
+
+    def act() -> None:
+        nonlocal before
+        before = head.read_bytes()
+        if command == "enrol":
+            roster.enrol(protocol_file, "02", None, root=root, seed=None)
+        elif command == "consent":
+            roster.consent(protocol_file, "01", DAY, root=root)
+        else:
+            roster.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)
+
+    before = b""
+    act()
+    after = head.read_bytes()
+    assert after != before
+    head.write_bytes(before)
+    with nullcontext() if command == "withdraw" else pytest.raises(RosterError, match="already"):
+        act()
+    assert head.read_bytes() == after
 
 
 @pytest.mark.parametrize("left", ["sourcedata/.palpate-0123456789abcdef", ".palpate-0123456789abcdef"])
