@@ -6,7 +6,7 @@ rehearsal its plan, and every file against the anchors in the dataset's log. All
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
@@ -37,11 +37,13 @@ FARTHEST_EAST = timedelta(hours=14)
 class Believed:
     """A dataset whose journals were all held against what stands beside them.
 
-    `roster` is None in a rehearsal. `sessions` are the headers of those that began, by journal.
+    `tasks` are those of every participant in order, concealed until they begin. `roster` is None in a rehearsal.
+    `sessions` are the headers of those that began, by journal.
     """
 
     protocol: Protocol
     purpose: Purpose
+    tasks: Mapping[str, tuple[str, ...]]
     roster: Roster | None
     sessions: tuple[tuple[Path, Header], ...]
 
@@ -177,7 +179,7 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
     if study.roster is not None:
         with collected(doubts):
             _check_withdrawals(study.roster, root, withdrawals)
-    return Believed(study.protocol, study.purpose, study.roster, tuple(sessions)), doubts
+    return Believed(study.protocol, study.purpose, study.tasks, study.roster, tuple(sessions)), doubts
 
 
 @contextmanager
