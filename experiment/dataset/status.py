@@ -87,6 +87,7 @@ class Status:
     in a rehearsal all. `seal` says under which approval it runs. `excluded` gives a reason for each participant who is
     done and left out by the protocol's rules; None if that is not known. `doubts` speak against the evidence,
     `reminders` only want somebody to act. `to_enrol` is the label that is enrolled next.
+    `revealed` gives the day on which what somebody does was shown (palpate schedule --reveal).
     """
 
     root: Path
@@ -98,6 +99,7 @@ class Status:
     planned: int
     people: tuple[Person, ...]
     erased: frozenset[str]
+    revealed: Mapping[str, date]
     to_enrol: str | None
     doubts: tuple[str, ...]
     reminders: tuple[str, ...]
@@ -135,6 +137,7 @@ class Status:
             "enrolled": len(self.people),
             **{state.replace(" ", "_"): [one.participant for one in self.those(state)] for state in STATES},
             "erased": sorted(self.erased),
+            "revealed": {who: day.isoformat() for who, day in self.revealed.items()},
             "excluded": self.excluded,
             "sessions": [
                 {
@@ -179,6 +182,7 @@ class Status:
                 *wrap(f"Excluded by the protocol's rules, of those done: {left_out}.", COLUMNS),
                 "",
                 *self._table(),
+                *_listed("Revealed before a session:", [f"{who}, on {day}." for who, day in self.revealed.items()]),
                 *_listed("Under way:", [one.told for one in under_way]),
                 *_listed("Next:", come),
                 *_listed("AGAINST THE EVIDENCE (palpate verify tells more):", self.doubts),
@@ -274,6 +278,7 @@ def status(given: Path, today: date) -> Status:
         planned=len(dataset.tasks),
         people=tuple(people),
         erased=frozenset(known.erased if known else ()),
+        revealed=dict(known.revealed if known else {}),
         to_enrol=left[0] if left else None,
         doubts=tuple(str(doubt).replace(f"{root}/", "") for doubt in doubts),
         reminders=(*wanted, *_reminders(root, protocol, known, people)),

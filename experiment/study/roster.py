@@ -135,7 +135,15 @@ class Erased(Entry):
     participant: str
 
 
-AnyEntry = Annotated[Enrolled | Consented | Corrected | Withdrawn | Erased, Field(discriminator="kind")]
+class Revealed(Entry):
+    """The concealed order of what a participant does was shown; the label need not be enrolled."""
+
+    kind: Literal["revealed"] = "revealed"
+    participant: str
+    revealed_on: date
+
+
+AnyEntry = Annotated[Enrolled | Consented | Corrected | Withdrawn | Erased | Revealed, Field(discriminator="kind")]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
 
 
@@ -144,14 +152,15 @@ class Roster:
     """The roster file of a study: one chained line for each event, only ever appended to.
 
     `consent_on` holds each participant's day of consent, or None without consent, in the order of enrolment;
-    `withdrawn` holds the reasons of those who withdrew, and `erased` those whose data were deleted. `now_ns` tells the
-    time of a new line.
+    `withdrawn` holds the reasons of those who withdrew, `erased` those whose data were deleted, and `revealed` the days
+    on which a concealed order was first shown. `now_ns` tells the time of a new line.
     """
 
     path: Path
     consent_on: dict[str, date | None] = field(default_factory=dict)
     withdrawn: dict[str, str] = field(default_factory=dict)
     erased: set[str] = field(default_factory=set)
+    revealed: dict[str, date] = field(default_factory=dict)
     lines: Chain = chain.EMPTY
     now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
 
@@ -205,6 +214,10 @@ class Roster:
     def erase(self, participant: str) -> None:
         """Record that the data of a participant are deleted. Raises `RosterError` unless the participant withdrew."""
         self._append(Erased, participant=participant)
+
+    def reveal(self, participant: str, today: date) -> None:
+        """Record that the concealed order of what a participant does is shown. Raises `RosterError`."""
+        self._append(Revealed, participant=participant, revealed_on=today)
 
     def has_erased(self, file: str) -> bool:
         """Return whether a file of the dataset, by its path inside, was of a participant whose data were deleted."""
@@ -262,13 +275,17 @@ class Roster:
                 self.lines = chain.read(self.path, RosterError)
         except OSError as error:
             raise RosterError(f"{self.path}: cannot write the roster ({error.strerror}); mend that first") from error
-        self.consent_on, self.withdrawn, self.erased = latest.consent_on, latest.withdrawn, latest.erased
+        self.consent_on, self.withdrawn = latest.consent_on, latest.withdrawn
+        self.erased, self.revealed = latest.erased, latest.revealed
 
     def _apply(self, entry: AnyEntry) -> None:
         participant = entry.participant
         if isinstance(entry, Enrolled):
             self.check_next(participant)
             self.consent_on[participant] = entry.consent_on
+            return
+        if isinstance(entry, Revealed):
+            self.revealed.setdefault(participant, entry.revealed_on)
             return
         self.check_enrolled(participant)
         if isinstance(entry, Erased):
@@ -510,6 +527,7 @@ def settle(
             storage.people_folder(root)
             drawn = secrets.randbelow(2**31) if seed is None else seed
             storage.write_json(storage.seed_path(root), {"seed": drawn, "purpose": purpose or "STUDY"})
+            storage.owners_alone(storage.seed_path(root))
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
             raise DatasetError(
