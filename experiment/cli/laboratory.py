@@ -119,7 +119,8 @@ def enrol(
     """Enrol the next participant of a study.
 
     The first one begins the dataset. Whether it is that of a pilot is settled then; later commands find a pilot by
-    --dataset.
+    --dataset. Once all are enrolled whom the study plans, each further one takes the place of somebody who withdrew
+    before completing, in the same order of tasks.
     """
     from experiment.study import roster
 
@@ -190,13 +191,14 @@ def schedule(
             f"{root}: holds no seed of a study, so nothing is concealed; leave out --dataset and --reveal"
         )
     drawn = roster.settle(root, protocol_file, protocol, None) if own else 1 if seed is None else seed
-    allocation = roster.find(roster.allocate(protocol, drawn), participant)
+    known = roster.Roster.load(storage.roster_path(root)) if own else roster.Roster(root)
+    allocation = roster.find(roster.allocated(protocol, drawn, known), participant)
     shown = [
         not own or bool(journal.read_if_begun(storage.journal_path(root, participant, task)).lines)
         for task in allocation.tasks
     ]
     if reveal and not all(shown):
-        roster.Roster.load(storage.roster_path(root)).reveal(participant, day(wall_ns()))
+        known.reveal(participant, day(wall_ns()))
         shown = [True] * len(shown)
     orders = [
         (task, schedules.schedule(protocol=protocol, participant=participant, task_id=task, seed=drawn))

@@ -199,7 +199,7 @@ def _study(root: Path) -> _Study:
     if not plan_file.exists():
         seed, purpose = rosters.seed_of(root), rosters.purpose_of(root)
         roster = Roster.load(storage.roster_path(root))
-        tasks = {one.participant: one.tasks for one in rosters.allocate(protocol, seed)}
+        tasks = {one.participant: one.tasks for one in rosters.allocated(protocol, seed, roster)}
         seal = approval.held(kept, protocol) if any(storage.size(path) for path in storage.journals(root)) else None
         return _Study(root, protocol, sha256, purpose, seed, tasks, None, roster, seal)
     for path in (storage.roster_path(root), storage.seed_path(root)):

@@ -268,6 +268,8 @@ def status(given: Path, today: date) -> Status:
         ("Nobody has to approve a rehearsal.", []) if known is None else _seal(root, protocol_file, protocol, today)
     )
     left = [label for label in dataset.tasks if known is not None and label not in known.consent_on]
+    if known is not None and not left and not doubts and roster.free_place(root, protocol, known):
+        left = [known.next_label()]
     return Status(
         root=root,
         day=today,
@@ -275,7 +277,7 @@ def status(given: Path, today: date) -> Status:
         title=protocol.study.title,
         purpose=dataset.purpose,
         seal=sealed,
-        planned=len(dataset.tasks),
+        planned=len(dataset.tasks) - len(known.takes if known else ()),
         people=tuple(people),
         erased=frozenset(known.erased if known else ()),
         revealed=dict(known.revealed if known else {}),

@@ -98,7 +98,7 @@ def run(
     purpose = roster.purpose_of(root)
     if purpose == "PILOT":
         console.show(LABELS["PILOT"])
-    allocation = roster.find(roster.allocate(protocol, seed), participant)
+    allocation = roster.find(roster.allocated(protocol, seed, enrolled), participant)
     beliefs.believed(root)
     _check_turn(root, allocation, task_id)
     _keep_seal(root, protocol_file)
