@@ -17,11 +17,11 @@ from typing import Literal
 
 from experiment import storage
 from experiment.dataset import beliefs
+from experiment.dataset.beliefs import Believed
 from experiment.dataset.bids import LABELS
 from experiment.dataset.build import ORIGINS
 from experiment.errors import DatasetError
 from experiment.protocol import approval, files
-from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
 from experiment.records.entries import Purpose
 from experiment.records.progress import Progress, progress
@@ -57,7 +57,7 @@ class Person:
     @property
     def task(self) -> Progress | None:
         """The session that has begun and is not complete, if there is one."""
-        return next((one for one in self.begun if not _complete(one)), None)
+        return next((one for one in self.begun if not one.complete), None)
 
     @property
     def position(self) -> int:
@@ -253,7 +253,7 @@ def status(given: Path, today: date) -> Status:
     believed = {path for path, _ in dataset.sessions}
     people: list[Person] = []
     for participant in dataset.tasks if known is None else known.consent_on:
-        order = dataset.tasks[participant]
+        order = dataset.tasks.get(participant, ())
         own = [storage.journal_path(root, participant, task) for task in order]
         begun = tuple(progress(journal.read(path).entries) for path in own if path in believed)
         state: State = "to begin"
@@ -262,10 +262,10 @@ def status(given: Path, today: date) -> Status:
         elif any(storage.size(one) for path in own if path not in believed for one in (path, chain.head_path(path))):
             state = "doubted"
         elif begun:
-            state = "done" if len(begun) == len(order) and all(map(_complete, begun)) else "under way"
+            state = "done" if len([one for one in begun if one.complete]) == len(order) else "under way"
         people.append(Person(participant, order, state, begun))
     sealed, wanted = (
-        ("Nobody has to approve a rehearsal.", []) if known is None else _seal(root, protocol_file, protocol, today)
+        ("Nobody has to approve a rehearsal.", []) if known is None else _seal(root, protocol_file, dataset, today)
     )
     left = [label for label in dataset.tasks if known is not None and label not in known.consent_on]
     if known is not None and not left and not doubts and roster.free_place(root, protocol, known):
@@ -283,15 +283,11 @@ def status(given: Path, today: date) -> Status:
         revealed=dict(known.revealed if known else {}),
         to_enrol=left[0] if left else None,
         doubts=tuple(str(doubt).replace(f"{root}/", "") for doubt in doubts),
-        reminders=(*wanted, *_reminders(root, protocol, known, people)),
+        reminders=(*wanted, *_reminders(root, dataset, people)),
     )
 
 
-def _complete(one: Progress) -> bool:
-    return one.footer is not None and one.footer.reason == "complete"
-
-
-def _seal(root: Path, protocol_file: Path | None, protocol: Protocol, today: date) -> tuple[str, list[str]]:
+def _seal(root: Path, protocol_file: Path | None, dataset: Believed, today: date) -> tuple[str, list[str]]:
     """Return the approval in a sentence, and what is to be done about it: by the seal that `palpate run` would check.
 
     That is the one beside the protocol's file; the dataset keeps a copy of the seal of its first session.
@@ -299,10 +295,10 @@ def _seal(root: Path, protocol_file: Path | None, protocol: Protocol, today: dat
     file = protocol_file or storage.protocol_path(root)
     if protocol_file is None and not approval.seal_path(file).exists():
         return "No session has begun, so no seal is kept here; the one beside the protocol's file counts.", []
-    version = files.load(protocol_file) if protocol_file else protocol
+    version = files.load(protocol_file) if protocol_file else dataset.protocol
     told, seal = approval.state(file, version, today)
     wanted = []
-    if approval.sha256(version) != approval.sha256(protocol):
+    if approval.sha256(version) != approval.sha256(dataset.protocol):
         wanted.append(
             f"{file} is another version of the protocol than the dataset's, so no session can be run with it."
         )
@@ -313,14 +309,10 @@ def _seal(root: Path, protocol_file: Path | None, protocol: Protocol, today: dat
     return f"Sealed until {seal.expires_on}, approval number {seal.approval_number}.", wanted
 
 
-def _reminders(root: Path, protocol: Protocol, known: roster.Roster | None, people: list[Person]) -> Iterator[str]:
+def _reminders(root: Path, dataset: Believed, people: list[Person]) -> Iterator[str]:
+    asked = dataset.roster.consent_on if dataset.roster and dataset.protocol.consent.required else {}
     for one in people:
-        if (
-            known
-            and one.state == "to begin"
-            and protocol.consent.required
-            and known.consent_on[one.participant] is None
-        ):
+        if one.state == "to begin" and asked.get(one.participant, date.min) is None:
             yield f"Record the consent of participant {one.participant} before their session (palpate consent)."
         if one.task is not None and one.task.footer is None and one.state == "under way":
             yield (

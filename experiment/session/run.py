@@ -185,8 +185,7 @@ def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None
     for earlier in tasks[: tasks.index(task_id)]:
         path = storage.journal_path(root, who, earlier)
         entries = journal.read_if_begun(path).entries
-        footer = progress(entries).footer if entries else None
-        if footer is None or footer.reason != "complete":
+        if not entries or not progress(entries).complete:
             raise RosterError(f"participant {who} does task '{earlier}' before '{task_id}'; run that one first")
 
 

@@ -86,15 +86,11 @@ def free_place(root: Path, protocol: Protocol, roster: Roster) -> str | None:
     """Return who withdrew first, by label, before completing, with a place that nobody took; None if nobody did."""
     for one in allocated(protocol, 0, roster):
         if one.participant in roster.withdrawn and one.participant not in roster.takes.values():
-            journals = [storage.journal_path(root, one.participant, task) for task in one.tasks]
-            if not all(_complete(journal.read_if_begun(path).entries) for path in journals):
+            paths = (storage.journal_path(root, one.participant, task) for task in one.tasks)
+            begun = [entries for path in paths if (entries := journal.read_if_begun(path).entries)]
+            if sum(progress(entries).complete for entries in begun) < len(one.tasks):
                 return one.participant
     return None
-
-
-def _complete(entries: Sequence[journal.AnyEntry]) -> bool:
-    footer = progress(entries).footer if entries else None
-    return footer is not None and footer.reason == "complete"
 
 
 def _permuted_blocks(tasks: tuple[str, ...], study: str, seed: int) -> Iterator[tuple[str, ...]]:
@@ -118,12 +114,20 @@ def _stranger(participant: str, known: Sequence[str]) -> RosterError:
 
 
 class Enrolled(Entry):
-    """A participant took up the next place of the study, or, beyond the planned ones, that of one who withdrew."""
+    """A participant took up the next place of the study."""
 
     kind: Literal["enrolled"] = "enrolled"
     participant: str
     consent_on: date | None
-    takes: str | None = None
+
+
+class Replacing(Entry):
+    """A participant, beyond the planned ones, took up the place of one who withdrew."""
+
+    kind: Literal["replacing"] = "replacing"
+    participant: str
+    consent_on: date | None
+    takes: str
 
 
 class Consented(Entry):
@@ -170,7 +174,9 @@ class Revealed(Entry):
     revealed_on: date
 
 
-AnyEntry = Annotated[Enrolled | Consented | Corrected | Withdrawn | Erased | Revealed, Field(discriminator="kind")]
+AnyEntry = Annotated[
+    Enrolled | Replacing | Consented | Corrected | Withdrawn | Erased | Revealed, Field(discriminator="kind")
+]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
 
 
@@ -216,7 +222,10 @@ class Roster:
         Participants enrol in the order of their labels, which keeps tasks balanced. Raises `RosterError` if the label
         is taken, or is not the next one, or if the place that it `takes` is not free.
         """
-        self._append(Enrolled, participant=participant, consent_on=consent_on, takes=takes)
+        if takes is None:
+            self._append(Enrolled, participant=participant, consent_on=consent_on)
+        else:
+            self._append(Replacing, participant=participant, consent_on=consent_on, takes=takes)
 
     def consent(self, participant: str, consent_on: date) -> None:
         """Record the consent of a participant who enrolled without it.
@@ -309,9 +318,9 @@ class Roster:
 
     def _apply(self, entry: AnyEntry) -> None:
         participant = entry.participant
-        if isinstance(entry, Enrolled):
+        if isinstance(entry, Enrolled | Replacing):
             self.check_next(participant)
-            if entry.takes is not None:
+            if isinstance(entry, Replacing):
                 if entry.takes not in self.withdrawn or entry.takes in self.takes.values():
                     raise RosterError(f"the place of participant {entry.takes} is not free; enrol {participant} again")
                 self.takes[participant] = entry.takes
