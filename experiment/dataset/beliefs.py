@@ -297,7 +297,7 @@ def _check_header(path: Path, header: Header, study: _Study) -> None:
             raise _foreign(path, f"{name} {got}", f"{allowed}, as everywhere in this dataset")
     seed = study.seed
     if header.order != schedule.schedule(protocol=study.protocol, participant=participant, task_id=task, seed=seed):
-        raise _foreign(path, "another order of trials", f"the one that protocol and seed {seed} give")
+        raise _foreign(path, "another order of trials", "the one that protocol and seed give")
     if study.roster is not None and study.seal is not None:
         _check_enrolment(path, header, study.roster, study.seal, study.protocol)
 

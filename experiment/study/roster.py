@@ -588,7 +588,7 @@ def settle(
             "--dataset, and a pilot with --pilot"
         )
     if seed not in (None, settled):
-        raise DatasetError(f"{root}: the study has the seed {settled}, not {seed}; leave out --seed")
+        raise DatasetError(f"{root}: the study has another seed than {seed}; leave out --seed")
     return settled
 
 

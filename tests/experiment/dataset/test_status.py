@@ -15,8 +15,11 @@ import pytest
 
 from experiment import storage
 from experiment.dataset import build
+from experiment.dataset.beliefs import Plan
 from experiment.dataset.status import Status, status
 from experiment.errors import DatasetError
+from experiment.protocol import approval, files
+from experiment.protocol.files import shipped
 from experiment.study import roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
@@ -185,6 +188,20 @@ def test_a_pilot_says_so_first_and_a_reconstruction_is_no_study(tmp_path: Path, 
     assert status(study.root, DAY).text().startswith("PILOT - participants in the room, no data of the study")
     with pytest.raises(DatasetError, match="okamoto2012: holds no study"):
         status(repository_root / "participants" / "okamoto2012", DAY)
+
+
+def test_a_rehearsal_says_so_first_and_needs_no_seal(tmp_path: Path) -> None:
+    kept, plan = storage.protocol_path(tmp_path), storage.plan_path(tmp_path)
+    storage.write_bytes(kept, shipped("okamoto2012.toml").read_bytes())
+    sha256 = approval.sha256(files.load(kept))
+    planned = Plan(protocol_sha256=sha256, rig_sha256="0" * 64, participants=3, seed=1, control="none", real_time=False)
+    storage.write_json(plan, planned.model_dump())
+    found = status(tmp_path, DAY)
+    assert states(found) == dict.fromkeys(("01", "02", "03"), "to begin")
+    assert (found.planned, found.to_enrol, found.reminders) == (3, None, ())
+    first, second, *_ = found.text().splitlines()
+    assert first.startswith("REHEARSAL - simulated participants: okamoto2012: ")
+    assert second == "Nobody has to approve a rehearsal."
 
 
 def test_the_flow_adds_up_and_puts_nobody_in_an_order_before_they_begin(made: MadeStudy) -> None:

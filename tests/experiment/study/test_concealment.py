@@ -103,9 +103,16 @@ def test_another_version_of_the_protocol_shows_nothing(study: MadeStudy, palpate
     assert "the study was begun with another version of the protocol" in err
 
 
-def test_enrolment_tells_no_seed(tmp_path: Path, palpate: Palpate) -> None:
-    study = make_study(tmp_path / "study", seed=987654321, enrolled=1, sessions=0)
-    code, out, err = palpate("enrol", study.file, "-p", "02", "--dataset", study.root)
-    assert (code, err) == (0, "")
-    assert "987654321" not in out
+def test_no_command_tells_the_seed_in_words(tmp_path: Path, palpate: Palpate) -> None:
+    study = make_study(tmp_path / "study", seed=987654321, enrolled=1, sessions=1)
+    told = [
+        palpate("enrol", study.file, "-p", "02", "--dataset", study.root, "--seed", 5),
+        palpate("enrol", study.file, "-p", "02", "--dataset", study.root),
+        palpate("journal", study.journal()),
+        palpate("status", study.root, "--json"),
+        palpate(*asked(study, "01")),
+    ]
+    assert [code for code, _, _ in told] == [2, 0, 0, 0, 0]
+    assert "the study has another seed than 5; leave out --seed" in told[0][2]
+    assert not any("987654321" in out + err for _, out, err in told)
     assert storage.seed_path(study.root).stat().st_mode & 0o007 == 0
