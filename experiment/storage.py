@@ -270,15 +270,20 @@ def journals(dataset: Path) -> list[Path]:
 
 
 def people_folder(dataset: Path) -> Path:
-    """Make the folder of what participants gave, and return it: its owner alone may enter.
-
-    Its group may where the umask lets a group write, which says that a laboratory shares its files.
-    """
+    """Make the folder of what participants gave, and return it: its owner alone may enter."""
     folder = dataset / "sourcedata"
     folder.mkdir(parents=True, exist_ok=True)
-    mode = folder.stat().st_mode
-    folder.chmod(mode & ~(0o007 if mode & 0o020 else 0o077))
+    owners_alone(folder)
     return folder
+
+
+def owners_alone(path: Path) -> None:
+    """Leave a new file or folder to its owner, and to its group where the umask lets a group write.
+
+    Such an umask says that a laboratory shares its files.
+    """
+    mode = path.stat().st_mode
+    path.chmod(mode & ~(0o007 if mode & 0o020 else 0o077))
 
 
 def participant_folder(dataset: Path, participant: str) -> Path:

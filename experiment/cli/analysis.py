@@ -1,4 +1,4 @@
-"""The commands of the analyst's desk: analyse, export, audit, power, numerics, import-counts."""
+"""The commands of the analyst's desk: analyse, export, audit, power, numerics, import-counts, and status of a study."""
 
 import re
 from functools import partial
@@ -9,7 +9,7 @@ import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, ProtocolFile
-from experiment.errors import Interrupted, PowerError
+from experiment.errors import Interrupted, PalpateError, PowerError
 
 commands = options.room()
 
@@ -228,6 +228,60 @@ def import_counts(
     pairs = dict(map(reconstruction.parse_task, task))
     text = reconstruction.study_text(study, pairs, source)
     typer.echo(f"Dataset: {reconstruction.import_counts(pairs, out, study=text)}")
+
+
+@commands.command(epilog="Example: palpate status participants/study --figure flow.pdf")
+def status(
+    study: Annotated[
+        Path,
+        typer.Argument(metavar="STUDY", help="Folder of a study's dataset, or a protocol file for the default one."),
+    ],
+    figure: Annotated[
+        Path | None, typer.Option("--figure", help="Draw the flow of participants too, as .svg, .png or .pdf.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Say how far a study is, and what is to be done next.
+
+    The order of a participant's tasks is not shown before their first session has begun. Nothing is changed. The exit
+    code is 1 if anything speaks against the evidence.
+    """
+    from dataclasses import replace
+
+    from analysis.documents import drawing
+    from analysis.reading import dataset as reading
+    from experiment import storage
+    from experiment.clock import day, wall_ns
+    from experiment.dataset import build
+    from experiment.dataset import status as statuses
+
+    drawn = {".svg": drawing.svg, ".png": drawing.png, ".pdf": drawing.pdf}
+    if figure is not None and figure.suffix.lower() not in drawn:
+        raise PalpateError(f"--figure {figure}: got the suffix '{figure.suffix}'; allowed: .svg, .png, .pdf; give one")
+    found = statuses.status(study, day(wall_ns()))
+    done = {one.participant for one in found.those("done")}
+    if found.doubts:
+        found = replace(found, excluded=None)
+    elif done:
+        try:
+            build.check_tables(found.root)
+            whole = [
+                one for one in reading.read(found.root).exclusions if one.trial is None and one.participant in done
+            ]
+            found = replace(found, excluded={one.participant: one.reason for one in whole})
+        except PalpateError as error:
+            found = replace(
+                found, excluded=None, reminders=(*found.reminders, f"Who is excluded is not known: {error}")
+            )
+    if figure is not None:
+        aside, stages = found.flow()
+        flow = drawing.flow(found.heading, f"Flow of participants on {found.day}: {found.title}", aside, stages)
+        storage.write_bytes(figure, drawn[figure.suffix.lower()](flow))
+    if as_json:
+        options.put(found.as_dict())
+    else:
+        typer.echo(f"{found.text()}\n\nFigure: {figure}" if figure else found.text())
+    raise typer.Exit(1 if found.doubts else 0)
 
 
 def tell_analysis(

@@ -119,12 +119,13 @@ def enrol(
     """Enrol the next participant of a study.
 
     The first one begins the dataset. Whether it is that of a pilot is settled then; later commands find a pilot by
-    --dataset.
+    --dataset. Once all are enrolled whom the study plans, each further one takes the place of somebody who withdrew
+    before completing, in the same order of tasks.
     """
     from experiment.study import roster
 
     path = roster.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
-    typer.echo(f"Participant {participant} is enrolled: {path}\nSeed of the study: {roster.seed_of(path.parents[1])}")
+    typer.echo(f"Participant {participant} is enrolled: {path}")
 
 
 @commands.command(epilog="Example: palpate consent study.toml --participant 01 --consent-on 2026-05-04")
@@ -156,25 +157,64 @@ def consent(
 
 
 @commands.command(epilog="Example: palpate schedule protocols/okamoto2012.toml --participant 03 --seed 1")
-def schedule(protocol_file: ProtocolFile, participant: Participant, seed: Seed = 1, as_json: Json = False) -> None:
-    """Print the trials of one participant, in order."""
+def schedule(
+    protocol_file: ProtocolFile,
+    participant: Participant,
+    seed: Annotated[
+        int | None, typer.Option("--seed", min=0, max=options.LARGEST_SEED, help="Seed of an example [default: 1].")
+    ] = None,
+    dataset: StudyFolder = None,
+    reveal: Annotated[
+        bool, typer.Option("--reveal", help="Show what is concealed; the roster says so from then on.")
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Print the trials of one participant, in order.
+
+    Once somebody is enrolled, the order is the study's own, and each task of it is concealed until its session has
+    begun. Before, it is an example of another seed.
+    """
+    from experiment import storage
+    from experiment.clock import day, wall_ns
     from experiment.protocol import files
+    from experiment.records import journal
     from experiment.study import roster
     from experiment.study import schedule as schedules
 
     protocol = files.load(protocol_file)
-    allocation = roster.find(roster.allocate(protocol, seed), participant)
-    orders = {
-        task: schedules.schedule(protocol=protocol, participant=allocation.participant, task_id=task, seed=seed)
+    root = dataset or roster.default_root(protocol)
+    own = storage.seed_path(root).exists()
+    if own and seed is not None:
+        raise RosterError(f"got --seed, and the study in {root} has one of its own; leave out --seed")
+    if not own and (dataset or reveal):
+        raise RosterError(
+            f"{root}: holds no seed of a study, so nothing is concealed; leave out --dataset and --reveal"
+        )
+    drawn = roster.settle(root, protocol_file, protocol, None) if own else 1 if seed is None else seed
+    known = roster.Roster.load(storage.roster_path(root)) if own else roster.Roster(root)
+    allocation = roster.find(roster.allocated(protocol, drawn, known), participant)
+    shown = [
+        not own or bool(journal.read_if_begun(storage.journal_path(root, participant, task)).lines)
         for task in allocation.tasks
-    }
+    ]
+    if reveal and not all(shown):
+        known.reveal(participant, day(wall_ns()))
+        shown = [True] * len(shown)
+    orders = [
+        (task, schedules.schedule(protocol=protocol, participant=participant, task_id=task, seed=drawn))
+        if seen
+        else None
+        for task, seen in zip(allocation.tasks, shown, strict=True)
+    ]
     if as_json:
-        tasks = [{"task": task, "order": [t.model_dump() for t in order]} for task, order in orders.items()]
-        options.put({"participant": allocation.participant, "seed": seed, "tasks": tasks})
+        tasks = [one and {"task": one[0], "order": [trial.model_dump() for trial in one[1]]} for one in orders]
+        options.put({"participant": participant, "seed": None if own else drawn, "example": not own, "tasks": tasks})
         return
-    for position, (task, order) in enumerate(orders.items(), start=1):
-        typer.echo(f"Participant {allocation.participant}, task {position}: {task} (seed {seed})")
-        for planned in order:
+    for position, one in enumerate(orders, start=1):
+        told = one[0] if one else "concealed until its session begins (--reveal shows it, and the roster says so)"
+        example = "" if own else f" (an example, of seed {drawn}: not the order of the study)"
+        typer.echo(f"Participant {participant}, task {position}: {told}{example}")
+        for planned in one[1] if one else ():
             typer.echo(f"{planned.trial:4d}  {' and '.join(planned.presented)}")
 
 

@@ -6,7 +6,7 @@ rehearsal its plan, and every file against the anchors in the dataset's log. All
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
@@ -37,11 +37,13 @@ FARTHEST_EAST = timedelta(hours=14)
 class Believed:
     """A dataset whose journals were all held against what stands beside them.
 
-    `roster` is None in a rehearsal. `sessions` are the headers of those that began, by journal.
+    `tasks` are those of every participant in order, concealed until they begin. `roster` is None in a rehearsal.
+    `sessions` are the headers of those that began, by journal.
     """
 
     protocol: Protocol
     purpose: Purpose
+    tasks: Mapping[str, tuple[str, ...]]
     roster: Roster | None
     sessions: tuple[tuple[Path, Header], ...]
 
@@ -177,7 +179,7 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
     if study.roster is not None:
         with collected(doubts):
             _check_withdrawals(study.roster, root, withdrawals)
-    return Believed(study.protocol, study.purpose, study.roster, tuple(sessions)), doubts
+    return Believed(study.protocol, study.purpose, study.tasks, study.roster, tuple(sessions)), doubts
 
 
 @contextmanager
@@ -197,7 +199,7 @@ def _study(root: Path) -> _Study:
     if not plan_file.exists():
         seed, purpose = rosters.seed_of(root), rosters.purpose_of(root)
         roster = Roster.load(storage.roster_path(root))
-        tasks = {one.participant: one.tasks for one in rosters.allocate(protocol, seed)}
+        tasks = {one.participant: one.tasks for one in rosters.allocated(protocol, seed, roster)}
         seal = approval.held(kept, protocol) if any(storage.size(path) for path in storage.journals(root)) else None
         return _Study(root, protocol, sha256, purpose, seed, tasks, None, roster, seal)
     for path in (storage.roster_path(root), storage.seed_path(root)):
@@ -297,7 +299,7 @@ def _check_header(path: Path, header: Header, study: _Study) -> None:
             raise _foreign(path, f"{name} {got}", f"{allowed}, as everywhere in this dataset")
     seed = study.seed
     if header.order != schedule.schedule(protocol=study.protocol, participant=participant, task_id=task, seed=seed):
-        raise _foreign(path, "another order of trials", f"the one that protocol and seed {seed} give")
+        raise _foreign(path, "another order of trials", "the one that protocol and seed give")
     if study.roster is not None and study.seal is not None:
         _check_enrolment(path, header, study.roster, study.seal, study.protocol)
 

@@ -38,6 +38,11 @@ class Progress:
     vibration_s: float = 0.0
 
     @property
+    def complete(self) -> bool:
+        """Whether the session has ended for good."""
+        return self.footer is not None and self.footer.reason == "complete"
+
+    @property
     def remaining(self) -> tuple[PlannedTrial, ...]:
         """Planned trials without an answer, in the order in which they are run."""
         order, size = self.header.order, self.header.block_trials

@@ -43,7 +43,7 @@ def text(contents: Contents) -> str:
         *([f"{header.purpose}: no session of a study"] if header.purpose != "STUDY" else []),
         f"Study {header.study}, participant {header.participant}, task {header.task} (the participant's "
         f"task number {header.task_position}).",
-        f"The session began at {header.started_utc} with {header.software}, rig {header.rig} and seed {header.seed}.",
+        f"The session began at {header.started_utc} with {header.software} and rig {header.rig}.",
         f"The SHA-256 of the protocol is {header.protocol_sha256}.",
         f"The journal has {len(contents.lines)} lines. Each carries the hash of the one before, and all were verified.",
         "",

@@ -86,7 +86,7 @@ def run(
     approval.verify(protocol_file, protocol, today)
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or roster.default_root(protocol)
-    _admitted(root, protocol_file, protocol, participant, clock)
+    enrolled = _admitted(root, protocol_file, protocol, participant, clock)
     rig = rigs.load(rig_file)
     anchored_in = _anchored_in(rig, rig_file)
     if rig.rig.simulated:
@@ -97,7 +97,7 @@ def run(
     purpose = roster.purpose_of(root)
     if purpose == "PILOT":
         console.show(LABELS["PILOT"])
-    allocation = roster.find(roster.allocate(protocol, seed), participant)
+    allocation = roster.find(roster.allocated(protocol, seed, enrolled), participant)
     beliefs.believed(root)
     _check_turn(root, allocation, task_id)
     _keep_seal(root, protocol_file)
@@ -208,8 +208,7 @@ def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None
     for earlier in tasks[: tasks.index(task_id)]:
         path = storage.journal_path(root, who, earlier)
         entries = journal.read_if_begun(path).entries
-        footer = progress(entries).footer if entries else None
-        if footer is None or footer.reason != "complete":
+        if not entries or not progress(entries).complete:
             raise RosterError(f"participant {who} does task '{earlier}' before '{task_id}'; run that one first")
 
 

@@ -3,7 +3,8 @@
 Participants are labels and nothing else: '01', '02', ... in the order of their enrolment. A task with fewer
 participants than the study is done by those who enrol first, so whoever comes later does less, and a study that ends
 early is as far as it can be in each task. Who does several tasks is allocated to their orders by permuted blocks: a
-block holds every order once, shuffled, so the orders balance after every block.
+block holds every order once, shuffled, so the orders balance after every block. Once all planned labels are enrolled,
+each further one takes the place of somebody who withdrew before completing, and does the same tasks in the same order.
 
 The first enrolment begins the study's dataset, with one protocol and one seed.
 """
@@ -32,6 +33,7 @@ from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
 from experiment.records.chain import Chain
 from experiment.records.entries import Entry, Purpose, Record, Withdrawal
+from experiment.records.progress import progress
 from experiment.settings.characters import quoted
 from experiment.settings.load import VISIBLE, Line
 from experiment.study.schedule import Draws
@@ -71,6 +73,26 @@ def allocate(protocol: Protocol, seed: int) -> tuple[Allocation, ...]:
     return tuple(allocations)
 
 
+def allocated(protocol: Protocol, seed: int, roster: Roster) -> tuple[Allocation, ...]:
+    """Return what `allocate` returns, and what those do who took the places of others, as the roster says."""
+    tasks = {one.participant: one.tasks for one in allocate(protocol, seed)}
+    for participant, place in roster.takes.items():
+        if place in tasks:
+            tasks.setdefault(participant, tasks[place])
+    return tuple(Allocation(participant, its) for participant, its in tasks.items())
+
+
+def free_place(root: Path, protocol: Protocol, roster: Roster) -> str | None:
+    """Return who withdrew first, by label, before completing, with a place that nobody took; None if nobody did."""
+    for one in allocated(protocol, 0, roster):
+        if one.participant in roster.withdrawn and one.participant not in roster.takes.values():
+            paths = (storage.journal_path(root, one.participant, task) for task in one.tasks)
+            begun = [entries for path in paths if (entries := journal.read_if_begun(path).entries)]
+            if sum(progress(entries).complete for entries in begun) < len(one.tasks):
+                return one.participant
+    return None
+
+
 def _permuted_blocks(tasks: tuple[str, ...], study: str, seed: int) -> Iterator[tuple[str, ...]]:
     draws = Draws("task orders", study, *tasks, seed)
     while True:
@@ -97,6 +119,15 @@ class Enrolled(Entry):
     kind: Literal["enrolled"] = "enrolled"
     participant: str
     consent_on: date | None
+
+
+class Replacing(Entry):
+    """A participant, beyond the planned ones, took up the place of one who withdrew."""
+
+    kind: Literal["replacing"] = "replacing"
+    participant: str
+    consent_on: date | None
+    takes: str
 
 
 class Consented(Entry):
@@ -135,7 +166,17 @@ class Erased(Entry):
     participant: str
 
 
-AnyEntry = Annotated[Enrolled | Consented | Corrected | Withdrawn | Erased, Field(discriminator="kind")]
+class Revealed(Entry):
+    """The concealed order of what a participant does was shown; the label need not be enrolled."""
+
+    kind: Literal["revealed"] = "revealed"
+    participant: str
+    revealed_on: date
+
+
+AnyEntry = Annotated[
+    Enrolled | Replacing | Consented | Corrected | Withdrawn | Erased | Revealed, Field(discriminator="kind")
+]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
 
 
@@ -144,14 +185,17 @@ class Roster:
     """The roster file of a study: one chained line for each event, only ever appended to.
 
     `consent_on` holds each participant's day of consent, or None without consent, in the order of enrolment;
-    `withdrawn` holds the reasons of those who withdrew, and `erased` those whose data were deleted. `now_ns` tells the
-    time of a new line.
+    `withdrawn` holds the reasons of those who withdrew, `erased` those whose data were deleted, and `revealed` the days
+    on which a concealed order was first shown. `takes` names, for each who came after the planned ones, the participant
+    whose place they took. `now_ns` tells the time of a new line.
     """
 
     path: Path
     consent_on: dict[str, date | None] = field(default_factory=dict)
     withdrawn: dict[str, str] = field(default_factory=dict)
     erased: set[str] = field(default_factory=set)
+    revealed: dict[str, date] = field(default_factory=dict)
+    takes: dict[str, str] = field(default_factory=dict)
     lines: Chain = chain.EMPTY
     now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
 
@@ -185,13 +229,16 @@ class Roster:
                 chain.Writer(path, roster.lines.end).close()
         return roster
 
-    def enrol(self, participant: str, consent_on: date | None) -> None:
+    def enrol(self, participant: str, consent_on: date | None, takes: str | None = None) -> None:
         """Give the next place to a participant, on disk when this returns; `consent_on` is None without consent.
 
         Participants enrol in the order of their labels, which keeps tasks balanced. Raises `RosterError` if the label
-        is taken, or is not the next one.
+        is taken, or is not the next one, or if the place that it `takes` is not free.
         """
-        self._append(Enrolled, participant=participant, consent_on=consent_on)
+        if takes is None:
+            self._append(Enrolled, participant=participant, consent_on=consent_on)
+        else:
+            self._append(Replacing, participant=participant, consent_on=consent_on, takes=takes)
 
     def consent(self, participant: str, consent_on: date) -> None:
         """Record the consent of a participant who enrolled without it.
@@ -219,6 +266,10 @@ class Roster:
         """Record that the data of a participant are deleted. Raises `RosterError` unless the participant withdrew."""
         self._append(Erased, participant=participant)
 
+    def reveal(self, participant: str, today: date) -> None:
+        """Record that the concealed order of what a participant does is shown. Raises `RosterError`."""
+        self._append(Revealed, participant=participant, revealed_on=today)
+
     def has_erased(self, file: str) -> bool:
         """Return whether a file of the dataset, by its path inside, was of a participant whose data were deleted."""
         return PurePosixPath(file).parent.name.removeprefix("sub-") in self.erased
@@ -229,7 +280,7 @@ class Roster:
         Raises `RosterError` that says why not: not of this study, not enrolled, without a consent between approval and
         today, or withdrawn.
         """
-        if participant not in labels(protocol):
+        if participant not in (*labels(protocol), *self.takes):
             raise _stranger(participant, labels(protocol))
         if participant not in self.consent_on:
             raise RosterError(f"participant {participant} is not enrolled in {self.path}; enrol them first")
@@ -271,7 +322,8 @@ class Roster:
             with closing(chain.Writer(self.path, latest.lines.end)) as opened:
                 opened.append(self.now_ns(), entry.model_dump(mode="json"))
             self.lines = chain.read(self.path, RosterError)
-        self.consent_on, self.withdrawn, self.erased = latest.consent_on, latest.withdrawn, latest.erased
+        self.consent_on, self.withdrawn = latest.consent_on, latest.withdrawn
+        self.erased, self.revealed, self.takes = latest.erased, latest.revealed, latest.takes
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -285,9 +337,16 @@ class Roster:
 
     def _apply(self, entry: AnyEntry) -> None:
         participant = entry.participant
-        if isinstance(entry, Enrolled):
+        if isinstance(entry, Enrolled | Replacing):
             self.check_next(participant)
+            if isinstance(entry, Replacing):
+                if entry.takes not in self.withdrawn or entry.takes in self.takes.values():
+                    raise RosterError(f"the place of participant {entry.takes} is not free; enrol {participant} again")
+                self.takes[participant] = entry.takes
             self.consent_on[participant] = entry.consent_on
+            return
+        if isinstance(entry, Revealed):
+            self.revealed.setdefault(participant, entry.revealed_on)
             return
         self.check_enrolled(participant)
         if isinstance(entry, Erased):
@@ -322,11 +381,11 @@ class Roster:
     def check_next(self, participant: str) -> None:
         """Return when `participant` is the next label. Raises `RosterError` otherwise."""
         if participant in self.consent_on:
-            raise RosterError(f"participant {participant} is enrolled already; the next label is {self._next(2)}")
-        if not re.fullmatch(r"[0-9]{2,}", participant) or participant != self._next(len(participant)):
-            raise RosterError(f"got the label '{participant}'; allowed: {self._next(2)}, the next one in order")
+            raise RosterError(f"participant {participant} is enrolled already; the next label is {self.next_label()}")
+        if not re.fullmatch(r"[0-9]{2,}", participant) or participant != self.next_label(len(participant)):
+            raise RosterError(f"got the label '{participant}'; allowed: {self.next_label()}, the next one in order")
 
-    def _next(self, width: int) -> str:
+    def next_label(self, width: int = 2) -> str:
         """Return the next label; as wide as those enrolled, or as `width` while nobody is."""
         width = len(next(iter(self.consent_on), "0" * width))
         return f"{len(self.consent_on) + 1:0{width}d}"
@@ -363,6 +422,8 @@ def enrol(
 ) -> Path:
     """Enrol the next participant, and return the roster's file; the first one begins the dataset and settles its seed.
 
+    Beyond the planned number a participant takes the place of one who withdrew before completing.
+
     `root` None stands for `participants/STUDY`, and `seed` None for the settled seed or a new one. With `pilot` the
     dataset is begun as one of a pilot, and stands in `participants/STUDY-pilot`. Raises `RosterError` if the label is
     not the next one, the study does not have it, or nobody can have consented on that day; and `DatasetError` if the
@@ -372,14 +433,17 @@ def enrol(
     purpose: Purpose | None = "PILOT" if pilot else "STUDY" if root is None else None
     root = root or default_root(protocol, pilot=pilot)
     _refuse_rehearsal(root)
-    find(allocate(protocol, 0), participant)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
+    known = Roster.continued(path)
+    takes = None if participant in labels(protocol) else free_place(root, protocol, known)
+    if participant not in labels(protocol) and takes is None:
+        raise _stranger(participant, labels(protocol))
     if not path.exists() and any((root / "sourcedata").glob("sub-*")):
         raise DatasetError(f"{root}: has participants and no roster; restore {path} and its head from a backup")
-    Roster.continued(path).check_next(participant)
+    known.check_next(participant)
     settle(root, protocol_file, protocol, seed, purpose)
-    Roster.load(path).enrol(participant, consent_on)
+    known.enrol(participant, consent_on, takes)
     return path
 
 
@@ -534,6 +598,7 @@ def settle(
             storage.people_folder(root)
             drawn = secrets.randbelow(2**31) if seed is None else seed
             storage.write_json(storage.seed_path(root), {"seed": drawn, "purpose": purpose or "STUDY"})
+            storage.owners_alone(storage.seed_path(root))
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
             raise DatasetError(
@@ -547,7 +612,7 @@ def settle(
             "--dataset, and a pilot with --pilot"
         )
     if seed not in (None, settled):
-        raise DatasetError(f"{root}: the study has the seed {settled}, not {seed}; leave out --seed")
+        raise DatasetError(f"{root}: the study has another seed than {seed}; leave out --seed")
     return settled
 
 

@@ -54,12 +54,15 @@ def test_modes_follow_the_umask_and_what_people_gave_is_their_owners(tmp_path: P
     before = os.umask(umask)
     try:
         storage.write(tmp_path / "file", b"")
+        mode = (tmp_path / "file").stat().st_mode & 0o777
         with storage.new_folder(tmp_path / "folder"):
             pass
         people = storage.people_folder(tmp_path)
+        storage.owners_alone(tmp_path / "file")
     finally:
         os.umask(before)
-    assert (tmp_path / "file").stat().st_mode & 0o777 == 0o666 & ~umask
+    assert mode == 0o666 & ~umask
+    assert (tmp_path / "file").stat().st_mode & 0o777 == (0o660 if umask == 0o002 else 0o600)
     assert (tmp_path / "folder").stat().st_mode & 0o777 == 0o777 & ~umask
     assert people.stat().st_mode & 0o777 == (0o770 if umask == 0o002 else 0o700)
 

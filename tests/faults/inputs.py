@@ -474,6 +474,7 @@ STARTED = (
     ("build", "data"),
     ("anchor", "data"),
     ("verify", "data"),
+    ("status", "data"),
     ("analyse", "tables", "--no-figures", "--out", "out"),
     ("export", "tables", "--out", "out"),
     ("audit", "okamoto2012"),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from analysis.documents.drawing import COLOURS, Sheet, svg, told_apart
+from analysis.documents.drawing import COLOURS, Sheet, flow, svg, told_apart
 from analysis.identification.results import compute
 from analysis.reading.dataset import read, read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities
@@ -146,3 +146,19 @@ def test_what_differs_in_the_labels_of_pooled_participants_stays(tmp_path: Path)
 
 def test_a_short_label_is_shown_whole() -> None:
     assert told_apart(["01", "participant"], 11) == ["01", "participant"]
+
+
+@pytest.mark.parametrize("arms", [0, 1, 2, 3, 4])
+def test_a_flow_of_participants_is_legible(arms: int) -> None:
+    aside = "In no order below: n = 10000\nto begin: 10000\nwithdrew before beginning: 0\nwithdrew, data erased: 0"
+    counts = "\n".join(
+        f"{what}: 10000" for what in ("completed", "under way", "withdrew", "doubted", "excluded by a rule")
+    )
+    stages = (
+        ("Enrolment", ("Enrolled: n = 10000\n(planned: 10000)",)),
+        ("Allocation", ("abcdefghijklmnopqrstuvwxyz\nthen short\nbegan: n = 10000",) * arms),
+        ("Sessions", (counts,) * arms),
+        ("Analysis", ("Can be analysed: at most n = 40000",)),
+    )
+    drawn = flow("REHEARSAL - simulated participants: study", LONG[0] * 4, aside, [one for one in stages if one[1]])
+    check([Sheet("flow", "", "", drawn)])

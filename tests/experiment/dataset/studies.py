@@ -45,7 +45,8 @@ class MadeStudy:
 
     @property
     def tasks(self) -> tuple[roster.Allocation, ...]:
-        return roster.allocate(self.protocol, roster.seed_of(self.root))
+        known = roster.Roster.load(storage.roster_path(self.root))
+        return roster.allocated(self.protocol, roster.seed_of(self.root), known)
 
     def journal(self, place: int = 0, position: int = 0) -> Path:
         one = self.tasks[place]

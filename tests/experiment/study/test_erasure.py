@@ -111,7 +111,7 @@ def test_a_roster_that_forgot_the_erasure_is_refused(made: MadeStudy, study: Mad
         build.build(study.root)
 
 
-@pytest.mark.parametrize("call", range(1, 12))
+@pytest.mark.parametrize("call", range(1, 9))
 def test_an_erasure_that_was_killed_is_finished_by_the_same_command(
     study: MadeStudy, monkeypatch: pytest.MonkeyPatch, call: int
 ) -> None:

@@ -1,0 +1,334 @@
+"""How far a study is: who is done, under way and due, and what stands in the way; a screen, and the texts of a figure.
+
+What is concealed stays so: the order of a participant's tasks is told only once their first session has begun, and the
+counts by order hold nobody else.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import date, timedelta
+from pathlib import Path
+from textwrap import fill, shorten, wrap
+from typing import Literal
+
+from experiment import storage
+from experiment.dataset import beliefs
+from experiment.dataset.beliefs import Believed
+from experiment.dataset.bids import LABELS
+from experiment.dataset.build import ORIGINS
+from experiment.errors import DatasetError
+from experiment.protocol import approval, files
+from experiment.records import chain, journal
+from experiment.records.entries import Purpose
+from experiment.records.progress import Progress, progress
+from experiment.study import roster
+
+COLUMNS = 80
+"""Width of the screen, characters."""
+
+SHOWN = 5
+"""The most lines of one kind on the screen; the document for programs has them all."""
+
+SOON = timedelta(days=30)
+"""A seal that ends within this time is told."""
+
+LEAST_FREE = 10**9
+"""Less room than this on the dataset's disk is told, bytes: some seven of the longest sessions."""
+
+State = Literal["to begin", "under way", "done", "withdrawn", "doubted"]
+
+
+@dataclass(frozen=True)
+class Person:
+    """Where one participant stands: their tasks in order, which stay concealed until one has begun, and how far each.
+
+    Of a `doubted` one a journal cannot be believed.
+    """
+
+    participant: str
+    order: tuple[str, ...]
+    state: State
+    begun: tuple[Progress, ...]
+
+    @property
+    def task(self) -> Progress | None:
+        """The session that has begun and is not complete, if there is one."""
+        return next((one for one in self.begun if not one.complete), None)
+
+    @property
+    def position(self) -> int:
+        """The place of the task that comes next, from 1."""
+        return len(self.begun) + (self.task is None)
+
+    @property
+    def place(self) -> str:
+        """That place in words."""
+        return f"task {self.position} of {len(self.order)}"
+
+    @property
+    def told(self) -> str:
+        """Where somebody under way stands, in a sentence."""
+        if self.task is None:
+            return f"{self.participant} is between tasks: {self.place} comes next."
+        footer, left, of = self.task.footer, len(self.task.remaining), len(self.task.header.order)
+        how = {"paused": "is paused", "error": "ended with an error"}.get(footer.reason if footer else "", "is open")
+        return f"{self.participant}, {self.task.header.task} ({self.place}), {how}: {left} of {of} trials remain."
+
+
+@dataclass(frozen=True)
+class Status:
+    """How far a study is.
+
+    `root` is the folder of its dataset, and `day` the day that its seal was held against. `people` are those enrolled,
+    in a rehearsal all. `seal` says under which approval it runs. `excluded` gives a reason for each participant who is
+    done and left out by the protocol's rules; None if that is not known. `doubts` speak against the evidence,
+    `reminders` only want somebody to act. `to_enrol` is the label that is enrolled next.
+    `revealed` gives the day on which what somebody does was shown (palpate schedule --reveal).
+    """
+
+    root: Path
+    day: date
+    study: str
+    title: str
+    purpose: Purpose
+    seal: str
+    planned: int
+    people: tuple[Person, ...]
+    erased: frozenset[str]
+    revealed: Mapping[str, date]
+    to_enrol: str | None
+    doubts: tuple[str, ...]
+    reminders: tuple[str, ...]
+    excluded: Mapping[str, str] | None = field(default_factory=dict)
+
+    @property
+    def heading(self) -> str:
+        """What the dataset is, where it is no study, and which study it is of."""
+        label = LABELS[ORIGINS[self.purpose]]
+        return f"{label}: {self.study}" if label else self.study
+
+    def those(self, state: State) -> list[Person]:
+        """Return the participants in a state, in the order of enrolment."""
+        return [one for one in self.people if one.state == state]
+
+    def orders(self) -> dict[tuple[str, ...], Counter[str]]:
+        """Return how many participants began each order of tasks, and how many of them are in each state."""
+        found: dict[tuple[str, ...], Counter[str]] = {}
+        for one in self.people:
+            if one.begun:
+                left_out = one.participant in (self.excluded or {})
+                found.setdefault(one.order, Counter()).update(["begun", one.state, *["excluded"] * left_out])
+        return dict(sorted(found.items()))
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the document for programs, as `participants/README.md` tells it."""
+        due = next(iter(self.those("to begin")), None)
+        return {
+            "day": self.day.isoformat(),
+            "study": self.study,
+            "title": self.title,
+            "purpose": self.purpose,
+            "seal": self.seal,
+            "planned": self.planned,
+            "enrolled": len(self.people),
+            **{state.replace(" ", "_"): [one.participant for one in self.those(state)] for state in STATES},
+            "erased": sorted(self.erased),
+            "revealed": {who: day.isoformat() for who, day in self.revealed.items()},
+            "excluded": self.excluded,
+            "sessions": [
+                {
+                    "participant": one.participant,
+                    "position": one.position,
+                    "of": len(one.order),
+                    "task": one.task and one.task.header.task,
+                    "ended": one.task and one.task.footer and one.task.footer.reason,
+                    "remaining": one.task and len(one.task.remaining),
+                    "trials": one.task and len(one.task.header.order),
+                }
+                for one in self.those("under way")
+            ],
+            "due": due and due.participant,
+            "to_enrol": self.to_enrol,
+            "orders": [
+                {"tasks": order, **{column.replace(" ", "_"): counts[column] for column in TABLE}}
+                for order, counts in self.orders().items()
+            ],
+            "doubts": self.doubts,
+            "reminders": self.reminders,
+        }
+
+    def text(self) -> str:
+        """Return the screen."""
+        counts = Counter(one.state for one in self.people)
+        erased = f" ({len(self.erased)} erased)" if self.erased else ""
+        left_out = "not known" if self.excluded is None else f"{len(self.excluded)}"
+        told = ", ".join(
+            f"{counts[state]} {state}" + erased * (state == "withdrawn")
+            for state in STATES
+            if counts[state] or state != "doubted"
+        )
+        due, under_way = self.those("to begin"), self.those("under way")
+        come = [f"{due[0].participant}, {due[0].place}; the order of their tasks is concealed."] if due else []
+        come += [f"{self.to_enrol} is to be enrolled."] if self.to_enrol else []
+        return "\n".join(
+            [
+                shorten(f"{self.heading}: {self.title}", COLUMNS, placeholder=" ..."),
+                *wrap(self.seal, COLUMNS),
+                *wrap(f"{self.planned} participants planned, {len(self.people)} enrolled: {told}.", COLUMNS),
+                *wrap(f"Excluded by the protocol's rules, of those done: {left_out}.", COLUMNS),
+                "",
+                *self._table(),
+                *_listed("Revealed before a session:", [f"{who}, on {day}." for who, day in self.revealed.items()]),
+                *_listed("Under way:", [one.told for one in under_way]),
+                *_listed("Next:", come),
+                *_listed("AGAINST THE EVIDENCE (palpate verify tells more):", self.doubts),
+                *_listed("To do:", self.reminders),
+            ]
+        )
+
+    def _table(self) -> Iterator[str]:
+        found = self.orders()
+        yield f"{'order of tasks':34}" + "".join(f"{column:>{len(column) + 2}}" for column in TABLE)
+        rows = [(shorten(", ".join(order), 34, placeholder=" ..."), counts) for order, counts in found.items()]
+        if len(rows) > SHOWN:
+            rest = sum((counts for _, counts in rows[SHOWN:]), Counter[str]())
+            rows[SHOWN:] = [(f"{len(rows) - SHOWN} other orders", rest)]
+        for order, counts in [*rows, ("all who have begun", sum(found.values(), Counter[str]()))]:
+            yield f"{order:34}" + "".join(f"{counts[column]:>{len(column) + 2}}" for column in TABLE)
+
+    def flow(self) -> tuple[str, tuple[tuple[str, tuple[str, ...]], ...]]:
+        """Return the texts of a flow figure: what stands beside it, and its stages with their boxes from the top."""
+        found = self.orders()
+        if len(found) > MOST_ARMS:
+            found = {(f"{len(found)} orders of tasks",): sum(found.values(), Counter[str]())}
+        aside = Counter(one.state for one in self.people if not one.begun)
+        beside = [f"In no order below: n = {aside.total()}", f"to begin: {aside['to begin']}"]
+        gone = [one.participant for one in self.those("withdrawn") if not one.begun]
+        erased = len(self.erased.intersection(gone))
+        beside += [f"withdrew before beginning: {len(gone) - erased}", f"withdrew, data erased: {erased}"]
+        beside += [f"doubted: {aside['doubted']}"] if aside["doubted"] else []
+        known = self.excluded is not None
+        arms = [(fill(", then ".join(order), 26), counts) for order, counts in found.items()]
+        ends = [
+            [f"completed: {n['done']}", f"under way: {n['under way']}", f"withdrew: {n['withdrawn']}"]
+            + ([f"doubted: {n['doubted']}"] if n["doubted"] else [])
+            + [f"excluded by a rule: {n['excluded'] if known else 'not known'}"]
+            for _, n in arms
+        ]
+        left = sum(n["done"] - n["excluded"] for _, n in arms)
+        analysed = f"Can be analysed: {'' if known else 'at most '}n = {left}"
+        enrolled = f"Enrolled: n = {len(self.people)}\n(planned: {self.planned})"
+        stages = (
+            ("Enrolment", (enrolled,)),
+            ("Allocation", tuple(f"{order}\nbegan: n = {n['begun']}" for order, n in arms)),
+            ("Sessions", tuple("\n".join(lines) for lines in ends)),
+            ("Analysis", (analysed,)),
+        )
+        return "\n".join(beside), tuple((name, boxes) for name, boxes in stages if boxes)
+
+
+STATES: tuple[State, ...] = ("done", "under way", "to begin", "withdrawn", "doubted")
+TABLE = ("begun", "under way", "withdrawn", "done", "excluded")
+"""The columns of the table."""
+
+MOST_ARMS = 4
+"""As many orders stand beside one another on a page."""
+
+
+def status(given: Path, today: date) -> Status:
+    """Return how far the study is in the dataset folder `given`, or in the default folder of that protocol file.
+
+    Raises `DatasetError` if there is no dataset with journals, and what `beliefs.examined` raises.
+    """
+    protocol_file = given if given.is_file() else None
+    root = roster.default_root(files.load(given)) if protocol_file else given
+    if not beliefs.has_journals(root):
+        raise DatasetError(f"{root}: holds no study; allowed: the dataset of one; enrol somebody first (palpate enrol)")
+    dataset, doubts = beliefs.examined(root)
+    known, protocol = dataset.roster, dataset.protocol
+    believed = {path for path, _ in dataset.sessions}
+    people: list[Person] = []
+    for participant in dataset.tasks if known is None else known.consent_on:
+        order = dataset.tasks.get(participant, ())
+        own = [storage.journal_path(root, participant, task) for task in order]
+        begun = tuple(progress(journal.read(path).entries) for path in own if path in believed)
+        state: State = "to begin"
+        if known is not None and participant in known.withdrawn:
+            state = "withdrawn"
+        elif any(storage.size(one) for path in own if path not in believed for one in (path, chain.head_path(path))):
+            state = "doubted"
+        elif begun:
+            state = "done" if len([one for one in begun if one.complete]) == len(order) else "under way"
+        people.append(Person(participant, order, state, begun))
+    sealed, wanted = (
+        ("Nobody has to approve a rehearsal.", []) if known is None else _seal(root, protocol_file, dataset, today)
+    )
+    left = [label for label in dataset.tasks if known is not None and label not in known.consent_on]
+    if known is not None and not left and not doubts and roster.free_place(root, protocol, known):
+        left = [known.next_label()]
+    return Status(
+        root=root,
+        day=today,
+        study=protocol.study.id,
+        title=protocol.study.title,
+        purpose=dataset.purpose,
+        seal=sealed,
+        planned=len(dataset.tasks) - len(known.takes if known else ()),
+        people=tuple(people),
+        erased=frozenset(known.erased if known else ()),
+        revealed=dict(known.revealed if known else {}),
+        to_enrol=left[0] if left else None,
+        doubts=tuple(str(doubt).replace(f"{root}/", "") for doubt in doubts),
+        reminders=(*wanted, *_reminders(root, dataset, people)),
+    )
+
+
+def _seal(root: Path, protocol_file: Path | None, dataset: Believed, today: date) -> tuple[str, list[str]]:
+    """Return the approval in a sentence, and what is to be done about it: by the seal that `palpate run` would check.
+
+    That is the one beside the protocol's file; the dataset keeps a copy of the seal of its first session.
+    """
+    file = protocol_file or storage.protocol_path(root)
+    if protocol_file is None and not approval.seal_path(file).exists():
+        return "No session has begun, so no seal is kept here; the one beside the protocol's file counts.", []
+    version = files.load(protocol_file) if protocol_file else dataset.protocol
+    told, seal = approval.state(file, version, today)
+    wanted = []
+    if approval.sha256(version) != approval.sha256(dataset.protocol):
+        wanted.append(
+            f"{file} is another version of the protocol than the dataset's, so no session can be run with it."
+        )
+    if seal is None or not told.startswith("SEALED: "):
+        return told, [*wanted, f"Have the protocol approved and sealed (palpate seal). {told}"]
+    if seal.expires_on - today <= SOON:
+        wanted.append(f"The approval ends on {seal.expires_on}; have it renewed and seal the protocol again.")
+    return f"Sealed until {seal.expires_on}, approval number {seal.approval_number}.", wanted
+
+
+def _reminders(root: Path, dataset: Believed, people: list[Person]) -> Iterator[str]:
+    asked = dataset.roster.consent_on if dataset.roster and dataset.protocol.consent.required else {}
+    for one in people:
+        if one.state == "to begin" and asked.get(one.participant, date.min) is None:
+            yield f"Record the consent of participant {one.participant} before their session (palpate consent)."
+        if one.task is not None and one.task.footer is None and one.state == "under way":
+            yield (
+                f"Participant {one.participant}: the session of task {one.task.header.task} has no end on record. "
+                "Unless it is running now, it was cut off; palpate run goes on with it."
+            )
+    if (free := shutil.disk_usage(root).free) < LEAST_FREE:
+        yield f"The disk of the dataset is nearly full ({free / 1e6:,.0f} MB free); make room before the next session."
+
+
+def _listed(heading: str, sentences: list[str] | tuple[str, ...]) -> Iterator[str]:
+    """Give a list of sentences under a heading; nothing without any."""
+    if not sentences:
+        return
+    yield from ("", heading)
+    for sentence in sentences[:SHOWN]:
+        yield from wrap(sentence, COLUMNS, initial_indent="  ", subsequent_indent="    ")
+    if len(sentences) > SHOWN:
+        yield f"  ... and {len(sentences) - SHOWN} more (--json has all)."
