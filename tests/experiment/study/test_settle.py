@@ -37,6 +37,7 @@ def test_the_same_command_brings_up_the_head_that_a_kill_left_behind(
 ) -> None:
     root = tmp_path / "study"
     head = chain.head_path(roster.enrol(protocol_file, "01", None, root=root, seed=1))
+    before = b""
 
     def act() -> None:
         nonlocal before
@@ -48,7 +49,6 @@ def test_the_same_command_brings_up_the_head_that_a_kill_left_behind(
         else:
             roster.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)
 
-    before = b""
     act()
     after = head.read_bytes()
     assert after != before
