@@ -41,7 +41,7 @@ from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY
 from experiment.rehearsal.footstep.foot import Foot, Hesitation
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
-from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials, known
+from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from experiment.synthesis.spectra import spectrum
 
 NOTICEABLE = 10 ** (2.5 / 20)
@@ -100,14 +100,9 @@ def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0
 
 
 class Observer:
-    """The touch of one simulated participant, whom `rng` sets apart from others; it answers with one of `material_ids`.
-
-    Raises `RecordingError` if a material has no simulation.
-    """
+    """The touch of a simulated participant, whom `rng` sets apart from others; it answers with one of `material_ids`."""
 
     def __init__(self, materials: SimulatedMaterials, material_ids: Sequence[str], *, rng: np.random.Generator) -> None:
-        for material in material_ids:
-            known(material)
         self._materials = materials
         self._ids = tuple(material_ids)
         self._window_s = materials.samples / materials.rate_hz
