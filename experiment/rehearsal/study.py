@@ -35,12 +35,10 @@ PRACTICE_SEED = 1
 """So that whoever practises again meets the same trials."""
 
 WELCOME = """{label}. Nothing here is data of the study.
-Participant {participant}, task {task}. You are the experimenter: once a trial is armed, the participant steps on the
-simulated panel and says an answer. Type its key, and type it again. Ctrl-C pauses.
-Familiarisation may end at once here, and no break is waited for.
-Everything is kept in {out}, and every file says PRACTICE."""
-
-PAUSED = "PRACTICE is paused; the same command continues it."
+Participant {participant}, task {task}. You are the experimenter. Once a trial is armed, the simulated participant
+steps and says an answer: type its key, and type it again to confirm. Ctrl-C pauses.
+Where something is to be laid out, press Enter. Familiarisation may end at once, and no break is waited for.
+Everything is kept in {out}, and every file there says PRACTICE."""
 
 
 def rehearse(
@@ -157,7 +155,12 @@ def practise(
             console.show("This session is complete already. Name another --participant, --task or --dataset.")
         footer = run_task(job, task_id, lambda: None, None, console)
     build.build(job.dataset)
-    console.show(f"PRACTICE is over. Its tables: palpate analyse {out}" if footer.reason == "complete" else PAUSED)
+    later = [task for task in job.tasks if left[task] and task != task_id]
+    onward = task_id if footer.reason == "paused" else later[0] if later else None
+    if onward is not None:
+        console.show(f"To practise task {onward}, give the same command again.")
+    if footer.answered:
+        console.show(f"To see tables of what you practised: palpate analyse {out}")
     return footer
 
 

@@ -383,7 +383,7 @@ class Practised:
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         asked = {"level_db_a": level_db_a, "limit_db_a": limit_db_a}
         wanted = self.participant.level(**asked, criterion=criterion, keys=keys)
-        self._tell(keys[wanted] if wanted else "it is loud enough")
+        self._tell("louder" if wanted else "I no longer hear it")
         return self.desk.level(**asked, criterion=criterion, keys=keys)
 
     def rest(self, *, why: str) -> None:
