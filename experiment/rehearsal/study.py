@@ -151,14 +151,17 @@ def practise(
         console.show(WELCOME.format(label=LABELS["PRACTICE"], participant=participant, task=task_id, out=out))
         if said := recorded_takes.generic(material.id for material in protocol.materials):
             console.show(said)
-        if not left[task_id]:
-            console.show("This session is complete already. Name another --participant, --task or --dataset.")
         footer = run_task(job, task_id, lambda: None, None, console)
     build.build(job.dataset)
     later = [task for task in job.tasks if left[task] and task != task_id]
-    onward = task_id if footer.reason == "paused" else later[0] if later else None
-    if onward is not None:
-        console.show(f"To practise task {onward}, give the same command again.")
+    if footer.reason == "paused":
+        onward = "To go on, give the same command again."
+    elif not left[task_id]:
+        onward = "This session was complete before. To practise it anew, name another --participant or --dataset."
+    else:
+        onward = f"To practise the other task, add --task {later[0]}." if later else "Every task is practised."
+    # What ended the session may stand on an unfinished line.
+    console.show(f"\n{onward}")
     if footer.answered:
         console.show(f"To see tables of what you practised: palpate analyse {out}")
     return footer

@@ -82,11 +82,12 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     assert screen.startswith("PRACTICE - simulated participants")
     assert "The materials 'felt' and 'cork' are simulated generically: they resemble nothing.\n" in screen
     assert "Familiarisation, up to 0.9 min." in screen
-    assert "To practise task one, give the same command again.\n" in screen
+    assert "\nTo go on, give the same command again.\n" in screen
     code, rest = practise(tmp_path, "small.toml", "--task", "one")
     assert (code, "The session is complete: 4 answers." in rest) == (0, True), rest
     root = tmp_path / "participants" / "practice-small"
     entries = journal.read(storage.journal_path(root, "01", "one")).entries
+    assert "\nTo practise the other task, add --task two.\n" in rest
     told = re.findall(r"says: (.*)\.\n", screen)[:1] + re.findall(r"says: (.*)\.\n", rest)
     answers = [entry for entry in entries if isinstance(entry, Answer)]
     assert [(one.answered, one.key) for one in answers] == [(name, KEYS[name]) for name in told]
