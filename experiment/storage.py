@@ -245,7 +245,7 @@ def protocol_path(dataset: Path) -> Path:
 
 
 def plan_path(dataset: Path) -> Path:
-    """Return where the plan of a rehearsal stands; a dataset without it is of no rehearsal."""
+    """Return where the plan of a rehearsal or of practice stands; a dataset without it is of neither."""
     return dataset / "sourcedata" / "rehearsal.json"
 
 

@@ -32,6 +32,7 @@ PRINT = "PRINT"
 """Stands for an origin where printed numbers are compared with one another, not with a dataset."""
 
 OWN = {
+    "PRACTICE": "practised",
     "REHEARSAL": "rehearsed",
     "RECONSTRUCTION": "recomputed",
     "PARTICIPANT": "measured",
@@ -42,6 +43,8 @@ OWN = {
 
 ABOUT = {
     "PILOT": "A pilot's answers are no data of the study. This comparison says nothing about the paper's results.",
+    "PRACTICE": "Answers of practice are simulated, as an experimenter keyed them. This comparison says nothing about "
+    "the paper's results.",
     "REHEARSAL": "A rehearsal's answers are simulated. This comparison says how close the simulation comes to the "
     "paper, and nothing about the paper's results.",
     "RECONSTRUCTION": "The dataset was searched for so that it agrees with the printed tables: agreement shows that "

@@ -38,7 +38,7 @@ FURTHER = {
 }
 """The name of each further column in the frame, and in the events file."""
 
-ORIGINS = ("PARTICIPANT", "PILOT", "REHEARSAL", "RECONSTRUCTION")
+ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION")
 
 
 def read(root: Path) -> Study:

@@ -182,9 +182,9 @@ class Part:
 class Study:
     """A dataset as read, or several as one.
 
-    `origin` is PARTICIPANT, PILOT, REHEARSAL or RECONSTRUCTION. The `label` heads everything made from the study; it is
-    empty for a study's own data. Materials and tasks are in the order of the tables. `first_tasks` gives participant ->
-    task, and `session_ids` participant and task -> id, as far as they are known. `attempts` has a row for each attempt:
+    `origin` is one of `dataset.ORIGINS`. The `label` heads everything made from the study; it is empty for a study's
+    own data. Materials and tasks are in the order of the tables. `first_tasks` gives participant -> task, and
+    `session_ids` participant and task -> id, as far as they are known. `attempts` has a row for each attempt:
     participant, task, trial, attempt, counted, presented, answered, response_time_s, foot_speed_mm_s, frames_lost,
     delivered (1, 0 or NaN), onset_error_s, redo_reason, included, and the columns of `dataset.FURTHER`.
     """

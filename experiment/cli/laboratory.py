@@ -9,7 +9,7 @@ import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder, a_day
-from experiment.errors import RosterError
+from experiment.errors import RosterError, SessionError
 
 commands = options.room()
 
@@ -53,7 +53,7 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
     epilog="Example: palpate seal study.toml --approval-number 2026-17 --approved-on 2026-04-01 --expires-on 2027-03-31"
 )
 def seal(
-    protocol_file: ProtocolFile,
+    protocol_file: Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML) of your own.")],
     approval_number: Annotated[str, typer.Option("--approval-number", help="The number on the board's letter.")],
     approved_on: Annotated[
         date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="First day on which the study may run.")
@@ -223,7 +223,10 @@ def schedule(
 )
 def rehearse(
     protocol_file: Annotated[
-        Path | None, typer.Argument(metavar="[PROTOCOL]", help="Protocol file [default: the shipped footstep study].")
+        Path | None,
+        typer.Argument(
+            parser=options.a_protocol, metavar="[PROTOCOL]", help="Protocol file [default: the shipped footstep study]."
+        ),
     ] = None,
     participants: Annotated[
         int | None, typer.Option("--participants", min=1, help="How many participants [default: all of the study].")
@@ -252,14 +255,19 @@ def rehearse(
     """
     from experiment.cli.analysis import tell_analysis
     from experiment.desk.terminal import TerminalConsole
-    from experiment.protocol.files import shipped
+    from experiment.protocol import files
     from experiment.rehearsal import study
+    from experiment.rehearsal.footstep import recorded_takes
 
+    file = protocol_file or files.shipped("okamoto2012.toml")
+    generic = recorded_takes.generic(material.id for material in files.load(file).materials)
+    if generic and not as_json:
+        typer.echo(generic, err=True)
     screen = TerminalConsole(write=sys.stderr, ask=input, heading="REHEARSAL") if real_time and not as_json else None
     with options.progress("REHEARSAL", quiet=as_json or screen is not None) as (total, tick):
         dataset = study.rehearse(
-            protocol_file=protocol_file or shipped("okamoto2012.toml"),
-            rig_file=rig or shipped("rigs/rehearsal.toml"),
+            protocol_file=file,
+            rig_file=rig or files.shipped("rigs/rehearsal.toml"),
             out=out,
             participants=participants,
             seed=seed,
@@ -276,38 +284,68 @@ def rehearse(
 @commands.command(epilog="Example: palpate run study.toml --participant 01 --task real --rig our-rig.toml")
 def run(
     protocol_file: ProtocolFile,
-    participant: Participant,
-    task: Annotated[str, typer.Option("--task", help="Id of one of the participant's tasks.")],
-    rig: Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")],
+    participant: Annotated[
+        str | None, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")
+    ] = None,
+    task: Annotated[str | None, typer.Option("--task", help="Id of one of the participant's tasks.")] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file of this laboratory.")] = None,
     recordings: Annotated[
         Path | None,
         typer.Option("--recordings", help="Folder of recordings [default: stimuli/recordings in the dataset]."),
     ] = None,
     dataset: StudyFolder = None,
+    practice: Annotated[
+        bool,
+        typer.Option(
+            "--practice",
+            help="Practise with a simulated laboratory and participant; only the protocol is needed "
+            "[default folder: participants/practice-STUDY].",
+        ),
+    ] = False,
 ) -> None:
     """Run one session with a participant, or the rest of one.
 
     The protocol must be sealed and the participant enrolled. Ctrl-C pauses the session, and the same command continues
     it. If the rig file asks for the tracker to be zeroed, the participant first rests the foot on the panel.
+
+    With --practice a simulated participant steps and says an answer, and the keys are yours. Nothing is sealed or
+    enrolled for that, and no file of a PRACTICE counts in a study.
     """
     from experiment.desk.terminal import TerminalConsole, typed_ahead
-    from experiment.session import run as study
 
-    console = TerminalConsole(
-        write=sys.stdout,
-        ask=input,
-        heading=f"Participant {participant}, task {task}.",
-        early=lambda: typed_ahead(sys.stdin),
-    )
-    footer = study.run(
-        protocol_file=protocol_file,
-        rig_file=rig,
-        participant=participant,
-        task_id=task,
-        root=dataset,
-        recordings=recordings,
-        console=console,
-    )
+    heading = "PRACTICE" if practice else f"Participant {participant}, task {task}."
+    console = TerminalConsole(write=sys.stdout, ask=input, heading=heading, early=lambda: typed_ahead(sys.stdin))
+    if practice:
+        from experiment.protocol.files import shipped
+        from experiment.rehearsal import study as rehearsals
+
+        if recordings is not None:
+            raise SessionError("got --recordings with --practice; allowed: one of them; practice simulates recordings")
+        footer = rehearsals.practise(
+            protocol_file=protocol_file,
+            rig_file=rig or shipped("rigs/rehearsal.toml"),
+            participant=participant or "01",
+            task_id=task,
+            out=dataset,
+            console=console,
+        )
+    else:
+        from experiment.session import run as study
+
+        if participant is None or task is None or rig is None:
+            raise SessionError(
+                "got no --participant, --task or --rig; allowed: all three for a session with a participant; name "
+                "them, or practise without a laboratory (--practice)"
+            )
+        footer = study.run(
+            protocol_file=protocol_file,
+            rig_file=rig,
+            participant=participant,
+            task_id=task,
+            root=dataset,
+            recordings=recordings,
+            console=console,
+        )
     typer.echo(f"The session is {footer.reason}: {footer.answered} answers. {footer.detail}".rstrip())
 
 

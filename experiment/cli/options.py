@@ -15,7 +15,20 @@ import typer
 from experiment.errors import PalpateError
 from experiment.settings.characters import hidden, quoted
 
-ProtocolFile = Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML).")]
+
+def a_protocol(name: str) -> Path:
+    """Return the protocol file that is named, by its path or its id. Raises `PalpateError` for what is neither."""
+    from experiment.protocol.files import named
+
+    return named(name)
+
+
+ProtocolFile = Annotated[
+    Path,
+    typer.Argument(
+        parser=a_protocol, metavar="PROTOCOL", help="Protocol file (TOML), or okamoto2012, which comes with palpate."
+    ),
+]
 Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")]
 StudyFolder = Annotated[
     Path | None, typer.Option("--dataset", help="Folder of the study's dataset [default: participants/STUDY].")

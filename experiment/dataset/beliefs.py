@@ -1,7 +1,8 @@
 """What must hold before a journal counts: nothing foreign, copied, renamed or made for another purpose enters a table.
 
 A journal's header is held against its path, the protocol in the dataset and its seal, the seed, and the roster, or in a
-rehearsal its plan, and every file against the anchors in the dataset's log. All of it stands under `sourcedata/`.
+rehearsal and in practice the plan, and every file against the anchors in the dataset's log. All of it stands under
+`sourcedata/`.
 """
 
 from __future__ import annotations
@@ -37,8 +38,8 @@ FARTHEST_EAST = timedelta(hours=14)
 class Believed:
     """A dataset whose journals were all held against what stands beside them.
 
-    `tasks` are those of every participant in order, concealed until they begin. `roster` is None in a rehearsal.
-    `sessions` are the headers of those that began, by journal.
+    `tasks` are those of every participant in order, concealed until they begin. `roster` is None in a rehearsal and in
+    practice. `sessions` are the headers of those that began, by journal.
     """
 
     protocol: Protocol
@@ -49,14 +50,14 @@ class Believed:
 
 
 class Plan(BaseModel):
-    """What is rehearsed, kept in the dataset, so that an interrupted rehearsal continues as it was begun.
+    """What is rehearsed or practised, kept in the dataset, so that what was interrupted continues as it was begun.
 
-    A folder without it is no rehearsal, and none writes into it. `label` is for whoever opens the file.
+    A folder without it is of neither, and neither writes into it. `label` says which of the two it is.
     """
 
     model_config = ConfigDict(frozen=True, strict=True)
 
-    label: Literal["REHEARSAL"] = "REHEARSAL"
+    label: Literal["REHEARSAL", "PRACTICE"] = "REHEARSAL"
     protocol_sha256: str
     rig_sha256: str
     participants: int
@@ -64,10 +65,15 @@ class Plan(BaseModel):
     control: Literal["none", "silence"]
     real_time: bool
 
+    @property
+    def what(self) -> str:
+        """What it is of, in words."""
+        return "a rehearsal" if self.label == "REHEARSAL" else "practice"
+
 
 @dataclass(frozen=True)
 class _Study:
-    """What the headers of a dataset are held against: `plan` of a rehearsal, or `roster` and `seal` of a study."""
+    """What the headers of a dataset are held against: a `plan`, or `roster` and `seal` of a study."""
 
     root: Path
     protocol: Protocol
@@ -202,17 +208,19 @@ def _study(root: Path) -> _Study:
         tasks = {one.participant: one.tasks for one in rosters.allocated(protocol, seed, roster)}
         seal = approval.held(kept, protocol) if any(storage.size(path) for path in storage.journals(root)) else None
         return _Study(root, protocol, sha256, purpose, seed, tasks, None, roster, seal)
-    for path in (storage.roster_path(root), storage.seed_path(root)):
-        if path.exists():
-            raise DatasetError(f"{path}: stands in the dataset of a rehearsal; allowed: none; take it out of there")
     try:
         plan = Plan.model_validate_json(storage.read_bytes(plan_file))
     except (OSError, ValidationError) as error:
-        raise DatasetError(f"{plan_file}: is no plan of a rehearsal; restore it, or rehearse anew") from error
+        raise DatasetError(
+            f"{plan_file}: is no plan of a rehearsal or of practice; restore it, or begin anew"
+        ) from error
+    for path in (storage.roster_path(root), storage.seed_path(root)):
+        if path.exists():
+            raise DatasetError(f"{path}: stands in the dataset of {plan.what}; allowed: none; take it out of there")
     if plan.protocol_sha256 != sha256:
-        raise DatasetError(f"{kept}: is not the protocol that was rehearsed; restore it, or rehearse anew")
+        raise DatasetError(f"{kept}: is not the protocol of this {plan.label}; restore it, or begin anew")
     tasks = {one.participant: one.tasks for one in rosters.allocate(protocol, plan.seed)[: plan.participants]}
-    return _Study(root, protocol, sha256, "REHEARSAL", plan.seed, tasks, plan, None, None)
+    return _Study(root, protocol, sha256, plan.label, plan.seed, tasks, plan, None, None)
 
 
 def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[DatasetError]:
@@ -292,7 +300,8 @@ def _check_header(path: Path, header: Header, study: _Study) -> None:
         "seed": study.seed,
         "task_position": known.index(task) + 1,
         "block_trials": schedule.block_trials(study.protocol, task),
-        **({"rig_sha256": plan.rig_sha256, "session_id": header.rehearsed_id(plan.control)} if plan else {}),
+        **({"rig_sha256": plan.rig_sha256} if plan else {}),
+        **({"session_id": header.rehearsed_id(plan.control)} if plan and plan.label == "REHEARSAL" else {}),
     }
     for name, allowed in expected.items():
         if (got := getattr(header, name)) != allowed:

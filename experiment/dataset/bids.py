@@ -25,11 +25,12 @@ from experiment.records.events import EVENT_COLUMNS, FURTHER_COLUMNS, NO_ANSWER
 BIDS_VERSION = "1.10.0"
 MISSING = "n/a"
 
-Origin = Literal["PARTICIPANT", "PILOT", "REHEARSAL", "RECONSTRUCTION"]
+Origin = Literal["PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION"]
 
 LABELS: dict[Origin, str] = {
     "PARTICIPANT": "",
     "PILOT": "PILOT - participants in the room, no data of the study",
+    "PRACTICE": "PRACTICE - simulated participants, an experimenter who practises",
     "REHEARSAL": "REHEARSAL - simulated participants",
     "RECONSTRUCTION": "RECONSTRUCTION - consistent with the printed tables, no original data",
 }

@@ -31,7 +31,12 @@ LONGEST_GAP_S = 600.0
 """After a longer pause the foot trace continues in a recording of its own, instead of that many rows of n/a. The same
 happens where time goes back by more than a frame."""
 
-ORIGINS: dict[Purpose, bids.Origin] = {"STUDY": "PARTICIPANT", "PILOT": "PILOT", "REHEARSAL": "REHEARSAL"}
+ORIGINS: dict[Purpose, bids.Origin] = {
+    "STUDY": "PARTICIPANT",
+    "PILOT": "PILOT",
+    "PRACTICE": "PRACTICE",
+    "REHEARSAL": "REHEARSAL",
+}
 """What produced the rows of a dataset, by what its sessions are for."""
 
 READ = {
@@ -40,11 +45,19 @@ READ = {
 }
 """What analysis reads of JSON files, by the end of their names; the rest is told by each version in its own words."""
 
+GENERIC = """
+The four materials of Okamoto et al. are simulated as the recordings' manifest says. Any other is simulated
+generically: it resembles nothing.
+"""
 README = {
-    "REHEARSAL": """
+    "REHEARSAL": f"""
 Everything in this dataset was made by simulated participants, on simulated materials, with a simulated foot
 behind real ports. It shows that the study's whole path works. It says nothing about any participant or material.
-""",
+{GENERIC}""",
+    "PRACTICE": f"""
+An experimenter practised: the keys were theirs; participants, materials and foot were simulated, behind real
+ports. Nothing here is data of the study, and it says nothing about any participant or material.
+{GENERIC}""",
     "PILOT": """
 Recorded with palpate in a pilot: participants were in the room, and nothing here is data of the study.
 """,
@@ -151,13 +164,13 @@ def _study_files(root: Path, dataset: Believed) -> bids.Files:
         {"participant_id": f"sub-{who}", "first_task": first, "withdrawn": who in withdrawn}
         for who, first in first_tasks.items()
     ]
-    rehearsed = origin == "REHEARSAL"
+    simulated = origin in ("PRACTICE", "REHEARSAL")
     text = bids.DatasetText(
         study=protocol.study.id,
         name=protocol.study.title,
         origin=origin,
-        license="CC0-1.0" if rehearsed else "n/a: ask the laboratory",
-        authors=("palpate, simulated",) if rehearsed else ("The laboratory named in the protocol",),
+        license="CC0-1.0" if simulated else "n/a: ask the laboratory",
+        authors=("palpate, simulated",) if simulated else ("The laboratory named in the protocol",),
         tasks=tuple(task.id for task in protocol.tasks),
         references=(protocol.study.source,),
         readme=README[origin],

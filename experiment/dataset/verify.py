@@ -121,7 +121,7 @@ def _together(root: Path, told: set[str], *, sound: bool) -> Iterator[Finding]:
     if not dataset.sessions:
         yield Finding("note", "sessions", "there is none, so there is nothing in the tables")
     else:
-        of = "protocol and the plan of the rehearsal" if dataset.roster is None else "sealed protocol, seed and roster"
+        of = "protocol and the plan beside it" if dataset.roster is None else "sealed protocol, seed and roster"
         yield Finding("holds", "headers", f"each journal is of its path, the {of}")
         yield from _sealed(root) if dataset.roster else ()
         if dataset.roster and not (root / LOG).exists():

@@ -124,7 +124,8 @@ class TerminalConsole(_Lines):
         self._heading = heading
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        self.show(f"{self._heading}  Familiarisation, {min_s / 60:.1f} to {max_s / 60:.1f} min. {instruction}")
+        least = f"{min_s / 60:.1f}" if min_s > 0 else "up"
+        self.show(f"{self._heading}  Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}")
         self._ask("Press Enter when the participant is familiar with the materials: ")
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:

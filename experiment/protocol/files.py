@@ -6,6 +6,7 @@ from pathlib import Path
 
 from experiment.errors import DatasetError, PalpateError, Problem, ProtocolError
 from experiment.protocol.models import Protocol
+from experiment.settings.characters import quoted
 from experiment.settings.load import checked, parsed
 
 PACKAGE = Path(__file__).parent.parent
@@ -53,3 +54,21 @@ def shipped(name: str) -> Path:
         if (folder / name).is_file():
             return folder / name
     raise PalpateError(f"protocols/{name}: the shipped file was not found; name a file on the command line")
+
+
+def named(name: str) -> Path:
+    """Return the protocol file of this path, or the one that comes with palpate and has this id.
+
+    Raises `PalpateError` if a word is neither.
+    """
+    path = Path(name)
+    if path.is_file() or path.suffix or len(path.parts) > 1:
+        return path
+    folders = (PACKAGE.parent / "protocols", PACKAGE / "shipped")
+    ids = sorted({file.stem for folder in folders for file in folder.glob("*.toml") if "." not in file.stem})
+    if name in ids:
+        return shipped(f"{name}.toml")
+    raise PalpateError(
+        f"{quoted(name)}: got neither a file nor the id of a protocol that comes with palpate; allowed: a protocol "
+        f"file, or {', '.join(ids)}; name one of these"
+    )

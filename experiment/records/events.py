@@ -38,6 +38,7 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
         "Levels": {
             "PARTICIPANT": "a participant in the room",
             "PILOT": "a participant in the room, in a pilot of the study",
+            "PRACTICE": "simulated participants, simulated materials, an experimenter who practises at the keys",
             "REHEARSAL": "simulated participants, simulated materials",
             "RECONSTRUCTION": "consistent with printed tables, no original data",
         },

@@ -1,4 +1,4 @@
-"""REHEARSAL of participants, one after another or several at a time, each in a process of a pool.
+"""Simulated participants: REHEARSAL of one after another or several at a time, and PRACTICE with one.
 
 The session is the real one; the simulated world stands at the far ends of its ports.
 """
@@ -30,9 +30,10 @@ from experiment.errors import Interrupted
 from experiment.protocol import files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
+from experiment.records.entries import Footer
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
-from experiment.rehearsal.footstep.participant import SimulatedParticipant, Tick
+from experiment.rehearsal.footstep.participant import Practised, SimulatedParticipant, Tick
 from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
@@ -50,10 +51,10 @@ TASK_NS = 2 * 3600 * 10**9
 
 @dataclass(frozen=True)
 class Job:
-    """One participant of a rehearsal: its prepared folder, the participant's label, and the ids of their tasks in
+    """One participant: the prepared folder of a rehearsal or of practice, their label, and the ids of their tasks in
     order.
 
-    `seed` is the rehearsal's, `control` is `none` or `silence`, and `real_time` says whether the wall clock paces it.
+    `seed` names every draw, `control` is `none` or `silence`, and `real_time` says whether the wall clock paces it.
     """
 
     dataset: Path
@@ -69,45 +70,60 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
 
     `screen` shows what an experimenter would see; None for no screen. Raises `PalpateError` if a part failed.
     """
+    for task_id in job.tasks:
+        footer = run_task(job, task_id, tick, screen)
+        if footer.reason == "paused":
+            raise Interrupted(f"the rehearsal was paused ({footer.detail}); the same command goes on with it")
+
+
+def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: Console | None = None) -> Footer:
+    """Run a task of a participant, or what remains of it; arguments and errors are those of `rehearse_participant`.
+
+    At `desk` an experimenter practises: the keys are theirs, and familiarisation may end at once.
+    """
     kept = storage.protocol_path(job.dataset)
     protocol, rig_file = files.load(kept), kept.with_name("rig.toml")
     rig = rigs.load(rig_file)
-    materials = SimulatedMaterials(protocol.footstep.synthesis.rate_hz, protocol.footstep.synthesis.samples)
-    for position, task_id in enumerate(job.tasks, start=1):
-        clock = MonotonicClock() if job.real_time else ManualClock(_simulated_now_ns(job, task_id, position))
-        recordings = (
-            job.dataset / storage.RECORDINGS if scene.plan(protocol=protocol, task_id=task_id).synthesis else None
-        )
-        ends = SimulatedEnds(job, protocol, rig, materials, task_id, clock, tick, screen)
-        with open_laboratory(
+    position = job.tasks.index(task_id) + 1
+    clock = MonotonicClock() if job.real_time else ManualClock(_simulated_now_ns(job, task_id, position))
+    recordings = job.dataset / storage.RECORDINGS if scene.plan(protocol=protocol, task_id=task_id).synthesis else None
+    with open_laboratory(
+        protocol=protocol,
+        rig=rig,
+        rig_folder=rig_file.parent,
+        participant=job.participant,
+        task_id=task_id,
+        dataset=job.dataset,
+        recordings=recordings,
+        clock=clock,
+        ends=SimulatedEnds(job, protocol, rig, task_id, clock, tick, screen, desk),
+    ) as devices:
+        asked = header(
             protocol=protocol,
             rig=rig,
-            rig_folder=rig_file.parent,
             participant=job.participant,
             task_id=task_id,
-            dataset=job.dataset,
+            position=position,
+            seed=job.seed,
             recordings=recordings,
+            purpose="REHEARSAL" if desk is None else "PRACTICE",
+            roster_sha256=None,
             clock=clock,
-            ends=ends,
-        ) as devices:
-            asked = header(
-                protocol=protocol,
-                rig=rig,
-                participant=job.participant,
-                task_id=task_id,
-                position=position,
-                seed=job.seed,
-                recordings=recordings,
-                purpose="REHEARSAL",
-                roster_sha256=None,
-                clock=clock,
-            )
+        )
+        if desk is None:
             asked = asked.model_copy(update={"session_id": asked.rehearsed_id(job.control)})
-            footer = runner.run(
-                protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=job.dataset
-            )
-        if footer.reason == "paused":
-            raise Interrupted(f"the rehearsal was paused ({footer.detail}); the same command goes on with it")
+        else:
+            protocol = _without_waiting(protocol)
+        return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=job.dataset)
+
+
+def _without_waiting(protocol: Protocol) -> Protocol:
+    """Return the protocol with no least time of familiarisation."""
+    tasks = (
+        task.model_copy(update={"familiarisation": task.familiarisation.model_copy(update={"min_s": 0})})
+        for task in protocol.tasks
+    )
+    return protocol.model_copy(update={"tasks": tuple(tasks)})
 
 
 @dataclass
@@ -119,11 +135,11 @@ class SimulatedEnds:
     job: Job
     protocol: Protocol
     rig: rigs.Rig
-    materials: SimulatedMaterials
     task_id: str
     clock: Clock
     tick: Tick
     screen: Console | None
+    desk: Console | None
 
     def __post_init__(self) -> None:
         self.real_time = self.job.real_time
@@ -165,9 +181,10 @@ class SimulatedEnds:
 
     def console(self) -> Console:
         tasks = [task.id for task in self.protocol.tasks]
-        return SimulatedParticipant(
+        synthesis = self.protocol.footstep.synthesis
+        participant = SimulatedParticipant(
             protocol=self.protocol,
-            materials=self.materials,
+            materials=SimulatedMaterials(synthesis.rate_hz, synthesis.samples),
             who=(self.job.participant, self.task_id),
             entropy=(self.job.seed, int(self.job.participant), tasks.index(self.task_id)),
             foot=self._foot,
@@ -179,6 +196,7 @@ class SimulatedEnds:
             tick=self.tick,
             screen=self.screen,
         )
+        return participant if self.desk is None else Practised(desk=self.desk, participant=participant)
 
 
 def _silenced(basis: Basis) -> Basis:

@@ -1,4 +1,4 @@
-"""REHEARSAL of a whole study: every participant, every task, through the ports, the journal and the dataset."""
+"""REHEARSAL of a whole study, and PRACTICE of one session of it, through the ports, the journal and the dataset."""
 
 from __future__ import annotations
 
@@ -15,16 +15,30 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
 from experiment.dataset import build
 from experiment.dataset.beliefs import Plan
+from experiment.dataset.bids import LABELS
 from experiment.desk.port import Console
-from experiment.errors import DatasetError
+from experiment.errors import DatasetError, RosterError
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
+from experiment.records.entries import Footer
 from experiment.records.progress import progress
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.participant import Tick
-from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant
+from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant, run_task
 from experiment.study import roster
+
+OPTIONS = {"REHEARSAL": "--out", "PRACTICE": "--dataset"}
+"""What names the folder of each on the command line."""
+
+PRACTICE_SEED = 1
+"""So that whoever practises again meets the same trials."""
+
+WELCOME = """{label}. Nothing here is data of the study.
+Participant {participant}, task {task}. You are the experimenter. Once a trial is armed, the simulated participant
+steps and says an answer: type its key, and type it again to confirm. Ctrl-C pauses.
+Where something is to be laid out, press Enter. Familiarisation may end at once, and no break is waited for.
+Everything is kept in {out}, and every file there says PRACTICE."""
 
 
 def rehearse(
@@ -54,14 +68,12 @@ def rehearse(
     continues where it stopped. If no session has begun by then, nothing is left in `out`.
     """
     protocol = files.load(protocol_file)
-    rig = rigs.load(rig_file)
     count = protocol.study.participants if participants is None else participants
     if not 1 <= count <= protocol.study.participants:
         raise DatasetError(
             f"--participants: got {count}; allowed: 1 to {protocol.study.participants}, as in the protocol; give number"
         )
-    if not rig.rig.simulated:
-        raise DatasetError(f"{rig_file}: is a real rig; allowed: one that says simulated = true; give such a rig file")
+    rig = _simulated_rig(rig_file, protocol)
     if rig.audio is not None and not real_time:
         raise DatasetError(
             f"{rig_file}: its audio device runs in real time, and simulated time is faster; add --real-time, or give a "
@@ -72,8 +84,6 @@ def rehearse(
             f"{rig_file}: its tracker is zeroed by a resting foot, and no foot rests in simulated time; add "
             "--real-time, or give a rig without tracker.zeroing_mm"
         )
-    # Errors in the rig's files are reported before a folder is made.
-    open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     out = (out or Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}").resolve()
     plan = Plan(
         protocol_sha256=approval.sha256(protocol),
@@ -88,7 +98,7 @@ def rehearse(
     with ExitStack() as refused:
         if not is_begun(out, plan):
             refused.enter_context(_prepared(out, plan, protocol_file, rig_file))
-        total(sum(_remaining(out, protocol, job) for job in todo))
+        total(sum(_remaining(out, protocol, job, task) for job in todo for task in job.tasks))
         jobs = jobs or os.cpu_count() or 1
         if jobs == 1 or screen is not None:
             for job in todo:
@@ -99,29 +109,92 @@ def rehearse(
     return out
 
 
-def _remaining(out: Path, protocol: Protocol, job: Job) -> int:
-    """Return how many answers of one participant are not on disk yet."""
-    left = 0
-    for task in job.tasks:
-        path = storage.journal_path(out, job.participant, task)
-        entries = journal.read_if_begun(path).entries
-        trials = len(protocol.materials) * protocol.task(task).repetitions
-        left += len(progress(entries).remaining) if entries else trials
-    return left
+def practise(
+    *,
+    protocol_file: Path,
+    rig_file: Path,
+    participant: str,
+    task_id: str | None,
+    out: Path | None,
+    console: Console,
+) -> Footer:
+    """Have an experimenter at `console` practise a session with a simulated participant, and return its footer.
+
+    `rig_file` is of a simulated rig. `out` is made, or continued where it holds practice of the same protocol and rig;
+    None stands for a folder under `participants/` that is named after the study. `task_id` None stands for the
+    participant's first task that is not complete. Raises as `rehearse`, and `RosterError` for a participant or a task
+    that the study does not have.
+    """
+    protocol = files.load(protocol_file)
+    rig = _simulated_rig(rig_file, protocol)
+    allocation = roster.find(roster.allocate(protocol, PRACTICE_SEED), participant)
+    out = out or Path("participants") / f"practice-{protocol.study.id}"
+    job = Job(out.resolve(), participant, allocation.tasks, PRACTICE_SEED, "none", real_time=True)
+    plan = Plan(
+        label="PRACTICE",
+        protocol_sha256=approval.sha256(protocol),
+        rig_sha256=rigs.sha256(rig),
+        participants=protocol.study.participants,
+        seed=PRACTICE_SEED,
+        control="none",
+        real_time=True,
+    )
+    with ExitStack() as refused:
+        if not is_begun(job.dataset, plan):
+            refused.enter_context(_prepared(job.dataset, plan, protocol_file, rig_file))
+        left = {task: _remaining(job.dataset, protocol, job, task) for task in job.tasks}
+        task_id = task_id or next((task for task in job.tasks if left[task]), job.tasks[-1])
+        if task_id not in left:
+            raise RosterError(
+                f"participant {participant} does not do task '{task_id}'; allowed: {', '.join(left)}; name one of these"
+            )
+        console.show(WELCOME.format(label=LABELS["PRACTICE"], participant=participant, task=task_id, out=out))
+        if said := recorded_takes.generic(material.id for material in protocol.materials):
+            console.show(said)
+        footer = run_task(job, task_id, lambda: None, None, console)
+    build.build(job.dataset)
+    later = [task for task in job.tasks if left[task] and task != task_id]
+    if footer.reason == "paused":
+        onward = "To go on, give the same command again."
+    elif not left[task_id]:
+        onward = "This session was complete before. To practise it anew, name another --participant or --dataset."
+    else:
+        onward = f"To practise the other task, add --task {later[0]}." if later else "Every task is practised."
+    # What ended the session may stand on an unfinished line.
+    console.show(f"\n{onward}")
+    if footer.answered:
+        console.show(f"To see tables of what you practised: palpate analyse {out}")
+    return footer
+
+
+def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
+    """Return a rig whose files can all be used, before any folder is made. Raises `PalpateError`."""
+    rig = rigs.load(rig_file)
+    if not rig.rig.simulated:
+        raise DatasetError(f"{rig_file}: is a real rig; allowed: one that says simulated = true; give such a rig file")
+    open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
+    return rig
+
+
+def _remaining(out: Path, protocol: Protocol, job: Job, task: str) -> int:
+    """Return how many answers of one participant in a task are not on disk yet."""
+    entries = journal.read_if_begun(storage.journal_path(out, job.participant, task)).entries
+    return len(progress(entries).remaining) if entries else len(protocol.materials) * protocol.task(task).repetitions
 
 
 def is_begun(out: Path, plan: Plan) -> bool:
-    """Return whether `out` already holds this rehearsal. Raises `DatasetError` where it holds anything else."""
+    """Return whether `out` already holds what is planned. Raises `DatasetError` where it holds anything else."""
+    another = f"choose another folder with {OPTIONS[plan.label]}"
     for above in out.parents:
         if (above / "dataset_description.json").exists():
-            raise DatasetError(f"{out}: is inside the dataset {above}; choose a folder outside it with --out")
+            raise DatasetError(f"{out}: is inside the dataset {above}; allowed: none; {another}")
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return False
     try:
         found = storage.json_of(storage.read_bytes(storage.plan_path(out)))
     except (OSError, ValueError):
         raise DatasetError(
-            f"{out}: is no rehearsal, and a rehearsal never writes into anything else; choose another folder with --out"
+            f"{out}: is no dataset of {plan.what}, and {plan.what} never writes into anything else; {another}"
         ) from None
     if not isinstance(found, dict):
         found = {}
@@ -132,7 +205,7 @@ def is_begun(out: Path, plan: Plan) -> bool:
         if found.get(name) != wanted[name]
     ]
     if differing:
-        raise DatasetError(f"{out}: holds another rehearsal ({'; '.join(differing)}); choose another folder with --out")
+        raise DatasetError(f"{out}: holds {plan.what} of something else ({'; '.join(differing)}); {another}")
     return True
 
 
@@ -164,7 +237,7 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
                 folder.rmdir()
         if isinstance(ended, OSError) and ended.errno in (errno.ENOTEMPTY, errno.EEXIST):
             raise DatasetError(
-                f"{out}: another palpate rehearse is making it at this moment; allowed: one; give the same command "
-                "later, or choose another folder with --out"
+                f"{out}: another palpate is making it at this moment; allowed: one; give the same command later, or "
+                f"choose another folder with {OPTIONS[plan.label]}"
             ) from None
         raise

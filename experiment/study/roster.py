@@ -577,8 +577,9 @@ def _erase(root: Path, roster: Roster, participant: str) -> None:
 def _refuse_rehearsal(root: Path) -> None:
     if storage.plan_path(root).exists():
         raise DatasetError(
-            f"{root}: this is the dataset of a rehearsal, and its participants are simulated: nobody enrols, consents "
-            "or withdraws; name the folder of a study with --dataset, or delete this one if it is not needed"
+            f"{root}: this is the dataset of practice or of a rehearsal, and its participants are simulated: nobody "
+            "enrols, consents or withdraws; name the folder of a study with --dataset, or delete this one if it is not "
+            "needed"
         )
 
 

@@ -112,22 +112,25 @@ def _whole(where: str) -> Act:
     return act
 
 
-def _as_rehearsal(study: MadeStudy, _: Path) -> None:
-    """A study's journals in the dataset of a rehearsal of the same protocol and seed."""
-    header = journal.read(study.journal()).header
-    plan = {"label": "REHEARSAL", "protocol_sha256": header.protocol_sha256, "rig_sha256": header.rig_sha256}
-    storage.write_json(
-        storage.plan_path(study.root), {**plan, "participants": 15, "seed": 1, "control": "none", "real_time": False}
-    )
-    for path in (storage.roster_path(study.root), storage.seed_path(study.root)):
-        path.unlink()
-    chain.head_path(storage.roster_path(study.root)).unlink()
+def _planned(label: str) -> Act:
+    """A study's journals in the dataset of a rehearsal, or of practice, of the same protocol and seed."""
+
+    def act(study: MadeStudy, _: Path) -> None:
+        header = journal.read(study.journal()).header
+        known = {"protocol_sha256": header.protocol_sha256, "rig_sha256": header.rig_sha256, "participants": 15}
+        plan = {"label": label, **known, "seed": 1, "control": "none", "real_time": False}
+        storage.write_json(storage.plan_path(study.root), plan)
+        for path in (storage.roster_path(study.root), storage.seed_path(study.root)):
+            path.unlink()
+        chain.head_path(storage.roster_path(study.root)).unlink()
+
+    return act
 
 
 def _roster_in_rehearsal(study: MadeStudy, folder: Path) -> None:
     kept = folder / "roster.jsonl"
     shutil.copy(storage.roster_path(study.root), kept)
-    _as_rehearsal(study, folder)
+    _planned("REHEARSAL")(study, folder)
     shutil.copy(kept, storage.roster_path(study.root))
 
 
@@ -295,7 +298,8 @@ WRONG = (
     Wrong("a rehearsal's journal in a study", _headed(purpose="REHEARSAL"), "purpose REHEARSAL; allowed: STUDY"),
     Wrong("a pilot's journal in a study", _headed(purpose="PILOT"), "purpose PILOT; allowed: STUDY"),
     Wrong("a journal of practice in a study", _headed(purpose="PRACTICE"), "purpose PRACTICE; allowed: STUDY"),
-    Wrong("a study's journal in a rehearsal", _as_rehearsal, "purpose STUDY; allowed: REHEARSAL"),
+    Wrong("a study's journal in a rehearsal", _planned("REHEARSAL"), "purpose STUDY; allowed: REHEARSAL"),
+    Wrong("a study's journal in practice", _planned("PRACTICE"), "purpose STUDY; allowed: PRACTICE"),
     Wrong("a roster in a rehearsal", _roster_in_rehearsal, "stands in the dataset of a rehearsal"),
     Wrong("a journal of another study's id", _headed(study="other"), "study other; allowed: okamoto2012"),
     Wrong("a journal of another protocol", _headed(protocol_sha256="0" * 64), "protocol_sha256 0000"),

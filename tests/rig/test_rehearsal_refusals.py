@@ -107,7 +107,7 @@ def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_t
         with monkeypatch.context() as within:
             # It looked before the first had made anything.
             within.setattr(study, "is_begun", lambda *_: False)
-            with pytest.raises(DatasetError, match="another palpate rehearse is making it at this moment"):
+            with pytest.raises(DatasetError, match="another palpate is making it at this moment"):
                 rehearse(out)
         refused += 1
 
@@ -137,7 +137,7 @@ def test_of_two_that_make_one_folder_at_once_the_later_is_refused_and_takes_noth
         return make(*at, **what)
 
     monkeypatch.setattr(recorded_takes, "make_recordings", making)
-    with pytest.raises(DatasetError, match="another palpate rehearse is making it at this moment"):
+    with pytest.raises(DatasetError, match="another palpate is making it at this moment"):
         rehearse(out)
     assert [path.name for path in tmp_path.iterdir()] == ["made"]
     assert len(counted(out, "virtual")) == 40

@@ -1,4 +1,4 @@
-"""REHEARSAL: a simulated participant with an experimenter at the keys, behind the console's port.
+"""A simulated participant, behind the console's port, with a simulated experimenter at the keys or a real one.
 
 It sees what the experimenter's screen shows, steps with a foot that speaks through the tracker's port, feels what the
 panel received from the actuator's port, and answers with a key. In the task `virtual` nothing but the delivered
@@ -35,13 +35,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.clock import Clock
-from experiment.desk.port import Console
+from experiment.desk.port import Console, Remark
 from experiment.errors import SessionError, SynthesisError, TrackerError
 from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY
 from experiment.rehearsal.footstep.foot import Foot, Hesitation
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
-from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials, known
+from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from experiment.synthesis.spectra import spectrum
 
 NOTICEABLE = 10 ** (2.5 / 20)
@@ -100,14 +100,9 @@ def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0
 
 
 class Observer:
-    """The touch of one simulated participant, whom `rng` sets apart from others; it answers with one of `material_ids`.
-
-    Raises `RecordingError` if a material has no simulation.
-    """
+    """The touch of a simulated participant, whom `rng` sets apart from others; it answers one of `material_ids`."""
 
     def __init__(self, materials: SimulatedMaterials, material_ids: Sequence[str], *, rng: np.random.Generator) -> None:
-        for material in material_ids:
-            known(material)
         self._materials = materials
         self._ids = tuple(material_ids)
         self._window_s = materials.samples / materials.rate_hz
@@ -230,7 +225,7 @@ SPEAKS_LOG_S = (0.3, 0.3)
 
 @dataclass(kw_only=True)
 class SimulatedParticipant:
-    """Implements `Console`: a participant before the panel, and the experimenter at the keys.
+    """Implements `Console`: a participant before the panel, and a simulated experimenter at the keys.
 
     `who` are label of the participant and id of the task, and `entropy` names the random draws. `foot` and `panel` are
     at the devices' ends of the ports; `panel` is None where the task has no actuator. The foot's device was powered at
@@ -330,7 +325,8 @@ class SimulatedParticipant:
         self._lands_later = trajectory.hesitation == "dip"
         self.foot.step(trajectory, (begin_ns - self.powered_ns) // 1000)
 
-    def ask(self, *, trial: int, keys: dict[str, str]) -> str:
+    def says(self, trial: int) -> str:
+        """Return the id of the material that the participant names, once that is spoken."""
         rng = self._rng(trial, self._attempt, 1)
         speed_mm_s = self.foot.true_speed_mm_s
         take = self.materials.take(self._under_foot, speed_mm_s=speed_mm_s, rng=rng)
@@ -344,7 +340,11 @@ class SimulatedParticipant:
         self.foot.finish()
         spoken_ns = self.powered_ns + int(self.foot.true_contact_us * 1e3) + int(rng.lognormal(*SPEAKS_LOG_S) * 1e9)
         self.clock.sleep_ns(spoken_ns - self.clock.now_ns())
-        return next(key for key, meaning in keys.items() if meaning.startswith(answer))
+        return answer
+
+    def ask(self, *, trial: int, keys: dict[str, str]) -> str:  # noqa: ARG002
+        answer = self.says(trial)
+        return next(material.key for material in self.protocol.materials if material.id == answer)
 
     def confirm(self, *, key: str, meaning: str) -> bool:  # noqa: ARG002
         return True
@@ -359,3 +359,65 @@ class SimulatedParticipant:
         self.tick()
         if self.screen is not None:
             self.screen.confirmed(trial=trial, answer=answer)
+
+
+@dataclass(kw_only=True)
+class Practised:
+    """Implements `Console`: an experimenter practises at `desk`, which tells what the simulated participant says."""
+
+    desk: Console
+    participant: SimulatedParticipant
+
+    def __post_init__(self) -> None:
+        self._said = ""
+
+    def _tell(self, words: str) -> None:
+        self.desk.show(f"The participant says: {words}.")
+
+    def show(self, text: str) -> None:
+        self.desk.show(text)
+
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        self.desk.familiarise(instruction=instruction, min_s=min_s, max_s=max_s)
+
+    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
+        asked = {"level_db_a": level_db_a, "limit_db_a": limit_db_a}
+        wanted = self.participant.level(**asked, criterion=criterion, keys=keys)
+        self._tell("louder" if wanted else "I no longer hear it")
+        return self.desk.level(**asked, criterion=criterion, keys=keys)
+
+    def rest(self, *, why: str) -> None:
+        self.desk.rest(why=why)
+        self.participant.rest(why=why)
+
+    def place(self, *, trial: int, material: str) -> None:
+        self.desk.place(trial=trial, material=material)
+        self.participant.place(trial=trial, material=material)
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+        self._said = ""
+        self.desk.arm(trial=trial, attempt=attempt, trials=trials)
+        self.participant.arm(trial=trial, attempt=attempt, trials=trials)
+
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+        self.desk.rearm(trial=trial, attempt=attempt, reason=reason)
+        self.participant.rearm(trial=trial, attempt=attempt, reason=reason)
+
+    def ask(self, *, trial: int, keys: dict[str, str]) -> str | Remark:
+        if not self._said:
+            answer = self.participant.says(trial)
+            self._said = next(m.spoken[0] for m in self.participant.protocol.materials if m.id == answer)
+        self._tell(self._said)
+        return self.desk.ask(trial=trial, keys=keys)
+
+    def confirm(self, *, key: str, meaning: str) -> bool:
+        return self.desk.confirm(key=key, meaning=meaning)
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        self.desk.confirmed(trial=trial, answer=answer)
+
+    def debrief(self) -> Remark | None:
+        return self.desk.debrief()
+
+    def ignored(self) -> str:
+        return self.desk.ignored()

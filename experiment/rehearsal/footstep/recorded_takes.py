@@ -29,6 +29,8 @@ equation (6) at 200 mm/s gives Table 3 within `TABLE_3_TOLERANCE` for all six pa
 speeds takes are put (Figure 7) is left to chance. The table is met by takes as they are drawn; recorded ones begin 2 ms
 before their trigger, which moves it by about 0.01.
 
+Any other material gets a generic crackle, drawn from its id between the parameters of the four: it resembles nothing.
+
 `palpate record --simulated` has the takes of a session pass through the ports, `make_recordings` writes them at once,
 and fresh takes are drawn alike. The first attempt at a take that is on target is kept.
 """
@@ -36,7 +38,7 @@ and fresh takes are drawn alike. The first attempt at a take that is on target i
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
@@ -167,7 +169,7 @@ class SimulatedMaterials:
 
     def __init__(self, rate_hz: int, samples: int) -> None:
         self.rate_hz, self.samples = rate_hz, samples
-        self._responses = {name: self._response(crackle.modes) for name, crackle in CRACKLES.items()}
+        self._responses: dict[str, NDArray[np.complex128]] = {}
         self._panel_response = self._response(PANEL_MODES)
 
     def _response(self, modes: tuple[Mode, ...]) -> NDArray[np.complex128]:
@@ -182,16 +184,18 @@ class SimulatedMaterials:
     def take(self, material: str | None, *, speed_mm_s: float, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return a fresh take of a foot that scrunches a cylinder of this material, or lands on the bare panel.
 
-        It is the acceleration of the panel, m/s^2, shape (samples,). Raises `RecordingError` if there is no such
-        simulated material, and `SynthesisError` if the speed is not above zero, or above `FASTEST_MM_S`.
+        It is the acceleration of the panel, m/s^2, shape (samples,). Raises `SynthesisError` if the speed is not above
+        zero, or above `FASTEST_MM_S`.
         """
-        crackle = None if material is None else known(material)
         if not 0 < speed_mm_s <= FASTEST_MM_S:
             raise SynthesisError(
                 f"speed_mm_s: got {speed_mm_s}; allowed: above 0, up to {FASTEST_MM_S:g}; check the foot"
             )
-        if material is None or crackle is None:
+        if material is None:
             return ring(self._landing(speed_mm_s=speed_mm_s, at_s=0.0, rng=rng), self._panel_response)
+        crackle = crackle_of(material)
+        if material not in self._responses:
+            self._responses[material] = self._response(crackle.modes)
         relative, crush_s = speed_mm_s / REFERENCE_SPEED_MM_S, CRUSH_MM / speed_mm_s
         rate_per_s = crackle.pulses_per_s * relative**RATE_POWER
         impulses = relative**AMPLITUDE_POWER * pulses(
@@ -214,15 +218,30 @@ class SimulatedMaterials:
         return np.asarray(strength * speed_mm_s / REFERENCE_SPEED_MM_S * shape / unit)
 
 
-def known(material: str) -> Crackle:
-    """Return the simulated material with this id. Raises `RecordingError` if there is none."""
-    try:
+def crackle_of(material: str) -> Crackle:
+    """Return how a material crackles: one of the four as fitted, any other as its id draws it."""
+    if material in CRACKLES:
         return CRACKLES[material]
-    except KeyError:
-        raise RecordingError(
-            f"material {material!r}: no simulated material of that name; allowed: {', '.join(CRACKLES)}; "
-            "rehearse a protocol with these materials, or record the real one"
-        ) from None
+    four = tuple(CRACKLES.values())
+    rng = np.random.default_rng(list(hashlib.sha256(material.encode()).digest()))
+
+    def between(values: Sequence[float]) -> float:
+        return float(np.exp(rng.uniform(np.log(min(values)), np.log(max(values)))))
+
+    modes = tuple(
+        Mode(between([m.frequency_hz for m in of]), of[0].damping, between([m.weight_m_s2 for m in of]))
+        for of in zip(*(crackle.modes for crackle in four), strict=True)
+    )
+    return Crackle(between([crackle.exponent for crackle in four]), four[0].pulses_per_s, modes)
+
+
+def generic(materials: Iterable[str]) -> str:
+    """Return a sentence that names those of the materials that are simulated generically; nothing without any."""
+    names = [f"'{material}'" for material in materials if material not in CRACKLES]
+    if len(names) < 2:
+        return "".join(f"The material {name} is simulated generically: it resembles nothing." for name in names)
+    listed = f"{', '.join(names[:-1])} and {names[-1]}"
+    return f"The materials {listed} are simulated generically: they resemble nothing."
 
 
 AIM_SIGMA = 0.07
@@ -259,13 +278,9 @@ class Attempt:
 class RecordingSession:
     """One simulated session, numbered from 0; every draw is named by the seed, so attempts may be asked for in any
     order.
-
-    Raises `RecordingError` if a material has no simulation.
     """
 
     def __init__(self, planned: Plan, *, seed: int, number: int) -> None:
-        for material in planned.materials:
-            known(material)
         self.planned = planned
         self.number = number
         self._seed = seed
@@ -311,7 +326,7 @@ class RecordingSession:
 def session(planned: Plan, *, seed: int) -> RecordingSession:
     """Return the first session of a seed that meets Table 3; where the plan is not the paper's, the first of all.
 
-    Raises `RecordingError` if a material has no simulation, or no session meets the table.
+    Raises `RecordingError` if no session meets the table.
     """
     first = RecordingSession(planned, seed=seed, number=0)
     if not _as_published(planned):
@@ -355,7 +370,9 @@ def source(seed: int) -> str:
 def note(drawn: RecordingSession) -> str:
     """Return what a manifest says of a session: its number, and what was fitted or chosen to agree with print."""
     if not _as_published(drawn.planned):
-        return f"session {drawn.number}; materials fitted to Table 3 of Okamoto et al."
+        fitted = any(material in CRACKLES for material in drawn.planned.materials)
+        origins = ("materials fitted to Table 3 of Okamoto et al." * fitted, generic(drawn.planned.materials))
+        return "; ".join(filter(None, (f"session {drawn.number}", *origins)))
     return (
         f"session {drawn.number}, the first from 0 on within {TABLE_3_TOLERANCE} of Table 3 of Okamoto et al. as "
         "drawn; the materials were fitted to that table too: agreement with it is made, not found"

@@ -233,7 +233,7 @@ def record_simulated(
 
     Arguments are those of `workflow.record_on_rig`; `seed` names every random draw, `total` is called with the number
     of takes, and `tick` after each kept take. The rig's actuator and its table are not opened. Raises `PalpateError` if
-    a file cannot be used, or a material has no simulation.
+    a file cannot be used.
     """
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if not rig.rig.simulated:
@@ -285,7 +285,7 @@ def record_simulated(
 def fresh_takes(recorded: Recordings, *, seed: int) -> Recordings:
     """Return new SIMULATED takes of the materials of simulated recordings; `seed` shares no draw with any recording.
 
-    Raises `RecordingError` if the recordings are of real materials, or of one without simulation.
+    Raises `RecordingError` if the recordings are of real materials.
     """
     if not recorded.simulated:
         raise RecordingError(

@@ -114,10 +114,48 @@ def test_schedule_is_the_same_in_text_and_json(palpate: Palpate, protocol: Path)
     assert printed == [trial["presented"][0] for task in tasks for trial in task["order"]]
 
 
+def test_a_protocol_that_comes_with_palpate_is_named_by_its_id_and_a_file_goes_before_it(
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, protocol: Path
+) -> None:
+    shown = [palpate("schedule", name, "-p", "01")[:2] for name in (protocol, "okamoto2012")]
+    assert shown[0] == shown[1]
+    monkeypatch.chdir(tmp_path)
+    assert palpate("check", "okamoto2012")[0] == 0
+    (tmp_path / "okamoto2012").write_text("format = 1", "utf-8")
+    code, _, err = palpate("check", "okamoto2012")
+    assert (code, "okamoto2012: 1 error" in err) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
         (["check", "none.toml"], "none.toml"),
+        *(
+            (
+                list(words),
+                "'okamoto': got neither a file nor the id of a protocol that comes with palpate; allowed: a "
+                "protocol file, or okamoto2012; name one of these",
+            )
+            for words in [
+                ("check", "okamoto"),
+                ("rehearse", "okamoto"),
+                ("schedule", "okamoto", "-p", "01"),
+                ("run", "okamoto", "--practice"),
+            ]
+        ),
+        (
+            [
+                "seal",
+                "okamoto2012",
+                "--approval-number",
+                "1",
+                "--approved-on",
+                "2026-01-01",
+                "--expires-on",
+                "2026-02-02",
+            ],
+            "okamoto2012: 1 error",
+        ),
         (["schedule", shipped("okamoto2012.toml"), "-p", "99"], "no participant '99': this study has '01' to '15'"),
         (["journal", "none.jsonl"], "none.jsonl: cannot read the journal"),
         (["spectrum", "none.wav"], "none.wav"),

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import io
+from collections import deque
+
 import pytest
 
 from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.clock import ManualClock
+from experiment.desk.port import Noted
+from experiment.desk.terminal import TerminalConsole
 from experiment.errors import TrackerError
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.participant import MOST_RESTS, SimulatedParticipant
+from experiment.rehearsal.footstep.participant import MOST_RESTS, Practised, SimulatedParticipant
 from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 
@@ -58,3 +63,42 @@ def test_a_foot_that_rests_too_far_from_contact_ends_the_zeroing() -> None:
         tracker.settle(one)
     assert foot.rests == 3 * MOST_RESTS
     assert tracker.due
+
+
+def test_at_the_keys_an_experimenter_hears_one_answer_however_often_they_are_asked(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    spoken = deque(["aluminum foil", "copy paper"])
+    monkeypatch.setattr(SimulatedParticipant, "says", lambda *_: spoken.popleft())
+    monkeypatch.setattr(SimulatedParticipant, "arm", lambda *_, **__: None)
+    typed, screen = deque(["note Coughs.", "p", "n", "c", "c"]), io.StringIO()
+    desk = TerminalConsole(write=screen, ask=lambda _: typed.popleft(), heading="PRACTICE")
+    one, keys = Practised(desk=desk, participant=participant(Resting())), {"c": "copy paper", "p": "polypropylene"}
+    one.arm(trial=1, attempt=1, trials=2)
+    assert one.ask(trial=1, keys=keys) == Noted("Coughs.")
+    # The key decides, whatever was said.
+    assert one.ask(trial=1, keys=keys) == "p"
+    assert not one.confirm(key="p", meaning="polypropylene")
+    one.arm(trial=2, attempt=1, trials=2)
+    assert one.ask(trial=2, keys=keys) == "c"
+    said = [line for line in screen.getvalue().splitlines() if "says" in line]
+    assert said == ["The participant says: aluminum foil."] * 2 + ["The participant says: copy paper."]
+
+
+def test_at_the_keys_the_participant_says_how_loud_the_masker_is_and_rests_the_foot_once_asked() -> None:
+    foot, screen = Resting(), io.StringIO()
+    order: list[str] = []
+
+    def ask(prompt: str) -> str:
+        order.append(f"{prompt[:9]}{foot.rests}")
+        return ""
+
+    desk = TerminalConsole(write=screen, ask=ask, heading="PRACTICE")
+    one = Practised(desk=desk, participant=participant(foot))
+    keys = {"+": "louder", "-": "softer"}
+    for level_db_a in (40.0, 70.0):
+        assert one.level(level_db_a=level_db_a, limit_db_a=80.0, criterion="Nothing is heard.", keys=keys) == ""
+    assert "The participant says: louder.\n" in screen.getvalue()
+    assert "The participant says: I no longer hear it.\n" in screen.getvalue()
+    one.rest(why="")
+    assert (order[-1], foot.rests) == ("PRACTICE 0", 1)

@@ -1,0 +1,136 @@
+"""A session practised at a real terminal: the keys are an experimenter's, all that is beyond the ports is simulated."""
+
+from __future__ import annotations
+
+import os
+import pty
+import re
+import select
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from experiment import storage
+from experiment.dataset import beliefs
+from experiment.dataset.verify import verify
+from experiment.protocol.files import shipped
+from experiment.records import journal
+from experiment.records.entries import Answer, Ignored
+from tests.conftest import Palpate
+from tests.experiment.protocol.small import SMALL
+from tests.rig.laboratory import write_rig
+from tests.rig.rehearsed import assert_all_say
+
+QUESTION = re.compile(
+    r"familiar with the materials: |Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>Key: )"
+    r"|type (?P<again>\S) again[^\n]*again: |to end the session: "
+)
+KEYS = {"felt": "f", "cork": "k"}
+TRIALS = 4
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> Path:
+    file = tmp_path / "small.toml"
+    file.write_text(SMALL.replace("repetitions = 3", "repetitions = 2"), "utf-8")
+    return file
+
+
+def practise(folder: Path, *arguments: str, stop_after: int = TRIALS) -> tuple[int, str]:
+    """Give the command at a terminal, and key what the participant says; press Ctrl-C once so many are answered."""
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-m", "experiment", "run", *arguments, "--practice"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    process = subprocess.Popen(
+        command, cwd=folder, env=environment, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
+    )
+    os.close(theirs)
+    screen, at, said, answered = "", 0, "", 0
+    try:
+        while True:
+            if (asked := QUESTION.search(screen, at)) is None:
+                assert select.select([ours], [], [], 30)[0], screen
+                try:
+                    screen += os.read(ours, 65536).decode().replace("\r", "")
+                except OSError:
+                    return process.wait(10), screen
+                continue
+            at = asked.end()
+            if "Armed" in asked[0]:
+                os.write(ours, b"f")
+            elif asked["said"] is not None:
+                said = asked["said"]
+            elif asked["key"] is not None and answered == stop_after:
+                process.send_signal(2)
+            elif asked["key"] is not None:
+                answered += 1
+                os.write(ours, f"{KEYS[said]}\n".encode())
+            else:
+                os.write(ours, f"{asked['again'] or ''}\n".encode())
+    finally:
+        os.close(ours)
+        process.kill()
+
+
+def test_a_session_is_practised_paused_and_continued_at_a_terminal(
+    tmp_path: Path, study: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code, screen = practise(tmp_path, "small.toml", "--task", "one", stop_after=1)
+    assert (code, "The session is paused: 1 answers. interrupted at the keyboard" in screen) == (0, True), screen
+    assert screen.startswith("PRACTICE - simulated participants")
+    assert "The materials 'felt' and 'cork' are simulated generically: they resemble nothing.\n" in screen
+    assert "Familiarisation, up to 0.9 min." in screen
+    assert "\nTo go on, give the same command again.\n" in screen
+    code, rest = practise(tmp_path, "small.toml", "--task", "one")
+    assert (code, "The session is complete: 4 answers." in rest) == (0, True), rest
+    root = tmp_path / "participants" / "practice-small"
+    entries = journal.read(storage.journal_path(root, "01", "one")).entries
+    assert "\nTo practise the other task, add --task two.\n" in rest
+    told = re.findall(r"says: (.*)\.\n", screen)[:1] + re.findall(r"says: (.*)\.\n", rest)
+    answers = [entry for entry in entries if isinstance(entry, Answer)]
+    assert [(one.answered, one.key) for one in answers] == [(name, KEYS[name]) for name in told]
+    # What was typed before the participant had spoken answered nothing.
+    assert sum(isinstance(entry, Ignored) for entry in entries) >= TRIALS
+    assert_all_say(root, "PRACTICE")
+    assert beliefs.believed(root).purpose == "PRACTICE"
+    assert verify(root).refused == 0
+    monkeypatch.chdir(tmp_path)
+    code, tables, _ = palpate("analyse", root, "--no-figures")
+    assert (code, tables.count("PRACTICE") > 0) == (0, True)
+    made = [path for path in (root / "derivatives").rglob("*") if path.is_file()]
+    assert made
+    assert [path for path in made if "PRACTICE" not in path.read_text("utf-8")] == []
+
+
+@pytest.mark.parametrize(
+    ("options", "refused"),
+    [
+        (["--practice", "-p", "99"], "no participant '99': this study has '01' to '06'"),
+        (["--practice", "--task", "three"], "does not do task 'three'; allowed: two, one; name one of these"),
+        (["--practice", "--recordings", "there"], "got --recordings with --practice"),
+        (["--practice", "--rig", "rig.toml"], "rig.toml: is a real rig"),
+        (["--practice", "--dataset", "."], "is no dataset of practice, and practice never writes into anything else"),
+        ([], "got no --participant, --task or --rig"),
+    ],
+)
+def test_what_cannot_be_practised_is_refused_and_leaves_nothing(
+    tmp_path: Path,
+    study: Path,
+    options: list[str],
+    refused: str,
+    palpate: Palpate,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_rig(tmp_path, "rehearsal", port='"/dev/none"', address='"127.0.0.1:1"')
+    before = sorted(tmp_path.rglob("*"))
+    code, _, err = palpate("run", study, *options)
+    assert (code, refused in err) == (2, True), err
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_practice_and_a_rehearsal_stand_apart(tmp_path: Path, one: Path, palpate: Palpate) -> None:
+    code, _, err = palpate("run", shipped("okamoto2012.toml"), "--practice", "--dataset", one)
+    assert (code, "holds practice of something else (label REHEARSAL there, PRACTICE asked for" in err) == (2, True)
