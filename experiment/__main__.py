@@ -30,7 +30,7 @@ def main() -> None:
 
         # What is done is done: while Python ends, an interrupt changes nothing.
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
-        if sys.argv[1:] in ([], ["-h"], ["--help"]):
+        if sys.stdout is not None and sys.argv[1:] in ([], ["-h"], ["--help"]):
             from experiment.cli import overview
 
             sys.stdout.write(overview())

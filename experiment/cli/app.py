@@ -1,9 +1,11 @@
 """The one command, `palpate`: its commands, each from the module of its room, and how an error ends one."""
 
+import os
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import redirect_stderr, redirect_stdout
 from importlib import import_module
+from pathlib import Path
 from typing import Annotated, Any, TextIO, cast
 
 import typer
@@ -82,6 +84,11 @@ class _Door:
 
 def main() -> None:
     """Run the command. An error becomes its message and exit code 2; raises `KeyboardInterrupt` on Ctrl-C."""
+    if sys.stderr is None:
+        sys.stderr = Path(os.devnull).open("w")  # noqa: SIM115
+    if sys.stdout is None:
+        tell("palpate: standard output is closed; open it, into /dev/null if nobody reads it")
+        sys.exit(PalpateError.exit_code)
     with redirect_stdout(cast("TextIO", _Door(sys.stdout))), redirect_stderr(cast("TextIO", _Door(sys.stderr))):
         _run()
 

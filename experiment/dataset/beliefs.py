@@ -7,6 +7,7 @@ rehearsal and in practice the plan, and every file against the anchors in the da
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -132,12 +133,19 @@ def anchor(root: Path) -> Anchor:
         study=dataset.protocol.study.id,
         purpose=dataset.purpose,
         protocol_sha256=approval.sha256(dataset.protocol),
+        seal_sha256=seal_sha256(root),
         prefixes=tuple(
             Prefix(file=path.relative_to(root).as_posix(), lines=len(hashes), sha256=hashes[-1])
             for path in (storage.roster_path(root), *(path for path, _ in dataset.sessions))
             if (hashes := register.line_hashes(path))
         ),
     )
+
+
+def seal_sha256(root: Path) -> str | None:
+    """Return the hash of the file of a dataset's seal; None where there is none."""
+    path = approval.seal_path(storage.protocol_path(root))
+    return hashlib.sha256(storage.read_bytes(path)).hexdigest() if path.exists() else None
 
 
 def keep_anchor(root: Path) -> Anchor:

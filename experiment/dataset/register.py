@@ -51,12 +51,13 @@ class Prefix(Record):
 
 
 class Anchor(Record):
-    """What a dataset held at one moment."""
+    """What a dataset held at one moment; `seal_sha256` is that of its seal's file, None before the first session."""
 
     anchored_utc: Utc
     study: Annotated[str, Field(pattern=r"^[a-z][a-z0-9]{0,31}$")]
     purpose: Purpose
     protocol_sha256: Sha256
+    seal_sha256: Sha256 | None
     prefixes: tuple[Prefix, ...]
 
     @property
@@ -163,6 +164,8 @@ def soundly_signed(kept: Kept) -> bool:
 
 
 def _signature(anchor: Anchor, key: Path) -> str:
+    if not key.is_file():
+        raise DatasetError(f"{key}: is no file; allowed: a private SSH key; give its path")
     done = _ssh_keygen(("sign", "-f", str(key)), anchor)
     if done.returncode:
         why = " ".join(done.stderr.decode("utf-8", "replace").split())

@@ -91,6 +91,7 @@ def verify(
     files = {path.relative_to(root).as_posix(): register.line_hashes(path) for path in (roster, *journals)}
     people = rosters[0] if rosters else Roster(roster)
     unlike = [one for one in _contradictions(files, evidence) if not people.has_erased(one.item)]
+    unlike += _other_seal(root, evidence)
     sound = not any(finding.word == "refused" for finding in (*findings, *unlike))
     if named := {header.recordings_sha256 for header in headers} - {None}:
         findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
@@ -354,6 +355,18 @@ def _contradictions(files: Mapping[str, Sequence[str]], evidence: Sequence[Evide
             where = f"line {first.lines}" if first.lines == kept + 1 else f"a line from {kept + 1} to {first.lines}"
             text = f"{where} is another than by the anchor of {first.day} in {first.place}: the file was made anew"
         yield Finding("refused", name, text)
+
+
+def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
+    """Tell a seal that is not the one that was anchored, by the first anchor that has another."""
+    path, now = approval.seal_path(storage.protocol_path(root)), beliefs.seal_sha256(root)
+    for place in evidence:
+        for anchor in place.anchors:
+            if anchor.seal_sha256 not in (None, now):
+                day = anchor.anchored_utc[:10]
+                text = f"is another than by the anchor of {day} in {place.place}; restore it from a backup"
+                yield Finding("refused", path.relative_to(root).as_posix(), text)
+                return
 
 
 def _verdict(refused: int, files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]) -> Iterator[str]:

@@ -152,8 +152,7 @@ def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], Mapping[Pla
     if found := storage.extreme(document):
         place, got = found
         line = None if got == storage.TOO_DEEP else _nearest(locate(text), place)
-        allowed = f"at most {storage.DEEPEST} of them, and whole numbers of 64 bits; mend this first"
-        raise ProtocolError(str(path), [Problem(written(place)[:60], line, got, allowed)])
+        raise ProtocolError(str(path), [Problem(written(place)[:60], line, got, _NO_DEEPER)])
     return document, locate(text)
 
 
@@ -206,7 +205,16 @@ def _existing(path: Path) -> str:
     return f"the path of a TOML file{suggestion}"
 
 
+_NO_DEEPER = f"at most {storage.DEEPEST} of them, and whole numbers of 64 bits; mend this first"
+
+_LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{3 * storage.DEEPEST}}}")
+"""A key of so many parts: `tomllib` takes time by the square of their number, seconds for some thousands."""
+
+
 def _document(path: Path, text: str) -> dict[str, Any]:
+    if long := _LONG_KEY.search(text):
+        line = text.count("\n", 0, long.start()) + 1
+        raise ProtocolError(str(path), [Problem(f"{long[0][:20]}...", line, storage.TOO_DEEP, _NO_DEEPER)])
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:

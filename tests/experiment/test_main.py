@@ -135,3 +135,14 @@ def test_other_ends_are_left_alone(monkeypatch: pytest.MonkeyPatch, capsys: pyte
             __main__.main()
         assert (end.value.code or 0) == code
     assert "interrupted" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("closed", "code"), [(">&-", 2), ("2>&-", 0)])
+def test_a_closed_output_is_told_in_words_and_a_closed_error_stream_changes_nothing(
+    repository_root: Path, closed: str, code: int
+) -> None:
+    command = f"{sys.executable} -m experiment check okamoto2012 {closed}"
+    done = subprocess.run(["sh", "-c", command], cwd=repository_root, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    said = "palpate: standard output is closed; open it, into /dev/null if nobody reads it\n"
+    assert done.stderr == (said if code else "")

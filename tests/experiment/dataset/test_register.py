@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import re
 import shutil
 from pathlib import Path
@@ -142,3 +143,10 @@ def test_the_command_prints_the_line_for_the_lab_book(dataset: Path, tmp_path: P
 def test_anchors_survive_json(dataset: Path) -> None:
     anchor = beliefs.anchor(dataset)
     assert Anchor.model_validate_json(anchor.model_dump_json()) == anchor
+
+
+def test_a_pipe_is_no_key_and_nothing_waits_for_it(dataset: Path, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "key")
+    with pytest.raises(DatasetError, match="key: is no file; allowed: a private SSH key"):
+        register.enter(beliefs.anchor(dataset), dataset, tmp_path / "register", tmp_path / "key")
+    assert not (tmp_path / "register").exists()

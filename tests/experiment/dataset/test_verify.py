@@ -13,6 +13,7 @@ from experiment import storage
 from experiment.dataset import beliefs, build, register
 from experiment.dataset.verify import MISTYPED, Report, verify
 from experiment.errors import DatasetError
+from experiment.protocol import approval
 from experiment.records import chain
 from experiment.study.roster import Roster
 from tests.conftest import Palpate
@@ -188,6 +189,18 @@ def test_a_log_of_anchors_that_is_gone_is_told_and_one_that_was_overwritten_is_r
     log.unlink()
     notes = {finding.item: finding.text for finding in verify(study.root).findings if finding.word == "note"}
     assert notes[register.LOG.as_posix()].startswith("is missing: ")
+
+
+def test_a_seal_that_was_edited_is_refused_by_an_anchor(study: MadeStudy, anchored: Path) -> None:
+    seal = approval.seal_path(storage.protocol_path(study.root))
+    text = seal.read_text("utf-8")
+    seal.write_text(text.replace('"17"', '"99"'), "utf-8")
+    assert seal.read_text("utf-8") != text
+    assert refused(verify(study.root)) == {}
+    report = verify(study.root, [anchored])
+    told = refused(report)[inside(study, seal)]
+    assert told.startswith("is another than by the anchor of ")
+    assert str(anchored) in told
 
 
 def test_a_register_inside_the_dataset_proves_nothing_however_its_path_is_spelt(study: MadeStudy) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from experiment import storage
 from experiment.errors import Problem, ProtocolError
 from experiment.protocol import files
 from experiment.protocol.models import Protocol
@@ -335,3 +336,12 @@ def test_a_file_of_nothing_but_unknown_keys_is_told_in_part(tmp_path: Path) -> N
     with pytest.raises(ProtocolError) as refused:
         load.read(path, load.Confined)
     assert len(refused.value.problems) == load.MOST_TOLD
+
+
+def test_a_key_of_very_many_parts_is_refused_before_it_is_parsed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tomllib takes time by the square of their number: 25 s for 20,000."""
+    monkeypatch.setattr(load.tomllib, "loads", None)
+    (problem,) = refused(tmp_path, "# A comment\nx" + ".a" * 20_000 + " = 1\n")
+    assert (problem.line, problem.got) == (2, storage.TOO_DEEP)
