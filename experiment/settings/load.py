@@ -213,8 +213,8 @@ _LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{3 * storage.DEEPE
 
 def _document(path: Path, text: str) -> dict[str, Any]:
     if long := _LONG_KEY.search(text):
-        line = text.count("\n", 0, long.start()) + 1
-        raise ProtocolError(str(path), [Problem(f"{long[0][:20]}...", line, storage.TOO_DEEP, _NO_DEEPER)])
+        at = text.count("\n", 0, long.start()) + 1
+        raise ProtocolError(str(path), [Problem(f"{long[0][:20]}...", at, storage.TOO_DEEP, _NO_DEEPER)])
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
