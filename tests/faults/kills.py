@@ -96,7 +96,11 @@ class Run:
     def says(self, codes: tuple[int, ...], *words: str) -> list[Wrong]:
         """Return what is wrong with a life that had to end with one of these codes, and say one of the words."""
         text = self.life.text
-        wrong = [Wrong(f"it said {word!r}") for word in ("FAULT", "Traceback", "a fault in palpate") if word in text]
+        wrong = [
+            Wrong(f"it said {text[text.index(word) :][:900]!r}")
+            for word in ("FAULT", "Exception ignored", "Traceback", "a fault in palpate")
+            if word in text
+        ]
         if self.code not in codes:
             wrong.append(Wrong(f"it ended with {self.code}: {text[-200:]!r}"))
         if words and not any(word in text for word in words):
