@@ -12,6 +12,7 @@ they hold no letters that run from right to left either: with these a line shows
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterator
@@ -65,6 +66,16 @@ def leftward(text: str) -> tuple[str, ...]:
 def skeleton(name: str) -> str:
     """Return what two names share that look the same but for case and blanks."""
     return "".join(unicodedata.normalize("NFKC", name).translate(LOOK_ALIKES).casefold().split())
+
+
+def looks(name: str) -> tuple[str, str]:
+    """Return two forms of a name; a reader takes names for one another if either form of one is a form of the other.
+
+    Both forms are as `skeleton`, without accents, and with 0 as O and 1 and | as l; the second has capital I as l too.
+    """
+    bare = re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFD", name)).translate(LOOK_ALIKES)
+    printed = bare.translate(str.maketrans("01|", "oll"))
+    return skeleton(printed), skeleton(printed.replace("I", "l"))
 
 
 def free(text: str) -> str:
