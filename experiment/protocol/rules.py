@@ -127,8 +127,8 @@ def planned_test(table: Table) -> Iterator[Broken]:
 
 def protocol(table: Table) -> Iterator[Broken]:
     """Ids are unique among materials, tasks and exclusion rules; so are keys, and phrases of `spoken`: none looks like
-    another, whatever its case, blanks and alphabet, no name or phrase does with other accents, or 1 or I for l and 0 for
-    O, and no phrase like the id of another material.
+    another, whatever its case, blanks and alphabet (of names and phrases: nor by accents, 1 or I for l, or 0 for O), and
+    no phrase like the id of another material.
 
     The keys `+` and `-` set the masker's level and stand for nothing else. No task has more participants than the
     study, and the largest has as many. The tests of `analysis` name tasks of the protocol. A familiarisation is shorter
@@ -172,8 +172,9 @@ def _spoken(table: Table) -> Iterator[Broken]:
         i: looks(name) for i, one in _tables(table, "materials") if isinstance(name := one.get("id"), str)
     }
     for path, said in places:
+        own = {*ids.get(path[1], ())}
         for i, forms in ids.items():
-            if isinstance(said, str) and forms != ids.get(path[1]) and not set(forms).isdisjoint(looks(said)):
+            if isinstance(said, str) and own.isdisjoint(forms) and not {*looks(said)}.isdisjoint(forms):
                 yield Broken(path, f"a phrase of its own: {written(('materials', i, 'id'))} is that name")
 
 
