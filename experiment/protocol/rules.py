@@ -127,8 +127,8 @@ def planned_test(table: Table) -> Iterator[Broken]:
 
 def protocol(table: Table) -> Iterator[Broken]:
     """Ids are unique among materials, tasks and exclusion rules; so are keys, and phrases of `spoken`: none looks like
-    another, whatever its case, blanks and alphabet (of names and phrases: nor by accents, 1 or I for l, or 0 for O), and
-    no phrase like the id of another material.
+    another, whatever its case, blanks and alphabet (of names and phrases: nor by accents, 1 or I for l, or 0 for O),
+    and no phrase like the id of another material.
 
     The keys `+` and `-` set the masker's level and stand for nothing else. No task has more participants than the
     study, and the largest has as many. The tests of `analysis` name tasks of the protocol. A familiarisation is shorter

@@ -113,6 +113,13 @@ def quoted(text: str, most: int = 60) -> str:
     return f"{shown} with {', '.join(named)}" if odd else shown
 
 
+def keyed(text: str, most: int = 20) -> str:
+    """Return what was typed as the keys that were pressed, such as `c, Enter`: the first `most` of them."""
+    named = {"\n": "Enter", "\r": "Enter", " ": "Space"}
+    keys = [named.get(one) or (code(one) if (*hidden(one), *deceptive(one), *leftward(one)) else one) for one in text]
+    return ", ".join(keys[:most] + ["..."] * (len(keys) > most))
+
+
 def code(character: str) -> str:
     """Return the code of a character: `U+202E`."""
     return f"U+{ord(character):04X}"

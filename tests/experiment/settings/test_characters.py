@@ -15,6 +15,7 @@ from experiment.settings.characters import (
     deceptive,
     free,
     hidden,
+    keyed,
     leftward,
     looks,
     naming,
@@ -117,6 +118,11 @@ def test_names_that_are_taken_for_one_another_have_a_form_in_common(name: str) -
     assert known & set(looks(name))
     assert not known & {*looks("aluminum fol"), *looks("aiuminum foil"), *looks("aluminum fo\u3099il")}
     assert set(looks("A1")) & set(looks("Al")) & set(looks("AI"))
+
+
+def test_what_was_typed_is_told_as_keys() -> None:
+    assert keyed("c\n \x1b\u0301\u05d0\u00e9") == "c, Enter, Space, U+001B, U+0301, U+05D0, \u00e9"
+    assert keyed("c" * 21) == f"{'c, ' * 20}..."
 
 
 def test_joiners_are_for_free_text_alone() -> None:
