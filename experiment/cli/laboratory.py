@@ -3,13 +3,16 @@
 import sys
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder, a_day
 from experiment.errors import RosterError, SessionError
+
+if TYPE_CHECKING:
+    from experiment.records.entries import Footer
 
 commands = options.room()
 
@@ -346,7 +349,19 @@ def run(
             recordings=recordings,
             console=console,
         )
-    typer.echo(f"The session is {footer.reason}: {footer.answered} answers. {footer.detail}".rstrip())
+    typer.echo(_ended(footer))
+
+
+def _ended(footer: "Footer") -> str:
+    """Return in sentences how a session ended, and how it goes on."""
+    if footer.reason == "complete":
+        return f"The session is complete: {footer.answered} answers."
+    how = f" {footer.detail}" if footer.detail.startswith("by ") else ""
+    why = "" if how else f": {footer.detail.replace('interrupted', 'it was interrupted')}"
+    kept = f"{footer.answered} answer{'' if footer.answered == 1 else 's'} on disk"
+    # Nothing goes on where all of the protocol's minutes are used up.
+    onward = "" if footer.detail.endswith("session are over") else " The same command goes on with it."
+    return f"The session is {footer.reason}{how}, with {kept}{why}.{onward}"
 
 
 @commands.command(

@@ -155,6 +155,12 @@ def keep_anchor(root: Path) -> Anchor:
     return made
 
 
+def is_anchored(root: Path) -> bool:
+    """Return whether nothing was added to a dataset since the last anchor in its own log. Raises as `anchor`."""
+    kept, _ = register.read(root / LOG) if (root / LOG).exists() else ((), ())
+    return bool(kept) and kept[-1].anchor.prefixes == anchor(root).prefixes
+
+
 def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
     """Return what can be believed of a dataset, and an error for whatever else does not fit.
 

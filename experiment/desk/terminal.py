@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TextIO
@@ -93,7 +94,7 @@ class _Lines:
             raise ScreenGone(GONE.format(error)) from error
         if early:
             self._ignored += early
-            self.show(f"Ignored because it was typed before the question: {characters.quoted(early)}")
+            self.show(f"Ignored because it was typed before the question: {characters.keyed(early)}.")
         try:
             return self._read(prompt)
         except EOFError:
@@ -156,12 +157,12 @@ class TerminalConsole(_Lines):
     def ask(self, *, trial: int, keys: dict[str, str]) -> str | Remark:
         offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
         while True:
-            typed = self._ask(f"Trial {trial}, the participant said:  {offered}\nKey: ").strip()
+            typed = self._ask(f"Trial {trial}, the participant said:  {offered}  or: {REMARKS}\nKey: ").strip()
             if remark := self._remark(typed):
                 return remark
             if (key := typed.lower()) in keys:
                 return key
-            self.show(f"{characters.quoted(typed)} is no key; type one of {' '.join(keys)}, or {REMARKS}")
+            self._refuse(typed, f"is no key; type one of {' '.join(keys)}, or {REMARKS}")
 
     def confirm(self, *, key: str, meaning: str) -> bool:
         # Not Enter: a key that somebody leans on repeats.
@@ -174,8 +175,13 @@ class TerminalConsole(_Lines):
         ).strip():
             if remark := self._remark(typed):
                 return remark
-            self.show(f"{characters.quoted(typed)} is no remark; type {REMARKS}, or press Enter")
+            self._refuse(typed, f"is no remark; type {REMARKS}, or press Enter")
         return None
+
+    def _refuse(self, typed: str, why: str) -> None:
+        unexplained = re.fullmatch(r"correct\s+\d+\s+\S", typed)
+        shown = characters.quoted(typed)
+        self.show(f"Give the reason too: {characters.plain(typed)} REASON" if unexplained else f"{shown} {why}")
 
     def _remark(self, typed: str) -> Remark | None:
         """Return what was typed as a remark; None if it is none, or one that cannot go on record."""

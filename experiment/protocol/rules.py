@@ -6,12 +6,12 @@ a wrong type in one place still has all its rules checked, and every error is re
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from itertools import pairwise
 from typing import Any
 
-from experiment.settings.characters import skeleton
+from experiment.settings.characters import looks, skeleton
 from experiment.settings.load import Broken, Table, written
 from experiment.storage import Place
 
@@ -127,7 +127,8 @@ def planned_test(table: Table) -> Iterator[Broken]:
 
 def protocol(table: Table) -> Iterator[Broken]:
     """Ids are unique among materials, tasks and exclusion rules; so are keys, and phrases of `spoken`: none looks like
-    another, whatever its case, blanks and alphabet, and no phrase like the id of another material.
+    another, whatever its case, blanks and alphabet (of names and phrases: nor by accents, 1 or I for l, or 0 for O),
+    and no phrase like the id of another material.
 
     The keys `+` and `-` set the masker's level and stand for nothing else. No task has more participants than the
     study, and the largest has as many. The tests of `analysis` name tasks of the protocol. A familiarisation is shorter
@@ -154,7 +155,7 @@ def _keys(table: Table) -> Iterator[Broken]:
         *((("materials", i, "key"), material.get("key")) for i, material in _tables(table, "materials")),
         *((("answers", name), answers.get(name)) for name in ("no_answer_key", "redo_key", "pause_key")),
     ]
-    yield from _seen_once(places, "a key of its own")
+    yield from _seen_once(places, "a key of its own", lambda key: (skeleton(key),))
     for path, key in places:
         if key in (LOUDER_KEY, SOFTER_KEY):
             yield Broken(path, f"any key but {LOUDER_KEY} and {SOFTER_KEY}, which set the masker's level")
@@ -167,12 +168,13 @@ def _spoken(table: Table) -> Iterator[Broken]:
         for j, said in enumerate(_list(material, "spoken"))
     ]
     yield from _seen_once(places, "a phrase of its own")
-    ids: dict[str | int, str] = {
-        i: skeleton(name) for i, one in _tables(table, "materials") if isinstance(name := one.get("id"), str)
+    ids: dict[str | int, tuple[str, ...]] = {
+        i: looks(name) for i, one in _tables(table, "materials") if isinstance(name := one.get("id"), str)
     }
     for path, said in places:
-        for i, name in ids.items():
-            if isinstance(said, str) and skeleton(said) == name != ids.get(path[1]):
+        own = {*ids.get(path[1], ())}
+        for i, forms in ids.items():
+            if isinstance(said, str) and own.isdisjoint(forms) and not {*looks(said)}.isdisjoint(forms):
                 yield Broken(path, f"a phrase of its own: {written(('materials', i, 'id'))} is that name")
 
 
@@ -229,13 +231,19 @@ def _unique(tables: list[tuple[int, Table]], name: str, key: str) -> Iterator[Br
     yield from _seen_once(places, "a name of its own")
 
 
-def _seen_once(places: Iterable[tuple[Place, object]], what: str) -> Iterator[Broken]:
-    first: dict[str, Place] = {}
+def _seen_once(
+    places: Iterable[tuple[Place, object]], what: str, forms_of: Callable[[str], tuple[str, ...]] = looks
+) -> Iterator[Broken]:
+    first: dict[str, tuple[Place, str]] = {}
     for path, value in places:
         if isinstance(value, str):
-            earlier = first.setdefault(skeleton(value), path)
-            if earlier != path:
-                yield Broken(path, f"{what}: {written(earlier)} has it already")
+            forms = forms_of(value)
+            earlier, had = next((first[form] for form in forms if form in first), (path, value))
+            if earlier == path:
+                first |= dict.fromkeys(forms, (path, value))
+            else:
+                has = "has it already" if skeleton(had) == skeleton(value) else f"has '{had}', which looks the same"
+                yield Broken(path, f"{what}: {written(earlier)} {has}")
 
 
 def _in_order(table: Table, low: str, high: str) -> Iterator[Broken]:

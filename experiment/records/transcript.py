@@ -25,7 +25,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
 from experiment.records.stimulus import Onset, Stimulus
-from experiment.settings.characters import plain
+from experiment.settings.characters import keyed, plain
 
 WIDTH = 100
 """No line of a transcript is wider, in characters."""
@@ -103,7 +103,7 @@ def _said(entry: AnyEntry) -> str:
         case Note():
             return f"note{'' if entry.trial is None else f' at trial {entry.trial}'}: {entry.text}"
         case Ignored():
-            return f"ignored because it was typed before the question: {entry.typed!r}"
+            return f"ignored because it was typed before the question: {keyed(entry.typed)}"
         case Redo():
             again = "put off to the end of the block" if entry.put_off else "done again"
             return f"trial {entry.trial}.{entry.attempt} does not count and is {again}: {entry.reason}"

@@ -155,7 +155,7 @@ def practise(
     build.build(job.dataset)
     later = [task for task in job.tasks if left[task] and task != task_id]
     if footer.reason == "paused":
-        onward = "To go on, give the same command again."
+        onward = ""
     elif not left[task_id]:
         onward = "This session was complete before. To practise it anew, name another --participant or --dataset."
     else:

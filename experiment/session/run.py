@@ -150,7 +150,8 @@ def run(
                 ended.add_note(f"the dataset could not be brought up to date either: {unbuilt}")
             raise
     build.build(root)
-    _anchor(root, anchored_in, console)
+    if not _anchor(root, anchored_in, console) and footer.reason == "complete":
+        console.show("This session was complete already; nothing was added to it.")
     return footer
 
 
@@ -177,10 +178,15 @@ def _anchored_in(rig: Rig, rig_file: Path) -> tuple[Path, Path | None] | None:
     return to, keys[0] if keys else None
 
 
-def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: Console) -> None:
-    """Show the dataset's anchor for the lab book, and enter it where the rig says; a failure undoes no session."""
+def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: Console) -> bool:
+    """Show the dataset's anchor for the lab book, and enter it where the rig says; a failure undoes no session.
+
+    Return False, and do neither, if nothing was added since the last anchor.
+    """
     again = f"palpate anchor {root}"
     try:
+        if beliefs.is_anchored(root):
+            return False
         anchor = beliefs.keep_anchor(root)
         console.show(f"For the lab book: {anchor.line}")
         if anchored_in:
@@ -189,6 +195,7 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
             console.show(register.enter(anchor, root, to, key))
     except PalpateError as error:
         console.show(f"NOT ANCHORED: {error}. The session is on disk. Once that is mended, run: {again}")
+    return True
 
 
 def _keep_seal(root: Path, protocol_file: Path) -> None:

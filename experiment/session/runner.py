@@ -7,11 +7,12 @@ import math
 import threading
 from collections import Counter
 from contextlib import closing, suppress
+from datetime import date
 from pathlib import Path
 from typing import Literal
 
 from experiment.apparatus import opening
-from experiment.clock import Clock
+from experiment.clock import Clock, day
 from experiment.errors import JournalError, PalpateError, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
@@ -77,6 +78,17 @@ def _check_same_session(path: Path, found: Header, asked: Header) -> None:
                 f"{path}: the session was begun with another {name}{shown}; "
                 "continue with the earlier one, or choose another dataset folder"
             )
+
+
+def _onward(done: Progress, stopped_on: date) -> str:
+    """Return in a sentence where a session goes on, and which trials come again."""
+    again = [str(planned.trial) for planned in done.remaining if planned.trial in done.put_off]
+    *others, last = again or [""]
+    named = f"trials {', '.join(others)} and {last} come" if others else f"trial {last} comes"
+    told = (
+        f"This session goes on from {stopped_on}: {len(done.answered)} of {len(done.header.order)} trials are answered"
+    )
+    return f"{told}; {named} again at the end of {'their' if others else 'its'} block." if again else f"{told}."
 
 
 class SessionLog:
@@ -259,6 +271,7 @@ class _Session:
                 trial, attempt = done.armed
                 reason = "the session was interrupted while the trial was armed; its stimulus may have been felt"
                 self._log.write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=True))
+            self._devices.console.show(_onward(self._log.done, day(contents.lines[-1].t_ns)))
         else:
             self._log.write(done.header)
             self._exposed.begin()

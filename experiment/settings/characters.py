@@ -12,6 +12,7 @@ they hold no letters that run from right to left either: with these a line shows
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from collections import Counter
 from collections.abc import Iterator
@@ -67,6 +68,16 @@ def skeleton(name: str) -> str:
     return "".join(unicodedata.normalize("NFKC", name).translate(LOOK_ALIKES).casefold().split())
 
 
+def looks(name: str) -> tuple[str, str]:
+    """Return two forms of a name; a reader takes names for one another if either form of one is a form of the other.
+
+    Both forms are as `skeleton`, without accents, and with 0 as O and 1 and | as l; the second has capital I as l too.
+    """
+    bare = re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFD", name)).translate(LOOK_ALIKES)
+    printed = bare.translate(str.maketrans("01|", "oll"))
+    return skeleton(printed), skeleton(printed.replace("I", "l"))
+
+
 def free(text: str) -> str:
     """Return a text of one line or several. Raises `ValueError` if it holds a refused character."""
     return _without(text, (*hidden(text, but="\n" + JOINERS), *deceptive(text)))
@@ -100,6 +111,13 @@ def quoted(text: str, most: int = 60) -> str:
     shown = shown if len(shown) <= most else f"{shown[: most - 3]}..."
     named = (f"{code(one)} ({unicodedata.name(one)})" if one in seen else code(one) for one in odd[:5])
     return f"{shown} with {', '.join(named)}" if odd else shown
+
+
+def keyed(text: str, most: int = 20) -> str:
+    """Return what was typed as the keys that were pressed, such as `c, Enter`: the first `most` of them."""
+    named = {"\n": "Enter", "\r": "Enter", " ": "Space"}
+    keys = [named.get(one) or (code(one) if (*hidden(one), *deceptive(one), *leftward(one)) else one) for one in text]
+    return ", ".join(keys[:most] + ["..."] * (len(keys) > most))
 
 
 def code(character: str) -> str:

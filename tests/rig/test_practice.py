@@ -29,6 +29,7 @@ QUESTION = re.compile(
 )
 KEYS = {"felt": "f", "cork": "k"}
 TRIALS = 4
+PAUSED = "The session is paused, with 1 answer on disk: it was interrupted at the keyboard. The same command goes on with it."
 
 
 @pytest.fixture
@@ -78,11 +79,10 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     tmp_path: Path, study: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     code, screen = practise(tmp_path, "small.toml", "--task", "one", stop_after=1)
-    assert (code, "The session is paused: 1 answers. interrupted at the keyboard" in screen) == (0, True), screen
+    assert (code, PAUSED in screen) == (0, True), screen
     assert screen.startswith("PRACTICE - simulated participants")
     assert "The materials 'felt' and 'cork' are simulated generically: they resemble nothing.\n" in screen
     assert "Familiarisation, up to 0.9 min." in screen
-    assert "\nTo go on, give the same command again.\n" in screen
     code, rest = practise(tmp_path, "small.toml", "--task", "one")
     assert (code, "The session is complete: 4 answers." in rest) == (0, True), rest
     root = tmp_path / "participants" / "practice-small"

@@ -287,7 +287,7 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "")
     session = ["run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"]
     code, out, _ = palpate(*session)
-    assert (code, "The session is paused: 1 answers." in out) == (0, True)
+    assert (code, "The session is paused by the experimenter, with 1 answer on disk. The" in out) == (0, True)
     assert "For the lab book: " in out
     assert f"NOT ANCHORED: {tmp_path}/share/register: the anchor cannot be written" in out
     assert f"run: palpate anchor dataset --to {tmp_path}/share/register" in out
@@ -296,5 +296,9 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     assert (code, "The session is complete: 4 answers." in out) == (0, True)
     assert f"Anchored in {tmp_path}/share/register. This register is a new file." in out
     number = re.findall(r"For the lab book: .* (\S+)\n", out)[0]
+    assert re.search(r"This session goes on from \S+: 1 of 4 trials are answered; trial 2 comes again", out)
+    code, out, _ = palpate(*session)
+    assert (code, "For the lab book" in out) == (0, False)
+    assert "already; nothing was added to it.\nThe session is complete: 4 answers.\n" in out
     code, out, _ = palpate("verify", "dataset", "--register", "share/register", "--number", number)
     assert (code, out.count("PROVEN by"), "NOT PROVEN" in out) == (0, 2, False)

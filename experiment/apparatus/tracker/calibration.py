@@ -137,8 +137,13 @@ def check_age(rig: Rig, today: date) -> None:
             f"rig '{rig.rig.name}': tracker: got a calibration without calibrated_on and calibration_days; allowed: "
             "its day, and for how many days it holds; run palpate calibrate tracker, which writes both"
         )
+    if tracker.calibrated_on > today:
+        raise RigError(
+            f"rig '{rig.rig.name}': tracker.calibrated_on: got {tracker.calibrated_on}, which lies in the future; "
+            f"allowed: a day up to today, {today}; see whether the clock is right, or run palpate calibrate tracker"
+        )
     until = tracker.calibrated_on + timedelta(days=tracker.calibration_days)
-    if not tracker.calibrated_on <= today <= until:
+    if today > until:
         raise RigError(
             f"rig '{rig.rig.name}': tracker.calibrated_on: got {tracker.calibrated_on}; allowed: at most "
             f"{tracker.calibration_days} days before today, {today}; run palpate calibrate tracker"

@@ -455,7 +455,7 @@ class TestALaboratorysStudy:
         assert "Trial 1 of 40. Armed" in out
         assert "no frame for 200 ms" in out
         assert "The session waits for 0.2 s; nothing is lost." in out
-        assert "The session is paused: 0 answers. tracker at" in out
+        assert "The session is paused, with 0 answers on disk: tracker at" in out
         file = root / "sourcedata" / "sub-01" / "sub-01_task-real_journal.jsonl"
         code, out, _ = palpate("journal", file)
         assert code == 0

@@ -81,7 +81,7 @@ def test_a_key_that_was_typed_before_the_question_keeps_no_take() -> None:
     keys, written, early = Keys("r", ""), io.StringIO(), ["k\n"]
     console = TerminalTakes(write=written, ask=keys, early=lambda: early.pop() if early else "")
     assert not console.keeps(Step(CONDITION, 100.0, WINDOW))
-    assert written.getvalue().endswith("Ignored because it was typed before the question: 'k ' with U+000A\n")
+    assert written.getvalue().endswith("Ignored because it was typed before the question: k, Enter.\n")
     assert keys.lines == []
 
 

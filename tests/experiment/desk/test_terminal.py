@@ -30,7 +30,7 @@ def console(*typed: str) -> tuple[TerminalConsole, io.StringIO, list[str]]:
 def test_an_answer_is_keyed_shown_and_confirmed_by_the_same_key() -> None:
     one, _, prompts = console("C ", "c")
     assert one.ask(trial=3, keys=KEYS) == "c"
-    assert "[c] copy paper  [n] no answer" in prompts[0]
+    assert "[c] copy paper  [n] no answer  or: note TEXT, or correct TRIAL KEY REASON\nKey: " in prompts[0]
     assert one.confirm(key="c", meaning="copy paper")
     assert prompts[1] == "copy paper - type c again to confirm, anything else to ask again: "
 
@@ -61,6 +61,12 @@ def test_a_note_and_a_correction_take_the_place_of_a_key() -> None:
     assert one.ask(trial=3, keys=KEYS) == Corrected(12, "n", "misheard, a door slammed")
     assert one.ask(trial=3, keys=KEYS) == "c"
     assert screen.getvalue().count("is no key") == 3
+
+
+def test_a_correction_without_a_reason_is_asked_for_one() -> None:
+    one, screen, _ = console("correct 2 n", "c")
+    assert one.ask(trial=3, keys=KEYS) == "c"
+    assert screen.getvalue() == "Give the reason too: correct 2 n REASON\n"
 
 
 def test_a_remark_that_could_deceive_does_not_go_on_record() -> None:
@@ -109,7 +115,7 @@ def test_what_was_typed_before_a_question_does_not_answer_it(question: Callable[
         # Until the terminal has it.
         assert select.select([near], [], [], 5)[0]
         question(one)
-    assert "Ignored because it was typed before the question: 'n n'" in screen.getvalue()
+    assert "Ignored because it was typed before the question: n, Enter, n.\n" in screen.getvalue()
     assert (one.ignored(), one.ignored()) == ("n\nn", "")
     assert typed_ahead(io.StringIO("n\n")) == ""
 

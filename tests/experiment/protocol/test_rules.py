@@ -49,6 +49,14 @@ BROKEN = [
         (changed(document(), ("materials", 1, "id"), name), "materials[1].id", "a name of its own: materials[0].id has")
         for name in ("F E L T", "Fe lt")
     ),
+    *(
+        (
+            changed(document(), ("materials", 1, "id"), name),
+            "materials[1].id",
+            "materials[0].id has 'felt', which looks",
+        )
+        for name in ("fe1t", "FeIt", "f\u00e9lt")
+    ),
     (
         changed(
             changed(document(), ("materials", 0, "id"), "cocoa"),

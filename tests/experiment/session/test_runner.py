@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from experiment import storage
 from experiment.apparatus.tracker.frames import Samples
-from experiment.clock import ManualClock
+from experiment.clock import ManualClock, day
 from experiment.errors import JournalError, PalpateError, RigError
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
@@ -201,6 +201,10 @@ def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(prot
     # What was felt comes again at the end of its block, whatever kept it from its answer.
     assert second.console.armed == [(3, 1), (2, 2)]
     assert second.console.familiarised == 0
+    (told,) = second.console.shown
+    assert told == (
+        f"This session goes on from {day(START_NS)}: 1 of 3 trials are answered; trial 2 comes again at the end of its block."
+    )
     assert [e.remaining for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == [(3, 2)]
 
 
@@ -276,7 +280,7 @@ def test_a_torn_line_is_reported_on_screen_and_in_the_journal(protocol: Protocol
     path.write_bytes(path.read_bytes() + b'{"n":9,"t_')
     second = bench("pt")
     second.run(protocol, header("real"), tmp_path)
-    assert second.console.shown == ['The last line of the journal was torn and has been dropped: \'{"n":9,"t_\'']
+    assert second.console.shown[:-1] == ['The last line of the journal was torn and has been dropped: \'{"n":9,"t_\'']
     assert [e.torn for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == ['{"n":9,"t_']
 
 

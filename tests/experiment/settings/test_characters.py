@@ -15,7 +15,9 @@ from experiment.settings.characters import (
     deceptive,
     free,
     hidden,
+    keyed,
     leftward,
+    looks,
     naming,
     one_line,
     plain,
@@ -106,6 +108,21 @@ def test_what_runs_from_right_to_left_is_for_texts_and_not_for_names(text: str) 
 )
 def test_names_that_look_the_same_share_a_skeleton(name: str) -> None:
     assert skeleton(name) == skeleton("copy paper") != skeleton("copy papers")
+
+
+@pytest.mark.parametrize(
+    "name", ["aIuminum foil", "a1uminum foiI", "A|UMINUM FO\u0406L", "aluminum f0il", "\u00e1luminum f\u00f6il"]
+)
+def test_names_that_are_taken_for_one_another_have_a_form_in_common(name: str) -> None:
+    known = set(looks("aluminum foil"))
+    assert known & set(looks(name))
+    assert not known & {*looks("aluminum fol"), *looks("aiuminum foil"), *looks("aluminum fo\u3099il")}
+    assert set(looks("A1")) & set(looks("Al")) & set(looks("AI"))
+
+
+def test_what_was_typed_is_told_as_keys() -> None:
+    assert keyed("c\n \x1b\u0301\u05d0\u00e9") == "c, Enter, Space, U+001B, U+0301, U+05D0, \u00e9"
+    assert keyed("c" * 21) == f"{'c, ' * 20}..."
 
 
 def test_joiners_are_for_free_text_alone() -> None:
