@@ -112,7 +112,12 @@ CASES = (
         "the protocol is sealed already; replace it (--replace), or move it away\n",
     ),
     Case(ENROL, "sealed", done="palpate: participant 01 is enrolled already; the next label is 02\n", records=True),
-    Case(f"consent protocol.toml -p 01 --consent-on {TODAY} --dataset study", "sealed", then=ENROL, records=True),
+    Case(
+        f"consent protocol.toml -p 02 --consent-on {TODAY} --dataset study",
+        "enrolled",
+        then=ENROL.replace("01", "02", 1),
+        records=True,
+    ),
     Case(
         f"consent protocol.toml -p 01 --consent-on {TODAY} --dataset study",
         "without consent",
