@@ -39,6 +39,7 @@ from analysis.power import report as power_report
 from analysis.power import simulate
 from experiment import __main__ as palpate
 from experiment.cli import analysis
+from experiment.dataset.register import LOG
 from tests.experiment.dataset.studies import make_study
 from tests.experiment.protocol.small import SMALL
 from tests.faults.campaign import Count, Size
@@ -138,7 +139,7 @@ CASES = (
         dataset="dataset",
     ),
     Case(
-        "withdraw study.toml -p 01 --reason asked --erase --dataset dataset",
+        "withdraw study.toml -p 01 --reason asked --erase --yes --dataset dataset",
         "study",
         records=True,
         dataset="dataset",
@@ -236,7 +237,7 @@ def called(command: str) -> object:
 def files(folder: Path, *, records: bool = False) -> dict[str, str]:
     """Every file but locks -> the hash of what it holds; and every link, which has none.
 
-    With `records`, journals and roster are taken without what time and machine put in: see `timeless`.
+    With `records`, journals, roster and anchors are taken without what time and machine put in: see `held`.
     """
     return {
         str(path.relative_to(folder)): "" if path.is_symlink() else hashlib.sha256(held(path, records)).hexdigest()
@@ -246,8 +247,14 @@ def files(folder: Path, *, records: bool = False) -> dict[str, str]:
 
 
 def held(path: Path, records: bool) -> bytes:
-    """What a file holds; a head, which names the hash of the last line, only how many lines there are."""
+    """What a file holds; a head, which names the hash of the last line, only how many lines there are.
+
+    Of anchors only the last counts, by the lines of each file: what was cut off leaves one more, or a torn one.
+    """
     data = path.read_bytes()
+    if records and path.name == LOG.name:
+        last = json.loads(data.split(b"\n")[-2])["anchor"]["prefixes"]
+        return json.dumps([(prefix["file"], prefix["lines"]) for prefix in last]).encode()
     if records and path.suffix == ".head":
         # Empty before the first line.
         return b"".join(data.split()[:1])
