@@ -66,8 +66,7 @@ class Case:
     """A command, the folder that it begins with, and what it says where there is nothing left to do.
 
     `done` is all of that; most say nothing and end with 0. `records` is whether it writes lines of a
-    journal or roster, which hold times. The tables of `dataset` have to be what `palpate build` makes of it. `then` is
-    another command that must not be locked out, None for the same one again.
+    journal or roster, which hold times. The tables of `dataset` have to be what `palpate build` makes of it.
     """
 
     command: str
@@ -75,7 +74,6 @@ class Case:
     done: str | None = None
     records: bool = False
     dataset: str | None = None
-    then: str | None = None
 
 
 @dataclass(frozen=True)
@@ -113,12 +111,6 @@ CASES = (
         "the protocol is sealed already; replace it (--replace), or move it away\n",
     ),
     Case(ENROL, "sealed", done="palpate: participant 01 is enrolled already; the next label is 02\n", records=True),
-    Case(
-        f"consent protocol.toml -p 02 --consent-on {TODAY} --dataset study",
-        "enrolled",
-        then=ENROL.replace("01", "02", 1),
-        records=True,
-    ),
     Case(
         f"consent protocol.toml -p 01 --consent-on {TODAY} --dataset study",
         "without consent",
@@ -335,9 +327,7 @@ class Laboratory:
         """Return how many calls of a command change files, and what the folder holds when it ends."""
         folder = self.copy(case.begins)
         ended = run(folder, case.command)
-        if case.then is not None:
-            run(folder, case.then)
-        elif ended.code:
+        if ended.code:
             raise SystemExit(f"{case.command}: ended with {ended.code}: {ended.said}")
         return ended.calls, files(folder, records=case.records)
 
@@ -355,8 +345,8 @@ class Laboratory:
         if not told(first, fault):
             wrong.append(f"ended with {first.code}: {first.said}")
         whole = wanted.items() <= files(folder, records=case.records).items()
-        lost = first.code == 0 and case.then is None and not whole
-        again = run(folder, case.then or case.command)
+        lost = first.code == 0 and not whole
+        again = run(folder, case.command)
         if again.code != 0 and not (again.code == 2 and again.said == case.done):
             wrong.append(f"then ended with {again.code}: {again.said}")
         if left := temporary(folder):
