@@ -391,24 +391,53 @@ def withdraw(
         str, typer.Option("--reason", help="One line of text; it must name no person and no state of health.")
     ],
     erase: Annotated[bool, typer.Option("--erase", help="Delete the participant's data too, for ever.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Erase without being asked, as in a script.")] = False,
     dataset: StudyFolder = None,
 ) -> None:
     """Record that a participant withdrew.
 
     Their journals say so too, and no data of theirs is analysed. With --erase their journals, raw frames and tables are
-    deleted; the roster keeps their label, their consent, the withdrawal, and that their data were erased. To finish
-    what was interrupted, run the same command again.
+    deleted, once their label was typed again; the roster keeps it, their consent, the withdrawal, and that their data
+    were erased. To finish what was interrupted, run the same command again. An anchor is kept in the dataset.
     """
+    from experiment.dataset import beliefs
     from experiment.dataset import build as datasets
     from experiment.study import roster
 
+    if yes and not erase:
+        raise RosterError("got --yes without --erase; allowed: both, or neither; nothing is asked without --erase")
+    sessions, answers = roster.held(protocol_file, participant, root=dataset)
+    if erase and not yes:
+        _confirm_erasure(participant, sessions, answers)
     path = roster.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
     typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")
     if erase:
         typer.echo(
+            f"What stays in {path.parent}: their label, the day of consent, and the withdrawal with its reason.\n"
             "Backups, copies, and the tables of earlier analyses and exports, as under derivatives, still hold them: "
             "delete them there, or make them anew."
         )
+    else:
+        typer.echo("Their data stay and are not analysed. To delete them for good, add --erase to the same command.")
+    root = path.parent.parent
+    typer.echo(
+        f"For the lab book: {beliefs.keep_anchor(root).line}\n"
+        f"Enter it in the register too: palpate anchor {root} --to REGISTER."
+    )
+
+
+def _confirm_erasure(participant: str, sessions: int, answers: int) -> None:
+    """Return once the label of whose data are to be erased was typed again. Raises `RosterError` otherwise."""
+    from experiment.protocol.page import count
+    from experiment.settings.characters import quoted
+
+    asked = f"This deletes {count(sessions, 'session')} of participant {participant} with {count(answers, 'answer')}"
+    try:
+        typed = input(f"{asked}, for good. Type {participant} to go on: ").strip()
+    except (EOFError, OSError, ValueError):
+        typed = ""
+    if typed != participant:
+        raise RosterError(f"nothing was erased: got {quoted(typed)}; allowed: {participant}; type it, or give --yes")
 
 
 @commands.command(epilog="Example: palpate build participants/study")

@@ -252,8 +252,9 @@ def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[DatasetError]
             if not prefix.begins(hashes := known[prefix.file]):
                 found = f"now has {len(hashes)}" if len(hashes) < prefix.lines else "now begins with others"
                 day = one.anchor.anchored_utc[:10]
+                lines = "1 line" if prefix.lines == 1 else f"{prefix.lines} lines"
                 yield DatasetError(
-                    f"{root / prefix.file}: had {prefix.lines} lines by the anchor of {day} in {LOG}, and "
+                    f"{root / prefix.file}: had {lines} by the anchor of {day} in {LOG}, and "
                     f"{found if hashes else 'is missing'}; restore it from a backup"
                 )
 

@@ -181,11 +181,15 @@ def _study_files(root: Path, dataset: Believed) -> bids.Files:
 
 def _check_table(root: Path, path: Path, content: bytes) -> None:
     """Refuse a table that is not the one that the journals give."""
-    remedy = f"it was edited, or the journals are newer; make the tables again (palpate build {root})"
+    # A journal that was cut, its head too, leaves nothing else behind that knows of what is gone.
+    remedy = (
+        "it was edited, or the journals are newer, or were changed themselves; compare both with a backup, then make "
+        f"the tables again (palpate build {root})"
+    )
+    if not path.exists():
+        raise DatasetError(f"{path}: is missing; make it again (palpate build {root})")
     read = next((keys for end, keys in READ.items() if path.name.endswith(end)), None)
     if read is None and path.suffix != ".tsv":
-        if not path.exists():
-            raise DatasetError(f"{path}: is missing; make the tables again (palpate build {root})")
         return
     try:
         found = storage.read_bytes(path)

@@ -22,6 +22,7 @@ from experiment.dataset.beliefs import Believed
 from experiment.dataset.register import DIGITS, LOG, Anchor, Signer
 from experiment.errors import DatasetError, PalpateError, RecordingError
 from experiment.protocol import approval
+from experiment.protocol.page import count
 from experiment.records import journal
 from experiment.records.entries import Header, Purpose
 from experiment.records.footstep import BrokenOff, FootStep
@@ -68,10 +69,11 @@ def verify(
 ) -> Report:
     """Return what holds of a dataset, and what does not.
 
-    `registers` are files of anchors, `numbers` those of anchors as they stand in a lab book; with a `signer` only
-    anchors of the registers count that one of its keys signed. Raises `DatasetError` if the folder is no dataset, and
-    for what was typed wrongly, which speaks against no dataset: a register, a number or a key that cannot be read, a
-    number that differs from an anchor's in `MISTYPED` digits at most, or a key other than the one that signed.
+    `registers` are files of anchors, `numbers` those of anchors in a lab book, or the whole lines there; with a
+    `signer` only anchors of the registers count that one of its keys signed. Raises `DatasetError` if the folder is no
+    dataset, and for what was typed wrongly, which speaks against no dataset: a register, a number or a key that cannot
+    be read, a number that differs from an anchor's in `MISTYPED` digits at most, or a key other than the one that
+    signed.
     """
     if signer is not None and not registers:
         raise DatasetError("got --signer without --register; allowed: both, or --register alone; name the register too")
@@ -98,9 +100,9 @@ def verify(
     texts = {finding.text for finding in findings}
     findings += _together(root, texts, sound=sound) if beliefs.has_journals(root) else _alone(root)
     findings += [*_leftovers(root), *_erased(people), *told, *unlike]
-    refused = sum(finding.word == "refused" for finding in findings)
+    findings += _without_session(people, {*(name for name, lines in files.items() if lines), *(x.item for x in unlike)})
     kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
-    return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(refused, files, evidence)))
+    return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(root, findings, files, evidence)))
 
 
 def _together(root: Path, told: set[str], *, sound: bool) -> Iterator[Finding]:
@@ -186,16 +188,16 @@ def _session(path: Path, headers: list[Header]) -> str:
         rigs.response_table(rig_file.parent, rig.actuator.shaping)
     steps = [entry for entry in contents.entries if isinstance(entry, FootStep | BrokenOff)]
     build.raw_frames(path, steps)
-    torn = f"; {len(contents.torn)} bytes at its end are a line that was never finished" if contents.torn else ""
-    told = f"{len(contents.lines)} lines in an unbroken chain up to its head{torn}"
-    return f"{told}; its rig and the frames of {len(steps)} steps are those that it names"
+    torn = f"; {count(len(contents.torn), 'byte')} at its end: a line that was never finished" if contents.torn else ""
+    told = f"{count(len(contents.lines), 'line')} in an unbroken chain up to its head{torn}"
+    return f"{told}; its rig and the frames of {count(len(steps), 'step')} are those that it names"
 
 
 def _roster(path: Path, rosters: list[Roster]) -> str:
     enrolled = Roster.load(path)
     rosters.append(enrolled)
     torn = (
-        f"; a torn last line of {len(enrolled.lines.end.torn)} bytes was never confirmed"
+        f"; a torn last line of {count(len(enrolled.lines.end.torn), 'byte')} was never confirmed"
         if enrolled.lines.end.torn
         else ""
     )
@@ -215,7 +217,8 @@ def _recordings(root: Path, named: set[str | None]) -> str:
     broken = [name for name, sha256 in takes if _sha256(folder / name) != sha256]
     if broken:
         raise RecordingError(f"{folder}: takes are missing or changed: {', '.join(broken)}; restore them from a backup")
-    return f"{len(takes)} takes are those of the manifest, and the manifest is the one that the journals name"
+    are = "take is that" if len(takes) == 1 else "takes are those"
+    return f"{len(takes)} {are} of the manifest, and the manifest is the one that the journals name"
 
 
 def _sha256(path: Path) -> str | None:
@@ -248,6 +251,15 @@ def _check_place(root: Path, path: Path) -> None:
 def _erased(people: Roster) -> Iterator[Finding]:
     for participant in sorted(people.erased):
         yield Finding("note", f"sub-{participant}", "has no data: they were erased, as the roster says")
+
+
+def _without_session(people: Roster, files: set[str]) -> Iterator[Finding]:
+    """Tell who is enrolled, has not withdrawn, and has none of these `files`."""
+    there = {*people.withdrawn, *(Path(file).parent.name.removeprefix("sub-") for file in files)}
+    if labels := [label for label in people.consent_on if label not in there]:
+        who = f"participant{'s' * (len(labels) > 1)} {', '.join(labels)}"
+        text = f"no session of {who} is here: none has begun, or they were deleted with the log of anchors"
+        yield Finding("note", "roster", text)
 
 
 def _evidence(
@@ -285,7 +297,8 @@ def _evidence(
         guard = f"write to {path}" + (f", with the private key of {signer.path}" if signer else "")
         evidence.append(Evidence(str(path), anchors, "" if inside else guard))
     for number in numbers:
-        digits = re.sub(r"[\s-]", "", number).lower()
+        line = re.search(r"\s((?:[0-9a-f]{4}-){3}[0-9a-f]{4})\s*$", number, re.IGNORECASE)
+        digits = re.sub(r"[\s-]", "", line[1] if line else number).lower()
         if not re.fullmatch(rf"[0-9a-f]{{{DIGITS}}}", digits):
             raise DatasetError(f"--number: got {number!r}; allowed: {DIGITS} digits and letters a to f; correct it")
         found = tuple(anchor for anchor in all_anchors if anchor.number == digits)[:1]
@@ -344,11 +357,11 @@ def _contradictions(files: Mapping[str, Sequence[str]], evidence: Sequence[Evide
         first, last = broken[0], broken[-1]
         if first.lines > len(hashes):
             gone = last.lines - len(hashes)
+            are, by = "is" if gone == 1 else "are", f"the anchor of {last.day} in {last.place}"
             text = (
-                f"an older state: {gone} of its {last.lines} lines are missing since the anchor of {last.day} in "
-                f"{last.place}; restore the newer state"
+                f"an older state: {gone} of its {last.lines} lines {are} missing since {by}; restore the newer state"
                 if hashes
-                else f"is missing: it had {last.lines} lines by the anchor of {last.day} in {last.place}; restore it"
+                else f"is missing: it had {count(last.lines, 'line')} by {by}; restore it"
             )
         else:
             kept = max((one.lines for one in anchored if one.same and one.lines < first.lines), default=0)
@@ -369,10 +382,14 @@ def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
                 return
 
 
-def _verdict(refused: int, files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]) -> Iterator[str]:
-    if refused:
-        speak = "1 finding speaks" if refused == 1 else f"{refused} findings speak"
-        yield f"REFUSED: {speak} against this dataset. Keep the folder as it is, and compare it with a backup."
+def _verdict(
+    root: Path, findings: Sequence[Finding], files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]
+) -> Iterator[str]:
+    if refused := [finding.text for finding in findings if finding.word == "refused"]:
+        speak = "1 finding speaks" if len(refused) == 1 else f"{len(refused)} findings speak"
+        by_building = all(f"again (palpate build {root})" in text and "backup" not in text for text in refused)
+        mend = "Do what the findings say" if by_building else "Keep the folder as it is, and compare it with a backup"
+        yield f"REFUSED: {speak} against this dataset. {mend}."
         return
     if not (total := sum(map(len, files.values()))):
         yield "NOT PROVEN: no journal stands behind these tables, so neither an accident nor intent would show."
@@ -382,13 +399,14 @@ def _verdict(refused: int, files: Mapping[str, Sequence[str]], evidence: Sequenc
     for place in outside:
         anchored = sum(_most(name, hashes, [place]) for name, hashes in files.items())
         day = max(anchor.anchored_utc for anchor in place.anchors)[:10]
+        are = "is as it was" if anchored == 1 else "are as they were"
         yield (
-            f"PROVEN by {place.place}: {anchored} of {total} lines are as they were on {day}. To change one of these "
+            f"PROVEN by {place.place}: {anchored} of {count(total, 'line')} {are} on {day}. To change one of these "
             f"unseen, a person would have had to {place.guard} too."
         )
     left = total - sum(_most(name, hashes, outside) for name, hashes in files.items())
     if left:
-        which = f"{left} lines that came after the last anchor" if outside else "journals, heads and tables"
+        which = f"{count(left, 'line')} that came after the last anchor" if outside else "journals, heads and tables"
         yield (
             f"NOT PROVEN: a person who can write to this folder could have made {which} anew; nothing outside of the "
             "folder says otherwise."

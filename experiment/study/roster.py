@@ -495,8 +495,7 @@ def consent(
     With `correction`, which says why, the day takes the place of the one on record. Raises `RosterError` if the
     participant is not enrolled or has withdrawn, has consented already, or cannot have consented on that day.
     """
-    root = root or default_root(files.load(protocol_file))
-    _refuse_rehearsal(root)
+    root = _begun(protocol_file, root)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
     known = Roster.continued(path)
@@ -524,8 +523,7 @@ def withdraw(
     folder anew. Raises `RosterError` if the participant is not enrolled or has withdrawn for another reason, or the
     reason is no line of text, and `SessionLocked` if a session of theirs is running.
     """
-    root = root or default_root(files.load(protocol_file))
-    _refuse_rehearsal(root)
+    root = _begun(protocol_file, root)
     path = storage.roster_path(root)
     Roster.load(path).check_enrolled(participant)
     with journal.locked(storage.participant_folder(root, participant), participant):
@@ -539,6 +537,17 @@ def withdraw(
         if erase or storage.journals(root):
             rebuild(root)
     return path
+
+
+def held(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:
+    """Return how many sessions of a participant a dataset has, and how many answers, also where journals are damaged.
+
+    Raises `RosterError` if the participant is not enrolled.
+    """
+    root = _begun(protocol_file, root)
+    Roster.load(storage.roster_path(root)).check_enrolled(participant)
+    paths = [path for path in storage.left_of(root, participant) if path.suffix == ".jsonl" and storage.size(path)]
+    return len(paths), sum(storage.read_bytes(path).count(b'"kind":"answer"') for path in paths)
 
 
 def _mark(root: Path, participant: str, reason: str) -> None:
@@ -572,6 +581,17 @@ def _erase(root: Path, roster: Roster, participant: str) -> None:
     for path in storage.left_of(root, participant):
         storage.remove(path)
     storage.sync_folder(folder)
+
+
+def _begun(protocol_file: Path, root: Path | None) -> Path:
+    """Return where the dataset of a study stands; `root` as for `enrol`. Raises `RosterError` if it was not begun."""
+    root = root or default_root(files.load(protocol_file))
+    _refuse_rehearsal(root)
+    roster = storage.roster_path(root)
+    begun = (storage.protocol_path(root), storage.seed_path(root), roster, chain.head_path(roster))
+    if not any(path.exists() for path in begun):
+        raise RosterError(f"no dataset of this study stands at {root}; give --dataset")
+    return root
 
 
 def _refuse_rehearsal(root: Path) -> None:

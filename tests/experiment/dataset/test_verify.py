@@ -15,6 +15,7 @@ from experiment.dataset.verify import MISTYPED, Report, verify
 from experiment.errors import DatasetError
 from experiment.protocol import approval
 from experiment.records import chain
+from experiment.study import roster
 from experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
@@ -138,9 +139,7 @@ def test_a_roster_line_that_was_cut_is_refused(study: MadeStudy, anchored: Path)
     chain.head_path(path).unlink()
     cut(path, 1)
     assert refused(verify(study.root))
-    assert (
-        "an older state: 1 of its 2 lines are missing" in refused(verify(study.root, [anchored]))[inside(study, path)]
-    )
+    assert "an older state: 1 of its 2 lines is missing" in refused(verify(study.root, [anchored]))[inside(study, path)]
 
 
 def test_an_older_state_is_told_with_what_it_lacks(study: MadeStudy, made: MadeStudy, tmp_path: Path) -> None:
@@ -162,8 +161,9 @@ def test_where_a_dataset_stands_does_not_matter(study: MadeStudy, anchored: Path
 
 def test_a_number_in_a_lab_book_proves_what_the_log_of_the_dataset_has(study: MadeStudy) -> None:
     anchor = beliefs.keep_anchor(study.root)
-    report = verify(study.root, (), [anchor.line.split()[-1]])
-    assert (report.refused, "would have had to change the lab book too" in report.verdict[1]) == (0, True)
+    for typed in (anchor.line.split()[-1], anchor.line, f"For the lab book: {anchor.line.upper()} "):
+        report = verify(study.root, (), [typed])
+        assert (report.refused, "would have had to change the lab book too" in report.verdict[1]) == (0, True)
     log = study.root / register.LOG
     log.write_text(log.read_text().replace(anchor.prefixes[1].sha256, "0" * 64))
     assert f"number {anchor.number}" in refused(verify(study.root, (), [anchor.number]))
@@ -256,8 +256,13 @@ def test_an_edited_cell_and_a_lost_table_are_told(study: MadeStudy) -> None:
     tables = sorted(study.root.glob("sub-*/beh/*_events.tsv"))
     tables[0].write_text(tables[0].read_text().replace("copy paper\tcopy paper", "copy paper\ttyping paper"))
     tables[1].unlink()
-    found = refused(verify(study.root))
+    report = verify(study.root)
+    found = refused(report)
     assert set(found) == {inside(study, table) for table in tables}
+    assert found[inside(study, tables[1])] == f"is missing; make it again (palpate build {study.root})"
+    assert report.verdict == ("REFUSED: 2 findings speak against this dataset. Do what the findings say.",)
+    cut(study.journal(), 9)
+    assert verify(study.root).verdict[0].endswith("Keep the folder as it is, and compare it with a backup.")
 
 
 def test_tables_are_made_again_only_where_the_journals_hold(study: MadeStudy, anchored: Path) -> None:
@@ -318,7 +323,27 @@ def test_before_the_first_session_nothing_is_missed(tmp_path: Path) -> None:
     assert {finding.item: finding.word for finding in report.findings} == {
         "sourcedata/roster.jsonl": "holds",
         "sessions": "note",
+        "roster": "note",
     }
+
+
+def test_who_is_enrolled_and_has_no_session_is_told(study: MadeStudy, palpate: Palpate) -> None:
+    """A session that was deleted with tables and anchors leaves nothing else."""
+    for folder in (study.journal(1).parent, study.root / "sub-02"):
+        shutil.rmtree(folder)
+    (study.root / "participants.tsv").unlink()
+    build.build(study.root)
+
+    def told() -> list[str]:
+        return [one.text for one in verify(study.root).findings if (one.word, one.item) == ("note", "roster")]
+
+    why = "is here: none has begun, or they were deleted with the log of anchors"
+    assert (verify(study.root).refused, told()) == (0, [f"no session of participant 02 {why}"])
+    roster.enrol(study.file, "03", None, root=study.root, seed=None)
+    assert told() == [f"no session of participants 02, 03 {why}"]
+    for who in ("02", "03"):
+        Roster.load(storage.roster_path(study.root)).withdraw(who, "asked to stop")
+    assert told() == []
 
 
 def test_what_is_no_data_of_a_study_says_so_first(tmp_path: Path) -> None:

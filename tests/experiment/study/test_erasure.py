@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -147,8 +149,57 @@ def test_a_folder_that_is_a_link_is_not_followed(study: MadeStudy, tmp_path: Pat
 
 
 def test_the_command_says_what_it_cannot_reach(study: MadeStudy, palpate: Palpate) -> None:
-    code, out, _ = palpate(
-        "withdraw", study.file, "-p", "02", "--reason", "asked to erase", "--erase", "--dataset", study.root
-    )
+    code, out, _ = palpate(*asked(study, "--erase", "--yes"))
     assert (code, "their data are erased" in out, "Backups, copies" in out) == (0, True, True)
+    assert "their label, the day of consent, and the withdrawal with its reason" in out
     assert erased(study)
+
+
+def asked(study: MadeStudy, *more: str) -> tuple[object, ...]:
+    return ("withdraw", study.file, "-p", "02", "--reason", "asked to erase", *more, "--dataset", study.root)
+
+
+@pytest.mark.parametrize("typed", ["02", " 02 ", "01", "2", "y", "", None])
+def test_an_erasure_is_asked_for_and_only_the_label_confirms_it(
+    study: MadeStudy, palpate: Palpate, monkeypatch: pytest.MonkeyPatch, typed: str | None
+) -> None:
+    """None stands for the end of the input."""
+    before = {path: path.read_bytes() for path in study.root.rglob("*") if path.is_file()}
+    monkeypatch.setattr("sys.stdin", io.StringIO("" if typed is None else f"{typed}\n"))
+    code, out, err = palpate(*asked(study, "--erase"))
+    question = "This deletes 1 session of participant 02 with 4 answers, for good. Type 02 to go on: "
+    assert out.startswith(question)
+    if typed and typed.strip() == "02":
+        assert (code, erased(study)) == (0, True)
+    else:
+        assert (code, out, err.count("\n"), "nothing was erased" in err) == (2, question, 1, True)
+        assert before == {path: path.read_bytes() for path in study.root.rglob("*") if path.is_file()}
+
+
+def test_whose_journal_is_damaged_can_be_erased(study: MadeStudy, palpate: Palpate) -> None:
+    study.journal(1).write_bytes(b"torn")
+    assert palpate(*asked(study, "--erase", "--yes"))[0] == 0
+    assert erased(study)
+
+
+def test_nothing_is_asked_without_an_erasure_and_the_data_stay(study: MadeStudy, palpate: Palpate) -> None:
+    code, out, _ = palpate(*asked(study))
+    assert (code, "Their data stay and are not analysed." in out, "add --erase" in out) == (0, True, True)
+    assert study.journal(1).exists()
+    assert palpate(*asked(study, "--yes"))[0] == 2
+
+
+@pytest.mark.parametrize("more", [("--erase", "--yes"), ()], ids=["erased", "withdrawn"])
+def test_an_anchor_after_it_refuses_an_older_backup(
+    made: MadeStudy, study: MadeStudy, tmp_path: Path, palpate: Palpate, more: tuple[str, ...]
+) -> None:
+    _, out, _ = palpate(*asked(study, *more))
+    number = re.findall(r"For the lab book: .* (\S+)\n", out)
+    assert out.endswith(f"Enter it in the register too: palpate anchor {study.root} --to REGISTER.\n")
+    assert verify(study.root, numbers=number).refused == 0
+    shutil.copy(study.root / register.LOG, tmp_path / "register")
+    shutil.rmtree(study.root)
+    shutil.copytree(made.root, study.root)
+    found = [one.text for one in verify(study.root, [tmp_path / "register"]).findings if one.word == "refused"]
+    assert any("an older state" in text for text in found)
+    assert verify(study.root, numbers=number).refused

@@ -10,8 +10,10 @@ import pytest
 
 from experiment import storage
 from experiment.errors import DatasetError, RosterError
+from experiment.protocol import files
 from experiment.records import chain
 from experiment.study import roster
+from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 
 DAY = date(2020, 6, 1)
@@ -25,10 +27,25 @@ def protocol_file(tmp_path: Path) -> Path:
 
 
 def test_consent_before_enrolment_is_refused_and_locks_nobody_out(tmp_path: Path, protocol_file: Path) -> None:
-    with pytest.raises(RosterError, match="participant '01' is not enrolled; enrol them first"):
+    with pytest.raises(RosterError, match=r"no dataset of this study stands at .*study; give --dataset"):
         roster.consent(protocol_file, "01", DAY, root=tmp_path / "study")
+    assert not (tmp_path / "study").exists()
     path = roster.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
+    with pytest.raises(RosterError, match="participant '02' is not enrolled; enrol them first"):
+        roster.consent(protocol_file, "02", DAY, root=tmp_path / "study")
     assert roster.Roster.load(path).consent_on == {"01": DAY}
+
+
+@pytest.mark.parametrize("command", ["consent", "withdraw", "withdraw --erase"])
+def test_from_another_folder_the_place_is_named_where_no_dataset_stands(
+    tmp_path: Path, protocol_file: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    more = ("--consent-on", DAY) if command == "consent" else ("--reason", "asked to stop")
+    code, out, err = palpate(*command.split(), protocol_file, "-p", "01", *more)
+    place = roster.default_root(files.load(protocol_file))
+    assert (code, out, err) == (2, "", f"palpate: no dataset of this study stands at {place}; give --dataset\n")
+    assert [*tmp_path.iterdir()] == [protocol_file]
 
 
 @pytest.mark.parametrize("command", ["enrol", "consent", "withdraw"])
