@@ -203,7 +203,8 @@ def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(prot
     assert second.console.familiarised == 0
     (told,) = second.console.shown
     assert told == (
-        f"This session goes on from {day(START_NS)}: 1 of 3 trials are answered; trial 2 comes again at the end of its block."
+        f"This session goes on from {day(START_NS)}: 1 of 3 trials are answered; trial 2 comes again at the end of its "
+        "block."
     )
     assert [e.remaining for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == [(3, 2)]
 
