@@ -245,8 +245,8 @@ def held(path: Path, records: bool) -> bytes:
     """
     data = path.read_bytes()
     if records and path.name == LOG.name:
-        last = json.loads(data.split(b"\n")[-2])["anchor"]["prefixes"]
-        return json.dumps([(prefix["file"], prefix["lines"]) for prefix in last]).encode()
+        lasts = [json.loads(line)["anchor"]["prefixes"] for line in data.split(b"\n")[:-1][-1:]]
+        return json.dumps([(prefix["file"], prefix["lines"]) for last in lasts for prefix in last]).encode()
     if records and path.suffix == ".head":
         # Empty before the first line.
         return b"".join(data.split()[:1])
