@@ -32,9 +32,10 @@ TRIALS = 4
 PAUSED = (
     "The session is paused, with 1 answer on disk: it was interrupted at the keyboard. "
     "The same command goes on with it."
-) @ pytest.fixture
+)
 
 
+@pytest.fixture
 def study(tmp_path: Path) -> Path:
     file = tmp_path / "small.toml"
     file.write_text(SMALL.replace("repetitions = 3", "repetitions = 2"), "utf-8")
