@@ -367,7 +367,7 @@ WRONG = (
     Wrong("events of no journal", _foreign_events, "no journal gives this table"),
     Wrong("an answer edited in the events", _first_cell, "line 2 is not what the journal gives", mended=True),
     Wrong("a trial left out of the events", _fewer_rows, "line 3 is not what the journal gives", mended=True),
-    Wrong("events deleted", _gone(_events, _sidecar), "cannot be read", mended=True),
+    Wrong("events deleted", _gone(_events, _sidecar), "is missing; make it again", mended=True),
     Wrong("a participant left out", _replaced(_people, b"sub-01\t", b"sub-99\t"), "line 2 is not", mended=True),
     Wrong("a withdrawal not in the tables yet", _unfinished_withdrawal, "line 2 is not", mended=True),
     Wrong("another label", _replaced(_description, b'"Label": ""', b'"Label": "x"'), "Palpate is not", mended=True),
