@@ -100,21 +100,21 @@ def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
 
 
 def read(path: Path) -> tuple[tuple[Kept, ...], tuple[int, ...]]:
-    """Return the anchors of a register, oldest first, and the numbers of the lines that hold none.
+    """Return the anchors of a register, oldest first, and the numbers of the whole lines that hold none.
 
     Raises `DatasetError` if the file cannot be read.
     """
     try:
-        lines = storage.read_bytes(path).splitlines()
+        lines, torn = chain.split(storage.read_bytes(path))
     except OSError as error:
         raise DatasetError(f"{path}: cannot read the register ({error.strerror}); give its path") from error
     kept: list[Kept] = []
     broken: list[int] = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate([*lines, torn], start=1):
         try:
             kept.append(Kept.model_validate_json(line))
         except ValidationError:
-            broken.append(number)
+            broken += [number] if number <= len(lines) else []
     return tuple(kept), tuple(broken)
 
 
