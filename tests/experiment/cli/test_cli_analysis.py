@@ -53,5 +53,6 @@ def test_the_desk_stands_in_one_module() -> None:
         "power",
         "numerics",
         "import_counts",
+        "status",
     ]
     assert {call.__module__ for call in callbacks if call} == {"experiment.cli.analysis"}
