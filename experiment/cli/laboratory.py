@@ -64,6 +64,12 @@ def seal(
     expires_on: Annotated[
         date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Last day on which the study may run.")
     ],
+    sha256: Annotated[
+        str | None,
+        typer.Option(
+            "--sha256", metavar="DIGITS", help="First digits, 8 or more, of the SHA-256 on the page they read."
+        ),
+    ] = None,
     replace: Annotated[
         bool, typer.Option("--replace", help="Replace an earlier seal, after a change of the protocol or a slip.")
     ] = False,
@@ -85,6 +91,7 @@ def seal(
         board=protocol.ethics.board,
         approved_on=approved_on,
         expires_on=expires_on,
+        page_sha256=sha256,
         replace=replace,
     )
     limits = protocol.exposure

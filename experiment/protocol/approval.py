@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from datetime import date
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -25,6 +26,7 @@ from experiment.errors import Problem, ProtocolError
 from experiment.protocol import rules
 from experiment.protocol.models import Protocol
 from experiment.settings import load
+from experiment.settings.characters import quoted
 from experiment.settings.load import Confined, Line, Rules, Text
 
 
@@ -76,15 +78,19 @@ def write(
     board: str,
     approved_on: date,
     expires_on: date,
+    page_sha256: str | None = None,
     replace: bool = False,
 ) -> Seal:
     """Record the approval of `protocol`, as loaded from `protocol_path`, beside it.
 
-    `replace` lets the seal take the place of another, whatever that says; datasets begun under it keep their copy.
-    Raises `ProtocolError` if a field is empty or contradicts the protocol's own ethics block, or if a seal exists
-    already.
+    `page_sha256` are the first digits of the hash on the page that the board read, None if nobody gives them. `replace`
+    lets the seal take the place of another, whatever that says; datasets begun under it keep their copy. Raises
+    `ProtocolError` if the page was of another version, a field is empty or contradicts the protocol's own ethics block,
+    or a seal exists already.
     """
     path = seal_path(protocol_path)
+    if page_sha256 is not None:
+        _refuse(protocol_path, _of_another_page(protocol, page_sha256))
     stated = {
         "protocol_sha256": sha256(protocol),
         "approval_number": approval_number,
@@ -167,6 +173,17 @@ def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Proble
 def _refuse(path: Path, problems: list[Problem]) -> None:
     if problems:
         raise ProtocolError(str(path), problems)
+
+
+def _of_another_page(protocol: Protocol, digits: str) -> list[Problem]:
+    found = sha256(protocol)
+    if re.fullmatch("[0-9a-f]{8,64}", digits.lower()) and found.startswith(digits.lower()):
+        return []
+    allowed = (
+        f"the first 8 or more digits of {found}; the page that the board read is of another version: have them read "
+        "the page of this one (palpate check)"
+    )
+    return [Problem("--sha256", None, quoted(digits), allowed)]
 
 
 def _contradictions(protocol: Protocol, seal: Seal) -> list[Problem]:

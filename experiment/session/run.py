@@ -23,6 +23,7 @@ from experiment.records.entries import Footer, Purpose
 from experiment.records.progress import progress
 from experiment.session import runner, scene
 from experiment.session.laboratory import header, open_laboratory
+from experiment.settings.characters import quoted
 from experiment.study import roster
 
 if TYPE_CHECKING:
@@ -83,7 +84,12 @@ def run(
             f"{protocol_file}: got consent.voice_recordings = true; allowed: false; palpate cannot record voices yet"
         )
     today = day(clock.now_ns())
-    approval.verify(protocol_file, protocol, today)
+    seal = approval.verify(protocol_file, protocol, today)
+    console.show(
+        f"Study {protocol.study.id}, protocol {seal.protocol_sha256[:12]}, approved from {seal.approved_on} to "
+        f"{seal.expires_on}: vibration at most {protocol.exposure.vibration_peak_m_s2:g} m/s^2. The number of the "
+        f"approval is {quoted(seal.approval_number)}."
+    )
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or roster.default_root(protocol)
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)

@@ -205,3 +205,18 @@ def test_in_a_sentence_whether_a_protocol_is_approved(file: Path) -> None:
     changed_since, of = approval.state(file, other(), date(2020, 6, 1))
     assert (changed_since.split(",")[0], of) == ("CHANGED SINCE THE SEAL: the seal is of another version", seal)
     assert seal.protocol_sha256[:12] in changed_since
+
+
+@pytest.mark.parametrize("digits", [8, 12, 64])
+def test_a_seal_asks_for_the_page_that_the_board_read(file: Path, digits: int) -> None:
+    page = approval.sha256(protocol())[:digits]
+    assert approval.write(file, protocol(), **APPROVAL, page_sha256=page.upper()).protocol_sha256.startswith(page)
+
+
+@pytest.mark.parametrize("digits", ["", "0" * 12, "short", "*" * 64])
+def test_the_page_of_another_version_is_not_sealed(file: Path, digits: str) -> None:
+    wrong = (digits, approval.sha256(other())[:12], approval.sha256(protocol())[:7], approval.sha256(protocol()) + "0")
+    for page in wrong:
+        with pytest.raises(ProtocolError, match="the page that the board read is of another version"):
+            approval.write(file, protocol(), **APPROVAL, page_sha256=page)
+    assert not approval.seal_path(file).exists()
