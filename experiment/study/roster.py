@@ -558,8 +558,9 @@ def _mark(root: Path, participant: str, reason: str) -> None:
         if path.parent == storage.participant_folder(root, participant) and (contents := journal.read(path)).lines
     ]
     for path, contents in begun:
-        if not isinstance(contents.entries[-1], Withdrawal):
-            with closing(journal.Journal(path, MonotonicClock(), contents)) as opened:
+        # Opening it brings up a head that a kill left one line behind.
+        with closing(journal.Journal(path, MonotonicClock(), contents)) as opened:
+            if not isinstance(contents.entries[-1], Withdrawal):
                 torn = contents.torn.decode("utf-8", "backslashreplace")
                 opened.append(Withdrawal(reason=reason, torn=torn))
     if not begun:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import re
 import shutil
@@ -14,6 +15,7 @@ from experiment import storage
 from experiment.dataset import beliefs, build, register
 from experiment.dataset.verify import verify
 from experiment.errors import DatasetError, PalpateError
+from experiment.records import chain
 from experiment.study import roster
 from experiment.study.roster import Roster
 from tests.conftest import Palpate
@@ -203,3 +205,16 @@ def test_an_anchor_after_it_refuses_an_older_backup(
     found = [one.text for one in verify(study.root, [tmp_path / "register"]).findings if one.word == "refused"]
     assert any("an older state" in text for text in found)
     assert verify(study.root, numbers=number).refused
+
+
+def test_the_same_withdrawal_brings_up_a_head_that_a_kill_left_behind(study: MadeStudy) -> None:
+    """Until then the line that tells the withdrawal could be cut off unseen."""
+    (path,) = (one for one in storage.journals(study.root) if one.parent.name == "sub-01")
+    before = chain.head_path(path).read_bytes()
+    for _ in range(2):
+        roster.withdraw(study.file, "01", "asked to stop", root=study.root, rebuild=build.build)
+        *lines, _ = path.read_bytes().split(b"\n")
+        head = chain.head_path(path).read_bytes()
+        assert head == f"{len(lines):012d} {hashlib.sha256(lines[-1]).hexdigest()}\n".encode()
+        assert head != before
+        chain.head_path(path).write_bytes(before)
