@@ -413,9 +413,8 @@ def withdraw(
 
     if yes and not erase:
         raise RosterError("got --yes without --erase; allowed: both, or neither; nothing is asked without --erase")
-    sessions, answers = roster.held(protocol_file, participant, root=dataset)
     if erase and not yes:
-        _confirm_erasure(participant, sessions, answers)
+        _confirm_erasure(participant, *roster.held(protocol_file, participant, root=dataset))
     path = roster.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
     typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")
     if erase:
