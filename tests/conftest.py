@@ -110,10 +110,10 @@ def palpate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
 def seed_for() -> Callable[[Path, str], int]:
     """A seed under which participant 01 of a protocol does a task first."""
     from experiment.protocol import files
-    from experiment.study import roster
+    from experiment.study.allocation import allocate
 
     def find(protocol_file: Path, task: str) -> int:
         protocol = files.load(protocol_file)
-        return next(seed for seed in range(100) if roster.allocate(protocol, seed)[0].tasks[0] == task)
+        return next(seed for seed in range(100) if allocate(protocol, seed)[0].tasks[0] == task)
 
     return find

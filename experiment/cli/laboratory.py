@@ -132,9 +132,9 @@ def enrol(
     --dataset. Once all are enrolled whom the study plans, each further one takes the place of somebody who withdrew
     before completing, in the same order of tasks.
     """
-    from experiment.study import roster
+    from experiment.study import enrolment
 
-    path = roster.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
+    path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}")
 
 
@@ -157,11 +157,11 @@ def consent(
 
     With --correct and --reason another day takes the place of the one on record, which stays in the roster.
     """
-    from experiment.study import roster
+    from experiment.study import enrolment
 
     if correct != (reason is not None):
         raise RosterError("got one of --correct and --reason; allowed: both or neither; say why the day is corrected")
-    path = roster.consent(protocol_file, participant, consent_on, root=dataset, correction=reason)
+    path = enrolment.consent(protocol_file, participant, consent_on, root=dataset, correction=reason)
     done = "has consented" if reason is None else f"consented on {consent_on}, as corrected"
     typer.echo(f"Participant {participant} {done}: {path}")
 
@@ -188,11 +188,12 @@ def schedule(
     from experiment.clock import day, wall_ns
     from experiment.protocol import files
     from experiment.records import journal
-    from experiment.study import roster
+    from experiment.study import enrolment, roster
     from experiment.study import schedule as schedules
+    from experiment.study.allocation import allocated, find
 
     protocol = files.load(protocol_file)
-    root = dataset or roster.default_root(protocol)
+    root = dataset or enrolment.default_root(protocol)
     own = storage.seed_path(root).exists()
     if own and seed is not None:
         raise RosterError(f"got --seed, and the study in {root} has one of its own; leave out --seed")
@@ -200,9 +201,9 @@ def schedule(
         raise RosterError(
             f"{root}: holds no seed of a study, so nothing is concealed; leave out --dataset and --reveal"
         )
-    drawn = roster.settle(root, protocol_file, protocol, None) if own else 1 if seed is None else seed
+    drawn = enrolment.settle(root, protocol_file, protocol, None) if own else 1 if seed is None else seed
     known = roster.Roster.load(storage.roster_path(root)) if own else roster.Roster(root)
-    allocation = roster.find(roster.allocated(protocol, drawn, known), participant)
+    allocation = find(allocated(protocol, drawn, known.takes), participant)
     shown = [
         not own or bool(journal.read_if_begun(storage.journal_path(root, participant, task)).lines)
         for task in allocation.tasks
@@ -409,13 +410,13 @@ def withdraw(
     """
     from experiment.dataset import beliefs
     from experiment.dataset import build as datasets
-    from experiment.study import roster
+    from experiment.study import enrolment
 
     if yes and not erase:
         raise RosterError("got --yes without --erase; allowed: both, or neither; nothing is asked without --erase")
     if erase and not yes:
-        _confirm_erasure(participant, *roster.held(protocol_file, participant, root=dataset))
-    path = roster.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
+        _confirm_erasure(participant, *enrolment.held(protocol_file, participant, root=dataset))
+    path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
     typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")
     if erase:
         typer.echo(

@@ -27,8 +27,9 @@ from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
 from experiment.records.entries import Armed, Header, Purpose, Withdrawal
 from experiment.records.journal import Contents
+from experiment.study import enrolment, schedule
 from experiment.study import roster as rosters
-from experiment.study import schedule
+from experiment.study.allocation import allocate, allocated
 from experiment.study.roster import Roster
 
 FARTHEST_EAST = timedelta(hours=14)
@@ -217,9 +218,9 @@ def _study(root: Path) -> _Study:
     sha256 = approval.sha256(protocol)
     plan_file = storage.plan_path(root)
     if not plan_file.exists():
-        seed, purpose = rosters.seed_of(root), rosters.purpose_of(root)
+        seed, purpose = enrolment.seed_of(root), enrolment.purpose_of(root)
         roster = Roster.load(storage.roster_path(root))
-        tasks = {one.participant: one.tasks for one in rosters.allocated(protocol, seed, roster)}
+        tasks = {one.participant: one.tasks for one in allocated(protocol, seed, roster.takes)}
         seal = approval.held(kept, protocol) if any(storage.size(path) for path in storage.journals(root)) else None
         return _Study(root, protocol, sha256, purpose, seed, tasks, None, roster, seal)
     try:
@@ -233,7 +234,7 @@ def _study(root: Path) -> _Study:
             raise DatasetError(f"{path}: stands in the dataset of {plan.what}; allowed: none; take it out of there")
     if plan.protocol_sha256 != sha256:
         raise DatasetError(f"{kept}: is not the protocol of this {plan.label}; restore it, or begin anew")
-    tasks = {one.participant: one.tasks for one in rosters.allocate(protocol, plan.seed)[: plan.participants]}
+    tasks = {one.participant: one.tasks for one in allocate(protocol, plan.seed)[: plan.participants]}
     return _Study(root, protocol, sha256, plan.label, plan.seed, tasks, plan, None, None)
 
 

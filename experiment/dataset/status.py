@@ -25,7 +25,7 @@ from experiment.protocol import approval, files
 from experiment.records import chain, journal
 from experiment.records.entries import Purpose
 from experiment.records.progress import Progress, progress
-from experiment.study import roster
+from experiment.study import enrolment
 
 COLUMNS = 80
 """Width of the screen, characters."""
@@ -245,7 +245,7 @@ def status(given: Path, today: date) -> Status:
     Raises `DatasetError` if there is no dataset with journals, and what `beliefs.examined` raises.
     """
     protocol_file = given if given.is_file() else None
-    root = roster.default_root(files.load(given)) if protocol_file else given
+    root = enrolment.default_root(files.load(given)) if protocol_file else given
     if not beliefs.has_journals(root):
         raise DatasetError(f"{root}: holds no study; allowed: the dataset of one; enrol somebody first (palpate enrol)")
     dataset, doubts = beliefs.examined(root)
@@ -268,7 +268,7 @@ def status(given: Path, today: date) -> Status:
         ("Nobody has to approve a rehearsal.", []) if known is None else _seal(root, protocol_file, dataset, today)
     )
     left = [label for label in dataset.tasks if known is not None and label not in known.consent_on]
-    if known is not None and not left and not doubts and roster.free_place(root, protocol, known):
+    if known is not None and not left and not doubts and enrolment.free_place(root, protocol, known):
         left = [known.next_label()]
     return Status(
         root=root,

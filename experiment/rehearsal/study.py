@@ -26,7 +26,7 @@ from experiment.records.progress import progress
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.participant import Tick
 from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant, run_task
-from experiment.study import roster
+from experiment.study.allocation import allocate, find
 
 OPTIONS = {"REHEARSAL": "--out", "PRACTICE": "--dataset"}
 """What names the folder of each on the command line."""
@@ -93,7 +93,7 @@ def rehearse(
         control=control,
         real_time=real_time,
     )
-    allocations = roster.allocate(protocol, seed)[:count]
+    allocations = allocate(protocol, seed)[:count]
     todo = [Job(out, one.participant, one.tasks, seed, control, real_time) for one in allocations]
     with ExitStack() as refused:
         if not is_begun(out, plan):
@@ -127,7 +127,7 @@ def practise(
     """
     protocol = files.load(protocol_file)
     rig = _simulated_rig(rig_file, protocol)
-    allocation = roster.find(roster.allocate(protocol, PRACTICE_SEED), participant)
+    allocation = find(allocate(protocol, PRACTICE_SEED), participant)
     out = out or Path("participants") / f"practice-{protocol.study.id}"
     job = Job(out.resolve(), participant, allocation.tasks, PRACTICE_SEED, "none", real_time=True)
     plan = Plan(

@@ -24,7 +24,8 @@ from experiment.records.progress import progress
 from experiment.session import runner, scene
 from experiment.session.laboratory import header, open_laboratory
 from experiment.settings.characters import quoted
-from experiment.study import roster
+from experiment.study import enrolment, roster
+from experiment.study.allocation import Allocation, allocated, find
 
 if TYPE_CHECKING:
     from experiment.synthesis.waveforms import Basis
@@ -91,7 +92,7 @@ def run(
         f"approval is {quoted(seal.approval_number)}."
     )
     asked_purpose: Purpose | None = "STUDY" if root is None else None
-    root = root or roster.default_root(protocol)
+    root = root or enrolment.default_root(protocol)
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)
     rig = rigs.load(rig_file)
     anchored_in = _anchored_in(rig, rig_file)
@@ -99,11 +100,11 @@ def run(
         raise RigError(f"{rig_file}: the rig is simulated; name a rig file of real devices, or use palpate rehearse")
     rigs.check(rig, protocol.footstep.step)
     calibration.check_age(rig, today)
-    seed = roster.settle(root, protocol_file, protocol, None, asked_purpose)
-    purpose = roster.purpose_of(root)
+    seed = enrolment.settle(root, protocol_file, protocol, None, asked_purpose)
+    purpose = enrolment.purpose_of(root)
     if purpose == "PILOT":
         console.show(LABELS["PILOT"])
-    allocation = roster.find(roster.allocated(protocol, seed, enrolled), participant)
+    allocation = find(allocated(protocol, seed, enrolled.takes), participant)
     beliefs.believed(root)
     _check_turn(root, allocation, task_id)
     _keep_seal(root, protocol_file)
@@ -165,7 +166,7 @@ def _admitted(root: Path, protocol_file: Path, protocol: Protocol, participant: 
     """Return the roster as it is now, if the participant may be run. Raises `RosterError` that says why not."""
     today = day(clock.now_ns())
     enrolled = roster.Roster.load(storage.roster_path(root))
-    approved_on = roster.approved_on(root, protocol_file) or today
+    approved_on = enrolment.approved_on(root, protocol_file) or today
     enrolled.may_run(participant, protocol, approved_on=approved_on, today=today)
     return enrolled
 
@@ -211,7 +212,7 @@ def _keep_seal(root: Path, protocol_file: Path) -> None:
         storage.write_bytes(kept, approval.seal_path(protocol_file).read_bytes())
 
 
-def _check_turn(root: Path, allocation: roster.Allocation, task_id: str) -> None:
+def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
     """Refuse a task that is not the participant's, or whose turn has not come."""
     who, tasks = allocation.participant, allocation.tasks
     if task_id not in tasks:
@@ -249,7 +250,7 @@ def _keep_recordings(root: Path, given: Path | None, protocol: Protocol, planned
 def _wait_for_break(
     root: Path,
     protocol: Protocol,
-    allocation: roster.Allocation,
+    allocation: Allocation,
     task_id: str,
     clock: Clock,
     console: Console,

@@ -14,7 +14,7 @@ from experiment import storage
 from experiment.dataset import beliefs, build, verify
 from experiment.errors import DatasetError, PalpateError
 from experiment.records import chain, journal
-from experiment.study import roster
+from experiment.study import enrolment, roster
 from tests.experiment.dataset.studies import MadeStudy
 from tests.faults.campaign import Count, Size
 from tests.faults.wrong import ALONE, WRONG, base, copied
@@ -30,7 +30,7 @@ def attacks(size: Size) -> Iterator[Count]:
         made = base(Path(name) / "study")
         yield from _wrong(made, Path(name), size)
         yield _alone(made, Path(name))
-        roster.withdraw(made.file, "02", "asked to stop", root=made.root, rebuild=build.build)
+        enrolment.withdraw(made.file, "02", "asked to stop", root=made.root, rebuild=build.build)
         for what, path, read in (
             ("journal", made.journal(), journal.read),
             ("roster", storage.roster_path(made.root), roster.Roster.load),

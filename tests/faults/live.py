@@ -29,7 +29,7 @@ from typing import Any, NoReturn, Self
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep import recorded_takes
-from experiment.study import roster
+from experiment.study.allocation import allocate, find
 from tests.faults.world import BLOCK
 from tests.rig.laboratory import write_rig
 
@@ -299,7 +299,7 @@ class Laboratory:
         """Enrol the next participant of a dataset, and return the tasks in order."""
         first = ["--seed", seed] if not dataset.exists() else []
         self.call("enrol", self.study, "-p", participant, "--consent-on", date.today(), "--dataset", dataset, *first)
-        return roster.find(roster.allocate(self.protocol, seed), participant).tasks
+        return find(allocate(self.protocol, seed), participant).tasks
 
     def command(self, dataset: Path, participant: str, task: str, rig: Path | None = None) -> list[str]:
         """Return the arguments that begin or continue a session, on the laboratory's rig or another."""

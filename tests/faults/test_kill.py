@@ -16,7 +16,8 @@ from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.records.entries import Answer, Footer, Redo
-from experiment.study import roster, schedule
+from experiment.study import schedule
+from experiment.study.allocation import allocate
 
 KILLS = 200
 
@@ -50,7 +51,7 @@ def test_every_confirmed_answer_is_on_disk_once_and_every_order_is_the_planned_o
         confirmed = {tuple(c[:3]): c[3] for c in one["confirmed"]}
         assert len(confirmed) == len(one["confirmed"]), "an answer was confirmed twice"
         answered: dict[tuple[str, str, int], str | None] = {}
-        for who in roster.allocate(protocol, one["seed"])[:2]:
+        for who in allocate(protocol, one["seed"])[:2]:
             for task in who.tasks:
                 entries = journal.read(storage.journal_path(Path(one["out"]), who.participant, task)).entries
                 redone = {(e.trial, e.attempt) for e in entries if isinstance(e, Redo)}

@@ -13,7 +13,7 @@ from experiment.protocol import approval, files
 from experiment.protocol.files import shipped
 from experiment.rehearsal import study
 from experiment.rehearsal.footstep import recorded_takes
-from experiment.study import roster
+from experiment.study import enrolment
 from tests.analysis.datasets import balanced, write_dataset
 
 PRINTED = """study = "madeup"
@@ -119,7 +119,7 @@ def make_bench(folder: Path) -> Path:
         participants=1,
         seed=1,
     )
-    roster.enrol(protocol_file, "01", date(2020, 5, 4), root=folder / "study", seed=5)
+    enrolment.enrol(protocol_file, "01", date(2020, 5, 4), root=folder / "study", seed=5)
     write_dataset(folder / "tables", {"01": {"virtual": balanced(1)}}, tasks=("virtual",))
     (folder / "counts.csv").write_text("participant,presented,answered,count\n1,a,a,3\n1,b,a,2\n2,a,b,1\n", "utf-8")
     alike = "material_a,material_b,dissimilarity\nglass,sand,0.5\nglass,snow,0.25\nsand,snow,1\n"

@@ -13,7 +13,7 @@ from experiment import storage
 from experiment.dataset import beliefs, build, register
 from experiment.protocol import approval
 from experiment.records import chain, journal
-from experiment.study import roster
+from experiment.study import enrolment
 from experiment.study.roster import Roster
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 
@@ -222,7 +222,7 @@ def _erased_but_for_the_roster(study: MadeStudy, folder: Path) -> None:
 def _erased_everywhere(study: MadeStudy, folder: Path) -> None:
     """A participant whom nothing knows but the dataset's log of anchors."""
     shutil.copytree(study.root, folder / "before")
-    roster.enrol(study.file, "04", DAY, root=study.root, seed=None)
+    enrolment.enrol(study.file, "04", DAY, root=study.root, seed=None)
     study.run(study.header("04", study.tasks[3].tasks[0]))
     beliefs.keep_anchor(study.root)
     log = (study.root / register.LOG).read_bytes()
@@ -243,7 +243,7 @@ def _forgotten(participant: str, rebuild: Callable[[Path], None] = build.build) 
         files = (_roster(study), chain.head_path(_roster(study)))
         for file in files:
             shutil.copy(file, folder / file.name)
-        roster.withdraw(study.file, participant, "asked to stop", root=study.root, rebuild=rebuild)
+        enrolment.withdraw(study.file, participant, "asked to stop", root=study.root, rebuild=rebuild)
         for file in files:
             shutil.copy(folder / file.name, file)
 

@@ -21,7 +21,7 @@ from experiment.clock import Clock, day
 from experiment.errors import AudioError, PalpateError, RigError, TrackerError
 from experiment.protocol import files
 from experiment.protocol.models import Protocol
-from experiment.study import roster
+from experiment.study import enrolment
 
 TRIALS = 40
 """Trials of a session where no protocol says how many: those of the footstep study."""
@@ -68,7 +68,7 @@ def examine(
         yield unchecked("devices", "they stand in the rig file")
     else:
         yield from _rig(rig, rig_path, protocol, clock)
-    folder = root or (roster.default_root(protocol) if protocol is not None else FOLDER)
+    folder = root or (enrolment.default_root(protocol) if protocol is not None else FOLDER)
     yield checks.space(folder, trials=_trials(protocol), rate_hz=rig.tracker.rate_hz if rig else HIGHEST_RATE_HZ)
     with host.raised() as got:
         yield Check("priority", "green", f"{got}; as sessions have it")

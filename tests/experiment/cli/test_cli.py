@@ -23,7 +23,7 @@ from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.session import run
 from experiment.settings.characters import hidden
-from experiment.study import roster
+from experiment.study import enrolment
 from tests.conftest import Palpate
 
 
@@ -362,7 +362,7 @@ class TestALaboratorysStudy:
         self.enrol(palpate, protocol)
 
         def withdraws(*_: object, **__: object) -> AbstractContextManager[None]:
-            roster.withdraw(protocol, "01", "asked to stop", root=root, rebuild=build.build)
+            enrolment.withdraw(protocol, "01", "asked to stop", root=root, rebuild=build.build)
             return nullcontext()
 
         monkeypatch.setattr(run, meanwhile, withdraws)

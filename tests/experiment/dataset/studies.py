@@ -18,7 +18,8 @@ from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Header
 from experiment.session.laboratory import header
-from experiment.study import roster
+from experiment.study import enrolment, roster
+from experiment.study.allocation import Allocation, allocated, find
 from tests.experiment.session.bench import Bench
 from tests.experiment.session.scripted import (
     START_NS,
@@ -44,9 +45,9 @@ class MadeStudy:
         return files.load(self.file)
 
     @property
-    def tasks(self) -> tuple[roster.Allocation, ...]:
+    def tasks(self) -> tuple[Allocation, ...]:
         known = roster.Roster.load(storage.roster_path(self.root))
-        return roster.allocated(self.protocol, roster.seed_of(self.root), known)
+        return allocated(self.protocol, enrolment.seed_of(self.root), known.takes)
 
     def journal(self, place: int = 0, position: int = 0) -> Path:
         one = self.tasks[place]
@@ -59,10 +60,10 @@ class MadeStudy:
             rig=rigs.load(shipped("rigs/rehearsal.toml")),
             participant=participant,
             task_id=task,
-            position=roster.find(self.tasks, participant).tasks.index(task) + 1,
-            seed=roster.seed_of(self.root),
+            position=find(self.tasks, participant).tasks.index(task) + 1,
+            seed=enrolment.seed_of(self.root),
             recordings=None,
-            purpose=roster.purpose_of(self.root),
+            purpose=enrolment.purpose_of(self.root),
             roster_sha256=known.lines.end.last,
             clock=ManualClock(START_NS),
         )
@@ -104,7 +105,7 @@ def make_study(
         expires_on=date(2099, 1, 1),
     )
     for place in range(enrolled):
-        roster.enrol(file, f"{place + 1:02d}", DAY, root=made.root, seed=seed, pilot=pilot)
+        enrolment.enrol(file, f"{place + 1:02d}", DAY, root=made.root, seed=seed, pilot=pilot)
     kept = approval.seal_path(storage.protocol_path(made.root))
     storage.write_bytes(kept, approval.seal_path(file).read_bytes())
     for one in made.tasks[:sessions]:

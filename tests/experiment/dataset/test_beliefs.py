@@ -13,7 +13,7 @@ from experiment.errors import DatasetError, PalpateError, RosterError
 from experiment.records import chain, journal
 from experiment.records.entries import Withdrawal
 from experiment.records.progress import progress
-from experiment.study import roster
+from experiment.study import enrolment, roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import ALONE, WRONG, Act, Wrong, base, copied
@@ -123,7 +123,7 @@ def test_tables_with_nothing_behind_them_prove_nothing_and_are_analysed_with_a_n
 
 
 def withdraw(study: MadeStudy, reason: str = "asked to stop") -> None:
-    roster.withdraw(study.file, "01", reason, root=study.root, rebuild=build.build)
+    enrolment.withdraw(study.file, "01", reason, root=study.root, rebuild=build.build)
 
 
 def withdrawn(study: MadeStudy) -> bool:
@@ -176,20 +176,20 @@ def test_a_pilot_is_no_data_of_the_study_and_says_so_everywhere(tmp_path: Path) 
     tables += [pilot.root / name for name in ("participants.tsv", "dataset_description.json", "README")]
     assert len(tables) > 5
     assert all("PILOT" in path.read_text("utf-8") for path in tables), tables
-    roster.enrol(pilot.file, "03", DAY, root=pilot.root, seed=None)
-    roster.enrol(pilot.file, "04", DAY, root=pilot.root, seed=None, pilot=True)
-    assert roster.purpose_of(pilot.root) == "PILOT"
+    enrolment.enrol(pilot.file, "03", DAY, root=pilot.root, seed=None)
+    enrolment.enrol(pilot.file, "04", DAY, root=pilot.root, seed=None, pilot=True)
+    assert enrolment.purpose_of(pilot.root) == "PILOT"
     study = make_study(tmp_path / "study", sessions=0)
     with pytest.raises(DatasetError, match="was begun as a STUDY, not as a PILOT; name another"):
-        roster.enrol(study.file, "03", DAY, root=study.root, seed=None, pilot=True)
+        enrolment.enrol(study.file, "03", DAY, root=study.root, seed=None, pilot=True)
     assert list(roster.Roster.load(storage.roster_path(study.root)).consent_on) == ["01", "02"]
 
 
 def test_a_pilot_stands_beside_its_study(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     study = make_study(tmp_path / "made", enrolled=1, sessions=0)
-    paths = [roster.enrol(study.file, "01", DAY, root=None, seed=1, pilot=pilot) for pilot in (False, True)]
+    paths = [enrolment.enrol(study.file, "01", DAY, root=None, seed=1, pilot=pilot) for pilot in (False, True)]
     assert [path.parents[1].name for path in paths] == ["okamoto2012", "okamoto2012-pilot"]
     shutil.copytree(paths[1].parents[1], paths[0].parents[1], dirs_exist_ok=True)
     with pytest.raises(DatasetError, match="as a PILOT, not as a STUDY"):
-        roster.enrol(study.file, "02", DAY, root=None, seed=None)
+        enrolment.enrol(study.file, "02", DAY, root=None, seed=None)

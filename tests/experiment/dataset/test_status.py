@@ -20,7 +20,7 @@ from experiment.dataset.status import Status, status
 from experiment.errors import DatasetError
 from experiment.protocol import approval, files
 from experiment.protocol.files import shipped
-from experiment.study import roster
+from experiment.study import enrolment
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import copied
@@ -30,13 +30,13 @@ from tests.faults.wrong import copied
 def made(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
     """01 is done, 02 between tasks, 03 withdrew after one, 04 paused, 05 is erased, 06 and 07 are to begin."""
     study = make_study(tmp_path_factory.mktemp("made") / "study", enrolled=6, sessions=3, min_s=0)
-    roster.enrol(study.file, "07", None, root=study.root, seed=None)
+    enrolment.enrol(study.file, "07", None, root=study.root, seed=None)
     first, paused, erased = study.tasks[0], study.tasks[3], study.tasks[4]
     study.run(study.header(first.participant, first.tasks[1]))
     study.run(study.header(paused.participant, paused.tasks[0]), "caq")
     study.run(study.header(erased.participant, erased.tasks[0]))
     for who in ("03", "05"):
-        roster.withdraw(study.file, who, "asked to stop", root=study.root, rebuild=build.build, erase=who == "05")
+        enrolment.withdraw(study.file, who, "asked to stop", root=study.root, rebuild=build.build, erase=who == "05")
     build.build(study.root)
     return study
 

@@ -15,7 +15,7 @@ from experiment.dataset.verify import MISTYPED, Report, verify
 from experiment.errors import DatasetError
 from experiment.protocol import approval
 from experiment.records import chain
-from experiment.study import roster
+from experiment.study import enrolment
 from experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
@@ -347,7 +347,7 @@ def test_who_is_enrolled_and_has_no_session_is_told(study: MadeStudy, palpate: P
 
     why = "is here: none has begun, or they were deleted with the log of anchors"
     assert (verify(study.root).refused, told()) == (0, [f"no session of participant 02 {why}"])
-    roster.enrol(study.file, "03", None, root=study.root, seed=None)
+    enrolment.enrol(study.file, "03", None, root=study.root, seed=None)
     assert told() == [f"no session of participants 02, 03 {why}"]
     for who in ("02", "03"):
         Roster.load(storage.roster_path(study.root)).withdraw(who, "asked to stop")

@@ -53,7 +53,8 @@ from experiment.errors import TrackerError
 from experiment.protocol import approval, files
 from experiment.protocol.files import shipped
 from experiment.session import run
-from experiment.study import roster
+from experiment.study import enrolment
+from experiment.study.allocation import allocate
 here = Path({str(tmp_path)!r})
 file, rig = here / "study.toml", here / "rig.toml"
 file.write_bytes(shipped("okamoto2012.toml").read_bytes())
@@ -65,8 +66,8 @@ protocol = files.load(file)
 today = date.today()
 board, tomorrow = protocol.ethics.board, today + timedelta(1)
 approval.write(file, protocol, approval_number="1", board=board, approved_on=today, expires_on=tomorrow)
-seed = next(s for s in range(99) if roster.allocate(protocol, s)[0].tasks[0] == "real")
-roster.enrol(file, "01", today, root=here / "dataset", seed=seed)
+seed = next(s for s in range(99) if allocate(protocol, s)[0].tasks[0] == "real")
+enrolment.enrol(file, "01", today, root=here / "dataset", seed=seed)
 console = TerminalConsole(write=sys.stderr, ask=input, heading="")
 try:
     run.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",

@@ -11,7 +11,8 @@ from experiment import storage
 from experiment.dataset import beliefs, build
 from experiment.dataset.status import status
 from experiment.errors import RosterError
-from experiment.study import roster
+from experiment.study import enrolment
+from experiment.study.allocation import find
 from experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
@@ -33,13 +34,13 @@ def study(made: MadeStudy, tmp_path: Path) -> MadeStudy:
 
 
 def withdraw(study: MadeStudy, participant: str, *, erase: bool = False) -> None:
-    roster.withdraw(study.file, participant, "asked to stop", root=study.root, rebuild=build.build, erase=erase)
+    enrolment.withdraw(study.file, participant, "asked to stop", root=study.root, rebuild=build.build, erase=erase)
 
 
 def enrol(study: MadeStudy, participant: str) -> tuple[str, ...]:
     """Enrol a participant and return their tasks."""
-    roster.enrol(study.file, participant, DAY, root=study.root, seed=None)
-    return roster.find(study.tasks, participant).tasks
+    enrolment.enrol(study.file, participant, DAY, root=study.root, seed=None)
+    return find(study.tasks, participant).tasks
 
 
 def test_places_are_taken_in_order_and_the_orders_stay_balanced(study: MadeStudy) -> None:

@@ -12,7 +12,7 @@ from experiment import storage
 from experiment.errors import DatasetError, RosterError
 from experiment.protocol import files
 from experiment.records import chain
-from experiment.study import roster
+from experiment.study import enrolment, roster
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 
@@ -28,11 +28,11 @@ def protocol_file(tmp_path: Path) -> Path:
 
 def test_consent_before_enrolment_is_refused_and_locks_nobody_out(tmp_path: Path, protocol_file: Path) -> None:
     with pytest.raises(RosterError, match=r"no dataset of this study stands at .*study; give --dataset"):
-        roster.consent(protocol_file, "01", DAY, root=tmp_path / "study")
+        enrolment.consent(protocol_file, "01", DAY, root=tmp_path / "study")
     assert not (tmp_path / "study").exists()
-    path = roster.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
+    path = enrolment.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
     with pytest.raises(RosterError, match="participant '02' is not enrolled; enrol them first"):
-        roster.consent(protocol_file, "02", DAY, root=tmp_path / "study")
+        enrolment.consent(protocol_file, "02", DAY, root=tmp_path / "study")
     assert roster.Roster.load(path).consent_on == {"01": DAY}
 
 
@@ -43,7 +43,7 @@ def test_from_another_folder_the_place_is_named_where_no_dataset_stands(
     monkeypatch.chdir(tmp_path)
     more = ("--consent-on", DAY) if command == "consent" else ("--reason", "asked to stop")
     code, out, err = palpate(*command.split(), protocol_file, "-p", "01", *more)
-    place = roster.default_root(files.load(protocol_file))
+    place = enrolment.default_root(files.load(protocol_file))
     assert (code, out, err) == (2, "", f"palpate: no dataset of this study stands at {place}; give --dataset\n")
     assert [*tmp_path.iterdir()] == [protocol_file]
 
@@ -53,18 +53,18 @@ def test_the_same_command_brings_up_the_head_that_a_kill_left_behind(
     tmp_path: Path, protocol_file: Path, command: str
 ) -> None:
     root = tmp_path / "study"
-    head = chain.head_path(roster.enrol(protocol_file, "01", None, root=root, seed=1))
+    head = chain.head_path(enrolment.enrol(protocol_file, "01", None, root=root, seed=1))
     before = b""
 
     def act() -> None:
         nonlocal before
         before = head.read_bytes()
         if command == "enrol":
-            roster.enrol(protocol_file, "02", None, root=root, seed=None)
+            enrolment.enrol(protocol_file, "02", None, root=root, seed=None)
         elif command == "consent":
-            roster.consent(protocol_file, "01", DAY, root=root)
+            enrolment.consent(protocol_file, "01", DAY, root=root)
         else:
-            roster.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)
+            enrolment.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)
 
     act()
     after = head.read_bytes()
@@ -79,8 +79,8 @@ def test_the_same_command_brings_up_the_head_that_a_kill_left_behind(
 def test_what_a_kill_left_on_its_way_locks_nobody_out(tmp_path: Path, protocol_file: Path, left: str) -> None:
     (tmp_path / "study" / "sourcedata").mkdir(parents=True)
     (tmp_path / "study" / left).write_bytes(b"torn")
-    roster.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
-    assert roster.seed_of(tmp_path / "study") == 1
+    enrolment.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
+    assert enrolment.seed_of(tmp_path / "study") == 1
 
 
 @pytest.mark.parametrize("there", ["notes.txt", "sourcedata/notes.txt", ".hidden", "deep/.palpate-0123456789abcdef"])
@@ -91,7 +91,7 @@ def test_a_folder_of_something_else_is_refused_and_stays_as_it_is(
     path.parent.mkdir(parents=True)
     path.write_bytes(b"mine")
     with pytest.raises(DatasetError, match="this folder holds something else; choose another folder with --dataset"):
-        roster.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
+        enrolment.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
     assert path.read_bytes() == b"mine"
     assert not storage.roster_path(tmp_path / "study").exists()
 
@@ -102,8 +102,8 @@ def test_nobody_enrols_consents_or_withdraws_in_a_rehearsal(tmp_path: Path, prot
     (root / "sourcedata" / "sub-01").mkdir()
     said = "a rehearsal, and its participants are simulated: nobody enrols"
     with pytest.raises(DatasetError, match=said):
-        roster.enrol(protocol_file, "01", DAY, root=root, seed=1)
+        enrolment.enrol(protocol_file, "01", DAY, root=root, seed=1)
     with pytest.raises(DatasetError, match=said):
-        roster.consent(protocol_file, "01", DAY, root=root)
+        enrolment.consent(protocol_file, "01", DAY, root=root)
     with pytest.raises(DatasetError, match=said):
-        roster.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)
+        enrolment.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)

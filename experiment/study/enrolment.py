@@ -1,0 +1,279 @@
+"""What is done with participants: enrol them, record their consent, withdraw them, erase their data.
+
+The first enrolment begins the dataset, with one protocol and one seed.
+"""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable
+from contextlib import closing
+from datetime import date
+from pathlib import Path
+from typing import Literal
+
+from filelock import FileLock
+from pydantic import ValidationError
+
+from experiment import storage
+from experiment.clock import MonotonicClock, day, wall_ns
+from experiment.errors import DatasetError, RosterError
+from experiment.protocol import approval, files
+from experiment.protocol.models import Protocol
+from experiment.records import chain, journal
+from experiment.records.entries import Purpose, Record, Withdrawal
+from experiment.records.progress import progress
+from experiment.study.allocation import allocated, labels, stranger
+from experiment.study.roster import Roster, check_consent
+
+LOCK = ".study.lock"
+
+
+def free_place(root: Path, protocol: Protocol, roster: Roster) -> str | None:
+    """Return who withdrew first, by label, before completing, with a place that nobody took; None if nobody did."""
+    for one in allocated(protocol, 0, roster.takes):
+        if one.participant in roster.withdrawn and one.participant not in roster.takes.values():
+            paths = (storage.journal_path(root, one.participant, task) for task in one.tasks)
+            begun = [entries for path in paths if (entries := journal.read_if_begun(path).entries)]
+            if sum(progress(entries).complete for entries in begun) < len(one.tasks):
+                return one.participant
+    return None
+
+
+def default_root(protocol: Protocol, *, pilot: bool = False) -> Path:
+    """Return where the dataset of a study, or of its pilot, stands unless another folder is named."""
+    return Path("participants") / f"{protocol.study.id}{'-pilot' if pilot else ''}"
+
+
+def enrol(
+    protocol_file: Path,
+    participant: str,
+    consent_on: date | None,
+    *,
+    root: Path | None,
+    seed: int | None,
+    pilot: bool = False,
+) -> Path:
+    """Enrol the next participant, and return the roster's file; the first one begins the dataset and settles its seed.
+
+    Beyond the planned number a participant takes the place of one who withdrew before completing.
+
+    `root` None stands for `participants/STUDY`, and `seed` None for the settled seed or a new one. With `pilot` the
+    dataset is begun as one of a pilot, and stands in `participants/STUDY-pilot`. Raises `RosterError` if the label is
+    not the next one, the study does not have it, or nobody can have consented on that day; and `DatasetError` if the
+    folder belongs to something else.
+    """
+    protocol = files.load(protocol_file)
+    purpose: Purpose | None = "PILOT" if pilot else "STUDY" if root is None else None
+    root = root or default_root(protocol, pilot=pilot)
+    _refuse_rehearsal(root)
+    check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
+    path = storage.roster_path(root)
+    known = Roster.continued(path)
+    takes = None if participant in labels(protocol) else free_place(root, protocol, known)
+    if participant not in labels(protocol) and takes is None:
+        raise stranger(participant, labels(protocol))
+    if not path.exists() and any((root / "sourcedata").glob("sub-*")):
+        raise DatasetError(f"{root}: has participants and no roster; restore {path} and its head from a backup")
+    known.check_next(participant)
+    settle(root, protocol_file, protocol, seed, purpose)
+    known.enrol(participant, consent_on, takes)
+    return path
+
+
+def seed_of(root: Path) -> int:
+    """Return the seed that names every draw of the study with this dataset.
+
+    Raises `DatasetError` if the study has none, or if its file is broken.
+    """
+    return _settled(root).seed
+
+
+def purpose_of(root: Path) -> Purpose:
+    """Return what the sessions of this dataset are for: STUDY or PILOT. Raises `DatasetError` as `seed_of`."""
+    return _settled(root).purpose
+
+
+class _Settled(Record):
+    seed: int
+    purpose: Literal["STUDY", "PILOT"]
+
+
+def _settled(root: Path) -> _Settled:
+    file = storage.seed_path(root)
+    try:
+        return _Settled.model_validate_json(storage.read_bytes(file))
+    except (OSError, ValidationError) as error:
+        raise DatasetError(
+            f"{file}: seed and purpose of the study cannot be read; restore the file from a backup, or write it anew "
+            "from a journal's header"
+        ) from error
+
+
+def approved_on(root: Path, protocol_file: Path) -> date | None:
+    """Return the day from which participants may consent: that of the seal in the dataset, or else of the protocol's.
+
+    None while the protocol has no seal. Raises `ProtocolError` if a seal is broken.
+    """
+    for one in (storage.protocol_path(root), protocol_file):
+        if approval.seal_path(one).exists():
+            return approval.read(one).approved_on
+    return None
+
+
+def consent(
+    protocol_file: Path, participant: str, consent_on: date, *, root: Path | None, correction: str | None = None
+) -> Path:
+    """Record the consent of a participant who enrolled without it, and return the roster's file.
+
+    With `correction`, which says why, the day takes the place of the one on record. Raises `RosterError` if the
+    participant is not enrolled or has withdrawn, has consented already, or cannot have consented on that day.
+    """
+    root = _begun(protocol_file, root)
+    check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
+    path = storage.roster_path(root)
+    known = Roster.continued(path)
+    if correction is None:
+        known.consent(participant, consent_on)
+    else:
+        known.correct(participant, consent_on, correction)
+    return path
+
+
+def withdraw(
+    protocol_file: Path,
+    participant: str,
+    reason: str,
+    *,
+    root: Path | None,
+    rebuild: Callable[[Path], None],
+    erase: bool = False,
+) -> Path:
+    """Record that a participant withdrew, and return the roster's file; analysis leaves them out.
+
+    The roster is told first, then the participant's journals, then the tables; the same call goes on with what a kill
+    cut short. With `erase` the roster is told that too, and then all else of the participant is deleted, but for a file
+    that says that they withdrew; a reason that is on record stays. `rebuild` makes the tables of the dataset in a
+    folder anew. Raises `RosterError` if the participant is not enrolled or has withdrawn for another reason, or the
+    reason is no line of text, and `SessionLocked` if a session of theirs is running.
+    """
+    root = _begun(protocol_file, root)
+    path = storage.roster_path(root)
+    Roster.load(path).check_enrolled(participant)
+    with journal.locked(storage.participant_folder(root, participant), participant):
+        known = Roster.continued(path)
+        if known.withdrawn.get(participant) != reason and not (erase and participant in known.withdrawn):
+            known.withdraw(participant, reason)
+        if erase:
+            _erase(root, known, participant)
+        else:
+            _mark(root, participant, reason)
+        if erase or storage.journals(root):
+            rebuild(root)
+    return path
+
+
+def held(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:
+    """Return how many sessions of a participant a dataset has, and how many answers, also where journals are damaged.
+
+    Raises `RosterError` if the participant is not enrolled.
+    """
+    root = _begun(protocol_file, root)
+    Roster.load(storage.roster_path(root)).check_enrolled(participant)
+    paths = [path for path in storage.left_of(root, participant) if path.suffix == ".jsonl" and storage.size(path)]
+    return len(paths), sum(storage.read_bytes(path).count(b'"kind":"answer"') for path in paths)
+
+
+def _mark(root: Path, participant: str, reason: str) -> None:
+    """Leave the withdrawal in the participant's journals, or in a file of its own while they have none."""
+    begun = [
+        (path, contents)
+        for path in storage.journals(root)
+        if path.parent == storage.participant_folder(root, participant) and (contents := journal.read(path)).lines
+    ]
+    for path, contents in begun:
+        # Opening it brings up a head that a kill left one line behind.
+        with closing(journal.Journal(path, MonotonicClock(), contents)) as opened:
+            if not isinstance(contents.entries[-1], Withdrawal):
+                torn = contents.torn.decode("utf-8", "backslashreplace")
+                opened.append(Withdrawal(reason=reason, torn=torn))
+    if not begun:
+        _mark_apart(root, participant, reason)
+
+
+def _mark_apart(root: Path, participant: str, reason: str) -> None:
+    storage.write_json(storage.withdrawal_path(root, participant), {"participant": participant, "reason": reason})
+
+
+def _erase(root: Path, roster: Roster, participant: str) -> None:
+    """Delete what the dataset has of a participant; the roster says so before the first file is gone."""
+    folder = storage.participant_folder(root, participant)
+    if folder.is_symlink():
+        raise DatasetError(f"{folder}: is a link; put the folder itself in its place, then do it again")
+    _mark_apart(root, participant, roster.withdrawn[participant])
+    if participant not in roster.erased:
+        roster.erase(participant)
+    for path in storage.left_of(root, participant):
+        storage.remove(path)
+    storage.sync_folder(folder)
+
+
+def _begun(protocol_file: Path, root: Path | None) -> Path:
+    """Return where the dataset of a study stands; `root` as for `enrol`. Raises `RosterError` if it was not begun."""
+    root = root or default_root(files.load(protocol_file))
+    _refuse_rehearsal(root)
+    roster = storage.roster_path(root)
+    begun = (storage.protocol_path(root), storage.seed_path(root), roster, chain.head_path(roster))
+    if not any(path.exists() for path in begun):
+        raise RosterError(f"no dataset of this study stands at {root}; give --dataset")
+    return root
+
+
+def _refuse_rehearsal(root: Path) -> None:
+    if storage.plan_path(root).exists():
+        raise DatasetError(
+            f"{root}: this is the dataset of practice or of a rehearsal, and its participants are simulated: nobody "
+            "enrols, consents or withdraws; name the folder of a study with --dataset, or delete this one if it is not "
+            "needed"
+        )
+
+
+def settle(
+    root: Path, protocol_file: Path, protocol: Protocol, seed: int | None, purpose: Purpose | None = None
+) -> int:
+    """Keep protocol, seed and purpose beside the journals at the first call, and hold every later one to them.
+
+    The protocol's copy is written last: without it the study has not begun.
+    """
+    kept, lock = storage.protocol_path(root), root / "sourcedata" / LOCK
+    if not kept.exists() and any(_of_something_else(path.relative_to(root)) for path in root.rglob("*")):
+        raise DatasetError(f"{root}: this folder holds something else; choose another folder with --dataset")
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    with FileLock(lock):
+        if not kept.exists():
+            storage.people_folder(root)
+            drawn = secrets.randbelow(2**31) if seed is None else seed
+            storage.write_json(storage.seed_path(root), {"seed": drawn, "purpose": purpose or "STUDY"})
+            storage.owners_alone(storage.seed_path(root))
+            storage.write_bytes(kept, storage.read_bytes(protocol_file))
+        elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
+            raise DatasetError(
+                f"{root}: the study was begun with another version of the protocol; run {kept}, or give the new "
+                "version an id of its own, or another folder with --dataset"
+            )
+    settled = seed_of(root)
+    if purpose not in (None, begun_as := purpose_of(root)):
+        raise DatasetError(
+            f"{root}: this dataset was begun as a {begun_as}, not as a {purpose}; name another folder with "
+            "--dataset, and a pilot with --pilot"
+        )
+    if seed not in (None, settled):
+        raise DatasetError(f"{root}: the study has another seed than {seed}; leave out --seed")
+    return settled
+
+
+def _of_something_else(path: Path) -> bool:
+    """Return whether a path is none that a refused or killed command leaves before the study begins."""
+    begun = {"sourcedata", "sourcedata/seed.json", f"sourcedata/{LOCK}", "sourcedata/.roster.jsonl.lock"}
+    temporary = path.parent.as_posix() in (".", "sourcedata") and storage.TEMPORARY.fullmatch(path.name)
+    return not temporary and path.as_posix() not in begun
