@@ -20,7 +20,7 @@ from experiment.dataset import beliefs
 from experiment.dataset.beliefs import Believed
 from experiment.dataset.bids import LABELS
 from experiment.dataset.build import ORIGINS
-from experiment.errors import DatasetError
+from experiment.errors import DatasetError, ProtocolError
 from experiment.protocol import approval, files
 from experiment.records import chain, journal
 from experiment.records.entries import Purpose
@@ -265,7 +265,7 @@ def status(given: Path, today: date) -> Status:
             state = "done" if len([one for one in begun if one.complete]) == len(order) else "under way"
         people.append(Person(participant, order, state, begun))
     sealed, wanted = (
-        ("Nobody has to approve a rehearsal.", []) if known is None else _seal(root, protocol_file, dataset, today)
+        ("Nobody has to approve a simulation.", []) if known is None else _seal(root, protocol_file, dataset, today)
     )
     left = [label for label in dataset.tasks if known is not None and label not in known.consent_on]
     if known is not None and not left and not doubts and enrolment.free_place(root, protocol, known):
@@ -296,13 +296,15 @@ def _seal(root: Path, protocol_file: Path | None, dataset: Believed, today: date
     if protocol_file is None and not approval.seal_path(file).exists():
         return "No session has begun, so no seal is kept here; the one beside the protocol's file counts.", []
     version = files.load(protocol_file) if protocol_file else dataset.protocol
-    told, seal = approval.state(file, version, today)
+    told, _ = approval.state(file, version, today)
     wanted = []
     if approval.sha256(version) != approval.sha256(dataset.protocol):
         wanted.append(
             f"{file} is another version of the protocol than the dataset's, so no session can be run with it."
         )
-    if seal is None or not told.startswith("SEALED: "):
+    try:
+        seal = approval.verify(file, version, today)
+    except ProtocolError:
         return told, [*wanted, f"Have the protocol approved and sealed (palpate seal). {told}"]
     if seal.expires_on - today <= SOON:
         wanted.append(f"The approval ends on {seal.expires_on}; have it renewed and seal the protocol again.")

@@ -99,7 +99,8 @@ def _said(entry: AnyEntry) -> str:
         case Answer():
             return f"trial {entry.trial}.{entry.attempt}: {_answered(entry)} after {entry.response_time_s:.2f} s"
         case Correction():
-            return f"trial {entry.trial}.{entry.attempt}: corrected to {_answered(entry)}: {entry.reason}"
+            answer = entry.answered or "no answer"
+            return f"trial {entry.trial}.{entry.attempt}: the answer was corrected to {answer}: {entry.reason}"
         case Note():
             return f"note{'' if entry.trial is None else f' at trial {entry.trial}'}: {entry.text}"
         case Ignored():
@@ -115,7 +116,7 @@ def _said(entry: AnyEntry) -> str:
             return f"the participant has withdrawn ({entry.reason}){_torn(entry.torn)}: no data of theirs is analysed"
 
 
-def _answered(entry: Answer | Correction) -> str:
+def _answered(entry: Answer) -> str:
     return f"answered {entry.answered}" if entry.answered else "no answer was given"
 
 

@@ -201,7 +201,7 @@ def test_a_rehearsal_says_so_first_and_needs_no_seal(tmp_path: Path) -> None:
     assert (found.planned, found.to_enrol, found.reminders) == (3, None, ())
     first, second, *_ = found.text().splitlines()
     assert first.startswith("REHEARSAL - simulated participants: okamoto2012: ")
-    assert second == "Nobody has to approve a rehearsal."
+    assert second == "Nobody has to approve a simulation."
 
 
 def test_the_flow_adds_up_and_puts_nobody_in_an_order_before_they_begin(made: MadeStudy) -> None:

@@ -52,7 +52,7 @@ def test_the_table_takes_the_correction_and_the_journal_holds_both(
     rows = build._rows(session, "PARTICIPANT")
     assert [row["answered"] for row in rows] == ["copy paper", material or "(none)", "typing paper"]
     assert [row.get("corrected_from", "n/a") for row in rows] == ["n/a", "polypropylene", "n/a"]
-    assert "corrected to " in transcript.text(journal.read(path))
+    assert f"the answer was corrected to {material or 'no answer'}: misheard" in transcript.text(journal.read(path))
 
 
 def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Path) -> None:
