@@ -156,10 +156,14 @@ def keep_anchor(root: Path) -> Anchor:
     return made
 
 
-def is_anchored(root: Path) -> bool:
-    """Return whether nothing was added to a dataset since the last anchor in its own log. Raises as `anchor`."""
+def keep_new_anchor(root: Path) -> Anchor | None:
+    """Return what `keep_anchor` does; do nothing and return None if nothing was added since the log's last anchor."""
+    made = anchor(root)
     kept, _ = register.read(root / LOG) if (root / LOG).exists() else ((), ())
-    return bool(kept) and kept[-1].anchor.prefixes == anchor(root).prefixes
+    if kept and kept[-1].anchor.prefixes == made.prefixes:
+        return None
+    register.append(root / LOG, Kept(anchor=made))
+    return made
 
 
 def examined(root: Path) -> tuple[Believed, list[PalpateError]]:

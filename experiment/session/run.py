@@ -192,9 +192,9 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
     """
     again = f"palpate anchor {root}"
     try:
-        if beliefs.is_anchored(root):
+        anchor = beliefs.keep_new_anchor(root)
+        if anchor is None:
             return False
-        anchor = beliefs.keep_anchor(root)
         console.show(f"For the lab book: {anchor.line}")
         if anchored_in:
             to, key = anchored_in
