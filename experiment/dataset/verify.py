@@ -32,11 +32,14 @@ MISTYPED = 2
 """A number that differs from an anchor's in so many of its digits was meant to be that one."""
 
 
+Word = Literal["holds", "refused", "note"]
+
+
 @dataclass(frozen=True)
 class Finding:
     """What was found of one item: a path inside the dataset, a register, or what several files tell together."""
 
-    word: Literal["holds", "refused", "note"]
+    word: Word
     item: str
     text: str
 
@@ -98,14 +101,14 @@ def verify(
     if named := {header.recordings_sha256 for header in headers} - {None}:
         findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
     texts = {finding.text for finding in findings}
-    findings += _together(root, texts, sound=sound) if beliefs.has_journals(root) else _alone(root)
+    findings += _together(root, texts, evidence, sound=sound) if beliefs.has_journals(root) else _alone(root)
     findings += [*_leftovers(root), *_erased(people), *told, *unlike]
     findings += _without_session(people, {*(name for name, lines in files.items() if lines), *(x.item for x in unlike)})
     kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
     return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(root, findings, files, evidence)))
 
 
-def _together(root: Path, told: set[str], *, sound: bool) -> Iterator[Finding]:
+def _together(root: Path, told: set[str], evidence: Sequence[Evidence], *, sound: bool) -> Iterator[Finding]:
     """Tell what several files show together, but for what is `told` already; `sound` if each file by itself holds."""
     try:
         dataset, doubts = beliefs.examined(root)
@@ -126,19 +129,24 @@ def _together(root: Path, told: set[str], *, sound: bool) -> Iterator[Finding]:
     else:
         of = "protocol and the plan beside it" if dataset.roster is None else "sealed protocol, seed and roster"
         yield Finding("holds", "headers", f"each journal is of its path, the {of}")
-        yield from _sealed(root) if dataset.roster else ()
+        yield from _sealed(root, evidence) if dataset.roster else ()
         if dataset.roster and not (root / LOG).exists():
             text = "is missing: each session that ends adds an anchor to it; it was deleted, or no session ended"
             yield Finding("note", LOG.as_posix(), text)
         yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")
 
 
-def _sealed(root: Path) -> Iterator[Finding]:
-    """Tell the seal under which the study was begun; each text of it ends its line, so that it reorders nothing."""
-    seal = approval.read(storage.protocol_path(root))
-    yield Finding("holds", "seal", f"is of the protocol; its approval is from {seal.approved_on} to {seal.expires_on}")
-    yield Finding("holds", "approval number", seal.approval_number)
-    yield Finding("holds", "board", " ".join(seal.board.split()))
+def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
+    """Tell the seal under which the study was begun; each text of it ends its line, so that it reorders nothing.
+
+    What it says of its approval holds where an anchor has it: nothing else would show that it was edited.
+    """
+    seal, now = approval.read(storage.protocol_path(root)), beliefs.seal_sha256(root)
+    word: Word = "holds" if any(one.seal_sha256 == now for place in evidence for one in place.anchors) else "note"
+    yield Finding("holds", "seal", "is of the protocol")
+    yield Finding(word, "approval", f"from {seal.approved_on} to {seal.expires_on}")
+    yield Finding(word, "approval number", seal.approval_number)
+    yield Finding(word, "board", " ".join(seal.board.split()))
 
 
 def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
