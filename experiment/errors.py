@@ -17,6 +17,8 @@ PalpateError                exit code 2, one line for the experimenter
 │   └── SessionLocked       another runner holds this participant
 ├── SessionError            a step that the session's state does not allow
 ├── ScreenGone              the experimenter's screen takes nothing more
+├── PauseAsked              the experimenter has the session pause
+├── LinkError               a session and its console cannot reach one another
 ├── Interrupted             ended at the keyboard; exit code 130
 ├── PowerError              a choice model, a number or a cluster that simulated studies cannot be run with
 └── DatasetError            a dataset that cannot be read, or would be overwritten
@@ -121,6 +123,14 @@ class SessionError(PalpateError):
 
 class ScreenGone(PalpateError):
     """The experimenter's screen takes nothing more: its terminal or pipe was closed."""
+
+
+class LinkError(PalpateError):
+    """A session and its console cannot reach or understand one another."""
+
+
+class PauseAsked(PalpateError):
+    """The experimenter has the session pause."""
 
 
 class Interrupted(PalpateError):

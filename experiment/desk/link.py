@@ -1,0 +1,280 @@
+"""The socket between a session and its consoles: a file of this machine that only its owner may open.
+
+The session's end is one thread, which is never waited for: a console that does not read misses views, and none of them
+holds the session up. Whoever connects says who they are; another user of the machine is refused by the system.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import selectors
+import socket
+import stat
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Protocol
+
+from experiment.desk.messages import (
+    LONGEST,
+    Command,
+    Deed,
+    Hello,
+    Message,
+    Prompt,
+    Reply,
+    View,
+    from_console,
+    from_session,
+    line,
+)
+from experiment.errors import LinkError
+
+TICK_S = 0.1
+"""What is measured is told so often, s."""
+
+MOST_UNREAD = 1 << 20
+"""A console that leaves so much unread is cut off, bytes."""
+
+
+def place(dataset: Path, participant: str) -> Path:
+    """Return where the socket of a participant's session stands, in a folder that only its owner may open.
+
+    Raises `LinkError` where others may open that folder, or where this system has no such sockets.
+    """
+    if not hasattr(socket, "AF_UNIX"):
+        raise LinkError("this system has no sockets that are files; run the session on lines of text (--lines)")
+    folder = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"palpate-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+        raise LinkError(f"{folder}: others may open it; allowed: a folder of your own with mode 700; delete it")
+    name = hashlib.sha256(f"{dataset.resolve()}\n{participant}".encode()).hexdigest()[:16]
+    return folder / f"{name}.sock"
+
+
+def answers(path: Path) -> bool:
+    """Return whether a session listens at this place."""
+    with socket.socket(socket.AF_UNIX) as there:
+        try:
+            there.connect(str(path))
+        except OSError:
+            return False
+    return True
+
+
+class SessionEnd(Protocol):
+    """The session's side of the link, called from its thread."""
+
+    def tell(self, role: str) -> Message:
+        """Return what a console (`console`) or the participant's screen (`screen`) shows now."""
+        ...
+
+    def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
+        """Return whether a command was taken, and in words what was done, or why not."""
+        ...
+
+    def came(self, consoles: int) -> None:
+        """Take note of how many consoles are connected now."""
+        ...
+
+
+class _Peer:
+    def __init__(self, connection: socket.socket) -> None:
+        self.connection = connection
+        self.hello: Hello | None = None
+        self.read = bytearray()
+        self.unsent = bytearray()
+        self.told = b""
+
+
+class Link:
+    """Listens at a socket, tells every console what it shows, and hands on what it asks."""
+
+    def __init__(self, path: Path, end: SessionEnd) -> None:
+        """Listen from now on. Raises `LinkError` if another session listens there, or if it cannot be made."""
+        self._end = end
+        self._path = path
+        self._peers: list[_Peer] = []
+        self._selector = selectors.DefaultSelector()
+        self._closing = False
+        self._server = _listening(path)
+        self._woken, self._wakes = socket.socketpair()
+        for end in (self._woken, self._wakes):
+            end.setblocking(False)
+        self._selector.register(self._server, selectors.EVENT_READ)
+        self._selector.register(self._woken, selectors.EVENT_READ)
+        self._thread = threading.Thread(target=self._serve, name="desk", daemon=True)
+        self._thread.start()
+
+    def wake(self) -> None:
+        """Have what changed be told at once."""
+        with suppress(BlockingIOError):
+            self._wakes.send(b"\0")
+
+    def close(self) -> None:
+        """Tell the last state, and listen no longer."""
+        self._closing = True
+        self.wake()
+        self._thread.join()
+        for peer in self._peers:
+            peer.connection.close()
+        for end in (self._woken, self._wakes, self._server):
+            end.close()
+        self._selector.close()
+        self._path.unlink(missing_ok=True)
+
+    def _serve(self) -> None:
+        while True:
+            closing = self._closing
+            for key, events in self._selector.select(0 if closing else TICK_S):
+                if key.fileobj is self._server:
+                    self._accept()
+                elif key.fileobj is self._woken:
+                    with suppress(BlockingIOError):
+                        self._woken.recv(4096)
+                elif events & selectors.EVENT_READ:
+                    self._hear(key.data)
+            for peer in tuple(self._peers):
+                self._speak(peer)
+            if closing:
+                return
+
+    def _accept(self) -> None:
+        connection, _ = self._server.accept()
+        connection.setblocking(False)
+        peer = _Peer(connection)
+        self._peers.append(peer)
+        self._selector.register(connection, selectors.EVENT_READ, peer)
+
+    def _hear(self, peer: _Peer) -> None:
+        try:
+            read = peer.connection.recv(LONGEST)
+        except OSError:
+            read = b""
+        peer.read += read
+        *lines, rest = peer.read.split(b"\n")
+        peer.read = bytearray(rest)
+        if not read or len(rest) > LONGEST:
+            self._drop(peer)
+            return
+        for one in lines:
+            try:
+                self._obey(peer, from_console(bytes(one)))
+            except LinkError:
+                self._drop(peer)
+                return
+
+    def _obey(self, peer: _Peer, said: Hello | Command) -> None:
+        if isinstance(said, Hello):
+            if peer.hello is not None:
+                raise LinkError("said hello twice")
+            peer.hello = said
+            self._count()
+            return
+        if peer.hello is None:
+            raise LinkError("said no hello")
+        taken, words = self._end.take(peer.hello, said.deed)
+        peer.unsent += line(Reply(id=said.id, taken=taken, words=words))
+
+    def _speak(self, peer: _Peer) -> None:
+        if peer.hello is None:
+            return
+        if not peer.unsent and (told := line(self._end.tell(peer.hello.role))) != peer.told:
+            peer.told = told
+            peer.unsent += told
+        try:
+            while peer.unsent:
+                del peer.unsent[: peer.connection.send(peer.unsent)]
+        except BlockingIOError:
+            if len(peer.unsent) > MOST_UNREAD:
+                self._drop(peer)
+        except OSError:
+            self._drop(peer)
+
+    def _drop(self, peer: _Peer) -> None:
+        self._selector.unregister(peer.connection)
+        peer.connection.close()
+        self._peers.remove(peer)
+        self._count()
+
+    def _count(self) -> None:
+        self._end.came(sum(peer.hello is not None and peer.hello.role == "console" for peer in self._peers))
+
+
+def _listening(path: Path) -> socket.socket:
+    server = socket.socket(socket.AF_UNIX)
+    try:
+        if path.exists() and not answers(path):
+            path.unlink()
+        server.bind(str(path))
+        path.chmod(0o600)
+        server.listen()
+        server.setblocking(False)
+    except OSError as error:
+        server.close()
+        raise LinkError(
+            f"{path}: {error.strerror or error}; allowed: one session of a participant at a time; end the other one"
+        ) from error
+    return server
+
+
+class Line:
+    """A console's end of the link."""
+
+    def __init__(self, path: Path, hello: Hello) -> None:
+        """Connect. Raises `LinkError` if no session listens there."""
+        self._connection = socket.socket(socket.AF_UNIX)
+        self._lock = threading.Lock()
+        self._sent = 0
+        try:
+            self._connection.connect(str(path))
+            self._connection.sendall(line(hello))
+        except OSError as error:
+            self._connection.close()
+            raise LinkError(f"no session listens at {path} ({error.strerror or error}); begin one") from error
+
+    def send(self, deed: Deed) -> int:
+        """Send a command, and return its id. Raises `LinkError` if the session is gone."""
+        with self._lock:
+            self._sent += 1
+            try:
+                self._connection.sendall(line(Command(id=self._sent, deed=deed)))
+            except OSError as error:
+                raise LinkError("the session is gone") from error
+            return self._sent
+
+    def messages(self) -> Iterator[View | Prompt | Reply]:
+        """Yield what the session says, until it is gone. Raises `LinkError` for what cannot be understood."""
+        read = bytearray()
+        while True:
+            try:
+                more = self._connection.recv(LONGEST)
+            except OSError:
+                more = b""
+            if not more:
+                return
+            read += more
+            *lines, rest = read.split(b"\n")
+            read = bytearray(rest)
+            for one in lines:
+                yield from_session(bytes(one))
+
+    def close(self) -> None:
+        """Leave; the session goes on."""
+        with suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RDWR)
+        self._connection.close()
+
+
+@contextmanager
+def connected(path: Path, hello: Hello) -> Iterator[Line]:
+    """Connect to a session, and leave it again. Raises `LinkError`."""
+    there = Line(path, hello)
+    try:
+        yield there
+    finally:
+        there.close()

@@ -1,0 +1,265 @@
+"""What a session tells its console, and what a console asks of a session: typed messages, each one line of JSON.
+
+A session tells its whole `View` whenever something in it changed, so that a console which begins late, or anew, has
+caught up with the first line that it reads. A console sends commands; every one is answered by a `Reply`. The
+participant's screen gets a `Prompt` instead of a view: nothing of what is presented is in it.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from experiment.errors import LinkError
+from experiment.settings import characters
+
+LONGEST = 65_536
+"""No message is longer, bytes."""
+
+RECENT = 5
+"""So many answers are shown, the newest last."""
+
+LINES = 50
+"""So many lines are shown, the newest last."""
+
+TRACE_S = 3.0
+"""The trace goes back so far, s."""
+
+
+class Message(BaseModel):
+    """Base of every message and its parts."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Choice(Message):
+    """A key that may be pressed, and what it stands for; of an answer also what the participant says for it."""
+
+    key: str
+    words: str
+    answer: bool = False
+
+
+class Question(Message):
+    """What is asked now. `number` is unlike that of any other question; an answer to another one is refused.
+
+    A question of kind `answer` is asked until a key is chosen; then `confirm` asks for the same key's confirmation.
+    """
+
+    number: int
+    kind: Literal["ready", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue"]
+    text: str
+    choices: tuple[Choice, ...]
+
+
+class Lamp(Message):
+    """The health of one part: good, not good, or not known; `words` say it."""
+
+    name: str
+    good: bool | None
+    words: str
+
+
+class Gauges(Message):
+    """What is measured all the time.
+
+    `left_s` is left of the protocol's session time, s. `masker_db_a` is its level, dB(A), None in silence, at most
+    `masker_limit_db_a`, None for a rig without sound; `dose` is that of 24 hours, of 1. `stimuli` were felt so far,
+    `vibration_s` together, s. `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells
+    that a trial is under way at this moment, and `last` what the one before was like. `delivered` is the stimulus before:
+    as intended, not, or not measured.
+    """
+
+    left_s: float
+    masker_db_a: float | None = None
+    masker_limit_db_a: float | None = None
+    dose: float | None = None
+    stimuli: int = 0
+    vibration_s: float = 0.0
+    trace: tuple[float, ...] = ()
+    trace_unit: str = ""
+    moving: bool = False
+    last: str = ""
+    delivered: bool | None = None
+    lamps: tuple[Lamp, ...] = ()
+
+
+class Told(Message):
+    """One answer that counts: of a trial, in words. It never says what was presented."""
+
+    trial: int
+    words: str
+    corrected: bool = False
+
+
+class Ended(Message):
+    """How the session's process ended: in words, and with which exit code."""
+
+    words: str
+    exit_code: int
+
+
+class View(Message):
+    """All that a console shows. `label` is PRACTICE or PILOT, and empty in a study.
+
+    `step` is where the visit stands. `trial` and `attempt` are under way, of `trials`; `answered` have an answer that
+    counts and `remaining` are to come, repeats counted once more for each. `lay_out` is what to lay out, in tasks with
+    real objects. `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
+    """
+
+    kind: Literal["view"] = "view"
+    label: str = ""
+    study: str = ""
+    participant: str = ""
+    task: str = ""
+    step: str = ""
+    steps: tuple[str, ...] = ()
+    state: Literal["preparing", "familiarising", "armed", "answering", "waiting", "paused", "ended"] = "preparing"
+    trial: int | None = None
+    attempt: int = 1
+    trials: int = 0
+    answered: int = 0
+    remaining: int = 0
+    lay_out: str = ""
+    question: Question | None = None
+    pause_until_ns: int | None = None
+    gauges: Gauges | None = None
+    recent: tuple[Told, ...] = ()
+    lines: tuple[str, ...] = ()
+    ended: Ended | None = None
+
+
+class Prompt(Message):
+    """What the participant's screen shows, and which keys of the participant count now."""
+
+    kind: Literal["prompt"] = "prompt"
+    number: int
+    show: Literal["nothing", "instructions", "masker", "ready", "answers", "break", "thanks"]
+    text: str
+    choices: tuple[Choice, ...] = ()
+    until_ns: int | None = None
+
+
+class Hello(Message):
+    """The first message of whoever connects: as what, and who gives the commands."""
+
+    kind: Literal["hello"] = "hello"
+    role: Literal["console", "screen"]
+    by: Annotated[str, Field(min_length=1, max_length=60)]
+
+
+class Choose(Message):
+    """A key for the question with this number."""
+
+    do: Literal["choose"] = "choose"
+    question: int
+    key: str
+
+
+class TakeNote(Message):
+    """A note, at any moment of a session."""
+
+    do: Literal["note"] = "note"
+    text: str
+
+
+class Correct(Message):
+    """Another answer for a trial of this session, with a reason."""
+
+    do: Literal["correct"] = "correct"
+    trial: int
+    key: str
+    reason: str
+
+
+class Repeat(Message):
+    """A trial is to be done again at the end of its block: the one under way, or one that was answered."""
+
+    do: Literal["repeat"] = "repeat"
+    trial: int
+    reason: str
+
+
+class Pause(Message):
+    """The session pauses as soon as it safely can; after `minutes`, if given, it is told that the break is over."""
+
+    do: Literal["pause"] = "pause"
+    minutes: Annotated[float, Field(gt=0, le=240)] | None = None
+
+
+class Stop(Message):
+    """The session pauses as soon as it safely can, and its process ends."""
+
+    do: Literal["stop"] = "stop"
+
+
+class Typed(Message):
+    """What was typed when nothing was asked; it answers nothing."""
+
+    do: Literal["typed"] = "typed"
+    keys: Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class Shown(Message):
+    """The participant's screen shows this prompt since `t_ns`, in nanoseconds of the system's monotonic clock."""
+
+    do: Literal["shown"] = "shown"
+    number: int
+    t_ns: int
+
+
+Deed = Annotated[
+    Choose | TakeNote | Correct | Repeat | Pause | Stop | Typed | Shown,
+    Field(discriminator="do"),
+]
+"""What a command asks for."""
+
+
+class Command(Message):
+    """One command; `id` comes back in its reply."""
+
+    kind: Literal["command"] = "command"
+    id: int
+    deed: Deed
+
+
+class Reply(Message):
+    """What became of a command: whether it was taken, and in words what was done or why it was refused."""
+
+    kind: Literal["reply"] = "reply"
+    id: int
+    taken: bool
+    words: str
+
+
+_FROM_SESSION: TypeAdapter[View | Prompt | Reply] = TypeAdapter(
+    Annotated[View | Prompt | Reply, Field(discriminator="kind")]
+)
+_FROM_CONSOLE: TypeAdapter[Hello | Command] = TypeAdapter(Annotated[Hello | Command, Field(discriminator="kind")])
+
+
+def line(message: Message) -> bytes:
+    """Return a message as its line."""
+    return message.model_dump_json().encode() + b"\n"
+
+
+def from_session(text: bytes) -> View | Prompt | Reply:
+    """Return what a line of a session says. Raises `LinkError`."""
+    try:
+        return _FROM_SESSION.validate_json(text)
+    except ValidationError as error:
+        raise LinkError(_not_understood(text)) from error
+
+
+def from_console(text: bytes) -> Hello | Command:
+    """Return what a line of a console says. Raises `LinkError`."""
+    try:
+        return _FROM_CONSOLE.validate_json(text)
+    except ValidationError as error:
+        raise LinkError(_not_understood(text)) from error
+
+
+def _not_understood(text: bytes) -> str:
+    shown = characters.quoted(text.decode("utf-8", "replace"))
+    return f"the session and its console do not understand one another: got {shown}; use one version of palpate"
