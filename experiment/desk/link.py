@@ -103,8 +103,8 @@ class Link:
         self._closing = False
         self._server = _listening(path)
         self._woken, self._wakes = socket.socketpair()
-        for end in (self._woken, self._wakes):
-            end.setblocking(False)
+        self._woken.setblocking(False)
+        self._wakes.setblocking(False)
         self._selector.register(self._server, selectors.EVENT_READ)
         self._selector.register(self._woken, selectors.EVENT_READ)
         self._thread = threading.Thread(target=self._serve, name="desk", daemon=True)
@@ -122,8 +122,8 @@ class Link:
         self._thread.join()
         for peer in self._peers:
             peer.connection.close()
-        for end in (self._woken, self._wakes, self._server):
-            end.close()
+        for ours in (self._woken, self._wakes, self._server):
+            ours.close()
         self._selector.close()
         self._path.unlink(missing_ok=True)
 

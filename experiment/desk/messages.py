@@ -67,8 +67,8 @@ class Gauges(Message):
     `left_s` is left of the protocol's session time, s. `masker_db_a` is its level, dB(A), None in silence, at most
     `masker_limit_db_a`, None for a rig without sound; `dose` is that of 24 hours, of 1. `stimuli` were felt so far,
     `vibration_s` together, s. `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells
-    that a trial is under way at this moment, and `last` what the one before was like. `delivered` is the stimulus before:
-    as intended, not, or not measured.
+    that a trial is under way at this moment, and `last` what the one before was like. `delivered` is the stimulus
+    before: as intended, not, or not measured.
     """
 
     left_s: float
@@ -93,6 +93,15 @@ class Told(Message):
     corrected: bool = False
 
 
+class Standing(Message):
+    """How far a session is: of `trials` so many are answered and so many remain; the last answers, oldest first."""
+
+    trials: int = 0
+    answered: int = 0
+    remaining: int = 0
+    recent: tuple[Told, ...] = ()
+
+
 class Ended(Message):
     """How the session's process ended: in words, and with which exit code."""
 
@@ -103,9 +112,8 @@ class Ended(Message):
 class View(Message):
     """All that a console shows. `label` is PRACTICE or PILOT, and empty in a study.
 
-    `step` is where the visit stands. `trial` and `attempt` are under way, of `trials`; `answered` have an answer that
-    counts and `remaining` are to come, repeats counted once more for each. `lay_out` is what to lay out, in tasks with
-    real objects. `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
+    `step` is where the visit stands, one of `steps`. `trial` and `attempt` are under way. `lay_out` is what to lay out,
+    in tasks with real objects. `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
     """
 
     kind: Literal["view"] = "view"
@@ -118,14 +126,11 @@ class View(Message):
     state: Literal["preparing", "familiarising", "armed", "answering", "waiting", "paused", "ended"] = "preparing"
     trial: int | None = None
     attempt: int = 1
-    trials: int = 0
-    answered: int = 0
-    remaining: int = 0
     lay_out: str = ""
+    standing: Standing = Standing()
     question: Question | None = None
     pause_until_ns: int | None = None
     gauges: Gauges | None = None
-    recent: tuple[Told, ...] = ()
     lines: tuple[str, ...] = ()
     ended: Ended | None = None
 

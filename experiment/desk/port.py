@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from experiment.apparatus.ports import Rester
+from experiment.desk.messages import Gauges, Standing
 
 
 @dataclass(frozen=True)
@@ -24,12 +25,51 @@ class Corrected:
     reason: str
 
 
-Remark = Noted | Corrected
+@dataclass(frozen=True)
+class Repeated:
+    """The experimenter has a trial done again, at the end of its block."""
+
+    trial: int
+    reason: str
+
+
+Remark = Noted | Corrected | Repeated
 """What the experimenter may say instead of answering a question."""
 
 
+class Attended(Protocol):
+    """A session under way, as a desk may ask of it at any moment, from any thread."""
+
+    def gauges(self) -> Gauges:
+        """Return what is measured now."""
+        ...
+
+    def standing(self) -> Standing:
+        """Return how far the session is."""
+        ...
+
+    def remark(self, remark: Remark) -> tuple[bool, str]:
+        """Return whether a remark was taken, and in words what was done, or why not."""
+        ...
+
+    def pause(self) -> None:
+        """Have nothing felt from now on, and the session pause where no question is open."""
+        ...
+
+    def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
+        """Put on record what was asked for, by whom, and what was replied."""
+        ...
+
+
 class Console(Rester, Protocol):
-    """What the experimenter sees and keys. It never decides what comes next."""
+    """What the experimenter sees and keys. It never decides what comes next.
+
+    A console at which the experimenter may ask for a pause raises `PauseAsked` from whatever it waits in.
+    """
+
+    def attend(self, session: Attended | None) -> None:
+        """Take note of the session that is under way from now on; None once it has ended."""
+        ...
 
     def show(self, text: str) -> None:
         """Show the experimenter a line."""

@@ -1,0 +1,289 @@
+"""A session's desk whose console and participant's screen are processes of their own, at the other end of a link.
+
+The session waits here for keys; the link's thread brings them. A key counts only for the question that was on the
+screen when it was pressed. While nobody is at the console nothing new is armed, and after a while the session pauses.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Literal
+
+from experiment.desk.messages import (
+    LINES,
+    Choice,
+    Choose,
+    Correct,
+    Deed,
+    Ended,
+    Hello,
+    Message,
+    Pause,
+    Question,
+    Repeat,
+    Shown,
+    Stop,
+    TakeNote,
+    Typed,
+    View,
+)
+from experiment.desk.port import RESTS, Attended, Corrected, Noted, Remark, Repeated
+from experiment.errors import PalpateError, PauseAsked
+from experiment.settings import characters
+
+ALONE_S = 600.0
+"""After so long without a console the session pauses, s."""
+
+ENTER = "enter"
+"""The key that goes on where nothing else is to be chosen, and that confirms."""
+
+GO_ON, STOP = ENTER, "s"
+"""The keys that go on with a session that paused, and that end its process."""
+
+BY_EXPERIMENTER = "by the experimenter"
+
+Kind = Literal["ready", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue"]
+
+
+class LinkedConsole:
+    """Implements `Console` and the link's `SessionEnd`."""
+
+    def __init__(self, view: View, *, alone_s: float = ALONE_S) -> None:
+        """Begin with `view`, which says what does not change: the study and who takes part."""
+        self._view = view
+        self._alone_s = alone_s
+        self._changed = threading.Condition()
+        self._session: Attended | None = None
+        self._asked = 0
+        self._chosen: str | Remark | None = None
+        self._consoles = 0
+        self._pausing: Pause | Stop | None = None
+        self._ignored = ""
+        self.wake: Callable[[], None] = lambda: None
+        """Called when there is something new to tell."""
+
+    # What the link asks, from its thread.
+
+    def tell(self, role: str) -> Message:  # noqa: ARG002
+        with self._changed:
+            view, session = self._view, self._session
+        if session is None:
+            return view
+        return view.model_copy(update={"gauges": session.gauges(), "standing": session.standing()})
+
+    def came(self, consoles: int) -> None:
+        with self._changed:
+            self._consoles = consoles
+            self._changed.notify_all()
+
+    def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
+        session = self._session
+        try:
+            taken, words = self._do(deed, session)
+        except PalpateError as error:
+            return False, str(error)
+        if session is not None and not isinstance(deed, Typed):
+            session.commanded(by=hello.by, command=_told(deed), taken=taken, words=words)
+        self.wake()
+        return taken, words
+
+    def _do(self, deed: Deed, session: Attended | None) -> tuple[bool, str]:
+        match deed:
+            case Choose():
+                return self._choose(deed)
+            case Typed():
+                return self._drop(deed)
+            case Pause() | Stop():
+                return self._pause(deed, session)
+            case Shown():
+                return True, ""
+        if session is None:
+            return False, "No session is under way."
+        match deed:
+            case TakeNote():
+                return session.remark(Noted(characters.one_line(deed.text)))
+            case Correct():
+                return session.remark(Corrected(deed.trial, deed.key, characters.one_line(deed.reason)))
+            case Repeat():
+                return self._repeat(Repeated(deed.trial, characters.one_line(deed.reason)), session)
+
+    def _choose(self, deed: Choose) -> tuple[bool, str]:
+        with self._changed:
+            asked = self._view.question
+            if asked is None or asked.number != deed.question or self._chosen is not None:
+                self._ignored += deed.key
+                return False, "That question is no longer asked; the key answered nothing."
+            if deed.key not in {choice.key for choice in asked.choices}:
+                return False, f"{characters.quoted(deed.key)} is no key here."
+            self._chosen = deed.key
+            self._changed.notify_all()
+            return True, ""
+
+    def _drop(self, deed: Typed) -> tuple[bool, str]:
+        with self._changed:
+            self._ignored += deed.keys
+        return True, f"Ignored because nothing was asked: {characters.keyed(deed.keys)}."
+
+    def _pause(self, deed: Pause | Stop, session: Attended | None) -> tuple[bool, str]:
+        with self._changed:
+            if self._view.state == "ended":
+                return False, "The session has ended."
+            self._pausing = deed
+            self._changed.notify_all()
+        if session is not None:
+            session.pause()
+        return True, "The session pauses as soon as nothing can be felt any more."
+
+    def _repeat(self, wanted: Repeated, session: Attended) -> tuple[bool, str]:
+        with self._changed:
+            asked = self._view.question
+            if asked is not None and asked.kind in ("answer", "confirm") and wanted.trial == self._view.trial:
+                self._chosen = wanted
+                self._changed.notify_all()
+                return True, f"Trial {wanted.trial} is done again at the end of its block."
+        return session.remark(wanted)
+
+    # What the session asks, from its own.
+
+    def attend(self, session: Attended | None) -> None:
+        with self._changed:
+            self._session = session
+            if session is not None:
+                self._pausing = None
+        self.wake()
+
+    def show(self, text: str) -> None:
+        lines = [characters.plain(one) for one in text.strip("\n").split("\n")]
+        with self._changed:
+            self._now(lines=(*self._view.lines, *lines)[-LINES:])
+
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        self._now(state="familiarising", trial=None)
+        least = f"{min_s / 60:.1f}" if min_s > 0 else "up"
+        text = f"Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}"
+        self._wait("familiarise", text, (Choice(key=ENTER, words="the participant is familiar with the materials"),))
+
+    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
+        text = f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}"
+        choices = (*_choices(keys), Choice(key=ENTER, words="keep the level"))
+        key = self._wait("level", text, choices)
+        return "" if key == ENTER else key
+
+    def rest(self, *, why: str) -> None:
+        text = RESTS.partition(" Then press")[0]
+        self._wait("rest", f"{why} {text}".strip(), (Choice(key=ENTER, words="the foot rests on the bare panel"),))
+
+    def place(self, *, trial: int, material: str) -> None:
+        self._now(trial=trial, lay_out=material)
+        self._wait("place", f"Trial {trial}. Lay out {material}.", (Choice(key=ENTER, words="it is laid out"),))
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> None:  # noqa: ARG002
+        self._watched()
+        self._now(state="armed", trial=trial, attempt=attempt)
+
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+        self.show(f"Trial {trial}, attempt {attempt}: {reason}; nothing was played. It is armed again.")
+        self.arm(trial=trial, attempt=attempt, trials=0)
+
+    def ask(self, *, trial: int, keys: dict[str, str], answers: int) -> str | Remark:
+        self._now(state="answering", trial=trial)
+        try:
+            return self._put("answer", "What did the participant say?", _choices(keys, answers))
+        except PauseAsked:
+            self._now(question=None)
+            raise
+
+    def confirm(self, *, key: str, meaning: str) -> bool | Repeated:
+        choices = (Choice(key=ENTER, words=f"confirm {meaning}"), Choice(key="escape", words="choose again"))
+        said = self._put("confirm", meaning, choices)
+        return said if isinstance(said, Repeated) else said == ENTER
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        self.show(f"Trial {trial}: the answer is on disk: {answer or 'no answer'}.")
+        self._now(lay_out="")
+
+    def debrief(self) -> None:
+        self._now(trial=None)
+        self._wait("debrief", "All trials are answered. Note what is left to note.", (Choice(key=ENTER, words="end"),))
+
+    def ignored(self) -> str:
+        with self._changed:
+            told, self._ignored = self._ignored, ""
+            return told
+
+    # What the program asks, between two runs of a session.
+
+    def goes_on(self, why: str) -> bool:
+        """Wait, once a session has paused, and return whether it goes on."""
+        pausing = self._pausing
+        if isinstance(pausing, Stop):
+            return False
+        until_ns = None
+        self._now(state="paused", lay_out="", pause_until_ns=until_ns)
+        self._pausing = None
+        choices = (Choice(key=GO_ON, words="go on with the session"), Choice(key=STOP, words="end for today"))
+        try:
+            return self._wait("continue", why, choices) == GO_ON
+        except PauseAsked:
+            return False
+        finally:
+            self._now(state="preparing", pause_until_ns=None)
+
+    def ended(self, words: str, exit_code: int) -> None:
+        """Tell that the process ends."""
+        self._now(state="ended", question=None, ended=Ended(words=words, exit_code=exit_code))
+
+    def _now(self, **changed: object) -> None:
+        with self._changed:
+            self._view = self._view.model_copy(update=changed)
+        self.wake()
+
+    def _watched(self) -> None:
+        """Wait until somebody is at a console. Raises `PauseAsked`."""
+        with self._changed:
+            while not self._consoles:
+                self._check(self._changed.wait(self._alone_s) or bool(self._consoles))
+            self._check(True)
+
+    def _wait(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> str:
+        said = self._put(kind, text, choices)
+        if not isinstance(said, str):
+            raise TypeError(f"a {kind} question was answered by {said}")
+        return said
+
+    def _put(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> str | Remark:
+        """Ask, and return what was chosen. Raises `PauseAsked`."""
+        with self._open(kind, text, choices), self._changed:
+            while self._chosen is None:
+                self._check(self._changed.wait(self._alone_s) or bool(self._consoles))
+            return self._chosen
+
+    @contextmanager
+    def _open(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> Iterator[None]:
+        with self._changed:
+            self._asked += 1
+            self._chosen = None
+            self._now(question=Question(number=self._asked, kind=kind, text=text, choices=choices))
+        try:
+            yield
+        finally:
+            self._now(question=None)
+
+    def _check(self, attended: bool) -> None:
+        if self._pausing is not None:
+            raise PauseAsked(BY_EXPERIMENTER)
+        if not attended:
+            raise PauseAsked(f"nobody was at a console for {self._alone_s / 60:.0f} min")
+
+
+def _choices(keys: dict[str, str], answers: int = 0) -> tuple[Choice, ...]:
+    """Return the keys in their order; the first `answers` of them are answers."""
+    return tuple(Choice(key=key, words=words, answer=n < answers) for n, (key, words) in enumerate(keys.items()))
+
+
+def _told(deed: Deed) -> str:
+    """Return a command as it goes on record; the words of a remark stand in its own entry."""
+    facts = deed.model_dump(exclude={"do", "text", "reason"}, exclude_none=True)
+    return " ".join([deed.do, *map(str, facts.values())])
