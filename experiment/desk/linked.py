@@ -39,6 +39,9 @@ ALONE_S = 600.0
 ENTER = "enter"
 """The key that goes on where nothing else is to be chosen, and that confirms."""
 
+ESCAPE = "escape"
+"""The key that takes a choice back."""
+
 GO_ON, STOP = ENTER, "s"
 """The keys that go on with a session that paused, and that end its process."""
 
@@ -57,7 +60,8 @@ class LinkedConsole:
         self._changed = threading.Condition()
         self._session: Attended | None = None
         self._asked = 0
-        self._chosen: str | Remark | None = None
+        self._chosen: str | None = None
+        self._repeated: Repeated | None = None
         self._consoles = 0
         self._pausing: Pause | Stop | None = None
         self._ignored = ""
@@ -140,7 +144,7 @@ class LinkedConsole:
         with self._changed:
             asked = self._view.question
             if asked is not None and asked.kind in ("answer", "confirm") and wanted.trial == self._view.trial:
-                self._chosen = wanted
+                self._repeated, self._chosen = wanted, ESCAPE
                 self._changed.notify_all()
                 return True, f"Trial {wanted.trial} is done again at the end of its block."
         return session.remark(wanted)
@@ -163,21 +167,21 @@ class LinkedConsole:
         self._now(state="familiarising", trial=None)
         least = f"{min_s / 60:.1f}" if min_s > 0 else "up"
         text = f"Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}"
-        self._wait("familiarise", text, (Choice(key=ENTER, words="the participant is familiar with the materials"),))
+        self._put("familiarise", text, (Choice(key=ENTER, words="the participant is familiar with the materials"),))
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         text = f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}"
         choices = (*_choices(keys), Choice(key=ENTER, words="keep the level"))
-        key = self._wait("level", text, choices)
+        key = self._put("level", text, choices)
         return "" if key == ENTER else key
 
     def rest(self, *, why: str) -> None:
         text = RESTS.partition(" Then press")[0]
-        self._wait("rest", f"{why} {text}".strip(), (Choice(key=ENTER, words="the foot rests on the bare panel"),))
+        self._put("rest", f"{why} {text}".strip(), (Choice(key=ENTER, words="the foot rests on the bare panel"),))
 
     def place(self, *, trial: int, material: str) -> None:
         self._now(trial=trial, lay_out=material)
-        self._wait("place", f"Trial {trial}. Lay out {material}.", (Choice(key=ENTER, words="it is laid out"),))
+        self._put("place", f"Trial {trial}. Lay out {material}.", (Choice(key=ENTER, words="it is laid out"),))
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> None:  # noqa: ARG002
         self._watched()
@@ -187,18 +191,17 @@ class LinkedConsole:
         self.show(f"Trial {trial}, attempt {attempt}: {reason}; nothing was played. It is armed again.")
         self.arm(trial=trial, attempt=attempt, trials=0)
 
-    def ask(self, *, trial: int, keys: dict[str, str], answers: int) -> str | Remark:
+    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         self._now(state="answering", trial=trial)
-        try:
-            return self._put("answer", "What did the participant say?", _choices(keys, answers))
-        except PauseAsked:
-            self._now(question=None)
-            raise
+        if (wanted := self._take_repeated()) is not None:
+            return wanted
+        choices = (*_choices(answers, answer=True), *_choices(others))
+        chosen = self._put("answer", "What did the participant say?", choices)
+        return self._take_repeated() or chosen
 
-    def confirm(self, *, key: str, meaning: str) -> bool | Repeated:
-        choices = (Choice(key=ENTER, words=f"confirm {meaning}"), Choice(key="escape", words="choose again"))
-        said = self._put("confirm", meaning, choices)
-        return said if isinstance(said, Repeated) else said == ENTER
+    def confirm(self, *, key: str, meaning: str) -> bool:  # noqa: ARG002
+        choices = (Choice(key=ENTER, words="confirm"), Choice(key=ESCAPE, words="choose again"))
+        return self._put("confirm", meaning, choices) == ENTER
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:
         self.show(f"Trial {trial}: the answer is on disk: {answer or 'no answer'}.")
@@ -206,7 +209,7 @@ class LinkedConsole:
 
     def debrief(self) -> None:
         self._now(trial=None)
-        self._wait("debrief", "All trials are answered. Note what is left to note.", (Choice(key=ENTER, words="end"),))
+        self._put("debrief", "All trials are answered. Note what is left to note.", (Choice(key=ENTER, words="end"),))
 
     def ignored(self) -> str:
         with self._changed:
@@ -225,7 +228,7 @@ class LinkedConsole:
         self._pausing = None
         choices = (Choice(key=GO_ON, words="go on with the session"), Choice(key=STOP, words="end for today"))
         try:
-            return self._wait("continue", why, choices) == GO_ON
+            return self._put("continue", why, choices) == GO_ON
         except PauseAsked:
             return False
         finally:
@@ -247,13 +250,12 @@ class LinkedConsole:
                 self._check(self._changed.wait(self._alone_s) or bool(self._consoles))
             self._check(True)
 
-    def _wait(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> str:
-        said = self._put(kind, text, choices)
-        if not isinstance(said, str):
-            raise TypeError(f"a {kind} question was answered by {said}")
-        return said
+    def _take_repeated(self) -> Repeated | None:
+        with self._changed:
+            wanted, self._repeated = self._repeated, None
+            return wanted
 
-    def _put(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> str | Remark:
+    def _put(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> str:
         """Ask, and return what was chosen. Raises `PauseAsked`."""
         with self._open(kind, text, choices), self._changed:
             while self._chosen is None:
@@ -278,9 +280,8 @@ class LinkedConsole:
             raise PauseAsked(f"nobody was at a console for {self._alone_s / 60:.0f} min")
 
 
-def _choices(keys: dict[str, str], answers: int = 0) -> tuple[Choice, ...]:
-    """Return the keys in their order; the first `answers` of them are answers."""
-    return tuple(Choice(key=key, words=words, answer=n < answers) for n, (key, words) in enumerate(keys.items()))
+def _choices(keys: dict[str, str], *, answer: bool = False) -> tuple[Choice, ...]:
+    return tuple(Choice(key=key, words=words, answer=answer) for key, words in keys.items())
 
 
 def _told(deed: Deed) -> str:
