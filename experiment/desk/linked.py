@@ -29,7 +29,7 @@ from experiment.desk.messages import (
     Typed,
     View,
 )
-from experiment.desk.port import RESTS, Attended, Corrected, Noted, Remark, Repeated
+from experiment.desk.port import BY_EXPERIMENTER, RESTS, Attended, Corrected, Noted, Remark, Repeated
 from experiment.errors import PalpateError, PauseAsked
 from experiment.settings import characters
 
@@ -44,8 +44,6 @@ ESCAPE = "escape"
 
 GO_ON, STOP = ENTER, "s"
 """The keys that go on with a session that paused, and that end its process."""
-
-BY_EXPERIMENTER = "by the experimenter"
 
 Kind = Literal["ready", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue"]
 

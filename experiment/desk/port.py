@@ -95,8 +95,8 @@ class Console(Rester, Protocol):
         """Say that a step broke off, why, and that the trial is armed again; return at once, as `arm` does."""
         ...
 
-    def ask(self, *, trial: int, keys: dict[str, str]) -> str | Remark:
-        """Wait for one of `keys` (key -> what it stands for), or a remark, and return it."""
+    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
+        """Wait for a key of `answers` or `others` (key -> what it stands for), or a remark, and return it."""
         ...
 
     def confirm(self, *, key: str, meaning: str) -> bool:
@@ -115,6 +115,9 @@ class Console(Rester, Protocol):
         """Return what was typed before it was asked for, since this was called last; it answered nothing."""
         ...
 
+
+BY_EXPERIMENTER = "by the experimenter"
+"""Why a session pauses that was asked to."""
 
 RESTS = (
     "Zeroing: have the foot rest still on the bare panel. Then press Enter, or press Ctrl-C to pause; the same command "

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TextIO
 
-from experiment.desk.port import RESTS, Corrected, Noted, Remark
+from experiment.desk.port import RESTS, Attended, Corrected, Noted, Remark, Repeated
 from experiment.errors import ScreenGone
 from experiment.settings import characters
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 GONE = "the screen is gone ({})"
 
 
-REMARKS = "note TEXT, or correct TRIAL KEY REASON"
+REMARKS = "note TEXT, correct TRIAL KEY REASON, or repeat TRIAL REASON"
 """What may be typed instead of a key."""
 
 MOST_DIGITS = 6
@@ -124,6 +124,9 @@ class TerminalConsole(_Lines):
         super().__init__(write=write, ask=ask, early=early)
         self._heading = heading
 
+    def attend(self, session: Attended | None) -> None:
+        """Take nothing from it: lines are shown, and keys asked for, only when it is the session's turn."""
+
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
         least = f"{min_s / 60:.1f}" if min_s > 0 else "up"
         self.show(f"{self._heading}  Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}")
@@ -154,7 +157,8 @@ class TerminalConsole(_Lines):
             "participant may lift the foot and step."
         )
 
-    def ask(self, *, trial: int, keys: dict[str, str]) -> str | Remark:
+    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
+        keys = answers | others
         offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
         while True:
             typed = self._ask(f"Trial {trial}, the participant said:  {offered}  or: {REMARKS}\nKey: ").strip()
@@ -179,7 +183,7 @@ class TerminalConsole(_Lines):
         return None
 
     def _refuse(self, typed: str, why: str) -> None:
-        unexplained = re.fullmatch(r"correct\s+\d+\s+\S", typed)
+        unexplained = re.fullmatch(r"correct\s+\d+\s+\S|repeat\s+\d+", typed)
         shown = characters.quoted(typed)
         self.show(f"Give the reason too: {characters.plain(typed)} REASON" if unexplained else f"{shown} {why}")
 
@@ -194,8 +198,11 @@ class TerminalConsole(_Lines):
         if word == "note" and text:
             return Noted(text)
         trial, _, rest = text.partition(" ")
+        numbered = trial.isdecimal() and len(trial) <= MOST_DIGITS
+        if word == "repeat" and numbered and rest.strip():
+            return Repeated(int(trial), rest.strip())
         key, _, reason = rest.strip().partition(" ")
-        if word == "correct" and trial.isdecimal() and len(trial) <= MOST_DIGITS and reason.strip():
+        if word == "correct" and numbered and reason.strip():
             return Corrected(int(trial), key.lower(), reason.strip())
         return None
 

@@ -193,6 +193,19 @@ class Note(Entry):
     text: str
 
 
+class Commanded(Entry):
+    """What was asked for at a console or at the participant's screen, by whom, and what was replied.
+
+    The words of a note, a correction or a repeat stand in its own entry.
+    """
+
+    kind: Literal["command"] = "command"
+    by: str
+    command: str
+    taken: bool
+    reply: str
+
+
 class Ignored(Entry):
     """What was typed before it was asked for, and answered nothing."""
 

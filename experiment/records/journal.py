@@ -25,6 +25,7 @@ from experiment.records.entries import (
     FORMAT,
     Answer,
     Armed,
+    Commanded,
     Correction,
     Exposure,
     Footer,
@@ -53,6 +54,7 @@ AnyEntry = Annotated[
     | Answer
     | Correction
     | Note
+    | Commanded
     | Ignored
     | Redo
     | Resumed

@@ -10,7 +10,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 
-from experiment.records.entries import Answer, Armed, Footer, Header, MaskerSet, PlannedTrial, Redo, Withdrawal
+from experiment.records.entries import (
+    Answer,
+    Armed,
+    Correction,
+    Footer,
+    Header,
+    MaskerSet,
+    PlannedTrial,
+    Redo,
+    Withdrawal,
+)
 from experiment.records.footstep import BrokenOff, FootStep
 from experiment.records.journal import AnyEntry
 
@@ -19,15 +29,15 @@ from experiment.records.journal import AnyEntry
 class Progress:
     """Where a session stands.
 
-    `answered` are the trials with an answer that counts, and `put_off` those that were put off to the end of their
-    blocks, both in that order. `attempts` counts the attempts begun by trial. Trial and attempt are given of what was
-    armed without its end on disk (`armed`), and of a step on disk without its answer (`unanswered`). `footer` is the
-    last one, if the session has ended since it was last resumed. `masker_db_a` is the level chosen last, dB(A).
-    `stimuli` were played in steps on record, `vibration_s` together, s.
+    `said` are the answers that count, each with its trial and None for no answer, and `put_off` the trials that were
+    put off to the end of their blocks, both in that order. `attempts` counts the attempts begun by trial. Trial and
+    attempt are given of what was armed without its end on disk (`armed`), and of a step on disk without its answer
+    (`unanswered`). `footer` is the last one, if the session has ended since it was last resumed. `masker_db_a` is the
+    level chosen last, dB(A). `stimuli` were played in steps on record, `vibration_s` together, s.
     """
 
     header: Header
-    answered: tuple[int, ...] = ()
+    said: tuple[tuple[int, str | None], ...] = ()
     put_off: tuple[int, ...] = ()
     attempts: Mapping[int, int] = field(default_factory=dict)
     armed: tuple[int, int] | None = None
@@ -38,6 +48,11 @@ class Progress:
     vibration_s: float = 0.0
 
     @property
+    def answered(self) -> tuple[int, ...]:
+        """Trials with an answer that counts, in the order in which they were answered."""
+        return tuple(trial for trial, _ in self.said)
+
+    @property
     def complete(self) -> bool:
         """Whether the session has ended for good."""
         return self.footer is not None and self.footer.reason == "complete"
@@ -45,10 +60,10 @@ class Progress:
     @property
     def remaining(self) -> tuple[PlannedTrial, ...]:
         """Planned trials without an answer, in the order in which they are run."""
-        order, size = self.header.order, self.header.block_trials
+        order, size, answered = self.header.order, self.header.block_trials, frozenset(self.answered)
         left: list[PlannedTrial] = []
         for begin in range(0, len(order), size):
-            block = [planned for planned in order[begin : begin + size] if planned.trial not in self.answered]
+            block = [planned for planned in order[begin : begin + size] if planned.trial not in answered]
             left += sorted(block, key=lambda planned: self._turn(planned.trial))
         return tuple(left)
 
@@ -73,16 +88,20 @@ class Progress:
             ended = replace(done, armed=None)
             return ended._later(entry.trial) if entry.felt else ended
         if isinstance(entry, Answer):
-            return replace(done, answered=(*done._without(entry.trial), entry.trial), unanswered=None)
+            kept = done._without(entry.trial)
+            return replace(kept, said=(*kept.said, (entry.trial, entry.answered)), unanswered=None)
+        if isinstance(entry, Correction):
+            said = tuple((trial, entry.answered if trial == entry.trial else said) for trial, said in done.said)
+            return replace(done, said=said)
         if isinstance(entry, Redo):
-            redone = replace(done, answered=done._without(entry.trial), armed=None, unanswered=None)
+            redone = replace(done._without(entry.trial), armed=None, unanswered=None)
             return redone._later(entry.trial) if entry.put_off else redone
         if isinstance(entry, MaskerSet) and entry.level_db_a is not None:
             return replace(done, masker_db_a=entry.level_db_a)
         return done
 
-    def _without(self, trial: int) -> tuple[int, ...]:
-        return tuple(one for one in self.answered if one != trial)
+    def _without(self, trial: int) -> Progress:
+        return replace(self, said=tuple(one for one in self.said if one[0] != trial))
 
     def _later(self, trial: int) -> Progress:
         return replace(self, put_off=(*(one for one in self.put_off if one != trial), trial))

@@ -8,6 +8,7 @@ from experiment.clock import utc
 from experiment.records.entries import (
     Answer,
     Armed,
+    Commanded,
     Correction,
     Exposure,
     Footer,
@@ -103,6 +104,9 @@ def _said(entry: AnyEntry) -> str:
             return f"trial {entry.trial}.{entry.attempt}: the answer was corrected to {answer}: {entry.reason}"
         case Note():
             return f"note{'' if entry.trial is None else f' at trial {entry.trial}'}: {entry.text}"
+        case Commanded():
+            refused = "" if entry.taken else f", refused: {entry.reply}"
+            return f"asked for by {entry.by}: {entry.command}{refused}"
         case Ignored():
             return f"ignored because it was typed before the question: {keyed(entry.typed)}"
         case Redo():

@@ -7,17 +7,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 from experiment.apparatus.ports import Masker
 from experiment.clock import Clock
-from experiment.desk.port import Console
+from experiment.desk.port import Console, Remark, Repeated
 from experiment.errors import JournalError, SessionError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
 from experiment.session import interrupts
-from experiment.session.kind import KindDevices, Limits, Log
+from experiment.session.kind import Kind, KindDevices, Limits, Log
 from experiment.session.masker import KEYS, Masking
 from experiment.session.remarks import Remarks
+
+if TYPE_CHECKING:
+    from experiment.apparatus.audio.stream import AudioStream
 
 
 class State(StrEnum):
@@ -80,9 +84,9 @@ def follow(state: State, event: Event) -> State:
 
 @dataclass(frozen=True)
 class Devices:
-    """The opened parts of a session; `masker` is None if the rig has no sound.
+    """The opened parts of a session; `masker`, and the `stream` that it plays on, are None if the rig has no sound.
 
-    `trials` are the devices of the task's kind of trial. A session waits `reconnect_s` for a device that fell silent,
+    `kind` are the devices of the task's kind of trial. A session waits `reconnect_s` for a device that fell silent,
     then pauses. `priority` is that of its threads in words, and is empty in simulated time.
     """
 
@@ -91,6 +95,7 @@ class Devices:
     clock: Clock
     masker: Masker | None
     reconnect_s: float
+    stream: AudioStream | None = None
     priority: str = ""
 
 
@@ -116,9 +121,10 @@ class Attempts:
         self._kind = devices.kind.begin(
             protocol=protocol, header=header, console=devices.console, clock=devices.clock, log=log, limits=limits
         )
-        self._remarks = Remarks(spoken=protocol.answers, kind=self._kind, console=devices.console, log=log)
+        self._remarks = Remarks(
+            spoken=protocol.answers, kind=self._kind, console=devices.console, log=log, limits=limits
+        )
         self._answered_ns: int | None = None
-        self._trial: int | None = None
         self._outage = ""
         self._undelivered = 0
 
@@ -129,14 +135,14 @@ class Attempts:
         `PalpateError` if a part failed.
         """
         answered_ns, self._answered_ns = self._answered_ns, None
-        self._trial = planned.trial
+        self._remarks.trial = planned.trial
         try:
             self._kind.ready(planned, attempt, answered_ns)
         except TrackerStopped as stopped:
             # Nothing had begun: nothing is on file of it, and the same attempt is armed again.
             self._outage = str(stopped)
             return Event.LOST
-        self.note_ignored()
+        self._remarks.note_ignored()
         if self._limits.over():
             # While something was laid out, or the tracker zeroed.
             return Event.BROKEN_OFF
@@ -158,6 +164,8 @@ class Attempts:
                 raise seen.failed
         if seen.answerable_ns is None:
             self._outage = seen.reason if seen.lost else ""
+            if reason := self._limits.skipped():
+                return self._put_off(planned, attempt, reason)
             return Event.LOST if seen.lost else Event.BROKEN_OFF
         if seen.delivered is not None:
             self._undelivered = 0 if seen.delivered else self._undelivered + 1
@@ -182,30 +190,40 @@ class Attempts:
         self._kind.reconnect(timeout_s)
         self._outage = ""
 
-    def note_ignored(self) -> None:
-        """Put on record what was typed too early, at the trial that is under way or outside of trials."""
-        self._remarks.note_ignored(self._trial)
+    @property
+    def kind(self) -> Kind:
+        """The trials of this session."""
+        return self._kind
+
+    @property
+    def remarks(self) -> Remarks:
+        """What the experimenter says beside answers."""
+        return self._remarks
 
     def debrief(self) -> None:
-        """Have the experimenter note and correct, once every trial is answered."""
-        self._trial = None
-        while (remark := self._console.debrief()) is not None:
-            self._remarks.take(remark, None)
+        """Have the experimenter note and correct, once every trial is answered; a trial may come to be done again."""
+        self._remarks.trial = None
+        while not self._log.done.remaining and (remark := self._console.debrief()) is not None:
+            self._take(remark)
 
     def _ask(self, planned: PlannedTrial, attempt: int, answerable_ns: int) -> Event:
         console, spoken, answers = self._console, self._spoken, self._kind.answers(planned)
-        keys = {key: meaning.words for key, meaning in answers.items()} | {
+        if reason := self._limits.skipped():
+            return self._put_off(planned, attempt, reason)
+        others = {
             spoken.no_answer_key: "no answer",
             spoken.redo_key: "do this trial again",
             spoken.pause_key: "pause",
             **(KEYS if self._masking is not None else {}),
         }
-        key, chosen_ns = self._chosen(planned.trial, keys)
-        if key in (spoken.pause_key, spoken.redo_key):
-            pauses = key == spoken.pause_key
-            reason = "paused before the answer" if pauses else "asked for by the experimenter"
-            self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
-            return Event.PAUSE if pauses else Event.REDONE
+        key, chosen_ns = self._chosen(planned.trial, {key: one.words for key, one in answers.items()}, others)
+        if isinstance(key, Repeated):
+            return self._put_off(planned, attempt, key.reason)
+        if key == spoken.redo_key:
+            return self._put_off(planned, attempt, "asked for by the experimenter")
+        if key == spoken.pause_key:
+            self._put_off(planned, attempt, "paused before the answer")
+            return Event.PAUSE
         self._answered_ns = self._clock.now_ns()
         answered = None if key == spoken.no_answer_key else answers[key].answer
         self._log.write(
@@ -222,16 +240,29 @@ class Attempts:
         console.confirmed(trial=planned.trial, answer=answered)
         return Event.ANSWERED
 
-    def _chosen(self, trial: int, keys: dict[str, str]) -> tuple[str, int]:
-        """Return the key that was chosen and confirmed, and the session time of the choice, ns."""
+    def _put_off(self, planned: PlannedTrial, attempt: int, reason: str) -> Event:
+        self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
+        return Event.REDONE
+
+    def _take(self, remark: Remark) -> None:
+        _, words = self._remarks.take(remark)
+        self._console.show(words)
+
+    def _chosen(self, trial: int, answers: dict[str, str], others: dict[str, str]) -> tuple[str | Repeated, int]:
+        """Return the key that was chosen and confirmed, and the session time of the choice, ns.
+
+        Without one, return that the trial is repeated.
+        """
         while True:
-            said = self._console.ask(trial=trial, keys=keys)
+            said = self._console.ask(trial=trial, answers=answers, others=others)
             chosen_ns = self._clock.now_ns()
-            self.note_ignored()
+            self._remarks.note_ignored()
+            if isinstance(said, Repeated) and said.trial == trial:
+                return said, chosen_ns
             if not isinstance(said, str):
-                self._remarks.take(said, trial)
+                self._take(said)
             elif self._masking is None or not self._masking.change(said):
-                confirmed = self._console.confirm(key=said, meaning=keys[said])
-                self.note_ignored()
+                confirmed = self._console.confirm(key=said, meaning=(answers | others)[said])
+                self._remarks.note_ignored()
                 if confirmed:
                     return said, chosen_ns

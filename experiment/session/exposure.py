@@ -16,6 +16,7 @@ from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 from experiment.apparatus import host
+from experiment.desk.port import BY_EXPERIMENTER
 from experiment.errors import PalpateError
 from experiment.records.entries import Exposure, Footer, Header, MaskerSet, Resumed
 
@@ -54,7 +55,7 @@ class Exposed:
         self._console = console
         self._clock = clock
         self._log = log
-        self._over = ""
+        self._over = self._asked = self._skipped = ""
         self._failed: Exception | None = None
         self._due_ns = clock.now_ns()
         self._closing = threading.Event()
@@ -72,6 +73,19 @@ class Exposed:
         if self._thread.is_alive():
             self._thread.join()
 
+    def pause(self) -> None:
+        """Have nothing felt from now on, because the experimenter asked for it."""
+        self._asked = BY_EXPERIMENTER
+
+    def skip(self, reason: str) -> None:
+        """Have nothing felt until `skipped` is called, so that the attempt under way breaks off."""
+        self._skipped = reason
+
+    def skipped(self) -> str:
+        """Return why the attempt is skipped, or nothing, and let what follows be felt."""
+        reason, self._skipped = self._skipped, ""
+        return reason
+
     def over(self, ahead_ns: int = 0) -> str:
         """Return why nothing may be felt `ahead_ns` from now, or nothing while it may; what is over stays over.
 
@@ -82,7 +96,7 @@ class Exposed:
         self._silence()
         if not self._over and self._clock.now_ns() + ahead_ns > self._ends_ns:
             self._over = self._ended
-        return self._over
+        return self._over or self._asked or self._skipped
 
     @property
     def ends_ns(self) -> int:
@@ -112,7 +126,7 @@ class Exposed:
     def _told(self) -> Exposure:
         uptime, done = self._clock.uptime(), self._log.done
         return Exposure(
-            dose=self._masking.dose if self._masking is not None else None,
+            dose=self._masking.exposure.dose if self._masking is not None else None,
             stimuli=done.stimuli,
             vibration_s=done.vibration_s,
             boot=uptime.boot if uptime is not None else None,
@@ -125,7 +139,7 @@ class Exposed:
             join()
             while not self._closing.wait(min(LOOK_S, self.left_s) or LOOK_S):
                 self.look()
-                if not shown and (why := self.over()):
+                if not shown and self.over() and (why := self._over):
                     shown = True
                     self._console.show(
                         f"\n{why}. Nothing more will be felt. Answer what is asked; then the session ends or pauses."

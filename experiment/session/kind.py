@@ -15,6 +15,7 @@ from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock
+from experiment.desk.messages import Lamp
 from experiment.desk.port import Console
 from experiment.protocol.models import Protocol as StudyProtocol
 from experiment.records.entries import Header, PlannedTrial, Trace
@@ -54,6 +55,14 @@ class Limits(Protocol):
         """Return why nothing may be felt `ahead_ns` from now, or nothing while it may. Raises `PalpateError`."""
         ...
 
+    def skip(self, reason: str) -> None:
+        """Have nothing felt until `skipped` is called, so that the attempt under way breaks off."""
+        ...
+
+    def skipped(self) -> str:
+        """Return why the attempt is skipped, or nothing, and let what follows be felt."""
+        ...
+
 
 @dataclass(frozen=True)
 class Meaning:
@@ -82,6 +91,18 @@ class Seen:
     repeat: str = ""
 
 
+@dataclass(frozen=True)
+class Measured:
+    """What a kind of trial measures all the time, for the desk; fields as in `desk.messages.Gauges`."""
+
+    trace: tuple[float, ...] = ()
+    unit: str = ""
+    moving: bool = False
+    last: str = ""
+    delivered: bool | None = None
+    lamps: tuple[Lamp, ...] = ()
+
+
 class Kind(Protocol):
     """The trials of one session, one attempt after the other."""
 
@@ -105,6 +126,10 @@ class Kind(Protocol):
 
     def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:
         """Return what each answer key stands for in this trial."""
+        ...
+
+    def measured(self) -> Measured:
+        """Return what is measured now; it may be called from any thread."""
         ...
 
     def reconnect(self, timeout_s: float) -> None:

@@ -77,6 +77,7 @@ def open_laboratory(
             console=console,
             clock=clock,
             masker=sound.masker if sound is not None else None,
+            stream=sound.stream if sound is not None else None,
             reconnect_s=ends.reconnect_s,
             priority=priority,
         )

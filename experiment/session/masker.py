@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from experiment.apparatus import opening
 from experiment.apparatus.audio.masker import RESERVE_S, ROUND_S, AudioMasker
 from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.ports import Masker
+from experiment.apparatus.ports import Masker, MaskerExposure
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock, day
 from experiment.desk.port import Console
@@ -85,15 +85,19 @@ class Masking:
         return True
 
     @property
-    def dose(self) -> float:
-        """The dose so far, as `MaskerSet` has it."""
+    def exposure(self) -> MaskerExposure:
+        """What the masker has done to the ears until now."""
         with self._lock:
-            return self._masker.exposure().dose
+            return self._masker.exposure()
+
+    @property
+    def limit_db_a(self) -> float:
+        """The loudest level allowed, dB(A)."""
+        return self._masker.limit_db_a
 
     def spent(self) -> str:
         """Return that the dose is used up, or will be before anybody looks again; nothing while it is not."""
-        with self._lock:
-            told = self._masker.exposure()
+        told = self.exposure
         if not self._used_up and told.dose < 1 and (told.left_s is None or told.left_s > RESERVE_S):
             return ""
         return f"the masker's dose for 24 hours is used up ({told.dose:.2f} of 1); continue a day later"

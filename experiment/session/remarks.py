@@ -1,49 +1,91 @@
-"""What the experimenter says beside answers: notes, corrections of answers, and what was typed too early."""
+"""What the experimenter says beside answers, at questions or at any moment: all of it goes on record."""
 
 from __future__ import annotations
 
-from experiment.desk.port import Console, Corrected, Noted, Remark
+import shutil
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from experiment.desk.messages import RECENT, Gauges, Lamp, Standing, Told
+from experiment.desk.port import Console, Corrected, Noted, Remark, Repeated
 from experiment.protocol.models import Answers
-from experiment.records.entries import Correction, Ignored, Note
-from experiment.session.kind import Kind, Log
+from experiment.records.entries import Commanded, Correction, Ignored, Note, Redo
+from experiment.session.kind import Kind, Limits, Log
+from experiment.settings import characters
+
+if TYPE_CHECKING:
+    from experiment.apparatus.audio.stream import AudioStream
+    from experiment.session.exposure import Exposed
+    from experiment.session.masker import Masking
+
+LITTLE_BYTES = 500_000_000
+"""Less free space than this on the dataset's disk is told, bytes."""
+
+CLOSED = "The session has ended; nothing was changed."
 
 
 class Remarks:
-    """Puts on record what the experimenter says; an answer of the session can be corrected until its end."""
+    """Puts on record what the experimenter says; an answer of the session can be corrected until its end.
 
-    def __init__(self, *, spoken: Answers, kind: Kind, console: Console, log: Log) -> None:
+    It may be called from any thread. `trial` is the trial under way; None outside of trials.
+    """
+
+    def __init__(self, *, spoken: Answers, kind: Kind, console: Console, log: Log, limits: Limits) -> None:
+        self.trial: int | None = None
         self._spoken = spoken
         self._kind = kind
         self._console = console
         self._log = log
+        self._limits = limits
+        self._lock = threading.Lock()
+        self._open = True
 
-    def take(self, remark: Remark, trial: int | None) -> None:
-        """Put a remark on record that was made at `trial`, or say why it is refused."""
-        if isinstance(remark, Noted):
-            self._log.write(Note(trial=trial, text=remark.text))
-            self._console.show("The note is on disk.")
-        else:
-            self._correct(remark)
+    def close(self) -> None:
+        """Take nothing more: the session's last entry follows."""
+        with self._lock:
+            self._open = False
 
-    def note_ignored(self, trial: int | None) -> None:
+    def take(self, remark: Remark) -> tuple[bool, str]:
+        """Return whether a remark was put on record, and in words what was done, or why not."""
+        with self._lock:
+            if not self._open:
+                return False, CLOSED
+            if isinstance(remark, Noted):
+                self._log.write(Note(trial=self.trial, text=remark.text))
+                return True, "The note is on disk."
+            done = self._log.done
+            if isinstance(remark, Repeated) and done.armed is not None and done.armed[0] == remark.trial:
+                self._limits.skip(remark.reason)
+                return True, f"Trial {remark.trial} is put off to the end of its block."
+            if remark.trial not in done.answered:
+                return False, f"Trial {remark.trial} has no answer that counts; nothing was changed."
+            if isinstance(remark, Corrected):
+                return self._correct(remark)
+            attempt = done.attempts[remark.trial]
+            self._log.write(Redo(trial=remark.trial, attempt=attempt, reason=remark.reason, put_off=True))
+            return True, f"Trial {remark.trial} is done again; the answer that it had no longer counts."
+
+    def note_ignored(self) -> None:
         """Put on record what was typed before it was asked for."""
         if typed := self._console.ignored():
-            self._log.write(Ignored(trial=trial, typed=typed))
+            self._log.write(Ignored(trial=self.trial, typed=typed))
 
-    def _correct(self, asked: Corrected) -> None:
+    def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
+        """Put on record what was asked for at a console, by whom, and what was replied."""
+        with self._lock:
+            if self._open:
+                self._log.write(Commanded(by=by, command=command, taken=taken, reply=words))
+
+    def _correct(self, asked: Corrected) -> tuple[bool, str]:
         done = self._log.done
-        if asked.trial not in done.answered:
-            self._console.show(f"Trial {asked.trial} has no answer that counts; nothing was corrected.")
-            return
         planned = next(one for one in done.header.order if one.trial == asked.trial)
         meanings = {key: meaning.answer for key, meaning in self._kind.answers(planned).items()}
         answers: dict[str, str | None] = {**meanings, self._spoken.no_answer_key: None}
         if asked.key not in answers:
             allowed = " ".join(answers)
-            self._console.show(
-                f"'{asked.key}' does not stand for an answer; type one of {allowed}. Nothing was corrected."
-            )
-            return
+            shown = characters.quoted(asked.key)
+            return False, f"{shown} does not stand for an answer; type one of {allowed}. Nothing was corrected."
         answered = answers[asked.key]
         self._log.write(
             Correction(
@@ -54,4 +96,78 @@ class Remarks:
                 reason=asked.reason,
             )
         )
-        self._console.show(f"Trial {asked.trial}: the correction is on disk: {answered or 'no answer'}.")
+        return True, f"Trial {asked.trial}: the correction is on disk: {answered or 'no answer'}."
+
+
+class Attendance:
+    """Implements `Attended`: a session under way, for a desk that asks at any moment."""
+
+    def __init__(
+        self,
+        *,
+        remarks: Remarks,
+        kind: Kind,
+        exposed: Exposed,
+        masking: Masking | None,
+        stream: AudioStream | None,
+        log: Log,
+        folder: Path,
+    ) -> None:
+        """Tell of a session with these parts; its dataset grows in `folder`."""
+        self._remarks = remarks
+        self._kind = kind
+        self._exposed = exposed
+        self._masking = masking
+        self._stream = stream
+        self._log = log
+        self._folder = folder
+
+    def gauges(self) -> Gauges:
+        measured, done = self._kind.measured(), self._log.done
+        masker = self._masking.exposure if self._masking is not None else None
+        return Gauges(
+            left_s=self._exposed.left_s,
+            masker_db_a=masker.level_db_a if masker else None,
+            masker_limit_db_a=self._masking.limit_db_a if self._masking is not None else None,
+            dose=masker.dose if masker else None,
+            stimuli=done.stimuli,
+            vibration_s=done.vibration_s,
+            trace=measured.trace,
+            trace_unit=measured.unit,
+            moving=measured.moving,
+            last=measured.last,
+            delivered=measured.delivered,
+            lamps=(*measured.lamps, *self._audio(), self._disk()),
+        )
+
+    def standing(self) -> Standing:
+        done = self._log.done
+        recent = [Told(trial=trial, words=said or "no answer") for trial, said in done.said[-RECENT:]]
+        return Standing(
+            trials=len(done.header.order),
+            answered=len(done.answered),
+            remaining=len(done.remaining),
+            recent=tuple(recent),
+        )
+
+    def remark(self, remark: Remark) -> tuple[bool, str]:
+        return self._remarks.take(remark)
+
+    def pause(self) -> None:
+        self._exposed.pause()
+
+    def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
+        self._remarks.commanded(by=by, command=command, taken=taken, words=words)
+
+    def _audio(self) -> tuple[Lamp, ...]:
+        if self._stream is None:
+            return ()
+        marked, gaps = self._stream.xruns, self._stream.gaps
+        return (Lamp(name="audio", good=not gaps, words=f"{gaps} gaps, {marked} late blocks"),)
+
+    def _disk(self) -> Lamp:
+        try:
+            free = shutil.disk_usage(self._folder).free
+        except OSError as error:
+            return Lamp(name="disk", good=False, words=error.strerror or str(error))
+        return Lamp(name="disk", good=free > LITTLE_BYTES, words=f"{free / 1e9:.1f} GB free")

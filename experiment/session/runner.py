@@ -13,16 +13,17 @@ from typing import Literal
 
 from experiment.apparatus import opening
 from experiment.clock import Clock, day
-from experiment.errors import JournalError, PalpateError, ScreenGone, TrackerStopped
+from experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
-from experiment.records.entries import Footer, Header, Phase, Redo, Resumed, Trace, Withdrawal
+from experiment.records.entries import Footer, Header, Phase, PlannedTrial, Redo, Resumed, Trace, Withdrawal
 from experiment.records.journal import AnyEntry
 from experiment.records.progress import Progress, progress
 from experiment.session import interrupts
 from experiment.session.attempt import Attempts, Devices, Event, State, follow
 from experiment.session.exposure import Exposed, spent_ns
 from experiment.session.masker import Masking
+from experiment.session.remarks import Attendance
 from experiment.storage import foot_path, journal_path, rig_path, roster_path
 from experiment.study.roster import Roster
 
@@ -56,7 +57,9 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
             return done.footer
         opening.copy_rig(rig_file, rig_path(path))
         with closing(SessionLog(path, devices.clock, contents, done)) as log:
-            session = _Session(protocol=protocol, devices=devices, log=log, spent_ns=spent_ns(contents))
+            session = _Session(
+                protocol=protocol, devices=devices, log=log, spent_ns=spent_ns(contents), folder=path.parent
+            )
             with closing(session):
                 return session.run(contents)
 
@@ -134,7 +137,7 @@ class SessionLog:
 
 
 class _Session:
-    def __init__(self, *, protocol: Protocol, devices: Devices, log: SessionLog, spent_ns: int) -> None:
+    def __init__(self, *, protocol: Protocol, devices: Devices, log: SessionLog, spent_ns: int, folder: Path) -> None:
         self._protocol = protocol
         self._task = protocol.task(log.done.header.task)
         self._devices = devices
@@ -158,6 +161,15 @@ class _Session:
             masking=self._masking,
             limits=self._exposed,
         )
+        self._attendance = Attendance(
+            remarks=self._attempts.remarks,
+            kind=self._attempts.kind,
+            exposed=self._exposed,
+            masking=self._masking,
+            stream=devices.stream,
+            log=log,
+            folder=folder,
+        )
         self._state = State.READY
 
     def run(self, contents: journal.Contents) -> Footer:
@@ -174,10 +186,10 @@ class _Session:
             self._begin(contents)
             if self._masking is not None and not self._exposed.over():
                 self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a)
-            self._attempts.note_ignored()
+            self._attempts.remarks.note_ignored()
             pause = self._trials()
-        except ScreenGone as gone:
-            pause = str(gone)
+        except (ScreenGone, PauseAsked) as why:
+            pause = str(why)
         except PalpateError as error:
             self._follow(Event.FAIL)
             # It has ended as it is; whoever presses the key meanwhile wants no more, and a full disk takes no footer.
@@ -196,8 +208,7 @@ class _Session:
     def _trials(self) -> str:
         """Run attempt after attempt until every trial is answered; return why the session pauses, or nothing."""
         begun: Counter[int] = Counter()
-        while self._log.done.remaining:
-            planned = self._log.done.remaining[0]
+        while planned := self._next():
             if pause := self._why_not(planned.trial, begun):
                 return pause
             begun[planned.trial] += 1
@@ -209,8 +220,13 @@ class _Session:
             self._follow(event)
             if event is Event.LOST and (pause := self._wait_for_tracker()):
                 return pause
-        self._attempts.debrief()
         return ""
+
+    def _next(self) -> PlannedTrial | None:
+        """Return the trial that comes next; at the end of the debriefing, if none is to be done again, None."""
+        if not self._log.done.remaining:
+            self._attempts.debrief()
+        return next(iter(self._log.done.remaining), None)
 
     def _why_not(self, trial: int, begun: Counter[int]) -> str:
         """Return why no further attempt is begun, or nothing."""
@@ -244,13 +260,15 @@ class _Session:
     def _end(self, reason: Literal["complete", "paused", "error"], detail: str = "") -> Footer:
         footer = Footer(reason=reason, detail=detail, answered=len(self._log.done.answered))
         with interrupts.held():
+            self._devices.console.attend(None)
             self._exposed.close()
             # After an interrupt in the middle of a write only a new reading of the journal may add to it.
             accepts = self._log.accepts
             if self._masking is not None:
                 self._masking.end(note=accepts)
             if accepts:
-                self._attempts.note_ignored()
+                self._attempts.remarks.note_ignored()
+                self._attempts.remarks.close()
                 self._log.write(footer)
         return footer
 
@@ -275,6 +293,7 @@ class _Session:
         else:
             self._log.write(done.header)
             self._exposed.begin()
+        self._devices.console.attend(self._attendance)
         if priority := self._devices.priority:
             self._log.write(Phase(state=self._state, detail=f"priority: {priority}"))
         if done.attempts:

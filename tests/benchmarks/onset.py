@@ -87,9 +87,9 @@ def dead_ms(folder: Path, name: str) -> list[float]:
     answered_ns = 0
     ask, arm = SimulatedParticipant.ask, SimulatedParticipant.arm
 
-    def asked(self: SimulatedParticipant, *, trial: int, keys: dict[str, str]) -> str:
+    def asked(self: SimulatedParticipant, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str:
         nonlocal answered_ns
-        key = ask(self, trial=trial, keys=keys)
+        key = ask(self, trial=trial, answers=answers, others=others)
         answered_ns = time.perf_counter_ns()
         return key
 

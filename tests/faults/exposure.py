@@ -28,6 +28,7 @@ from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Scrutiny
 from experiment.clock import Uptime
+from experiment.desk.port import Attended
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.records import journal
@@ -289,7 +290,10 @@ class Dawdler:
     def ignored(self) -> str:
         return ""
 
-    def ask(self, *, trial: int, keys: Mapping[str, str]) -> str:
+    def attend(self, session: Attended | None) -> None:
+        pass
+
+    def ask(self, *, trial: int, answers: Mapping[str, str], others: Mapping[str, str]) -> str:
         self._machine.go(self._dice.choice([1.0, 20.0, 600.0, 1800.0]))
         key = self._dice.choices(["c", "+", "-", "r", "q"], [80, 6, 6, 4, 4])[0]
         if key == "q" and self._dice.random() < 0.5:

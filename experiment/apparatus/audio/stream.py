@@ -383,6 +383,11 @@ class AudioStream:
         return self._xruns
 
     @property
+    def gaps(self) -> int:
+        """Times at which the device stood still or lost frames, as in `health`."""
+        return self._timeline.gaps
+
+    @property
     def health(self) -> StreamHealth:
         """What went on since it was opened."""
         return StreamHealth(

@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.clock import Clock
-from experiment.desk.port import Console, Remark
+from experiment.desk.port import Attended, Console, Remark
 from experiment.errors import SessionError, SynthesisError, TrackerError
 from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY
@@ -258,6 +258,9 @@ class SimulatedParticipant:
     def _rng(self, *keys: int) -> np.random.Generator:
         return np.random.default_rng([*self.entropy, *keys])
 
+    def attend(self, session: Attended | None) -> None:
+        """Ask nothing of it: simulated participants speak when they are asked."""
+
     def show(self, text: str) -> None:
         if self.screen is not None:
             self.screen.show(f"REHEARSAL  {text}")
@@ -342,7 +345,7 @@ class SimulatedParticipant:
         self.clock.sleep_ns(spoken_ns - self.clock.now_ns())
         return answer
 
-    def ask(self, *, trial: int, keys: dict[str, str]) -> str:  # noqa: ARG002
+    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str:  # noqa: ARG002
         answer = self.says(trial)
         return next(material.key for material in self.protocol.materials if material.id == answer)
 
@@ -370,6 +373,9 @@ class Practised:
 
     def __post_init__(self) -> None:
         self._said = ""
+
+    def attend(self, session: Attended | None) -> None:
+        self.desk.attend(session)
 
     def _tell(self, words: str) -> None:
         self.desk.show(f"The participant says: {words}.")
@@ -403,12 +409,12 @@ class Practised:
         self.desk.rearm(trial=trial, attempt=attempt, reason=reason)
         self.participant.rearm(trial=trial, attempt=attempt, reason=reason)
 
-    def ask(self, *, trial: int, keys: dict[str, str]) -> str | Remark:
+    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         if not self._said:
             answer = self.participant.says(trial)
             self._said = next(m.spoken[0] for m in self.participant.protocol.materials if m.id == answer)
         self._tell(self._said)
-        return self.desk.ask(trial=trial, keys=keys)
+        return self.desk.ask(trial=trial, answers=answers, others=others)
 
     def confirm(self, *, key: str, meaning: str) -> bool:
         return self.desk.confirm(key=key, meaning=meaning)

@@ -17,6 +17,7 @@ from experiment.apparatus.tracker.frames import LinkCounts
 from experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from experiment.clock import Clock, lasted_ms
+from experiment.desk.messages import TRACE_S, Lamp
 from experiment.desk.port import Console
 from experiment.errors import RecordingError, TrackerError
 from experiment.protocol.models import Protocol
@@ -25,7 +26,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock,
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from experiment.session.kind import FarEnds, Limits, Log, Meaning, Seen
+from experiment.session.kind import FarEnds, Limits, Log, Meaning, Measured, Seen
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -36,6 +37,13 @@ CLOCKS_PART_US = 10e6
 
 CLOCKS_DRIFT = 0.01
 """And by this part of the time passed: the largest drift that clock_map.py believes, twice a ceramic resonator's."""
+
+
+TRACE_US = 50_000
+"""The trace has a point for so long, microseconds."""
+
+MISSING = 0.01
+"""A tracker of whose frames a larger share is lost or damaged is told as not good."""
 
 
 @dataclass(frozen=True)
@@ -165,6 +173,8 @@ class Footsteps:
         self._opened: TrackerOpened | None = None
         self._broken: BrokenStep | None = None
         self._armed: Armed | None = None
+        self._last = ""
+        self._delivered: bool | None = None
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
         """Arm the attempt. After a step that broke off the foot is still watched, so that nothing is missed."""
@@ -212,17 +222,40 @@ class Footsteps:
                 failed=step.failed or error,
             )
         heard = step.onset.delivered if step.onset is not None else None
+        self._last = f"{step.gate.speed_mm_s:.0f} mm/s"
+        self._delivered = None if heard is None else heard.delivered
         return Seen(
             _foot_step(armed, step, trace),
             answerable_ns=step.contact_ns,
             failed=error,
-            delivered=None if heard is None else heard.delivered,
+            delivered=self._delivered,
             repeat=self._repeat(step),
         )
 
     def answers(self, planned: PlannedTrial) -> dict[str, Meaning]:  # noqa: ARG002
         """Return the materials of the study by their keys; in every trial the same."""
         return self._answers
+
+    def measured(self) -> Measured:
+        """Return the foot's height in the last seconds, mm, and how the last step went."""
+        newest, step = tuple(self._watch.feed.newest), self._protocol.footstep.step
+        heights = _sampled(newest)
+        falling = len(heights) > 1 and heights[-1] < heights[-2]
+        return Measured(
+            trace=heights,
+            unit="mm",
+            moving=falling and step.contact_mm < heights[-1] <= step.gate_top_mm,
+            last=self._last,
+            delivered=self._delivered,
+            lamps=(self._tracker_lamp(),),
+        )
+
+    def _tracker_lamp(self) -> Lamp:
+        counts = self._devices.tracker.counts
+        missing = counts.lost + counts.damaged
+        share = missing / max(counts.received + missing, 1)
+        words = "no frame lost" if not missing else f"{missing} frames lost or damaged ({share:.2%})"
+        return Lamp(name="tracker", good=share <= MISSING, words=words if counts.received else "no frame yet")
 
     def reconnect(self, timeout_s: float) -> None:
         """Wait for the tracker; its device time may be another when it is back."""
@@ -273,6 +306,15 @@ class Footsteps:
             if broken.get(rule.when, False):
                 return f"{rule.id}: {rule.reason}"
         return ""
+
+
+def _sampled(newest: tuple[tuple[int, float], ...]) -> tuple[float, ...]:
+    """Return the heights of the last seconds, mm, one for each twentieth of a second, oldest first."""
+    if not newest:
+        return ()
+    last_us = newest[-1][0]
+    by_age = {(last_us - us) // TRACE_US: mm for us, mm in newest if 0 <= last_us - us < TRACE_S * 1e6}
+    return tuple(round(by_age[age], 1) for age in sorted(by_age, reverse=True))
 
 
 def _spoken(material: str, said: str) -> str:

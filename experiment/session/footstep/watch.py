@@ -43,6 +43,8 @@ class Feed:
     def __init__(self, tracker: Tracker, *, simulated_time: bool) -> None:
         self.tracker = tracker
         self.pace = None if simulated_time else Pace()
+        self.newest: deque[tuple[int, float]] = deque(maxlen=RECENT)
+        """Device time, microseconds, and height, mm, at the end of each of the last reads."""
         self._left: Samples | None = None
 
     def begin_anew(self) -> None:
@@ -60,6 +62,7 @@ class Feed:
         if left is not None:
             return left
         samples = self.tracker.read()
+        self.newest.append((int(samples.device_us[-1]), float(samples.height_mm[-1])))
         if self.pace is not None:
             self.pace.read(int(samples.device_us[-1]), samples.arrived_ns)
         return samples
@@ -153,6 +156,9 @@ held up, by half a second or less, clear it."""
 
 PATH = 4096
 """Reads that are kept of a falling foot: 6 s or more."""
+
+RECENT = 4096
+"""Reads whose ends are kept for the desk: 3 s or more."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from experiment.desk.port import Corrected, Noted
 from experiment.desk.terminal import TerminalConsole, typed_ahead
 from experiment.errors import ScreenGone
 
-KEYS = {"c": "copy paper", "n": "no answer"}
+ANSWERS = {"c": "copy paper"}
+OTHERS = {"n": "no answer"}
 
 
 def console(*typed: str) -> tuple[TerminalConsole, io.StringIO, list[str]]:
@@ -29,7 +30,7 @@ def console(*typed: str) -> tuple[TerminalConsole, io.StringIO, list[str]]:
 
 def test_an_answer_is_keyed_shown_and_confirmed_by_the_same_key() -> None:
     one, _, prompts = console("C ", "c")
-    assert one.ask(trial=3, keys=KEYS) == "c"
+    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
     assert "[c] copy paper  [n] no answer  or: note TEXT, or correct TRIAL KEY REASON\nKey: " in prompts[0]
     assert one.confirm(key="c", meaning="copy paper")
     assert prompts[1] == "copy paper - type c again to confirm, anything else to ask again: "
@@ -43,7 +44,7 @@ def test_no_other_key_confirms_and_enter_that_repeats_does_not(typed: str) -> No
 
 def test_a_wrong_key_is_named_and_asked_again() -> None:
     one, screen, _ = console("x", "", "n")
-    assert one.ask(trial=3, keys=KEYS) == "n"
+    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "n"
     told = "is no key; type one of c n, or note TEXT, or correct TRIAL KEY REASON"
     assert screen.getvalue().splitlines() == [f"'x' {told}", f"'' {told}"]
 
@@ -57,21 +58,21 @@ def test_a_note_and_a_correction_take_the_place_of_a_key() -> None:
         f"correct {'1' * 4301} c why",
         "c",
     )
-    assert one.ask(trial=3, keys=KEYS) == Noted("Coughs.")
-    assert one.ask(trial=3, keys=KEYS) == Corrected(12, "n", "misheard, a door slammed")
-    assert one.ask(trial=3, keys=KEYS) == "c"
+    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == Noted("Coughs.")
+    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == Corrected(12, "n", "misheard, a door slammed")
+    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
     assert screen.getvalue().count("is no key") == 3
 
 
 def test_a_correction_without_a_reason_is_asked_for_one() -> None:
     one, screen, _ = console("correct 2 n", "c")
-    assert one.ask(trial=3, keys=KEYS) == "c"
+    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
     assert screen.getvalue() == "Give the reason too: correct 2 n REASON\n"
 
 
 def test_a_remark_that_could_deceive_does_not_go_on_record() -> None:
     one, screen, _ = console("note all\x1b[2Jwell", "c")
-    assert one.ask(trial=3, keys=KEYS) == "c"
+    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
     assert screen.getvalue().startswith(
         "The remark holds U+001B, which cannot go on record; type it again without that character\n"
     )
@@ -86,7 +87,7 @@ def test_a_session_ends_with_enter_and_takes_remarks_until_then() -> None:
 
 
 QUESTIONS: tuple[Callable[[TerminalConsole], object], ...] = (
-    lambda one: one.ask(trial=1, keys=KEYS),
+    lambda one: one.ask(trial=1, answers=ANSWERS, others=OTHERS),
     lambda one: one.confirm(key="c", meaning="copy paper"),
     lambda one: one.debrief(),
     lambda one: one.place(trial=1, material="foil"),
@@ -187,7 +188,7 @@ def test_the_end_of_the_input_interrupts_as_the_keyboard_does() -> None:
 
     one = TerminalConsole(write=io.StringIO(), ask=ended, heading="")
     with pytest.raises(KeyboardInterrupt):
-        one.ask(trial=1, keys=KEYS)
+        one.ask(trial=1, answers=ANSWERS, others=OTHERS)
 
 
 def test_what_is_on_disk_is_said() -> None:

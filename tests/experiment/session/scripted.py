@@ -12,7 +12,7 @@ from experiment.apparatus.panel.conditioning import Played
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.clock import ManualClock
-from experiment.desk.port import Remark
+from experiment.desk.port import Attended, Remark
 from experiment.errors import PalpateError, TrackerStopped
 from experiment.records.stimulus import Delivered
 from experiment.synthesis.waveforms import Stimulus
@@ -40,6 +40,12 @@ class Endless:
     ends_ns = 2**63
 
     def over(self, ahead_ns: int = 0) -> str:
+        return ""
+
+    def skip(self, reason: str) -> None:
+        raise AssertionError(reason)
+
+    def skipped(self) -> str:
         return ""
 
 
@@ -157,8 +163,12 @@ class ScriptedConsole:
         self.early: deque[str] = deque()
         """What was typed before each question; before those that follow, nothing."""
         self.familiarised = 0
+        self.attended: list[Attended | None] = []
         self.rested: list[str] = []
         """Why the foot was asked to rest, each time."""
+
+    def attend(self, session: Attended | None) -> None:
+        self.attended.append(session)
 
     def show(self, text: str) -> None:
         self.shown.append(text)
@@ -184,7 +194,8 @@ class ScriptedConsole:
     def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
         self.rearmed.append((trial, attempt, reason))
 
-    def ask(self, *, trial: int, keys: dict[str, str]) -> str | Remark:
+    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
+        keys = answers | others
         self._before_ask()
         self._clock.sleep_ns(10**9)
         key = self._keys.popleft()

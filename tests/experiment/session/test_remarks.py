@@ -66,7 +66,7 @@ def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Pa
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        (Corrected(3, "c", "not answered yet"), "Trial 3 has no answer that counts; nothing was corrected."),
+        (Corrected(3, "c", "not answered yet"), "Trial 3 has no answer that counts; nothing was changed."),
         (Corrected(99, "c", "no such trial"), "Trial 99 has no answer that counts; nothing was corrected."),
         (
             Corrected(1, "q", "no answer"),

@@ -73,14 +73,14 @@ def test_at_the_keys_an_experimenter_hears_one_answer_however_often_they_are_ask
     monkeypatch.setattr(SimulatedParticipant, "arm", lambda *_, **__: None)
     typed, screen = deque(["note Coughs.", "p", "n", "c", "c"]), io.StringIO()
     desk = TerminalConsole(write=screen, ask=lambda _: typed.popleft(), heading="PRACTICE")
-    one, keys = Practised(desk=desk, participant=participant(Resting())), {"c": "copy paper", "p": "polypropylene"}
+    one, answers = Practised(desk=desk, participant=participant(Resting())), {"c": "copy paper", "p": "polypropylene"}
     one.arm(trial=1, attempt=1, trials=2)
-    assert one.ask(trial=1, keys=keys) == Noted("Coughs.")
+    assert one.ask(trial=1, answers=answers, others={}) == Noted("Coughs.")
     # The key decides, whatever was said.
-    assert one.ask(trial=1, keys=keys) == "p"
+    assert one.ask(trial=1, answers=answers, others={}) == "p"
     assert not one.confirm(key="p", meaning="polypropylene")
     one.arm(trial=2, attempt=1, trials=2)
-    assert one.ask(trial=2, keys=keys) == "c"
+    assert one.ask(trial=2, answers=answers, others={}) == "c"
     said = [line for line in screen.getvalue().splitlines() if "says" in line]
     assert said == ["The participant says: aluminum foil."] * 2 + ["The participant says: copy paper."]
 
