@@ -13,13 +13,13 @@ from typing import Literal
 
 from experiment.apparatus import opening
 from experiment.clock import Clock, day
+from experiment.desk import interrupts
 from experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
 from experiment.records.entries import Footer, Header, Phase, PlannedTrial, Redo, Resumed, Trace, Withdrawal
 from experiment.records.journal import AnyEntry
 from experiment.records.progress import Progress, progress
-from experiment.session import interrupts
 from experiment.session.attempt import Attempts, Devices, Event, State, follow
 from experiment.session.exposure import Exposed, spent_ns
 from experiment.session.masker import Masking
