@@ -32,7 +32,7 @@ COMMANDS = {
         "enrol": ("laboratory", "Enrol the next participant of a study."),
         "consent": ("laboratory", "Record the consent of an enrolled participant."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),
-        "run": ("laboratory", "Run one session with a participant, or the rest of one."),
+        "run": ("session", "Run one session with a participant, or the rest of one."),
         "status": ("analysis", "Say how far a study is, and what is to be done next."),
         "journal": ("laboratory", "Verify a journal and print it as text."),
         "withdraw": ("laboratory", "Record that a participant withdrew."),

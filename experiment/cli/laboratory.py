@@ -3,16 +3,13 @@
 import sys
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder, a_day
-from experiment.errors import RosterError, SessionError
-
-if TYPE_CHECKING:
-    from experiment.records.entries import Footer
+from experiment.errors import RosterError
 
 commands = options.room()
 
@@ -290,86 +287,6 @@ def rehearse(
             screen=screen,
         )
     tell_analysis([dataset], None, as_json=as_json, figures=True)
-
-
-@commands.command(epilog="Example: palpate run study.toml --participant 01 --task real --rig our-rig.toml")
-def run(
-    protocol_file: ProtocolFile,
-    participant: Annotated[
-        str | None, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")
-    ] = None,
-    task: Annotated[str | None, typer.Option("--task", help="Id of one of the participant's tasks.")] = None,
-    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file of this laboratory.")] = None,
-    recordings: Annotated[
-        Path | None,
-        typer.Option("--recordings", help="Folder of recordings [default: stimuli/recordings in the dataset]."),
-    ] = None,
-    dataset: StudyFolder = None,
-    practice: Annotated[
-        bool,
-        typer.Option(
-            "--practice",
-            help="Practise with a simulated laboratory and participant; only the protocol is needed "
-            "[default folder: participants/practice-STUDY].",
-        ),
-    ] = False,
-) -> None:
-    """Run one session with a participant, or the rest of one.
-
-    The protocol must be sealed and the participant enrolled. Ctrl-C pauses the session, and the same command continues
-    it. If the rig file asks for the tracker to be zeroed, the participant first rests the foot on the panel.
-
-    With --practice a simulated participant steps and says an answer, and the keys are yours. Nothing is sealed or
-    enrolled for that, and no file of a PRACTICE counts in a study.
-    """
-    from experiment.desk.terminal import TerminalConsole, typed_ahead
-
-    heading = "PRACTICE" if practice else f"Participant {participant}, task {task}."
-    console = TerminalConsole(write=sys.stdout, ask=input, heading=heading, early=lambda: typed_ahead(sys.stdin))
-    if practice:
-        from experiment.protocol.files import shipped
-        from experiment.rehearsal import study as rehearsals
-
-        if recordings is not None:
-            raise SessionError("got --recordings with --practice; allowed: one of them; practice simulates recordings")
-        footer = rehearsals.practise(
-            protocol_file=protocol_file,
-            rig_file=rig or shipped("rigs/rehearsal.toml"),
-            participant=participant or "01",
-            task_id=task,
-            out=dataset,
-            console=console,
-        )
-    else:
-        from experiment.session import run as study
-
-        if participant is None or task is None or rig is None:
-            raise SessionError(
-                "got no --participant, --task or --rig; allowed: all three for a session with a participant; name "
-                "them, or practise without a laboratory (--practice)"
-            )
-        footer = study.run(
-            protocol_file=protocol_file,
-            rig_file=rig,
-            participant=participant,
-            task_id=task,
-            root=dataset,
-            recordings=recordings,
-            console=console,
-        )
-    typer.echo(_ended(footer))
-
-
-def _ended(footer: "Footer") -> str:
-    """Return in sentences how a session ended, and how it goes on."""
-    if footer.reason == "complete":
-        return f"The session is complete: {footer.answered} answers."
-    how = f" {footer.detail}" if footer.detail.startswith("by ") else ""
-    why = "" if how else f": {footer.detail.replace('interrupted', 'it was interrupted')}"
-    kept = f"{footer.answered} answer{'' if footer.answered == 1 else 's'} on disk"
-    # Nothing goes on where all of the protocol's minutes are used up.
-    onward = "" if footer.detail.endswith("session are over") else " The same command goes on with it."
-    return f"The session is {footer.reason}{how}, with {kept}{why}.{onward}"
 
 
 @commands.command(

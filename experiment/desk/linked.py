@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Literal
 
+from experiment.clock import wall_ns
 from experiment.desk.messages import (
     LINES,
     Choice,
@@ -42,8 +43,8 @@ ENTER = "enter"
 ESCAPE = "escape"
 """The key that takes a choice back."""
 
-GO_ON, STOP = ENTER, "s"
-"""The keys that go on with a session that paused, and that end its process."""
+STOP = "s"
+"""The key that ends the process of a session that paused."""
 
 Kind = Literal["ready", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue"]
 
@@ -57,14 +58,21 @@ class LinkedConsole:
         self._alone_s = alone_s
         self._changed = threading.Condition()
         self._session: Attended | None = None
+        self._begun = False
         self._asked = 0
         self._chosen: str | None = None
+        self._picked: str | None = None
         self._repeated: Repeated | None = None
         self._consoles = 0
         self._pausing: Pause | Stop | None = None
         self._ignored = ""
         self.wake: Callable[[], None] = lambda: None
         """Called when there is something new to tell."""
+
+    @property
+    def begun(self) -> bool:
+        """Whether a session has been under way."""
+        return self._begun
 
     # What the link asks, from its thread.
 
@@ -73,7 +81,9 @@ class LinkedConsole:
             view, session = self._view, self._session
         if session is None:
             return view
-        return view.model_copy(update={"gauges": session.gauges(), "standing": session.standing()})
+        standing = session.standing()
+        label = "" if standing.purpose == "STUDY" else standing.purpose
+        return view.model_copy(update={"gauges": session.gauges(), "standing": standing, "label": label})
 
     def came(self, consoles: int) -> None:
         with self._changed:
@@ -88,8 +98,16 @@ class LinkedConsole:
             return False, str(error)
         if session is not None and not isinstance(deed, Typed):
             session.commanded(by=hello.by, command=_told(deed), taken=taken, words=words)
-        self.wake()
+        self._hand_over()
         return taken, words
+
+    def _hand_over(self) -> None:
+        """Let the session have the key that was picked, now that it is on record."""
+        with self._changed:
+            if self._picked is not None:
+                self._chosen, self._picked = self._picked, None
+                self._changed.notify_all()
+        self.wake()
 
     def _do(self, deed: Deed, session: Attended | None) -> tuple[bool, str]:
         match deed:
@@ -119,8 +137,7 @@ class LinkedConsole:
                 return False, "That question is no longer asked; the key answered nothing."
             if deed.key not in {choice.key for choice in asked.choices}:
                 return False, f"{characters.quoted(deed.key)} is no key here."
-            self._chosen = deed.key
-            self._changed.notify_all()
+            self._picked = deed.key
             return True, ""
 
     def _drop(self, deed: Typed) -> tuple[bool, str]:
@@ -142,8 +159,7 @@ class LinkedConsole:
         with self._changed:
             asked = self._view.question
             if asked is not None and asked.kind in ("answer", "confirm") and wanted.trial == self._view.trial:
-                self._repeated, self._chosen = wanted, ESCAPE
-                self._changed.notify_all()
+                self._repeated, self._picked = wanted, ESCAPE
                 return True, f"Trial {wanted.trial} is done again at the end of its block."
         return session.remark(wanted)
 
@@ -153,7 +169,7 @@ class LinkedConsole:
         with self._changed:
             self._session = session
             if session is not None:
-                self._pausing = None
+                self._pausing, self._begun = None, True
         self.wake()
 
     def show(self, text: str) -> None:
@@ -218,15 +234,16 @@ class LinkedConsole:
 
     def goes_on(self, why: str) -> bool:
         """Wait, once a session has paused, and return whether it goes on."""
-        pausing = self._pausing
+        with self._changed:
+            pausing, self._pausing = self._pausing, None
         if isinstance(pausing, Stop):
             return False
-        until_ns = None
-        self._now(state="paused", lay_out="", pause_until_ns=until_ns)
-        self._pausing = None
-        choices = (Choice(key=GO_ON, words="go on with the session"), Choice(key=STOP, words="end for today"))
+        minutes = pausing.minutes if isinstance(pausing, Pause) else None
+        until_ns = None if minutes is None else wall_ns() + int(minutes * 60e9)
+        self._now(state="paused", lay_out="", trial=None, pause_until_ns=until_ns)
+        choices = (Choice(key=ENTER, words="go on with the session"), Choice(key=STOP, words="end for today"))
         try:
-            return self._put("continue", why, choices) == GO_ON
+            return self._put("continue", why, choices) == ENTER
         except PauseAsked:
             return False
         finally:

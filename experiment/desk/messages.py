@@ -94,8 +94,13 @@ class Told(Message):
 
 
 class Standing(Message):
-    """How far a session is: of `trials` so many are answered and so many remain; the last answers, oldest first."""
+    """How far a session is, and what it is for.
 
+    Of the task's `trials` so many are answered and so many remain; `recent` are the last answers, oldest first.
+    """
+
+    task: str = ""
+    purpose: str = ""
     trials: int = 0
     answered: int = 0
     remaining: int = 0
@@ -121,7 +126,6 @@ class View(Message):
     label: str = ""
     study: str = ""
     participant: str = ""
-    task: str = ""
     step: str = ""
     steps: tuple[str, ...] = ()
     state: Literal["preparing", "familiarising", "armed", "answering", "waiting", "paused", "ended"] = "preparing"

@@ -109,6 +109,11 @@ def rehearse(
     return out
 
 
+def practice_folder(protocol: Protocol) -> Path:
+    """Return where practice of a study is kept unless another folder is named."""
+    return Path("participants") / f"practice-{protocol.study.id}"
+
+
 def practise(
     *,
     protocol_file: Path,
@@ -128,7 +133,7 @@ def practise(
     protocol = files.load(protocol_file)
     rig = _simulated_rig(rig_file, protocol)
     allocation = find(allocate(protocol, PRACTICE_SEED), participant)
-    out = out or Path("participants") / f"practice-{protocol.study.id}"
+    out = out or practice_folder(protocol)
     job = Job(out.resolve(), participant, allocation.tasks, PRACTICE_SEED, "none", real_time=True)
     plan = Plan(
         label="PRACTICE",

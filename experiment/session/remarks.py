@@ -144,6 +144,8 @@ class Attendance:
         done = self._log.done
         recent = [Told(trial=trial, words=said or "no answer") for trial, said in done.said[-RECENT:]]
         return Standing(
+            task=done.header.task,
+            purpose=done.header.purpose,
             trials=len(done.header.order),
             answered=len(done.answered),
             remaining=len(done.remaining),

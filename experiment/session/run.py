@@ -67,14 +67,15 @@ def run(
     protocol_file: Path,
     rig_file: Path,
     participant: str,
-    task_id: str,
+    task_id: str | None,
     root: Path | None,
     recordings: Path | None,
     console: Console,
 ) -> Footer:
     """Run one session of a participant in the room, or the rest of one, and bring the dataset up to date.
 
-    The protocol must be sealed, the participant enrolled, and the task one of theirs. `root` None stands for
+    The protocol must be sealed, the participant enrolled, and the task one of theirs; None stands for the first that is
+    not complete. `root` None stands for
     `participants/STUDY`, and `recordings` None for those in the dataset. Raises `PalpateError` for anything that
     forbids or ends the session, before a participant is on the panel where possible.
     """
@@ -106,6 +107,7 @@ def run(
         console.show(LABELS["PILOT"])
     allocation = find(allocated(protocol, seed, enrolled.takes), participant)
     beliefs.believed(root)
+    task_id = task_id or _next_task(root, allocation)
     _check_turn(root, allocation, task_id)
     _keep_seal(root, protocol_file)
     _wait_for_break(root, protocol, allocation, task_id, clock, console)
@@ -212,6 +214,16 @@ def _keep_seal(root: Path, protocol_file: Path) -> None:
         storage.write_bytes(kept, approval.seal_path(protocol_file).read_bytes())
 
 
+def _next_task(root: Path, allocation: Allocation) -> str:
+    """Return the participant's first task that is not complete; the last one if all are."""
+    return next((task for task in allocation.tasks if not _is_complete(root, allocation, task)), allocation.tasks[-1])
+
+
+def _is_complete(root: Path, allocation: Allocation, task_id: str) -> bool:
+    entries = journal.read_if_begun(storage.journal_path(root, allocation.participant, task_id)).entries
+    return bool(entries) and progress(entries).complete
+
+
 def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
     """Refuse a task that is not the participant's, or whose turn has not come."""
     who, tasks = allocation.participant, allocation.tasks
@@ -220,9 +232,7 @@ def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
             f"participant {who} does not do task '{task_id}'; allowed: {', '.join(tasks)}; name one of these"
         )
     for earlier in tasks[: tasks.index(task_id)]:
-        path = storage.journal_path(root, who, earlier)
-        entries = journal.read_if_begun(path).entries
-        if not entries or not progress(entries).complete:
+        if not _is_complete(root, allocation, earlier):
             raise RosterError(f"participant {who} does task '{earlier}' before '{task_id}'; run that one first")
 
 

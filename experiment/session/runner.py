@@ -261,6 +261,8 @@ class _Session:
         footer = Footer(reason=reason, detail=detail, answered=len(self._log.done.answered))
         with interrupts.held():
             self._devices.console.attend(None)
+            # Whoever writes beside this thread has written when these return.
+            self._attempts.remarks.close()
             self._exposed.close()
             # After an interrupt in the middle of a write only a new reading of the journal may add to it.
             accepts = self._log.accepts
@@ -268,7 +270,6 @@ class _Session:
                 self._masking.end(note=accepts)
             if accepts:
                 self._attempts.remarks.note_ignored()
-                self._attempts.remarks.close()
                 self._log.write(footer)
         return footer
 

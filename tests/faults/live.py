@@ -39,7 +39,7 @@ WARM = (
     "experiment.apparatus.panel.pcm",
     "experiment.apparatus.tracker.serial_tracker",
     "experiment.cli.app",
-    "experiment.cli.laboratory",
+    "experiment.cli.session",
     "experiment.dataset.build",
     "experiment.desk.terminal",
     "experiment.recordings.manifest",

@@ -171,7 +171,7 @@ class Footsteps:
             sounder=Sounder(devices.materials, devices.actuator) if devices.materials and devices.actuator else None,
         )
         self._opened: TrackerOpened | None = None
-        self._broken: BrokenStep | None = None
+        self._broken: tuple[int, BrokenStep] | None = None
         self._armed: Armed | None = None
         self._last = ""
         self._delivered: bool | None = None
@@ -184,8 +184,8 @@ class Footsteps:
             self._zero(tracker)
         if self._limits.over():
             return
-        if broken is not None and not broken.felt:
-            console.rearm(trial=planned.trial, attempt=attempt, reason=broken.reason)
+        if broken is not None and broken[0] == planned.trial and not broken[1].felt:
+            console.rearm(trial=planned.trial, attempt=attempt, reason=broken[1].reason)
             self._armed = Armed(planned, attempt, None)
             return
         laid_ns = 0
@@ -212,7 +212,7 @@ class Footsteps:
         trace = self._log.keep(step.raw)
         error = parted.error if parted is not None else None
         if isinstance(step, BrokenStep):
-            self._broken = step
+            self._broken = armed.planned.trial, step
             if step.felt and step.stopped is None and step.failed is None:
                 self._console.show(f"This step does not count: {step.reason}.")
             return Seen(

@@ -31,7 +31,10 @@ def console(*typed: str) -> tuple[TerminalConsole, io.StringIO, list[str]]:
 def test_an_answer_is_keyed_shown_and_confirmed_by_the_same_key() -> None:
     one, _, prompts = console("C ", "c")
     assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
-    assert "[c] copy paper  [n] no answer  or: note TEXT, or correct TRIAL KEY REASON\nKey: " in prompts[0]
+    assert (
+        "[c] copy paper  [n] no answer  or: note TEXT, correct TRIAL KEY REASON, or repeat TRIAL REASON\nKey: "
+        in prompts[0]
+    )
     assert one.confirm(key="c", meaning="copy paper")
     assert prompts[1] == "copy paper - type c again to confirm, anything else to ask again: "
 
@@ -45,7 +48,7 @@ def test_no_other_key_confirms_and_enter_that_repeats_does_not(typed: str) -> No
 def test_a_wrong_key_is_named_and_asked_again() -> None:
     one, screen, _ = console("x", "", "n")
     assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "n"
-    told = "is no key; type one of c n, or note TEXT, or correct TRIAL KEY REASON"
+    told = "is no key; type one of c n, or note TEXT, correct TRIAL KEY REASON, or repeat TRIAL REASON"
     assert screen.getvalue().splitlines() == [f"'x' {told}", f"'' {told}"]
 
 
@@ -82,7 +85,9 @@ def test_a_session_ends_with_enter_and_takes_remarks_until_then() -> None:
     one, screen, prompts = console("bye", "note Felt all of them.", "")
     assert one.debrief() == Noted("Felt all of them.")
     assert one.debrief() is None
-    assert screen.getvalue() == ("'bye' is no remark; type note TEXT, or correct TRIAL KEY REASON, or press Enter\n")
+    assert screen.getvalue() == (
+        "'bye' is no remark; type note TEXT, correct TRIAL KEY REASON, or repeat TRIAL REASON, or press Enter\n"
+    )
     assert all("press Enter to end the session: " in prompt for prompt in prompts)
 
 

@@ -1,0 +1,236 @@
+"""The command that runs a session: on lines of text, or in a process of its own with a console beside it."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from experiment.cli import options
+from experiment.cli.options import ProtocolFile, StudyFolder
+from experiment.errors import LinkError, PalpateError, SessionError
+
+if TYPE_CHECKING:
+    from experiment.desk.linked import LinkedConsole
+    from experiment.desk.messages import View
+    from experiment.desk.port import Console
+    from experiment.protocol.models import Protocol
+    from experiment.records.entries import Footer
+
+commands = options.room()
+
+BEGINS_S = 30.0
+"""A session's process listens, or has ended, within this time, s."""
+
+
+@commands.command(epilog="Example: palpate run study.toml --participant 01 --rig our-rig.toml")
+def run(
+    protocol_file: ProtocolFile,
+    participant: Annotated[
+        str | None, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")
+    ] = None,
+    task: Annotated[
+        str | None, typer.Option("--task", help="Id of one of the participant's tasks [default: the next one].")
+    ] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Rig file of this laboratory.")] = None,
+    recordings: Annotated[
+        Path | None,
+        typer.Option("--recordings", help="Folder of recordings [default: stimuli/recordings in the dataset]."),
+    ] = None,
+    dataset: StudyFolder = None,
+    practice: Annotated[
+        bool,
+        typer.Option(
+            "--practice",
+            help="Practise with a simulated laboratory and participant; only the protocol is needed "
+            "[default folder: participants/practice-STUDY].",
+        ),
+    ] = False,
+    lines: Annotated[
+        bool,
+        typer.Option("--lines", help="Ask on lines of text [default: a console, if this is a terminal]."),
+    ] = False,
+    by: Annotated[
+        str, typer.Option("--by", metavar="LABEL", help="Who sits at the console: a label for the record, no name.")
+    ] = "console",
+    session_at: Annotated[Path | None, typer.Option("--session-at", hidden=True)] = None,
+) -> None:
+    """Run one session with a participant, or the rest of one.
+
+    The protocol must be sealed and the participant enrolled. Ctrl-C pauses the session, and the same command continues
+    it. If the rig file asks for the tracker to be zeroed, the participant first rests the foot on the panel.
+
+    In a terminal the session is a process of its own, and this command its console. Whoever leaves the console, or
+    loses it, comes back to the session with the same command.
+
+    With --practice a simulated participant steps and says an answer, and the keys are yours. Nothing is sealed or
+    enrolled for that, and no file of a PRACTICE counts in a study.
+    """
+    from experiment.protocol import files
+
+    if practice and recordings is not None:
+        raise SessionError("got --recordings with --practice; allowed: one of them; practice simulates recordings")
+    if not practice and (participant is None or rig is None):
+        raise SessionError(
+            "got no --participant or no --rig; allowed: both for a session with a participant; name them, or practise "
+            "without a laboratory (--practice)"
+        )
+    protocol = files.load(protocol_file)
+    folder = dataset or _default_folder(protocol, practice=practice)
+
+    def once(console: "Console") -> "Footer":
+        if practice:
+            return _practise(protocol_file, rig, participant, task, dataset, console)
+        return _run(protocol_file, rig, participant, task, dataset, recordings, console)
+
+    if session_at is not None:
+        label = "PRACTICE" if practice else ""
+        _listen(session_at, _first_view(protocol, participant or "01", label), once)
+    elif lines or not (sys.stdin.isatty() and sys.stdout.isatty()):
+        from experiment.desk.terminal import TerminalConsole, typed_ahead
+
+        heading = "PRACTICE" if practice else f"Participant {participant}."
+        console = TerminalConsole(write=sys.stdout, ask=input, heading=heading, early=lambda: typed_ahead(sys.stdin))
+        typer.echo(ended(once(console)))
+    else:
+        _attend(folder, participant or "01", by)
+
+
+def _default_folder(protocol: "Protocol", *, practice: bool) -> Path:
+    from experiment.rehearsal.study import practice_folder
+    from experiment.study import enrolment
+
+    return practice_folder(protocol) if practice else enrolment.default_root(protocol)
+
+
+def _practise(
+    protocol_file: Path,
+    rig: Path | None,
+    participant: str | None,
+    task: str | None,
+    dataset: Path | None,
+    console: "Console",
+) -> "Footer":
+    from experiment.protocol.files import shipped
+    from experiment.rehearsal import study
+
+    return study.practise(
+        protocol_file=protocol_file,
+        rig_file=rig or shipped("rigs/rehearsal.toml"),
+        participant=participant or "01",
+        task_id=task,
+        out=dataset,
+        console=console,
+    )
+
+
+def _run(
+    protocol_file: Path,
+    rig: Path | None,
+    participant: str | None,
+    task: str | None,
+    dataset: Path | None,
+    recordings: Path | None,
+    console: "Console",
+) -> "Footer":
+    from experiment.session import run as study
+
+    if participant is None or rig is None:
+        raise TypeError("a session needs a participant and a rig")
+    return study.run(
+        protocol_file=protocol_file,
+        rig_file=rig,
+        participant=participant,
+        task_id=task,
+        root=dataset,
+        recordings=recordings,
+        console=console,
+    )
+
+
+def _first_view(protocol: "Protocol", participant: str, label: str) -> "View":
+    from experiment.desk.messages import View
+
+    return View(label=label, study=protocol.study.id, participant=participant)
+
+
+def _listen(path: Path, view: "View", once: Callable[["LinkedConsole"], "Footer"]) -> None:
+    """Run a session for consoles that connect at `path`, until it is complete or nobody wants it to go on."""
+    from experiment.desk.link import Link
+    from experiment.desk.linked import LinkedConsole
+
+    console = LinkedConsole(view)
+    with closing(Link(path, console)) as link:
+        console.wake = link.wake
+        while True:
+            try:
+                footer = once(console)
+            except PalpateError as error:
+                if not console.begun or not console.goes_on(f"{error}."):
+                    console.ended(str(error), error.exit_code)
+                    raise
+            else:
+                if footer.reason != "paused" or not console.goes_on(ended(footer, onward=False)):
+                    console.ended(ended(footer), 0)
+                    return
+
+
+def _attend(folder: Path, participant: str, by: str) -> None:
+    """Show the console of a session; begin the session if none is under way, and again if its process was lost."""
+    from experiment.desk import console, link
+    from experiment.desk.messages import Hello
+
+    path = link.place(folder, participant)
+    while True:
+        begun = None if link.answers(path) else _begin(path)
+        left = console.attend(path, Hello(role="console", by=by))
+        if left.why == "gone" and left.again:
+            continue
+        if left.why == "left":
+            typer.echo("The session goes on without a console. The same command comes back to it.")
+            return
+        if left.ended is not None:
+            typer.echo(left.ended.words)
+            raise typer.Exit(left.ended.exit_code)
+        raise LinkError(_last_words(path) if begun else "the session's process is gone; the same command resumes it")
+
+
+def _begin(path: Path) -> "subprocess.Popen[bytes]":
+    """Begin the session's process by the command that this one was given, and wait until it listens."""
+    from experiment.desk import link
+
+    command = [sys.executable, "-m", "experiment", *sys.argv[1:], "--session-at", str(path)]
+    with path.with_suffix(".log").open("wb") as log:
+        # A session of its own: what ends the terminal does not end it.
+        process = subprocess.Popen(  # noqa: S603
+            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
+        )
+    begun_s = time.monotonic()
+    while not link.answers(path):
+        if process.poll() is not None or time.monotonic() - begun_s > BEGINS_S:
+            raise LinkError(_last_words(path))
+        time.sleep(0.02)
+    return process
+
+
+def _last_words(path: Path) -> str:
+    said = path.with_suffix(".log").read_text("utf-8", "replace").strip()
+    return said.removeprefix("palpate: ") or "the session's process ended without a word; the same command resumes it"
+
+
+def ended(footer: "Footer", *, onward: bool = True) -> str:
+    """Return in sentences how a session ended, and, if `onward`, how it goes on."""
+    if footer.reason == "complete":
+        return f"The session is complete: {footer.answered} answers."
+    how = f" {footer.detail}" if footer.detail.startswith("by ") else ""
+    why = "" if how else f": {footer.detail.replace('interrupted', 'it was interrupted')}"
+    kept = f"{footer.answered} answer{'' if footer.answered == 1 else 's'} on disk"
+    # Nothing goes on where all of the protocol's minutes are used up.
+    over = not onward or footer.detail.endswith("session are over")
+    return (
+        f"The session is {footer.reason}{how}, with {kept}{why}.{'' if over else ' The same command goes on with it.'}"
+    )
