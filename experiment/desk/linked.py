@@ -241,7 +241,7 @@ class LinkedConsole:
         self.arm(trial=trial, attempt=attempt, trials=0)
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
-        self._now(state="answering", trial=trial)
+        self._now(state="answering", trial=trial, answers=_choices(answers, answer=True))
         if (wanted := self._take_repeated()) is not None:
             return wanted
         choices = (*_choices(answers, answer=True), *_choices(others))

@@ -121,7 +121,8 @@ class View(Message):
     """All that a console shows. `label` is PRACTICE or PILOT, and empty in a study.
 
     `step` is where the visit stands, one of `steps`. `trial` and `attempt` are under way. `lay_out` is what to lay out,
-    in tasks with real objects. `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
+    in tasks with real objects. `answers` are those that a trial of this task may have, once one was asked for.
+    `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
     """
 
     kind: Literal["view"] = "view"
@@ -134,6 +135,7 @@ class View(Message):
     trial: int | None = None
     attempt: int = 1
     lay_out: str = ""
+    answers: tuple[Choice, ...] = ()
     standing: Standing = Standing()
     question: Question | None = None
     pause_until_ns: int | None = None
@@ -178,10 +180,11 @@ class Write(Message):
 
 
 class TakeNote(Message):
-    """A note, at any moment of a session."""
+    """A note, at any moment of a session; `trial` was under way when it was begun, None outside of trials."""
 
     do: Literal["note"] = "note"
     text: str
+    trial: int | None = None
 
 
 class Correct(Message):
