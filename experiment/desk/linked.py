@@ -31,7 +31,7 @@ from experiment.desk.messages import (
     View,
     Write,
 )
-from experiment.desk.port import BY_EXPERIMENTER, RESTS, Attended, Corrected, Noted, Remark, Repeated
+from experiment.desk.port import BY_EXPERIMENTER, DEBRIEFING, RESTS, Attended, Corrected, Noted, Remark, Repeated
 from experiment.errors import PalpateError, PauseAsked
 from experiment.settings import characters
 
@@ -194,6 +194,7 @@ class LinkedConsole:
         return self._put("agree", text, choices) == ENTER
 
     def write(self, *, text: str) -> str:
+        self._now(trial=None, step=DEBRIEFING)
         return self._put("write", text, ())
 
     def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
@@ -257,7 +258,7 @@ class LinkedConsole:
         self._now(lay_out="")
 
     def debrief(self) -> None:
-        self._now(trial=None)
+        self._now(trial=None, step=DEBRIEFING)
         self._put("debrief", "All trials are answered. Note what is left to note.", (Choice(key=ENTER, words="end"),))
 
     def ignored(self) -> str:

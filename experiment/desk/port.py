@@ -141,6 +141,9 @@ class Console(Rester, Protocol):
 BY_EXPERIMENTER = "by the experimenter"
 """Why a session pauses that was asked to."""
 
+DEBRIEFING = "debriefing"
+"""The last step of a visit."""
+
 RESTS = (
     "Zeroing: have the foot rest still on the bare panel. Then press Enter, or press Ctrl-C to pause; the same command "
     "continues: "

@@ -132,7 +132,7 @@ class TerminalConsole(_Lines):
         """Say nothing: the questions say it."""
 
     def agree(self, *, text: str, yes: str, no: str) -> bool:
-        while (typed := self._ask(f"{text} [y] {yes}  [n] {no}\nKey: ").strip().lower()) not in ("y", "n"):
+        while (typed := self._ask(f"{text}\n[y] {yes}  [n] {no}: ").strip().lower()) not in ("y", "n"):
             self._refuse(typed, "is no key; type y or n")
         return typed == "y"
 

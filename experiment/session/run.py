@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -125,16 +126,16 @@ def run(
         seed=seed,
         purpose=purpose,
         anchored_in=anchored_in,
-        identity=_identified(participant, enrolled, allocation, left, console) if left else None,
+        consent_on=enrolled.consent_on.get(participant),
         console=console,
         clock=clock,
     )
     return walk(console=console, tasks=tasks, run=visit.session)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(kw_only=True)
 class _Visit:
-    """A visit that may begin: its participant has consented, and sits at the panel as `identity` says."""
+    """A visit that may begin; who sits at the panel is asked before its first session."""
 
     protocol_file: Path
     protocol: Protocol
@@ -146,9 +147,12 @@ class _Visit:
     seed: int
     purpose: Purpose
     anchored_in: tuple[Path, Path | None] | None
-    identity: Visited | None
+    consent_on: date | None
     console: Console
     clock: Clock
+
+    def __post_init__(self) -> None:
+        self._identity: Visited | None = None
 
     def session(self, task_id: str) -> Footer:
         """Run the session of one task, or the rest of one."""
@@ -179,6 +183,9 @@ class _Visit:
                     ends=RealEnds(console),
                 )
             )
+            if not _is_complete(root, participant, task_id):
+                self._admitted()
+                self._identify()
             asked = header(
                 protocol=protocol,
                 rig=rig,
@@ -199,7 +206,7 @@ class _Visit:
                     devices=devices,
                     rig_file=self.rig_file,
                     dataset=root,
-                    identity=self.identity,
+                    identity=self._identity,
                     last=task_id == tasks[-1],
                 )
             except (PalpateError, KeyboardInterrupt) as ended:
@@ -216,6 +223,22 @@ class _Visit:
             console.show("This session was complete already; nothing was added to it.")
         return footer
 
+    def _identify(self) -> None:
+        """Have it confirmed, once, that the participant of the label is at the panel. Raises `SessionError` if not."""
+        if self._identity is not None:
+            return
+        who = self.allocation.participant
+        done = [task for task in self.allocation.tasks if _is_complete(self.root, who, task)]
+        consent = f"Consent is of {self.consent_on}. " if self.consent_on else ""
+        so_far = f"Complete so far: {', '.join(done)}." if done else "No task is complete yet."
+        text = f"Is the person at the panel participant {who}? {consent}{so_far}"
+        if not self.console.agree(text=text, yes="yes, go on", no="no, leave"):
+            raise SessionError(
+                f"the person at the panel is not participant {who}; nothing was begun; look up their label, and give "
+                "it with --participant"
+            )
+        self._identity = Visited(step="identity", text=f"participant {who}, as the experimenter confirmed")
+
     def _admitted(self) -> roster.Roster:
         return _admitted(self.root, self.protocol_file, self.protocol, self.allocation.participant, self.clock)
 
@@ -228,24 +251,6 @@ def _ask_consent(root: Path, protocol_file: Path, protocol: Protocol, participan
     text = f"No consent of participant {participant} is on record. Did they read the consent text and sign today?"
     if console.agree(text=text, yes="yes, record today's consent", no="no, leave"):
         enrolment.consent(protocol_file, participant, day(wall_ns()), root=root)
-
-
-def _identified(
-    participant: str, enrolled: roster.Roster, allocation: Allocation, left: tuple[str, ...], console: Console
-) -> Visited:
-    """Have it confirmed that the participant at the panel is the one of the label. Raises `SessionError` if not."""
-    consent = enrolled.consent_on.get(participant)
-    done = [task for task in allocation.tasks if task not in left]
-    told = f"Consent is of {consent}. " if consent else ""
-    so_far = f"Complete so far: {', '.join(done)}." if done else "No task is complete yet."
-    console.at(step="identity", steps=visit_steps(allocation.tasks))
-    text = f"Is the person at the panel participant {participant}? {told}{so_far}"
-    if not console.agree(text=text, yes="yes, go on", no="no, leave"):
-        raise SessionError(
-            f"the person at the panel is not participant {participant}; nothing was begun; look up their label, and "
-            "give it with --participant"
-        )
-    return Visited(step="identity", text=f"participant {participant}, as the experimenter confirmed")
 
 
 def _admitted(root: Path, protocol_file: Path, protocol: Protocol, participant: str, clock: Clock) -> roster.Roster:

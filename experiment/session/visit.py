@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from experiment.desk.port import Console
+from experiment.desk.port import DEBRIEFING, Console
 from experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
 from experiment.records.entries import Footer
 
@@ -40,7 +40,7 @@ def _task(console: Console, task: str, run: Callable[[str], Footer]) -> Footer:
 
 def visit_steps(tasks: Sequence[str]) -> tuple[str, ...]:
     """Return the steps of a visit with these tasks, in order."""
-    return ("identity", *tasks, "debriefing")
+    return (*tasks, DEBRIEFING)
 
 
 def _sentence(error: PalpateError) -> str:
