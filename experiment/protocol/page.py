@@ -395,9 +395,14 @@ def _left_empty(protocol: Protocol) -> Iterator[str]:
     empty = [name for name, value in ethics if value in ("", None)]
     if protocol.duration is None:
         empty.append("duration")
-    if not empty:
+    unfilled = approval.unfilled(protocol)
+    if not empty and not unfilled:
         yield from say("Nothing is left: every field is filled in.")
-    else:
+    if empty:
         yield from say("These fields of the protocol file are empty:")
     for name in empty:
         yield from item(name if name == "duration" else f"ethics.{name}")
+    if unfilled:
+        yield from say(f"These still say {approval.UNFILLED}, and the protocol cannot be sealed before they do not:")
+    for name in unfilled:
+        yield from item(name)
