@@ -216,11 +216,20 @@ def _a_rig(rig: Path) -> str:
 
 
 @commands.command(epilog="Example: palpate check protocols/okamoto2012.toml")
-def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
+def check(
+    protocol_file: ProtocolFile,
+    page_file: Annotated[
+        Path | None,
+        typer.Option("--html", metavar="FILE.html", help="Write the page as HTML, for a browser to print on A4."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
     """Show a protocol to an ethics board.
 
     The page states the whole study. Below it stands whether this version is sealed, by which board and until when. If
     the file has errors, all of them are printed instead: each with its path, its line, what was got, what is allowed.
+    With --html the page is written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on
+    paper or as PDF.
     """
     from experiment.clock import day, wall_ns
     from experiment.errors import ProtocolError
@@ -235,7 +244,15 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
             options.put({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
             raise typer.Exit(error.exit_code) from None
         raise
-    state, seal = approval.state(protocol_file, protocol, day(wall_ns()))
+    today = day(wall_ns())
+    state, seal = approval.state(protocol_file, protocol, today)
+    if page_file is not None:
+        from experiment import storage
+        from experiment.protocol.html import html
+
+        if page_file.suffix != ".html":
+            raise PalpateError(f"got the file {quoted(str(page_file))}; allowed: a name that ends in .html")
+        storage.write(page_file, html(protocol, str(protocol_file), state, seal, today).encode())
     if as_json:
         import json
 
@@ -243,6 +260,8 @@ def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
         approved = seal.model_dump(mode="json") if seal else None
         known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
         options.put(known | {"protocol": document})
+    elif page_file is not None:
+        typer.echo(f"{state}\nPage: {page_file}. Open it in a browser, and print it there, on A4 or as PDF.")
     else:
         told = f"{page.page(protocol, str(protocol_file))}\n{state}"
         typer.echo(f"{told}\n{page.approved(seal)}" if seal else told)

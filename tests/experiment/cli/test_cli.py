@@ -98,6 +98,23 @@ def test_check_prints_every_error_at_once_with_line_path_and_what_is_allowed(pal
     assert (code, document["valid"], len(document["errors"])) == (2, False, 5)
 
 
+def test_check_writes_the_page_as_html_where_it_is_told_and_nowhere_else(palpate: Palpate, protocol: Path) -> None:
+    page = protocol.with_name("board.html")
+    code, out, err = palpate("check", protocol, "--html", page)
+    assert (code, err, "12. Left for the laboratory" in page.read_text("utf-8")) == (0, "", True)
+    assert lines(out) == [
+        "NOT SEALED: no approval of this protocol is recorded beside its file.",
+        f"Page: {page}. Open it in a browser, and print it there, on A4 or as PDF.",
+    ]
+    before = protocol.read_bytes()
+    code, _, err = palpate("check", protocol, "--html", protocol)
+    assert (code, "allowed: a name that ends in .html" in err, protocol.read_bytes() == before) == (2, True, True)
+    assert json.loads(palpate("check", protocol, "--html", page, "--json")[1])["valid"]
+    protocol.write_text("format = 2", "utf-8")
+    page.unlink()
+    assert (palpate("check", protocol, "--html", page)[0], page.exists()) == (2, False)
+
+
 def test_check_json_holds_the_whole_protocol(palpate: Palpate, protocol: Path) -> None:
     code, out, err = palpate("check", protocol, "--json")
     document = json.loads(out)
