@@ -226,21 +226,21 @@ def check(
 ) -> None:
     """Show a protocol to an ethics board.
 
-    The page states the whole study. Below it stands whether this version is sealed, by which board and until when. If
-    the file has errors, all of them are printed instead: each with its path, its line, what was got, what is allowed.
-    With --html the page is written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on
-    paper or as PDF.
+    The page states the whole study; at its end, what is left empty, and which values are allowed and unlikely to be
+    meant. Below it stands whether this version is sealed, by which board and until when. If the file has errors, all of
+    them are printed instead: each with its path, its line, what was got, what is allowed. With --html the page is
+    written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on paper or as PDF.
     """
+    from dataclasses import asdict
+
     from experiment.clock import day, wall_ns
     from experiment.errors import ProtocolError
-    from experiment.protocol import approval, files, page
+    from experiment.protocol import advice, approval, files, page
 
     try:
         protocol = files.load(protocol_file)
     except ProtocolError as error:
         if as_json:
-            from dataclasses import asdict
-
             options.put({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
             raise typer.Exit(error.exit_code) from None
         raise
@@ -259,6 +259,7 @@ def check(
         sha256, document = approval.sha256(protocol), json.loads(approval.canonical(protocol))
         approved = seal.model_dump(mode="json") if seal else None
         known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
+        known["advice"] = [asdict(one) for one in advice.advice(protocol)]
         options.put(known | {"protocol": document})
     elif page_file is not None:
         typer.echo(f"{state}\nPage: {page_file}. Open it in a browser, and print it there, on A4 or as PDF.")

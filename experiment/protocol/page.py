@@ -13,6 +13,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from experiment.protocol import approval
+from experiment.protocol.advice import advice
 from experiment.protocol.approval import Seal
 from experiment.protocol.models import ExclusionRule, PlannedTest, Protocol, Task
 from experiment.settings.characters import leftward, plain
@@ -185,6 +186,7 @@ def sections(protocol: Protocol) -> tuple[tuple[str, Iterator[Block]], ...]:
         ("Exclusion rules", _exclusion(protocol)),
         ("Planned analysis", _analysis(protocol)),
         ("Left for the laboratory", _left_empty(protocol)),
+        ("Worth a second look", _odd(protocol)),
     )
 
 
@@ -481,3 +483,13 @@ def _left_empty(protocol: Protocol) -> Iterator[Block]:
         yield Said(f"These still say {approval.UNFILLED}, and the protocol cannot be sealed before they do not:")
     for name in unfilled:
         yield Item(name)
+
+
+def _odd(protocol: Protocol) -> Iterator[Block]:
+    found = advice(protocol)
+    if found:
+        yield Said("These values are allowed, and may not be what is meant; nothing refuses them:")
+    else:
+        yield Said("palpate finds no value that is allowed and unlikely to be meant.")
+    for one in found:
+        yield Item(f"{one}.")

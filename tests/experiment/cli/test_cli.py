@@ -120,6 +120,11 @@ def test_check_json_holds_the_whole_protocol(palpate: Palpate, protocol: Path) -
     document = json.loads(out)
     assert (code, err, document["valid"]) == (0, "", True)
     assert document["protocol"]["materials"][0]["id"] == "copy paper"
+    assert document["advice"] == []
+    protocol.write_text(protocol.read_text("utf-8").replace("chance = 0.25", "chance = 0.5"), "utf-8")
+    code, out, _ = palpate("check", protocol, "--json")
+    assert [(one["path"], one["got"]) for one in json.loads(out)["advice"]] == [("analysis[0].chance", "0.5")]
+    assert code == 0
 
 
 def test_schedule_is_the_same_in_text_and_json(palpate: Palpate, protocol: Path) -> None:
