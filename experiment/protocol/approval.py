@@ -16,7 +16,7 @@ import re
 from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import rfc8785
 from pydantic import Field
@@ -36,7 +36,18 @@ UNFILLED = "TO BE FILLED IN"
 
 def canonical(protocol: Protocol) -> bytes:
     """Return the RFC 8785 JSON of `protocol`, UTF-8; dates are ISO 8601 text."""
-    return rfc8785.dumps(protocol.model_dump(mode="json"))
+    return rfc8785.dumps(_document(protocol))
+
+
+def _document(protocol: Protocol) -> dict[str, Any]:
+    """Return every field, defaults included, but for a key that is younger than format 2 and is not stated.
+
+    Without it the seals that were given before hold on.
+    """
+    document = protocol.model_dump(mode="json")
+    if document["consent"]["kept_months"] is None:
+        del document["consent"]["kept_months"]
+    return document
 
 
 def sha256(protocol: Protocol) -> str:
@@ -50,7 +61,7 @@ def names_draws(protocol: Protocol) -> str:
     Format 2 gave the tables of a kind of trial its name and a task the name of its kind. A study that was moved to it
     keeps every order that it had.
     """
-    document = protocol.model_dump(mode="json")
+    document = _document(protocol)
     document |= document.pop("footstep") | {"format": 1}
     for task in document["tasks"]:
         del task["kind"]

@@ -289,6 +289,7 @@ Taking part is voluntary. You may stop at any moment, without giving a reason. Y
 a panel that vibrates or on an object that lies under it, while headphones play noise whose volume you set yourself. \\
 We keep the movement of the foot, what was presented and what you answered, under a number and without your name.\"""
 voice_recordings = false               # the experimenter types what was said
+kept_months = 120                      # how long data are kept after a participant's last session, then deleted by hand
 
 [duration]
 # How long a visit takes, all tasks and breaks included, as participants are told before: an estimate from 25 to 50 s a

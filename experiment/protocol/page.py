@@ -266,6 +266,14 @@ def _recorded(protocol: Protocol) -> Iterator[Block]:
         yield Said("Spoken answers are recorded as sound, to which participants consent.")
     else:
         yield Said("No voice is recorded.")
+    if protocol.consent.kept_months is None:
+        yield Said("The protocol does not state how long data are kept.")
+    else:
+        kept = count(protocol.consent.kept_months, "month")
+        yield Said(
+            f"A participant's data are kept for {kept} after their last session. Then they are to be deleted, by hand; "
+            "palpate tells the laboratory when."
+        )
 
 
 def _procedure(protocol: Protocol) -> Iterator[Block]:
