@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.abc
 import json
 import os
 import re
 import shutil
+import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from datetime import date, timedelta
@@ -16,6 +18,7 @@ import pytest
 from scipy.io import wavfile
 
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.tracker.serial_port import SerialDevice
 from experiment.dataset import build
 from experiment.protocol.files import shipped
 from experiment.records import journal
@@ -125,6 +128,32 @@ def test_check_json_holds_the_whole_protocol(palpate: Palpate, protocol: Path) -
     code, out, _ = palpate("check", protocol, "--json")
     assert [(one["path"], one["got"]) for one in json.loads(out)["advice"]] == [("analysis[0].chance", "0.5")]
     assert code == 0
+
+
+@pytest.mark.parametrize("why", [ImportError("No module named 'sounddevice'"), OSError("PortAudio library not found")])
+def test_without_an_audio_library_serial_ports_are_listed_and_what_to_install(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch, why: Exception
+) -> None:
+    class Missing(importlib.abc.MetaPathFinder):
+        def find_spec(self, name: str, path: object, target: object = None) -> None:
+            if name == "sounddevice":
+                raise why
+
+    monkeypatch.delitem(sys.modules, "sounddevice", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Missing(), *sys.meta_path])
+    port = SerialDevice("/dev/ttyACM0", "A tracker", "1234:5678", ("editor (17)",))
+    monkeypatch.setattr("experiment.apparatus.tracker.serial_port.devices", lambda: (port,))
+    code, out, err = palpate("devices")
+    assert (code, err) == (0, "")
+    assert lines(out)[1] == "  /dev/ttyACM0  A tracker  1234:5678  held by editor (17)"
+    assert lines(out)[3] == (
+        f"  not known: audio: sounddevice cannot be used ({why}); install palpate[lab], and PortAudio (the system's "
+        "package libportaudio2)"
+    )
+    code, out, err = palpate("devices", "--json")
+    document = json.loads(out)
+    assert (code, document["serial"][0]["port"], document["audio"]) == (0, "/dev/ttyACM0", None)
+    assert "install palpate[lab]" in err
 
 
 def test_schedule_is_the_same_in_text_and_json(palpate: Palpate, protocol: Path) -> None:
