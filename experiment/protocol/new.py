@@ -128,19 +128,19 @@ def text(study: NewStudy) -> str:
     known = {
         "id": toml(study.id),
         "title": toml(study.title),
-        "participants": str(study.participants),
+        "participants": f"{study.participants:<23}",
         "unfilled": UNFILLED,
         "no_answer": toml(NO_ANSWER),
         "redo": toml(REDO),
         "pause": toml(PAUSE),
         "shortest_min": str(_up_to(5, shortest_s / 60)),
         "longest_min": str(_up_to(5, longest_s / 60)),
-        "session_min": str(min(240, _up_to(5, 1.2 * session_s / 60))),
-        "order": toml("counterbalanced" if len(tasks) > 1 else "fixed"),
+        "session_min": f"{min(240, _up_to(5, 1.2 * session_s / 60)):<24}",
+        "order": f"{toml('counterbalanced' if len(tasks) > 1 else 'fixed'):31}",
         "break_s": str(BREAK_S),
         "answers": str(max(1, trials * 9 // 10)),
         "tasks": ", ".join(map(toml, tasks)),
-        "chance": repr(1 / max(count, 2)),
+        "chance": f"{1 / max(count, 2)!r:29}",
         "count": str(count),
     }
     head, order, rules, both = (string.Template(one).substitute(known) for one in (_STUDY, _ORDER, _RULES, _BOTH))
@@ -236,8 +236,8 @@ def _lines(study: NewStudy, task: str, number: int, names: str) -> Iterator[str]
     yield f"stimulus = {toml(task)}"
     yield "# What the participant is told."
     yield f"instruction = {toml(_INSTRUCTIONS[task] + names + '.')}"
-    yield f"participants = {study.participants}                       # how many do this task: those who enrol first"
-    yield f"repetitions = {study.repetitions}                        # how often each material is presented"
+    yield f"{f'participants = {study.participants}':38} # how many do this task: those who enrol first"
+    yield f"{f'repetitions = {study.repetitions}':38} # how often each material is presented"
     yield "# full-random: all trials shuffled; blocked-random: each repetition shuffled by itself; max-run: no material"
     yield "# more often in a row than max_run says."
     yield 'order = { kind = "full-random" }'
@@ -258,10 +258,11 @@ _STUDY = """\
 format = 2                             # the form of this file
 
 [study]
+# The id names the study, its files and the folder of its dataset.
 id = $id
 title = $title
 source = "$unfilled: the publication or the plan that the study follows."
-participants = $participants                      # how many people take part; `palpate power` says how many it takes
+participants = $participants # how many people take part; `palpate power` says how many it takes
 
 [ethics]
 board = "$unfilled: the board that approves the study."
@@ -301,7 +302,7 @@ longest_min = $longest_min
 # Limits that protect the participant, which palpate holds whatever a stimulus asks for.
 vibration_peak_m_s2 = 30.0             # the largest acceleration of the panel
 masker_level_db_a = 80.0               # the loudest noise; where Directive 2003/10/EC first asks for action, in 8 hours
-session_min = $session_min                       # the longest session: one task of one participant
+session_min = $session_min # the longest session: one task of one participant
 
 [masker]
 # The noise on the headphones that hides the sound of the panel.
@@ -342,7 +343,7 @@ contact_mm = 0
 
 _ORDER = """\
 [task_order]
-kind = $order               # fixed: as in this file; counterbalanced: each order for as many participants
+kind = $order # fixed: as in this file; counterbalanced: each order for as many participants
 break_min_s = $break_s                      # the shortest break between two tasks
 
 # Each task: virtual stimuli are vibration; for real ones the experimenter lays out the object before each trial.
@@ -397,7 +398,7 @@ reason = "the participant withdrew"
 test = "t against chance"
 tasks = [$tasks]
 alpha = 0.05                           # the level of significance
-chance = $chance             # the share of right answers of somebody who guesses: one of $count materials
+chance = $chance # the share of right answers of somebody who guesses: one of $count materials
 question = \"""
 For each material and task: does the participants' mean ratio of correct answers differ from chance? One-sample t, \\
 two-tailed, df = participants - 1; with Cohen's d, and P adjusted by Holm over the materials of a task.\"""
