@@ -71,6 +71,7 @@ def run(
     enrolled for that, and no file of a PRACTICE counts in a study.
     """
     from experiment.protocol import files
+    from experiment.session.visit import told
 
     if practice and recordings is not None:
         raise SessionError("got --recordings with --practice; allowed: one of them; practice simulates recordings")
@@ -95,7 +96,7 @@ def run(
 
         heading = "PRACTICE" if practice else f"Participant {participant}."
         console = TerminalConsole(write=sys.stdout, ask=input, heading=heading, early=lambda: typed_ahead(sys.stdin))
-        typer.echo(ended(once(console)))
+        typer.echo(told(once(console)))
     else:
         _attend(folder, participant or "01", by)
 
@@ -162,21 +163,17 @@ def _listen(path: Path, view: "View", once: Callable[["LinkedConsole"], "Footer"
     """Run a session for consoles that connect at `path`, until it is complete or nobody wants it to go on."""
     from experiment.desk.link import Link
     from experiment.desk.linked import LinkedConsole
+    from experiment.session.visit import told
 
     console = LinkedConsole(view)
     with closing(Link(path, console)) as link:
         console.wake = link.wake
-        while True:
-            try:
-                footer = once(console)
-            except PalpateError as error:
-                if not console.begun or not console.goes_on(f"{error}."):
-                    console.ended(str(error), error.exit_code)
-                    raise
-            else:
-                if footer.reason != "paused" or not console.goes_on(ended(footer, onward=False)):
-                    console.ended(ended(footer), 0)
-                    return
+        try:
+            footer = once(console)
+        except PalpateError as error:
+            console.ended(str(error), error.exit_code)
+            raise
+        console.ended(told(footer), 0)
 
 
 def _attend(folder: Path, participant: str, by: str) -> None:
@@ -221,17 +218,3 @@ def _begin(path: Path) -> "subprocess.Popen[bytes]":
 def _last_words(path: Path) -> str:
     said = path.with_suffix(".log").read_text("utf-8", "replace").strip()
     return said.removeprefix("palpate: ") or "the session's process ended without a word; the same command resumes it"
-
-
-def ended(footer: "Footer", *, onward: bool = True) -> str:
-    """Return in sentences how a session ended, and, if `onward`, how it goes on."""
-    if footer.reason == "complete":
-        return f"The session is complete: {footer.answered} answers."
-    how = f" {footer.detail}" if footer.detail.startswith("by ") else ""
-    why = "" if how else f": {footer.detail.replace('interrupted', 'it was interrupted')}"
-    kept = f"{footer.answered} answer{'' if footer.answered == 1 else 's'} on disk"
-    # Nothing goes on where all of the protocol's minutes are used up.
-    over = not onward or footer.detail.endswith("session are over")
-    return (
-        f"The session is {footer.reason}{how}, with {kept}{why}.{'' if over else ' The same command goes on with it.'}"
-    )

@@ -7,11 +7,11 @@ screen when it was pressed. While nobody is at the console nothing new is armed,
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Literal
 
-from experiment.clock import wall_ns
+from experiment.clock import Clock, wall_ns
 from experiment.desk.messages import (
     LINES,
     Choice,
@@ -29,8 +29,9 @@ from experiment.desk.messages import (
     TakeNote,
     Typed,
     View,
+    Write,
 )
-from experiment.desk.port import BY_EXPERIMENTER, RESTS, Attended, Corrected, Noted, Remark, Repeated
+from experiment.desk.port import BY_EXPERIMENTER, DEBRIEFING, RESTS, Attended, Corrected, Noted, Remark, Repeated
 from experiment.errors import PalpateError, PauseAsked
 from experiment.settings import characters
 
@@ -46,7 +47,9 @@ ESCAPE = "escape"
 STOP = "s"
 """The key that ends the process of a session that paused."""
 
-Kind = Literal["ready", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue"]
+Kind = Literal[
+    "agree", "write", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "break", "continue"
+]
 
 
 class LinkedConsole:
@@ -113,6 +116,8 @@ class LinkedConsole:
         match deed:
             case Choose():
                 return self._choose(deed)
+            case Write():
+                return self._write(deed)
             case Typed():
                 return self._drop(deed)
             case Pause() | Stop():
@@ -138,6 +143,15 @@ class LinkedConsole:
             if deed.key not in {choice.key for choice in asked.choices}:
                 return False, f"{characters.quoted(deed.key)} is no key here."
             self._picked = deed.key
+            return True, ""
+
+    def _write(self, deed: Write) -> tuple[bool, str]:
+        text = characters.one_line(deed.text.strip()) if deed.text.strip() else ""
+        with self._changed:
+            asked = self._view.question
+            if asked is None or asked.number != deed.question or asked.kind != "write":
+                return False, "That question is no longer asked; nothing was written down."
+            self._picked = text
             return True, ""
 
     def _drop(self, deed: Typed) -> tuple[bool, str]:
@@ -171,6 +185,28 @@ class LinkedConsole:
             if session is not None:
                 self._pausing, self._begun = None, True
         self.wake()
+
+    def at(self, *, step: str, steps: Sequence[str]) -> None:
+        self._now(step=step, steps=tuple(steps))
+
+    def agree(self, *, text: str, yes: str, no: str) -> bool:
+        choices = (Choice(key=ENTER, words=yes), Choice(key=ESCAPE, words=no))
+        return self._put("agree", text, choices) == ENTER
+
+    def write(self, *, text: str) -> str:
+        self._now(trial=None, step=DEBRIEFING)
+        return self._put("write", text, ())
+
+    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
+        left_ns = until_ns - clock.now_ns()
+        self._now(state="paused", pause_until_ns=wall_ns() + left_ns)
+        try:
+            with self._open("break", why, ()), self._changed:
+                while (left_ns := until_ns - clock.now_ns()) > 0:
+                    self._changed.wait(left_ns / 1e9)
+                    self._check(attended=True)
+        finally:
+            self._now(state="preparing", pause_until_ns=None)
 
     def show(self, text: str) -> None:
         lines = [characters.plain(one) for one in text.strip("\n").split("\n")]
@@ -222,7 +258,7 @@ class LinkedConsole:
         self._now(lay_out="")
 
     def debrief(self) -> None:
-        self._now(trial=None)
+        self._now(trial=None, step=DEBRIEFING)
         self._put("debrief", "All trials are answered. Note what is left to note.", (Choice(key=ENTER, words="end"),))
 
     def ignored(self) -> str:
@@ -230,10 +266,7 @@ class LinkedConsole:
             told, self._ignored = self._ignored, ""
             return told
 
-    # What the program asks, between two runs of a session.
-
-    def goes_on(self, why: str) -> bool:
-        """Wait, once a session has paused, and return whether it goes on."""
+    def goes_on(self, *, why: str) -> bool:
         with self._changed:
             pausing, self._pausing = self._pausing, None
         if isinstance(pausing, Stop):
@@ -262,8 +295,8 @@ class LinkedConsole:
         """Wait until somebody is at a console. Raises `PauseAsked`."""
         with self._changed:
             while not self._consoles:
-                self._check(self._changed.wait(self._alone_s) or bool(self._consoles))
-            self._check(True)
+                self._check(attended=self._changed.wait(self._alone_s) or bool(self._consoles))
+            self._check(attended=True)
 
     def _take_repeated(self) -> Repeated | None:
         with self._changed:
@@ -274,7 +307,7 @@ class LinkedConsole:
         """Ask, and return what was chosen. Raises `PauseAsked`."""
         with self._open(kind, text, choices), self._changed:
             while self._chosen is None:
-                self._check(self._changed.wait(self._alone_s) or bool(self._consoles))
+                self._check(attended=self._changed.wait(self._alone_s) or bool(self._consoles))
             return self._chosen
 
     @contextmanager
@@ -288,7 +321,7 @@ class LinkedConsole:
         finally:
             self._now(question=None)
 
-    def _check(self, attended: bool) -> None:
+    def _check(self, *, attended: bool) -> None:
         if self._pausing is not None:
             raise PauseAsked(BY_EXPERIMENTER)
         if not attended:

@@ -44,11 +44,14 @@ class Choice(Message):
 class Question(Message):
     """What is asked now. `number` is unlike that of any other question; an answer to another one is refused.
 
-    A question of kind `answer` is asked until a key is chosen; then `confirm` asks for the same key's confirmation.
+    A question of kind `answer` is asked until a key is chosen; then `confirm` asks for its confirmation. One of kind
+    `write` is answered by `Write`: a line of text, or nothing.
     """
 
     number: int
-    kind: Literal["ready", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue"]
+    kind: Literal[
+        "agree", "write", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "break", "continue"
+    ]
     text: str
     choices: tuple[Choice, ...]
 
@@ -168,6 +171,14 @@ class Choose(Message):
     key: str
 
 
+class Write(Message):
+    """A line of text, or nothing, for the question with this number."""
+
+    do: Literal["write"] = "write"
+    question: int
+    text: str
+
+
 class TakeNote(Message):
     """A note, at any moment of a session; `trial` was under way when it was begun, None outside of trials."""
 
@@ -222,7 +233,7 @@ class Shown(Message):
 
 
 Deed = Annotated[
-    Choose | TakeNote | Correct | Repeat | Pause | Stop | Typed | Shown,
+    Choose | Write | TakeNote | Correct | Repeat | Pause | Stop | Typed | Shown,
     Field(discriminator="do"),
 ]
 """What a command asks for."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 from experiment.apparatus.ports import Rester
+from experiment.clock import Clock
 from experiment.desk.messages import Gauges, Standing
 
 
@@ -71,6 +73,26 @@ class Console(Rester, Protocol):
         """Take note of the session that is under way from now on; None once it has ended."""
         ...
 
+    def at(self, *, step: str, steps: Sequence[str]) -> None:
+        """Say where the visit stands: at one of its steps."""
+        ...
+
+    def agree(self, *, text: str, yes: str, no: str) -> bool:
+        """Wait until the experimenter says `yes` or `no` to what `text` says."""
+        ...
+
+    def write(self, *, text: str) -> str:
+        """Wait for what the experimenter writes down as `text` asks for; it may be nothing."""
+        ...
+
+    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
+        """Return when a session's clock has reached a time, ns."""
+        ...
+
+    def goes_on(self, *, why: str) -> bool:
+        """Return whether the program goes on with a session that stopped; `why` says how it stopped."""
+        ...
+
     def show(self, text: str) -> None:
         """Show the experimenter a line."""
         ...
@@ -118,6 +140,9 @@ class Console(Rester, Protocol):
 
 BY_EXPERIMENTER = "by the experimenter"
 """Why a session pauses that was asked to."""
+
+DEBRIEFING = "debriefing"
+"""The last step of a visit."""
 
 RESTS = (
     "Zeroing: have the foot rest still on the bare panel. Then press Enter, or press Ctrl-C to pause; the same command "

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
 from experiment.desk.port import RESTS, Attended, Corrected, Noted, Remark, Repeated
@@ -13,6 +13,7 @@ from experiment.errors import ScreenGone
 from experiment.settings import characters
 
 if TYPE_CHECKING:
+    from experiment.clock import Clock
     from experiment.recordings.store import Condition
     from experiment.recordings.workflow import Step
 
@@ -126,6 +127,30 @@ class TerminalConsole(_Lines):
 
     def attend(self, session: Attended | None) -> None:
         """Take nothing from it: lines are shown, and keys asked for, only when it is the session's turn."""
+
+    def at(self, *, step: str, steps: Sequence[str]) -> None:
+        """Say nothing: the questions say it."""
+
+    def agree(self, *, text: str, yes: str, no: str) -> bool:
+        while (typed := self._ask(f"{text}\n[y] {yes}  [n] {no}: ").strip().lower()) not in ("y", "n"):
+            self._refuse(typed, "is no key; type y or n")
+        return typed == "y"
+
+    def write(self, *, text: str) -> str:
+        while True:
+            typed = self._ask(f"{text} Type one line, or nothing; press Enter: ").strip()
+            try:
+                return characters.one_line(typed) if typed else ""
+            except ValueError as error:
+                self.show(f"The line {error}, which cannot go on record; type it again without that character")
+
+    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
+        self.show(f"{why} {max(until_ns - clock.now_ns(), 0) / 60e9:.1f} min are left.")
+        clock.sleep_ns(until_ns - clock.now_ns())
+
+    def goes_on(self, *, why: str) -> bool:  # noqa: ARG002
+        """Return that it does not: the command ends, and is given again."""
+        return False
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
         least = f"{min_s / 60:.1f}" if min_s > 0 else "up"

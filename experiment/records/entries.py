@@ -185,6 +185,14 @@ class Correction(Entry):
     reason: str
 
 
+class Visited(Entry):
+    """A step of the visit beside the trials: who was asked for, what the participant reported, what was paid."""
+
+    kind: Literal["visit"] = "visit"
+    step: Literal["identity", "report", "payment"]
+    text: str
+
+
 class Note(Entry):
     """What the experimenter noted, during a trial or, where `trial` is None, outside of trials."""
 

@@ -37,6 +37,7 @@ from experiment.records.entries import (
     Redo,
     Resumed,
     TrackerOpened,
+    Visited,
     Withdrawal,
 )
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
@@ -55,6 +56,7 @@ AnyEntry = Annotated[
     | Correction
     | Note
     | Commanded
+    | Visited
     | Ignored
     | Redo
     | Resumed

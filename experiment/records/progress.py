@@ -19,6 +19,7 @@ from experiment.records.entries import (
     MaskerSet,
     PlannedTrial,
     Redo,
+    Visited,
     Withdrawal,
 )
 from experiment.records.footstep import BrokenOff, FootStep
@@ -33,7 +34,8 @@ class Progress:
     put off to the end of their blocks, both in that order. `attempts` counts the attempts begun by trial. Trial and
     attempt are given of what was armed without its end on disk (`armed`), and of a step on disk without its answer
     (`unanswered`). `footer` is the last one, if the session has ended since it was last resumed. `masker_db_a` is the
-    level chosen last, dB(A). `stimuli` were played in steps on record, `vibration_s` together, s.
+    level chosen last, dB(A). `visited` are the steps of the visit that are on record beside the trials. `stimuli` were
+    played in steps on record, `vibration_s` together, s.
     """
 
     header: Header
@@ -44,6 +46,7 @@ class Progress:
     unanswered: tuple[int, int] | None = None
     footer: Footer | None = None
     masker_db_a: float | None = None
+    visited: tuple[str, ...] = ()
     stimuli: int = 0
     vibration_s: float = 0.0
 
@@ -96,6 +99,8 @@ class Progress:
         if isinstance(entry, Redo):
             redone = replace(done._without(entry.trial), armed=None, unanswered=None)
             return redone._later(entry.trial) if entry.put_off else redone
+        if isinstance(entry, Visited):
+            return replace(done, visited=(*done.visited, entry.step))
         if isinstance(entry, MaskerSet) and entry.level_db_a is not None:
             return replace(done, masker_db_a=entry.level_db_a)
         return done

@@ -20,6 +20,7 @@ from experiment.records.entries import (
     Redo,
     Resumed,
     TrackerOpened,
+    Visited,
     Withdrawal,
 )
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
@@ -104,6 +105,8 @@ def _said(entry: AnyEntry) -> str:
             return f"trial {entry.trial}.{entry.attempt}: the answer was corrected to {answer}: {entry.reason}"
         case Note():
             return f"note{'' if entry.trial is None else f' at trial {entry.trial}'}: {entry.text}"
+        case Visited():
+            return f"{entry.step}: {entry.text}"
         case Commanded():
             refused = "" if entry.taken else f", refused: {entry.reply}"
             return f"asked for by {entry.by}: {entry.command}{refused}"

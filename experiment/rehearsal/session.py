@@ -114,7 +114,14 @@ def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: C
             asked = asked.model_copy(update={"session_id": asked.rehearsed_id(job.control)})
         else:
             protocol = _without_waiting(protocol)
-        return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=job.dataset)
+        return runner.run(
+            protocol=protocol,
+            header=asked,
+            devices=devices,
+            rig_file=rig_file,
+            dataset=job.dataset,
+            last=desk is not None and task_id == job.tasks[-1],
+        )
 
 
 def _without_waiting(protocol: Protocol) -> Protocol:

@@ -6,6 +6,7 @@ import errno
 import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -26,6 +27,7 @@ from experiment.records.progress import progress
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.participant import Tick
 from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant, run_task
+from experiment.session.visit import visit_steps, walk
 from experiment.study.allocation import allocate, find
 
 OPTIONS = {"REHEARSAL": "--out", "PRACTICE": "--dataset"}
@@ -148,28 +150,32 @@ def practise(
         if not is_begun(job.dataset, plan):
             refused.enter_context(_prepared(job.dataset, plan, protocol_file, rig_file))
         left = {task: _remaining(job.dataset, protocol, job, task) for task in job.tasks}
-        task_id = task_id or next((task for task in job.tasks if left[task]), job.tasks[-1])
-        if task_id not in left:
+        tasks = (task_id,) if task_id else tuple(task for task in job.tasks if left[task]) or job.tasks[-1:]
+        if tasks[0] not in left:
             raise RosterError(
                 f"participant {participant} does not do task '{task_id}'; allowed: {', '.join(left)}; name one of these"
             )
-        console.show(WELCOME.format(label=LABELS["PRACTICE"], participant=participant, task=task_id, out=out))
+        console.show(WELCOME.format(label=LABELS["PRACTICE"], participant=participant, task=tasks[0], out=out))
         if said := recorded_takes.generic(material.id for material in protocol.materials):
             console.show(said)
-        footer = run_task(job, task_id, lambda: None, None, console)
+        footer = walk(console=console, tasks=tasks, run=_Practice(job, console).session)
     build.build(job.dataset)
-    later = [task for task in job.tasks if left[task] and task != task_id]
-    if footer.reason == "paused":
-        onward = ""
-    elif not left[task_id]:
-        onward = "This session was complete before. To practise it anew, name another --participant or --dataset."
-    else:
-        onward = f"To practise the other task, add --task {later[0]}." if later else "Every task is practised."
-    # What ended the session may stand on an unfinished line.
-    console.show(f"\n{onward}")
+    if footer.reason != "paused" and not any(left.values()):
+        console.show("Every task was complete before. To practise anew, name another --participant or --dataset.")
     if footer.answered:
-        console.show(f"To see tables of what you practised: palpate analyse {out}")
+        # What ended the session may stand on an unfinished line.
+        console.show(f"\nTo see tables of what you practised: palpate analyse {out}")
     return footer
+
+
+@dataclass(frozen=True)
+class _Practice:
+    job: Job
+    console: Console
+
+    def session(self, task_id: str) -> Footer:
+        self.console.at(step=task_id, steps=visit_steps(self.job.tasks))
+        return run_task(self.job, task_id, lambda: None, None, self.console)
 
 
 def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 from experiment.apparatus.ports import Masker
 from experiment.clock import Clock
+from experiment.desk import interrupts
 from experiment.desk.port import Console, Remark, Repeated
 from experiment.errors import JournalError, SessionError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
-from experiment.session import interrupts
 from experiment.session.kind import Kind, KindDevices, Limits, Log
 from experiment.session.masker import KEYS, Masking
 from experiment.session.remarks import Remarks

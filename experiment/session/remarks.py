@@ -5,12 +5,12 @@ from __future__ import annotations
 import shutil
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from experiment.desk.messages import RECENT, Gauges, Lamp, Standing, Told
 from experiment.desk.port import Console, Corrected, Noted, Remark, Repeated
 from experiment.protocol.models import Answers
-from experiment.records.entries import Commanded, Correction, Ignored, Note, Redo
+from experiment.records.entries import Commanded, Correction, Ignored, Note, Redo, Visited
 from experiment.session.kind import Kind, Limits, Log
 from experiment.settings import characters
 
@@ -21,6 +21,12 @@ if TYPE_CHECKING:
 
 LITTLE_BYTES = 500_000_000
 """Less free space than this on the dataset's disk is told, bytes."""
+
+REPORTS: dict[Literal["report", "payment"], str] = {
+    "report": "What does the participant report of the session, in their own words? Name no person.",
+    "payment": "What was paid, or handed out? Name no person.",
+}
+"""What is asked at the end of a visit, by its step."""
 
 CLOSED = "The session has ended; nothing was changed."
 
@@ -65,6 +71,12 @@ class Remarks:
             attempt = done.attempts[remark.trial]
             self._log.write(Redo(trial=remark.trial, attempt=attempt, reason=remark.reason, put_off=True))
             return True, f"Trial {remark.trial} is done again; the answer that it had no longer counts."
+
+    def ask_report(self) -> None:
+        """Ask, at the end of a visit, for what was not asked or told yet."""
+        for step, text in REPORTS.items():
+            if step not in self._log.done.visited and (written := self._console.write(text=text)):
+                self._log.write(Visited(step=step, text=written))
 
     def note_ignored(self) -> None:
         """Put on record what was typed before it was asked for."""

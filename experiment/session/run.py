@@ -1,8 +1,10 @@
-"""One session of a real study: from the approved protocol and the roster to the dataset."""
+"""The sessions of a participant's visit in a real study: from the approved protocol and the roster to the dataset."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,7 +13,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker import calibration
-from experiment.clock import Clock, MonotonicClock, day
+from experiment.clock import Clock, MonotonicClock, day, wall_ns
 from experiment.dataset import beliefs, build, register
 from experiment.dataset.bids import LABELS
 from experiment.desk.port import Console
@@ -19,10 +21,11 @@ from experiment.errors import PalpateError, RecordingError, RigError, RosterErro
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
-from experiment.records.entries import Footer, Purpose
+from experiment.records.entries import Footer, Purpose, Visited
 from experiment.records.progress import progress
 from experiment.session import runner, scene
 from experiment.session.laboratory import header, open_laboratory
+from experiment.session.visit import visit_steps, walk
 from experiment.settings.characters import quoted
 from experiment.study import enrolment, roster
 from experiment.study.allocation import Allocation, allocated, find
@@ -72,12 +75,12 @@ def run(
     recordings: Path | None,
     console: Console,
 ) -> Footer:
-    """Run one session of a participant in the room, or the rest of one, and bring the dataset up to date.
+    """Run a participant in the room through what is left of their visit, and bring the dataset up to date.
 
-    The protocol must be sealed, the participant enrolled, and the task one of theirs; None stands for the first that is
-    not complete. `root` None stands for
-    `participants/STUDY`, and `recordings` None for those in the dataset. Raises `PalpateError` for anything that
-    forbids or ends the session, before a participant is on the panel where possible.
+    The protocol must be sealed, and the participant enrolled. `task_id` is one of their tasks; None stands for all that
+    are not complete. `root` None stands for `participants/STUDY`, and `recordings` None for those in the dataset.
+    Return the footer of the last session begun. Raises `PalpateError` for anything that forbids or ends a session,
+    before a participant is on the panel where possible.
     """
     clock = MonotonicClock()
     protocol = files.load(protocol_file)
@@ -94,6 +97,7 @@ def run(
     )
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or enrolment.default_root(protocol)
+    _ask_consent(root, protocol_file, protocol, participant, console)
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)
     rig = rigs.load(rig_file)
     anchored_in = _anchored_in(rig, rig_file)
@@ -107,61 +111,146 @@ def run(
         console.show(LABELS["PILOT"])
     allocation = find(allocated(protocol, seed, enrolled.takes), participant)
     beliefs.believed(root)
-    task_id = task_id or _next_task(root, allocation)
-    _check_turn(root, allocation, task_id)
+    left = tuple(task for task in allocation.tasks if not _is_complete(root, participant, task))
+    tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
+    _check_turn(root, allocation, tasks[0])
     _keep_seal(root, protocol_file)
-    _wait_for_break(root, protocol, allocation, task_id, clock, console)
-    _admitted(root, protocol_file, protocol, participant, clock)
-    if rig.audio is None:
-        console.show(
-            f"The rig has no audio device for the masker. Play {protocol.masker.noise} noise by other means, "
-            f"at no more than {protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: "
-            f"{protocol.masker.criterion}"
-        )
-    planned = scene.plan(protocol=protocol, task_id=task_id)
-    used = _keep_recordings(root, recordings, protocol, planned) if planned.synthesis else None
-    with ExitStack() as opened:
-        devices = opened.enter_context(
-            open_laboratory(
+    visit = _Visit(
+        protocol_file=protocol_file,
+        protocol=protocol,
+        rig_file=rig_file,
+        rig=rig,
+        root=root,
+        recordings=recordings,
+        allocation=allocation,
+        seed=seed,
+        purpose=purpose,
+        anchored_in=anchored_in,
+        consent_on=enrolled.consent_on.get(participant),
+        console=console,
+        clock=clock,
+    )
+    return walk(console=console, tasks=tasks, run=visit.session)
+
+
+@dataclass(kw_only=True)
+class _Visit:
+    """A visit that may begin; who sits at the panel is asked before its first session."""
+
+    protocol_file: Path
+    protocol: Protocol
+    rig_file: Path
+    rig: Rig
+    root: Path
+    recordings: Path | None
+    allocation: Allocation
+    seed: int
+    purpose: Purpose
+    anchored_in: tuple[Path, Path | None] | None
+    consent_on: date | None
+    console: Console
+    clock: Clock
+
+    def __post_init__(self) -> None:
+        self._identity: Visited | None = None
+
+    def session(self, task_id: str) -> Footer:
+        """Run the session of one task, or the rest of one."""
+        root, protocol, rig, console, clock = self.root, self.protocol, self.rig, self.console, self.clock
+        participant, tasks = self.allocation.participant, self.allocation.tasks
+        console.at(step=task_id, steps=visit_steps(tasks))
+        _wait_for_break(root, protocol, self.allocation, task_id, clock, console)
+        self._admitted()
+        if rig.audio is None:
+            console.show(
+                f"The rig has no audio device for the masker. Play {protocol.masker.noise} noise by other means, "
+                f"at no more than {protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: "
+                f"{protocol.masker.criterion}"
+            )
+        planned = scene.plan(protocol=protocol, task_id=task_id)
+        used = _keep_recordings(root, self.recordings, protocol, planned) if planned.synthesis else None
+        with ExitStack() as opened:
+            devices = opened.enter_context(
+                open_laboratory(
+                    protocol=protocol,
+                    rig=rig,
+                    rig_folder=self.rig_file.parent,
+                    participant=participant,
+                    task_id=task_id,
+                    dataset=root,
+                    recordings=used,
+                    clock=clock,
+                    ends=RealEnds(console),
+                )
+            )
+            if not _is_complete(root, participant, task_id):
+                self._admitted()
+                self._identify()
+            asked = header(
                 protocol=protocol,
                 rig=rig,
-                rig_folder=rig_file.parent,
                 participant=participant,
                 task_id=task_id,
-                dataset=root,
+                position=tasks.index(task_id) + 1,
+                seed=self.seed,
                 recordings=used,
+                purpose=self.purpose,
+                # Nobody who withdrew in the meantime is begun with.
+                roster_sha256=self._admitted().lines.end.last,
                 clock=clock,
-                ends=RealEnds(console),
             )
-        )
-        asked = header(
-            protocol=protocol,
-            rig=rig,
-            participant=participant,
-            task_id=task_id,
-            position=allocation.tasks.index(task_id) + 1,
-            seed=seed,
-            recordings=used,
-            purpose=purpose,
-            # Nobody who withdrew in the meantime is begun with.
-            roster_sha256=_admitted(root, protocol_file, protocol, participant, clock).lines.end.last,
-            clock=clock,
-        )
-        try:
-            footer = runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=root)
-        except (PalpateError, KeyboardInterrupt) as ended:
-            # No device is kept, and no priority, while files are written.
-            opened.close()
             try:
-                build.build(root)
-                _anchor(root, anchored_in, console)
-            except PalpateError as unbuilt:
-                ended.add_note(f"the dataset could not be brought up to date either: {unbuilt}")
-            raise
-    build.build(root)
-    if not _anchor(root, anchored_in, console) and footer.reason == "complete":
-        console.show("This session was complete already; nothing was added to it.")
-    return footer
+                footer = runner.run(
+                    protocol=protocol,
+                    header=asked,
+                    devices=devices,
+                    rig_file=self.rig_file,
+                    dataset=root,
+                    identity=self._identity,
+                    last=task_id == tasks[-1],
+                )
+            except (PalpateError, KeyboardInterrupt) as ended:
+                # No device is kept, and no priority, while files are written.
+                opened.close()
+                try:
+                    build.build(root)
+                    _anchor(root, self.anchored_in, console)
+                except PalpateError as unbuilt:
+                    ended.add_note(f"the dataset could not be brought up to date either: {unbuilt}")
+                raise
+        build.build(root)
+        if not _anchor(root, self.anchored_in, console) and footer.reason == "complete":
+            console.show("This session was complete already; nothing was added to it.")
+        return footer
+
+    def _identify(self) -> None:
+        """Have it confirmed, once, that the participant of the label is at the panel. Raises `SessionError` if not."""
+        if self._identity is not None:
+            return
+        who = self.allocation.participant
+        done = [task for task in self.allocation.tasks if _is_complete(self.root, who, task)]
+        consent = f"Consent is of {self.consent_on}. " if self.consent_on else ""
+        so_far = f"Complete so far: {', '.join(done)}." if done else "No task is complete yet."
+        text = f"Is the person at the panel participant {who}? {consent}{so_far}"
+        if not self.console.agree(text=text, yes="yes, go on", no="no, leave"):
+            raise SessionError(
+                f"the person at the panel is not participant {who}; nothing was begun; look up their label, and give "
+                "it with --participant"
+            )
+        self._identity = Visited(step="identity", text=f"participant {who}, as the experimenter confirmed")
+
+    def _admitted(self) -> roster.Roster:
+        return _admitted(self.root, self.protocol_file, self.protocol, self.allocation.participant, self.clock)
+
+
+def _ask_consent(root: Path, protocol_file: Path, protocol: Protocol, participant: str, console: Console) -> None:
+    """Have the consent of an enrolled participant recorded who signed the form just now."""
+    known = roster.Roster.load(storage.roster_path(root))
+    if not protocol.consent.required or known.consent_on.get(participant, protocol) is not None:
+        return
+    text = f"No consent of participant {participant} is on record. Did they read the consent text and sign today?"
+    if console.agree(text=text, yes="yes, record today's consent", no="no, leave"):
+        enrolment.consent(protocol_file, participant, day(wall_ns()), root=root)
 
 
 def _admitted(root: Path, protocol_file: Path, protocol: Protocol, participant: str, clock: Clock) -> roster.Roster:
@@ -214,13 +303,8 @@ def _keep_seal(root: Path, protocol_file: Path) -> None:
         storage.write_bytes(kept, approval.seal_path(protocol_file).read_bytes())
 
 
-def _next_task(root: Path, allocation: Allocation) -> str:
-    """Return the participant's first task that is not complete; the last one if all are."""
-    return next((task for task in allocation.tasks if not _is_complete(root, allocation, task)), allocation.tasks[-1])
-
-
-def _is_complete(root: Path, allocation: Allocation, task_id: str) -> bool:
-    entries = journal.read_if_begun(storage.journal_path(root, allocation.participant, task_id)).entries
+def _is_complete(root: Path, participant: str, task_id: str) -> bool:
+    entries = journal.read_if_begun(storage.journal_path(root, participant, task_id)).entries
     return bool(entries) and progress(entries).complete
 
 
@@ -232,7 +316,7 @@ def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
             f"participant {who} does not do task '{task_id}'; allowed: {', '.join(tasks)}; name one of these"
         )
     for earlier in tasks[: tasks.index(task_id)]:
-        if not _is_complete(root, allocation, earlier):
+        if not _is_complete(root, who, earlier):
             raise RosterError(f"participant {who} does task '{earlier}' before '{task_id}'; run that one first")
 
 
@@ -272,5 +356,5 @@ def _wait_for_break(
         lines = journal.read_if_begun(storage.journal_path(root, allocation.participant, other)).lines
         left_ns = lines[-1].t_ns + int(protocol.task_order.break_min_s * 1e9) - clock.now_ns() if lines else 0
         if left_ns > 0:
-            console.show(f"The break after task {other} lasts {left_ns / 60e9:.1f} min more; then the session starts.")
-            clock.sleep_ns(left_ns)
+            why = f"The break after task {other} lasts {protocol.task_order.break_min_s / 60:g} min at least."
+            console.wait(why=why, until_ns=clock.now_ns() + left_ns, clock=clock)

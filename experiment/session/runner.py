@@ -13,13 +13,13 @@ from typing import Literal
 
 from experiment.apparatus import opening
 from experiment.clock import Clock, day
+from experiment.desk import interrupts
 from experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
-from experiment.records.entries import Footer, Header, Phase, PlannedTrial, Redo, Resumed, Trace, Withdrawal
+from experiment.records.entries import Footer, Header, Phase, PlannedTrial, Redo, Resumed, Trace, Visited, Withdrawal
 from experiment.records.journal import AnyEntry
 from experiment.records.progress import Progress, progress
-from experiment.session import interrupts
 from experiment.session.attempt import Attempts, Devices, Event, State, follow
 from experiment.session.exposure import Exposed, spent_ns
 from experiment.session.masker import Masking
@@ -34,9 +34,19 @@ MOST_UNDELIVERED = 8
 """After so many attempts in a row whose stimulus the loopback did not hear as intended, the rig must be at fault."""
 
 
-def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path, dataset: Path) -> Footer:
+def run(
+    *,
+    protocol: Protocol,
+    header: Header,
+    devices: Devices,
+    rig_file: Path,
+    dataset: Path,
+    identity: Visited | None = None,
+    last: bool = False,
+) -> Footer:
     """Run a session, or the rest of one, and return the footer that ended it.
 
+    `identity` is what was asked before it, and goes on record; the `last` session of a visit ends with its debriefing.
     If a journal exists, its own header rules and must be of the same session; a session that is complete is not
     touched. The rig's file is kept beside the journal.
 
@@ -58,7 +68,13 @@ def run(*, protocol: Protocol, header: Header, devices: Devices, rig_file: Path,
         opening.copy_rig(rig_file, rig_path(path))
         with closing(SessionLog(path, devices.clock, contents, done)) as log:
             session = _Session(
-                protocol=protocol, devices=devices, log=log, spent_ns=spent_ns(contents), folder=path.parent
+                protocol=protocol,
+                devices=devices,
+                log=log,
+                spent_ns=spent_ns(contents),
+                folder=path.parent,
+                identity=identity,
+                last=last,
             )
             with closing(session):
                 return session.run(contents)
@@ -137,8 +153,20 @@ class SessionLog:
 
 
 class _Session:
-    def __init__(self, *, protocol: Protocol, devices: Devices, log: SessionLog, spent_ns: int, folder: Path) -> None:
+    def __init__(
+        self,
+        *,
+        protocol: Protocol,
+        devices: Devices,
+        log: SessionLog,
+        spent_ns: int,
+        folder: Path,
+        identity: Visited | None,
+        last: bool,
+    ) -> None:
         self._protocol = protocol
+        self._identity = identity
+        self._last = last
         self._task = protocol.task(log.done.header.task)
         self._devices = devices
         self._log = log
@@ -184,7 +212,7 @@ class _Session:
     def _run(self, contents: journal.Contents) -> Footer:
         try:
             self._begin(contents)
-            if self._masking is not None and not self._exposed.over():
+            if self._masking is not None and self._log.done.remaining and not self._exposed.over():
                 self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a)
             self._attempts.remarks.note_ignored()
             pause = self._trials()
@@ -225,6 +253,8 @@ class _Session:
     def _next(self) -> PlannedTrial | None:
         """Return the trial that comes next; at the end of the debriefing, if none is to be done again, None."""
         if not self._log.done.remaining:
+            if self._last:
+                self._attempts.remarks.ask_report()
             self._attempts.debrief()
         return next(iter(self._log.done.remaining), None)
 
@@ -294,6 +324,8 @@ class _Session:
         else:
             self._log.write(done.header)
             self._exposed.begin()
+        if self._identity is not None:
+            self._log.write(self._identity)
         self._devices.console.attend(self._attendance)
         if priority := self._devices.priority:
             self._log.write(Phase(state=self._state, detail=f"priority: {priority}"))

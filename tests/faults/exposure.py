@@ -12,7 +12,7 @@ import random
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -27,7 +27,7 @@ from experiment.apparatus.panel.conditioning import Played
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Scrutiny
-from experiment.clock import Uptime
+from experiment.clock import Clock, Uptime
 from experiment.desk.port import Attended
 from experiment.protocol import files
 from experiment.protocol.files import shipped
@@ -289,6 +289,21 @@ class Dawdler:
 
     def ignored(self) -> str:
         return ""
+
+    def at(self, *, step: str, steps: Sequence[str]) -> None:
+        pass
+
+    def agree(self, *, text: str, yes: str, no: str) -> bool:
+        return True
+
+    def write(self, *, text: str) -> str:
+        return ""
+
+    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
+        clock.sleep_ns(until_ns - clock.now_ns())
+
+    def goes_on(self, *, why: str) -> bool:
+        return False
 
     def attend(self, session: Attended | None) -> None:
         pass

@@ -55,12 +55,14 @@ WARM = (
 
 SCREEN = re.compile(
     r"(?P<familiar>Press Enter when the participant is familiar with the materials: )"
+    r"|(?P<agree>\[y\] [^\n]*: )"
     r"|(?P<level>\[Enter\] keep the level\nKey: )"
     r"|(?P<lay>Lay out [^\n]*, then press Enter: )"
     r"|(?P<armed>Armed: the participant may step\.|may lift the foot and step\.)"
     r"|Trial (?P<asked>\d+), the participant said:[^\n]*\nKey: "
     r"|type (?P<confirm>\S) again to confirm, anything else to ask again: "
     r"|Trial (?P<trial>\d+): the answer is on disk: (?P<answer>[^\n]*)\.\n"
+    r"|(?P<write>Type one line, or nothing; press Enter: )"
     r"|(?P<remarks>press Enter to end the session: )"
     r"|(?P<ended>\[ended -?\d+\])"
 )
@@ -303,7 +305,7 @@ class Laboratory:
 
     def command(self, dataset: Path, participant: str, task: str, rig: Path | None = None) -> list[str]:
         """Return the arguments that begin or continue a session, on the laboratory's rig or another."""
-        where = ["--rig", rig or self.rig, "--dataset", dataset, "--recordings", self.recordings]
+        where = ["--rig", rig or self.rig, "--dataset", dataset, "--recordings", self.recordings, "--lines"]
         return [str(word) for word in ("run", self.study, "-p", participant, "--task", task, *where)]
 
     def datasets(self) -> Iterator[Path]:

@@ -45,7 +45,7 @@ def study(tmp_path: Path) -> Path:
 def practise(folder: Path, *arguments: str, stop_after: int = TRIALS) -> tuple[int, str]:
     """Give the command at a terminal, and key what the participant says; press Ctrl-C once so many are answered."""
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "experiment", "run", *arguments, "--practice"]
+    command = [sys.executable, "-m", "experiment", "run", *arguments, "--practice", "--lines"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     process = subprocess.Popen(
         command, cwd=folder, env=environment, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True

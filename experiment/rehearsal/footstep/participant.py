@@ -261,6 +261,21 @@ class SimulatedParticipant:
     def attend(self, session: Attended | None) -> None:
         """Ask nothing of it: simulated participants speak when they are asked."""
 
+    def at(self, *, step: str, steps: Sequence[str]) -> None:
+        """Look at nothing: a simulated participant knows where they are."""
+
+    def agree(self, *, text: str, yes: str, no: str) -> bool:  # noqa: ARG002
+        return True
+
+    def write(self, *, text: str) -> str:  # noqa: ARG002
+        return ""
+
+    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:  # noqa: ARG002
+        clock.sleep_ns(until_ns - clock.now_ns())
+
+    def goes_on(self, *, why: str) -> bool:  # noqa: ARG002
+        return False
+
     def show(self, text: str) -> None:
         if self.screen is not None:
             self.screen.show(f"REHEARSAL  {text}")
@@ -376,6 +391,21 @@ class Practised:
 
     def attend(self, session: Attended | None) -> None:
         self.desk.attend(session)
+
+    def at(self, *, step: str, steps: Sequence[str]) -> None:
+        self.desk.at(step=step, steps=steps)
+
+    def agree(self, *, text: str, yes: str, no: str) -> bool:
+        return self.desk.agree(text=text, yes=yes, no=no)
+
+    def write(self, *, text: str) -> str:
+        return self.desk.write(text=text)
+
+    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
+        self.desk.wait(why=why, until_ns=until_ns, clock=clock)
+
+    def goes_on(self, *, why: str) -> bool:
+        return self.desk.goes_on(why=why)
 
     def _tell(self, words: str) -> None:
         self.desk.show(f"The participant says: {words}.")

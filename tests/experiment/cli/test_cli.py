@@ -276,7 +276,10 @@ class TestALaboratorysStudy:
         root = protocol.with_name("dataset")
         return palpate("run", protocol, "-p", "01", "--task", task, "--rig", rig, "--dataset", root)
 
-    def test_each_missing_step_is_named(self, palpate: Palpate, protocol: Path, rig: Path) -> None:
+    def test_each_missing_step_is_named(
+        self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setattr("builtins.input", lambda _: "n")
         root = protocol.with_name("dataset")
         assert "seal it" in self.run(palpate, protocol, rig)[2]
         assert self.seal(palpate, protocol)[0] == 0
@@ -446,7 +449,7 @@ class TestALaboratorysStudy:
         def falls_silent(prompt: str) -> str:
             if "Lay out" in prompt:
                 foot.close()
-            return ""
+            return "y"
 
         monkeypatch.setattr("builtins.input", falls_silent)
         monkeypatch.setattr("experiment.session.run.RealEnds.reconnect_s", 0.2)

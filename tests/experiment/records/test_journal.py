@@ -291,6 +291,16 @@ def test_a_line_that_holds_more_than_it_says_is_refused(tmp_path: Path, old: byt
         journal.read(path)
 
 
+@pytest.mark.parametrize("more", [b'"\\ud800"', b'"\xed\xa0\x80"', b"1e999"])
+def test_a_line_that_says_what_no_text_or_number_is_is_refused(tmp_path: Path, more: bytes) -> None:
+    path = tmp_path / "j"
+    write(path, ENTRIES[:2])
+    path.write_bytes(path.read_bytes().replace(b"}}\n", b',"more":%s}}\n' % more))
+    chain.head_path(path).unlink()
+    with pytest.raises(JournalError, match="line 1 is no chained line"):
+        journal.read(path)
+
+
 @pytest.mark.parametrize("moved", [False, True])
 @pytest.mark.parametrize("what", ["journal", "head", "folder"])
 def test_a_journal_that_goes_is_noticed_at_the_next_entry(tmp_path: Path, what: str, moved: bool) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from experiment.apparatus.panel.conditioning import Played
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.clock import ManualClock
+from experiment.clock import Clock, ManualClock
 from experiment.desk.port import Attended, Remark
 from experiment.errors import PalpateError, TrackerStopped
 from experiment.records.stimulus import Delivered
@@ -166,6 +166,21 @@ class ScriptedConsole:
         self.attended: list[Attended | None] = []
         self.rested: list[str] = []
         """Why the foot was asked to rest, each time."""
+
+    def at(self, *, step: str, steps: Sequence[str]) -> None:
+        pass
+
+    def agree(self, *, text: str, yes: str, no: str) -> bool:
+        return True
+
+    def write(self, *, text: str) -> str:
+        return ""
+
+    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
+        clock.sleep_ns(until_ns - clock.now_ns())
+
+    def goes_on(self, *, why: str) -> bool:
+        return False
 
     def attend(self, session: Attended | None) -> None:
         self.attended.append(session)

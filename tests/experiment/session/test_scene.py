@@ -68,7 +68,7 @@ board, tomorrow = protocol.ethics.board, today + timedelta(1)
 approval.write(file, protocol, approval_number="1", board=board, approved_on=today, expires_on=tomorrow)
 seed = next(s for s in range(99) if allocate(protocol, s)[0].tasks[0] == "real")
 enrolment.enrol(file, "01", today, root=here / "dataset", seed=seed)
-console = TerminalConsole(write=sys.stderr, ask=input, heading="")
+console = TerminalConsole(write=sys.stderr, ask=lambda _: "y", heading="")
 try:
     run.run(protocol_file=file, rig_file=rig, participant="01", task_id="real", root=here / "dataset",
               recordings=None, console=console)

@@ -13,12 +13,13 @@ import pytest
 
 from experiment import storage
 from experiment.apparatus.tracker.frames import Samples
+from experiment.desk import interrupts
 from experiment.errors import AudioError, ScreenGone
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
 from experiment.records.entries import Footer, Trace
 from experiment.records.footstep import FootStep
-from experiment.session import interrupts, runner
+from experiment.session import runner
 from experiment.session.attempt import Event, State, follow
 from experiment.session.runner import SessionLog
 from tests.experiment.session.bench import bench, entries, felt_and_on_file, header

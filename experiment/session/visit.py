@@ -1,0 +1,61 @@
+"""A participant's visit: their tasks one after the other, gone on with after each pause, and how it is told.
+
+Who the participant is, and whether they consented, is asked in `run.py` before the first task; what they report, at the
+end of the last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from experiment.desk.port import DEBRIEFING, Console
+from experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
+from experiment.records.entries import Footer
+
+
+def walk(*, console: Console, tasks: Sequence[str], run: Callable[[str], Footer]) -> Footer:
+    """Run a participant's tasks, one at least, and return the footer of the last one begun.
+
+    A task that paused goes on as soon as the experimenter wants it to, and so does one whose device failed. Raises
+    `PalpateError` if it does not.
+    """
+    for task in tasks:
+        footer = _task(console, task, run)
+        if footer.reason != "complete":
+            break
+    return footer
+
+
+def _task(console: Console, task: str, run: Callable[[str], Footer]) -> Footer:
+    while True:
+        try:
+            footer = run(task)
+        except (TrackerError, ActuatorError, AudioError) as error:
+            if not console.goes_on(why=_sentence(error)):
+                raise
+            continue
+        if footer.reason != "paused" or not console.goes_on(why=told(footer, onward=False)):
+            return footer
+
+
+def visit_steps(tasks: Sequence[str]) -> tuple[str, ...]:
+    """Return the steps of a visit with these tasks, in order."""
+    return (*tasks, DEBRIEFING)
+
+
+def _sentence(error: PalpateError) -> str:
+    said = str(error)
+    return f"{said[:1].upper()}{said[1:]}."
+
+
+def told(footer: Footer, *, onward: bool = True) -> str:
+    """Return in sentences how a session ended, and, if `onward`, how it goes on."""
+    if footer.reason == "complete":
+        return f"The session is complete: {footer.answered} answers."
+    how = f" {footer.detail}" if footer.detail.startswith("by ") else ""
+    why = "" if how else f": {footer.detail.replace('interrupted', 'it was interrupted')}"
+    kept = f"{footer.answered} answer{'' if footer.answered == 1 else 's'} on disk"
+    # Nothing goes on where all of the protocol's minutes are used up.
+    goes_on = onward and not footer.detail.endswith("session are over")
+    again = " The same command goes on with it." if goes_on else ""
+    return f"The session is {footer.reason}{how}, with {kept}{why}.{again}"
