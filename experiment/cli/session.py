@@ -178,13 +178,14 @@ def _listen(path: Path, view: "View", once: Callable[["LinkedConsole"], "Footer"
 
 def _attend(folder: Path, participant: str, by: str) -> None:
     """Show the console of a session; begin the session if none is under way, and again if its process was lost."""
-    from experiment.desk import console, link
+    from experiment.desk import link
+    from experiment.desk.console.app import attend
     from experiment.desk.messages import Hello
 
     path = link.place(folder, participant)
     while True:
         begun = None if link.answers(path) else _begin(path)
-        left = console.attend(path, Hello(role="console", by=by))
+        left = attend(path, Hello(role="console", by=by))
         if left.why == "gone" and left.again:
             continue
         if left.why == "left":

@@ -1,0 +1,132 @@
+"""What the experimenter may ask for at any moment beside answering, and which fields have to be filled in for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from experiment.desk.messages import Choice, Correct, Deed, Pause, Repeat, Stop, TakeNote, View
+from experiment.settings import characters
+
+MOST_MIN = 240.0
+"""The longest break, min."""
+
+MOST_CHARACTERS = 400
+"""Of a text that is typed."""
+
+
+class NotFilledIn(ValueError):
+    """A field of a form does not hold what it must."""
+
+
+@dataclass(frozen=True)
+class Blank:
+    """One field to fill in: its name, and what stands in it at first."""
+
+    name: str
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Form:
+    """What is asked for: `title` says it, `does` what Enter does, `hint` what may be filled in.
+
+    `trial` is the one that was under way when the form was opened.
+    """
+
+    name: str
+    title: str
+    does: str
+    blanks: tuple[Blank, ...] = ()
+    hint: str = ""
+    trial: int | None = None
+
+
+BREAK_MIN = "5"
+"""What stands in the field for a break's length at first, min."""
+
+
+def opened(name: str, view: View) -> Form:
+    """Return the form with this name as it is at first: `note`, `correct`, `repeat`, `break`, `stop` or `leave`."""
+    trial = view.trial
+    answered = str(view.standing.recent[-1].trial) if view.standing.recent else ""
+    match name:
+        case "note":
+            about = f"trial {trial}" if trial is not None else "the session"
+            form = Form(name, f"Note on {about}. It may name no person.", "puts it on disk", (Blank("Note"),))
+        case "correct":
+            blanks = (Blank("Trial", answered), Blank("Key"), Blank("Reason"))
+            keys = "  ".join(f"{one.key} {one.words}" for one in answers(view))
+            title = "Correct an answer. Both answers stay on record."
+            form = Form(name, title, "corrects it", blanks, f"Keys: {keys}" if keys else "")
+        case "repeat":
+            under_way = str(trial) if trial is not None else answered
+            title = "Have a trial done again at the end of its block. An answer that it has no longer counts."
+            form = Form(name, title, "has it done again", (Blank("Trial", under_way), Blank("Reason")))
+        case "break":
+            title = "Pause for a break as soon as nothing can be felt. Its end is told, and nothing begins by itself."
+            form = Form(name, title, "pauses", (Blank("Minutes", BREAK_MIN),))
+        case "stop":
+            title = (
+                "Stop for today? The session pauses as soon as nothing can be felt, and its process ends. "
+                "Every confirmed answer is on disk, and the same command continues another time."
+            )
+            form = Form(name, title, "stops")
+        case _:
+            title = (
+                "Leave the console? The session keeps running, and the same command comes back to it. "
+                "While nobody is at a console no further trial is armed, and after some minutes the session pauses."
+            )
+            form = Form(name, title, "leaves")
+    return replace(form, trial=trial)
+
+
+def answers(view: View) -> tuple[Choice, ...]:
+    """Return the answers that a trial may have, as far as the session has told them."""
+    asked = view.question.choices if view.question is not None else ()
+    return view.answers or tuple(choice for choice in asked if choice.answer)
+
+
+def filled(form: Form, texts: tuple[str, ...]) -> Deed:
+    """Return what a form asks for that was filled in with `texts`. Raises `NotFilledIn`, with what to do."""
+    given = {blank.name: _line(blank.name, text) for blank, text in zip(form.blanks, texts, strict=True)}
+    match form.name:
+        case "note":
+            return TakeNote(text=_some(given, "Note"), trial=form.trial)
+        case "correct":
+            return Correct(trial=_trial(given), key=_some(given, "Key").lower(), reason=_some(given, "Reason"))
+        case "repeat":
+            return Repeat(trial=_trial(given), reason=_some(given, "Reason"))
+        case "break":
+            return Pause(minutes=_minutes(given["Minutes"]))
+        case _:
+            return Stop()
+
+
+def _line(name: str, text: str) -> str:
+    try:
+        return characters.one_line(text.strip())
+    except ValueError as error:
+        raise NotFilledIn(f"{name} {error}, which cannot go on record. Type it without that character.") from error
+
+
+def _some(given: dict[str, str], name: str) -> str:
+    if not given[name]:
+        raise NotFilledIn(f"{name} is empty. Type one, or press Escape to close this.")
+    return given[name]
+
+
+def _trial(given: dict[str, str]) -> int:
+    typed = given["Trial"]
+    if not (typed.isascii() and typed.isdecimal()):
+        raise NotFilledIn(f"{characters.quoted(typed)} is no trial. Type its number, such as 12.")
+    return int(typed)
+
+
+def _minutes(typed: str) -> float:
+    try:
+        minutes = float(typed.replace(",", "."))
+    except ValueError:
+        minutes = float("nan")
+    if not 0 < minutes <= MOST_MIN:
+        raise NotFilledIn(f"{characters.quoted(typed)} is no length of a break. Type minutes, at most {MOST_MIN:g}.")
+    return minutes

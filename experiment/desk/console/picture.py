@@ -1,0 +1,300 @@
+"""What the console draws of a view: words, colours and places, as texts of rich; nothing here knows the screen.
+
+A key or a command that may be clicked carries it in the text's style (`PRESSES`), so that the mouse does what the key
+does.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import zip_longest
+
+from rich.style import Style
+from rich.table import Table
+from rich.text import Text
+
+from experiment.desk.messages import Choice, Gauges, Lamp, Question, Told, View
+
+PRESSES = "presses"
+"""The name under which a style carries the key that a click on the text presses."""
+
+COMMANDS = {
+    "f2": ("F2", "note"),
+    "f3": ("F3", "correct"),
+    "f4": ("F4", "repeat"),
+    "f6": ("F6", "break"),
+    "f7": ("F7", "pause"),
+    "f8": ("F8", "stop"),
+    "f9": ("F9", "leave"),
+}
+"""Keys that no answer of a protocol can have, as they are shown, and what they do."""
+
+NAMED = {"enter": "Enter", "escape": "Esc", " ": "Space", **{key: cap for key, (cap, _) in COMMANDS.items()}}
+"""Keys that are no characters, or none that can be seen, as they are shown."""
+
+BARS = " ▁▂▃▄▅▆▇█"
+
+DIM, PLAIN = "#9aa4ad", "#e8edf0"
+GOOD, BAD, UNKNOWN = "#4cc27a", "#ff6b5e", "#9aa4ad"
+BLUE, YELLOW, VIOLET, WHITE = "#2f6fde", "#f2c230", "#c13c9b", "#e8edf0"
+GREY, RED, ORANGE = "#56616a", "#c62f26", "#d9822b"
+TRACE = "#7fb3ff"
+OFF, UNLIT = "#1c252c", "#5d6a74"
+
+
+@dataclass(frozen=True)
+class Phase:
+    """What happens now: one word for it, in which of the strip's places it is lit, its colour, and a sentence."""
+
+    word: str
+    place: int
+    colour: str
+    says: str = ""
+
+    @property
+    def ink(self) -> str:
+        """The colour of the word on this colour."""
+        return "#000000" if self.colour in (YELLOW, WHITE, ORANGE) else "#ffffff"
+
+
+PLACES = ("", "ARMED", "STEPPING", "ANSWER")
+"""The strip from left to right; the first place is for all that is not a trial's step or answer."""
+
+ASKED = {
+    "ready": Phase("READY?", 0, ORANGE),
+    "familiarise": Phase("FAMILIARISE", 0, ORANGE),
+    "level": Phase("MASKER", 0, ORANGE),
+    "rest": Phase("REST FOOT", 0, ORANGE),
+    "place": Phase("LAY OUT", 0, ORANGE),
+    "answer": Phase("ANSWER", 3, VIOLET),
+    "confirm": Phase("CONFIRM", 3, WHITE),
+    "debrief": Phase("DEBRIEF", 0, ORANGE),
+    "continue": Phase("PAUSED", 0, GREY),
+}
+"""By the kind of the question that is asked."""
+
+STATES = {
+    "preparing": Phase("PREPARING", 0, GREY, "The session prepares what comes next. Nothing is asked."),
+    "familiarising": Phase("FAMILIARISE", 0, GREY, "The participant handles the materials."),
+    "armed": Phase("ARMED", 1, BLUE, "The participant may step. Nothing is asked until then."),
+    "answering": Phase("ANSWER", 3, GREY, "The answer is being written. Nothing is asked."),
+    "waiting": Phase("WAITING", 0, RED, "A device is silent, and the session waits for it. Nothing is lost."),
+    "paused": Phase("PAUSED", 0, GREY, "The session is paused."),
+    "ended": Phase("ENDED", 0, GREY, "The session has ended."),
+}
+"""Where nothing is asked, by the session's state."""
+
+STEPPING = Phase("STEPPING", 2, YELLOW, "The foot is moving. Nothing is asked until it has landed.")
+GONE = Phase("GONE", 0, RED)
+
+
+def phase(view: View) -> Phase:
+    """Return what happens now."""
+    if view.question is not None:
+        return ASKED[view.question.kind]
+    if view.state == "armed" and view.gauges is not None and view.gauges.moving:
+        return STEPPING
+    return STATES[view.state]
+
+
+def heading(label: str, study: str, participant: str, task: str) -> Text:
+    """Return who takes part in what, after a label that no study has."""
+    facts = (study, participant and f"participant {participant}", task and f"task {task}")
+    return Text.assemble(
+        (f" {label} " if label else "", f"bold #000000 on {YELLOW}"),
+        " " if label else "",
+        " · ".join(filter(None, facts)),
+    )
+
+
+def visit(step: str, steps: tuple[str, ...]) -> Text:
+    """Return the steps of a visit with the one under way among them."""
+    told = Text(style=DIM)
+    for number, name in enumerate(steps):
+        told.append(" › " if number else "")
+        told.append(name, style=f"bold {PLAIN}" if name == step else "")
+    if step and step not in steps:
+        told.append(step, style=f"bold {PLAIN}")
+    return told
+
+
+def counted(trial: int | None, trials: int, remaining: int, attempt: int) -> Text:
+    """Return, in three lines, of how many trials this is one, and how many are still to be answered."""
+    if not trials:
+        return Text()
+    again = f"attempt {attempt}" if attempt > 1 and trial is not None else ""
+    return Text(
+        f"{'of ' if trial is not None else ''}{trials}{' trials' if trial is None else ''}\n{remaining} to do\n{again}"
+    )
+
+
+def keycap(key: str) -> str:
+    """Return a choice's key as it is shown."""
+    return NAMED.get(key, key)
+
+
+def notice(words: str) -> Text:
+    """Return what became of the last press."""
+    return Text(words)
+
+
+def lines(told: tuple[str, ...]) -> Text:
+    """Return the lines of the session, the newest first."""
+    text = Text()
+    for number, one in enumerate(reversed(told)):
+        text.append("\n" if number else "")
+        text.append(one, style=DIM if number else PLAIN)
+    return text
+
+
+def hint(words: str, does: str) -> Text:
+    """Return what may be filled in, and the keys that end a form."""
+    text = Text(f"{words}\n" if words else "", style=DIM)
+    text.append_text(_cap("enter")).append(f" {does}   ", style=Style(meta={PRESSES: "enter"}))
+    return text.append_text(_cap("escape")).append(" closes this", style=Style(meta={PRESSES: "escape"}))
+
+
+def offered(choices: tuple[Choice, ...], roomy: bool) -> Table:
+    """Return the keys that may be pressed: each answer in a row of its own, and what else there is together below."""
+    grid = Table.grid(padding=(0, 1, 1 if roomy else 0, 0), expand=True)
+    grid.add_column(no_wrap=True)
+    grid.add_column(ratio=1, overflow="fold")
+    apart = [choice for choice in choices if choice.answer] or list(choices)
+    for choice in apart:
+        meta = Style(meta={PRESSES: choice.key})
+        grid.add_row(_cap(choice.key), Text(choice.words, style=Style.parse(f"bold {PLAIN}") + meta))
+    others = [choice for choice in choices if choice not in apart]
+    if not others:
+        return grid
+    pairs = Table.grid(padding=(0, 1))
+    for one, other in zip_longest(others[::2], others[1::2]):
+        pairs.add_row(*(part for choice in (one, other) if choice is not None for part in _other(choice)))
+    both = Table.grid(expand=True)
+    both.add_column(ratio=1)
+    both.add_row(grid)
+    if not roomy:
+        both.add_row("")
+    both.add_row(pairs)
+    return both
+
+
+def _other(choice: Choice) -> tuple[Text, Text]:
+    return _cap(choice.key), Text(choice.words, style=Style.parse(DIM) + Style(meta={PRESSES: choice.key}))
+
+
+def _cap(key: str) -> Text:
+    return Text(f" {keycap(key)} ", style=Style.parse(f"bold #000000 on {PLAIN}") + Style(meta={PRESSES: key}))
+
+
+def asked(question: Question | None, now: Phase, lay_out: str) -> Text:
+    """Return what is asked, or that nothing is."""
+    told = Text()
+    if lay_out and (question is None or question.kind != "place"):
+        told.append(f"Laid out: {lay_out}\n", style=DIM)
+    if question is None:
+        return told.append(now.says, style=DIM)
+    big = question.kind in ("place", "confirm", "answer")
+    told.append("Confirm: " if question.kind == "confirm" else "", style=DIM)
+    return told.append(question.text, style=f"bold {PLAIN}" if big else PLAIN)
+
+
+def trace(values: tuple[float, ...], unit: str, width: int, rows: int) -> Text:
+    """Return a trace as bars, the newest at the right; its lowest line is 0, or the least value below."""
+    if not values:
+        return Text("No trace yet", style=DIM)
+    low, high = min(0.0, *values), max(values)
+    span = (high - low) or 1.0
+    scale = f"{high:.0f} {unit}"
+    wide = max(1, width - len(scale) - 1)
+    columns = [values[column * len(values) // wide] for column in range(wide)]
+    eighths = [round((value - low) / span * rows * 8) for value in columns]
+    drawn = ["".join(BARS[min(8, max(0, each - 8 * row))] for each in eighths) for row in reversed(range(rows))]
+    # The greatest value stands at its height.
+    rest = "".join(f"\n{line}" for line in drawn[1:])
+    return Text.assemble((drawn[0], TRACE), (f" {scale}", DIM), (rest, TRACE))
+
+
+def gauges(told: Gauges, roomy: bool) -> Text:
+    """Return what is measured, in words; the lamps of parts that are not well come with theirs."""
+    text = Text()
+    moved = f"Last: {told.last}" if told.last else "No movement yet"
+    text.append(f"{moved}\n")
+    if told.masker_limit_db_a is not None:
+        level = "silent" if told.masker_db_a is None else f"{told.masker_db_a:.0f} dB(A)"
+        most = f", at most {told.masker_limit_db_a:.0f}" if roomy else ""
+        dose = f", dose {told.dose:.0%}" if told.dose is not None else ""
+        text.append("Masker: ", style=DIM).append(f"{level}{most}{dose}\n")
+    text.append("Felt: ", style=DIM).append(f"{told.stimuli} stimuli, {told.vibration_s:.1f} s\n")
+    text.append_text(delivered(told.delivered)).append("\n")
+    return text.append_text(lamps(told.lamps, roomy=roomy))
+
+
+def delivered(was: bool | None) -> Text:
+    """Return how the last stimulus was delivered."""
+    words = {True: "delivered as intended", False: "NOT delivered as intended", None: "delivery not measured"}[was]
+    return _lamp(was, words)
+
+
+def lamps(told: tuple[Lamp, ...], *, roomy: bool) -> Text:
+    """Return the health of every part: what is not well first, with words; the others have words if it is roomy."""
+    text = Text()
+    for lamp in sorted(told, key=lambda one: (one.good is not False, one.good is not None)):
+        brief = lamp.good is True and not roomy
+        text.append("" if not text else "  " if brief and _brief_before(text) else "\n")
+        text.append_text(_lamp(lamp.good, lamp.name if brief else f"{lamp.name}: {lamp.words}"))
+    return text
+
+
+def _brief_before(text: Text) -> bool:
+    return ":" not in text.plain.rsplit("\n", 1)[-1]
+
+
+def _lamp(good: bool | None, words: str) -> Text:
+    sign, colour = {True: ("●", GOOD), False: ("▲", BAD), None: ("○", UNKNOWN)}[good]
+    return Text.assemble((f"{sign} ", f"bold {colour}"), (words, f"bold {BAD}" if good is False else ""))
+
+
+def recent(told: tuple[Told, ...]) -> Text:
+    """Return the last answers, the newest first; never what was presented."""
+    text = Text("Last answers", style=DIM)
+    for one in reversed(told):
+        number = f"{one.trial}".rjust(len(str(max(each.trial for each in told))))
+        text.append(f"\n{number} ", style=DIM)
+        text.append(one.words, style=PLAIN)
+        text.append(", corrected" if one.corrected else "", style=YELLOW)
+    return text
+
+
+def left(words: str) -> Text:
+    """Return how much of a session's time is left."""
+    return Text(words)
+
+
+def time_left(left_s: float) -> str:
+    """Return how much of a session's time is left, in words."""
+    if left_s <= 0:
+        return "No time is left"
+    return f"{left_s / 60:.0f} min left" if left_s >= 120 else f"{left_s:.0f} s left"
+
+
+def countdown(left_s: float) -> str:
+    """Return what is left of a break, in minutes and seconds."""
+    whole = max(0, round(left_s))
+    return f"{whole // 60}:{whole % 60:02d}"
+
+
+def break_left(lasts: bool) -> Text:
+    """Return what the numbers of a break are."""
+    return Text("left of\nthe break" if lasts else "The break\nis over.")
+
+
+def commands(wide: bool) -> Text:
+    """Return the commands that may be given at any moment."""
+    text = Text()
+    for key, (cap, does) in COMMANDS.items():
+        if text:
+            text.append("    " if wide else " ")
+        meta = Style(meta={PRESSES: key})
+        text.append(f" {cap} ", style=Style.parse(f"bold #000000 on {DIM}") + meta)
+        text.append(f" {does}", style=Style.parse(PLAIN) + meta)
+    return text

@@ -1,0 +1,434 @@
+"""The console at a real link: what is pressed, and what then reaches the session."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+import pytest
+from textual.widgets import Input
+
+from experiment.desk.console import app as consoles
+from experiment.desk.console import presses
+from experiment.desk.console.app import Left, attend
+from experiment.desk.console.panes import Pane
+from experiment.desk.messages import (
+    Choice,
+    Choose,
+    Correct,
+    Ended,
+    Gauges,
+    Hello,
+    Pause,
+    Repeat,
+    Standing,
+    Stop,
+    TakeNote,
+    Told,
+    Typed,
+    View,
+)
+from experiment.errors import LinkError
+from tests.experiment.desk.console.scripted import Desk, desk, question
+
+KINDS = ("ready", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue")
+
+RECENT = (Told(trial=1, words="copy paper"), Told(trial=2, words="typing paper"))
+ARMED = View(study="small", state="armed", trial=3, standing=Standing(trials=8, answered=2, remaining=6, recent=RECENT))
+"""Nothing is asked."""
+
+
+def asking(kind: str, number: int = 5) -> View:
+    return ARMED.model_copy(update={"state": "answering", "question": question(kind, number=number)})
+
+
+def key_of(kind: str) -> str:
+    return question(kind).choices[0].key
+
+
+def at_a_desk(folder: Path, view: View, then: Callable[[Desk], Awaitable[None]]) -> Left | None:
+    """Do something at a console that shows a view; return why it was left, if it was."""
+
+    async def run() -> Left | None:
+        async with desk(folder, view) as there:
+            await then(there)
+            return there.app.return_value
+
+    return asyncio.run(run())
+
+
+def test_a_key_answers_the_question_on_the_screen(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        for number, kind in enumerate(KINDS):
+            await there.show(asking(kind, number))
+            await there.press(key_of(kind))
+            assert (await there.deeds(number + 1))[number:] == [Choose(question=number, key=key_of(kind))]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_a_key_from_before_the_question_answers_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(presses, "HELD_S", float("-inf"))
+
+    async def then(there: Desk) -> None:
+        for number, kind in enumerate(KINDS):
+            key, pressed_s = key_of(kind), time.monotonic()
+            await there.show(asking(kind, number))
+            await there.press(key, at_s=pressed_s)
+            assert "was pressed before the question was on the screen" in there.said
+            await there.press(key)
+            found = (await there.deeds(2 * number + 2))[2 * number :]
+            assert found == [Typed(keys="\n" if key == "enter" else key), Choose(question=number, key=key)]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_a_key_that_is_held_answers_neither_this_question_twice_nor_the_next(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        for number, kind in enumerate(KINDS):
+            key, first = key_of(kind), 2 * number
+            await there.show(asking(kind, first))
+            await there.press(key)
+            await there.press(*[key] * 9, after_s=0.4)
+            await there.deeds(first + 1)
+            await there.show(asking(kind, first + 1))
+            await there.press(*[key] * 40, after_s=0.03)
+            assert "It counts only once." in there.said
+            await there.press("z")
+            found = (await there.deeds(first + 2))[first:]
+            assert found == [Choose(question=first, key=key), Choose(question=first + 1, key="z")]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_an_answer_and_its_confirmation_held_down_do_not_end_the_session(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("c")
+        await there.show(asking("confirm", 6))
+        await there.press("enter")
+        await there.deeds(2)
+        await there.show(asking("debrief", 7))
+        await there.press(*["enter"] * 60, after_s=0.05)
+        await there.press("z")
+        assert await there.deeds(3) == [
+            Choose(question=5, key="c"),
+            Choose(question=6, key="enter"),
+            Choose(question=7, key="z"),
+        ]
+
+    at_a_desk(tmp_path, asking("answer"), then)
+
+
+def test_the_words_of_a_refusal_stand_above_the_question(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        for number, kind in enumerate(KINDS):
+            words = f"'z' is no key here, the {number}th time."
+            there.end.refusals = {"z": words}
+            await there.show(asking(kind, number))
+            await there.press("z")
+            await there.until(lambda words=words: words in there.text)  # type: ignore[misc]
+            assert there.text.index(words) < there.text.index("What is it?")
+            assert there.app.query_one("#notice").has_class("refused")
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_the_mouse_needs_a_second_press_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(presses, "SEEN_S", 0.0)
+
+    async def then(there: Desk) -> None:
+        for number, kind in enumerate(KINDS):
+            first = 2 * number
+            await there.show(asking(kind, first))
+            await there.pilot.click("#offered", offset=(9, 0))
+            await there.deeds(first + 1)
+            monkeypatch.setattr(presses, "HELD_S", 1000.0)
+            await there.show(asking("confirm", first + 1))
+            await there.pilot.click("#offered", offset=(9, 0))
+            assert "Only the first one counts." in there.said
+            monkeypatch.setattr(presses, "HELD_S", 0.0)
+            await there.pilot.click("#offered", offset=(9, 0))
+            chosen, confirmed = Choose(question=first, key=key_of(kind)), Choose(question=first + 1, key="enter")
+            assert (await there.deeds(first + 2))[first:] == [chosen, confirmed]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_what_is_typed_when_nothing_is_asked_is_told_and_shown(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("c", "enter", "left", "f12")
+        assert await there.deeds(2) == [Typed(keys="c"), Typed(keys="\n")]
+        assert "Nothing is asked. Enter was ignored." in there.text
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_what_is_pasted_answers_nothing(tmp_path: Path) -> None:
+    from textual.events import Paste
+
+    async def then(there: Desk) -> None:
+        there.app.post_message(Paste("c"))
+        assert await there.deeds(1) == [Typed(keys="c")]
+
+    at_a_desk(tmp_path, asking("answer"), then)
+
+
+def test_capital_letters_stand_for_small_ones(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("C")
+        assert await there.deeds(1) == [Choose(question=5, key="c")]
+
+    at_a_desk(tmp_path, asking("answer"), then)
+
+
+@pytest.mark.parametrize(
+    ("keys", "deed"),
+    [
+        (("ctrl+c",), Pause()),
+        (("f7",), Pause()),
+        (("f2", *"q c", "enter"), TakeNote(text="q c", trial=3)),
+        (("f3", "a", "enter", *"slip", "enter"), Correct(trial=2, key="a", reason="slip")),
+        (("f4", *"cough", "enter"), Repeat(trial=3, reason="cough")),
+        (("f6", "backspace", *"2,5", "enter"), Pause(minutes=2.5)),
+        (("f8", "enter"), Stop()),
+    ],
+    ids=lambda value: getattr(value, "do", None),
+)
+def test_every_command_can_be_given_at_any_moment(tmp_path: Path, keys: tuple[str, ...], deed: object) -> None:
+    async def then(there: Desk) -> None:
+        for number, view in enumerate((ARMED, asking("answer"), asking("confirm"))):
+            there.end.words = f"Done as asked, the {number}th time."
+            await there.show(view)
+            await there.press(*keys)
+            assert (await there.deeds(number + 1))[number:] == [deed]
+            await there.until(lambda: there.end.words in there.text and not there.app.query_one("Blanks").display)
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_the_note_keeps_the_trial_in_which_it_was_begun(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("f2", "x")
+        await there.show(ARMED.model_copy(update={"trial": 4}))
+        assert "Note on trial 3." in there.text
+        await there.press("enter")
+        assert await there.deeds(1) == [TakeNote(text="x", trial=3)]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_an_open_form_takes_every_key_and_the_question_is_seen_anew_after_it(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("f2", "c", "a")
+        await there.show(asking("answer", 6))
+        await there.press("n", "f3", "escape")
+        assert "What is it?" in there.text
+        await there.press("z", at_s=time.monotonic() - 1)
+        await there.press("a")
+        assert await there.deeds(2) == [Typed(keys="z"), Choose(question=6, key="a")]
+
+    at_a_desk(tmp_path, asking("answer"), then)
+
+
+def test_enter_that_ends_a_form_and_is_held_confirms_nothing(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("f2", "x", "enter")
+        await there.deeds(1)
+        await there.until(lambda: "go on" in there.text or "confirm" in there.text)
+        await there.press(*["enter"] * 30, after_s=0.05)
+        await there.press("z")
+        assert (await there.deeds(2))[1:] == [Choose(question=5, key="z")]
+
+    at_a_desk(tmp_path, asking("confirm"), then)
+
+
+def test_what_a_refused_form_held_is_kept(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        there.end.refusals = {"x": "'x' does not stand for an answer."}
+        await there.press("f3", "x", "enter", *"slip", "enter")
+        await there.until(lambda: "does not stand for an answer" in there.text)
+        assert [field.value for field in there.app.query(Input)] == ["2", "x", "slip"]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        (("f3", "a", "enter", "enter"), "Reason is empty."),
+        (("f4", "enter"), "Reason is empty."),
+        (("f6", *"0000", "enter"), "is no length of a break."),
+        (("f2", "enter"), "Note is empty."),
+    ],
+)
+def test_a_form_that_is_not_filled_in_says_what_is_missing(tmp_path: Path, keys: tuple[str, ...], words: str) -> None:
+    async def then(there: Desk) -> None:
+        await there.press(*keys)
+        assert words in there.said
+        assert there.end.deeds == []
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_every_command_is_there_for_the_mouse(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    async def then(there: Desk) -> None:
+        monkeypatch.setattr(presses, "HELD_S", 0.0)
+        row = there.text.split("\n")[-1]
+        for word, shown in (
+            ("note", "Note on trial 3"),
+            ("correct", "Correct an answer"),
+            ("leave", "Leave the console"),
+        ):
+            await there.pilot.click("#commands", offset=(row.index(word), 0))
+            assert shown in there.text
+            hint = next(line for line in there.text.split("\n") if "closes this" in line)
+            at = (hint.index("closes this"), there.text.split("\n").index(hint))
+            await there.pilot.click(offset=at)
+            assert shown not in there.text
+        await there.pilot.click("#commands", offset=(row.index("pause"), 0))
+        assert await there.deeds(1) == [Pause()]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_leaving_says_what_becomes_of_the_session(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("f9")
+        assert "the same command comes back to it" in there.said
+        await there.press("enter")
+
+    assert at_a_desk(tmp_path, ARMED, then) == Left("left")
+
+
+@pytest.mark.parametrize(("key", "again"), [("enter", True), ("f9", False)])
+def test_a_session_that_is_gone_can_be_started_again(tmp_path: Path, key: str, again: bool) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("f2", "x")
+        there.end_session()
+        await there.until(lambda: "The session's process is gone." in there.text)
+        assert "GONE" in there.text
+        await there.press("c")
+        await there.press(key)
+
+    assert at_a_desk(tmp_path, asking("answer"), then) == Left("gone", again=again)
+
+
+def test_enter_that_was_held_when_the_session_died_does_not_start_it_again(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("enter")
+        there.end_session()
+        await there.until(lambda: "The session's process is gone." in there.text)
+        await there.press(*["enter"] * 30, after_s=0.05)
+        assert there.app.is_running
+
+    assert at_a_desk(tmp_path, asking("confirm"), then) is None
+
+
+def test_how_a_session_ended_stays_on_the_screen_until_enter(tmp_path: Path) -> None:
+    ended = Ended(words="The session is complete: 8 answers.", exit_code=0)
+
+    async def then(there: Desk) -> None:
+        await there.show(ARMED.model_copy(update={"state": "ended", "ended": ended}))
+        there.end_session()
+        await there.until(lambda: ended.words in there.text)
+        await there.press("c", "f2")
+        assert ended.words in there.text
+        await there.press("enter")
+
+    assert at_a_desk(tmp_path, ARMED, then) == Left("ended", ended=ended)
+
+
+def test_another_version_is_told(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        there.end.view = Hello(role="console", by="x")  # type: ignore[assignment]
+        there.link.wake()
+        await there.until(lambda: there.app.misunderstood is not None)
+        assert "use one version of palpate" in str(there.app.misunderstood)
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_no_session_no_console(tmp_path: Path) -> None:
+    with pytest.raises(LinkError, match="no session listens at"):
+        attend(tmp_path / "none", Hello(role="console", by="x"))
+
+
+def test_what_has_not_changed_is_not_drawn_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn: list[str | None] = []
+    update = Pane.update
+
+    def counted(self: Pane, *args: object, **kwargs: object) -> None:
+        drawn.append(self.id)
+        update(self, *args, **kwargs)  # type: ignore[arg-type]
+
+    async def then(there: Desk) -> None:
+        monkeypatch.setattr(Pane, "update", counted)
+        for left_s in (1999.9, 1999.8):
+            gauges = Gauges(left_s=left_s, trace=(left_s, 0.0), trace_unit="mm")
+            await there.show(ARMED.model_copy(update={"gauges": gauges}))
+        assert drawn.count("gauges") == drawn.count("left") == 1
+        assert set(drawn) == {"gauges", "left", "trace"}
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_a_break_is_counted_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now_ns = [0]
+    monkeypatch.setattr(consoles, "wall_ns", lambda: now_ns[0])
+
+    async def then(there: Desk) -> None:
+        assert "the break" in there.text
+        now_ns[0] = 61 * 10**9
+        await there.show(ARMED.model_copy(update={"state": "paused", "pause_until_ns": 60 * 10**9, "trial": None}))
+        assert "is over." in there.text
+
+    at_a_desk(tmp_path, ARMED.model_copy(update={"state": "paused", "pause_until_ns": 90 * 10**9}), then)
+
+
+def test_a_long_text_scrolls_and_its_keys_stay(tmp_path: Path) -> None:
+    text = " ".join(f"word{number}" for number in range(200))
+    view = ARMED.model_copy(update={"question": question("familiarise", text=text)})
+
+    async def then(there: Desk) -> None:
+        seen = ""
+        for _ in range(12):
+            assert "go on" in there.text
+            seen += there.text
+            await there.press("pagedown")
+        assert all(word in seen for word in text.split())
+
+    at_a_desk(tmp_path, view, then)
+
+
+NAMES = (
+    "Knallfolie mit Luftpolstern, 3 mm dick",
+    "クラフト紙のしわくちゃな円筒",
+    "Polypropylenverpackungsfolienzylinder A4",
+    "Butterbrotpapier",
+    "aluminum foil 0203 of Toyo, 11 um thick",
+    "紙",
+    "Donaudampfschifffahrtsgesellschaftspapie",
+    "cellophane, of the kind that is crisp oh",
+)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (140, 50)])
+def test_eight_materials_are_whole_on_the_screen(tmp_path: Path, size: tuple[int, int]) -> None:
+    others = (("n", "no answer"), ("r", "do this trial again"), ("+", "masker louder"), ("-", "masker softer"))
+    choices = tuple(Choice(key=str(number), words=name, answer=True) for number, name in enumerate(NAMES, start=1))
+    choices += tuple(Choice(key=key, words=words) for key, words in others)
+    asked = question("answer").model_copy(update={"choices": choices, "text": "What did the participant say?"})
+    view = ARMED.model_copy(update={"question": asked, "label": "PRACTICE", "gauges": Gauges(left_s=3600)})
+
+    async def run() -> str:
+        async with desk(tmp_path, view, size) as there:
+            there.end.refusals = {"z": "'z' is no key here."}
+            await there.press("z")
+            await there.until(lambda: "is no key here" in there.text and "8  cell" in there.text)
+            return there.text
+
+    text = asyncio.run(run())
+    for told in (*NAMES, *(words for _, words in others), "PRACTICE", "ANSWER", "60 min left", "2 typing paper"):
+        assert told in text

@@ -1,0 +1,54 @@
+"""What a form asks the session for."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiment.desk.console import forms
+from experiment.desk.messages import Choice, Pause, Standing, TakeNote, Told, View
+from tests.experiment.desk.console.scripted import question
+
+VIEW = View(trial=7, standing=Standing(recent=(Told(trial=6, words="felt"),)))
+
+
+@pytest.mark.parametrize(("name", "first"), [("correct", "6"), ("repeat", "7"), ("break", forms.BREAK_MIN)])
+def test_what_is_likely_stands_there_already(name: str, first: str) -> None:
+    assert forms.opened(name, VIEW).blanks[0].text == first
+
+
+def test_the_keys_of_a_correction_are_told_even_where_nothing_is_asked() -> None:
+    told = VIEW.model_copy(update={"answers": (Choice(key="f", words="felt", answer=True),)})
+    assert forms.opened("correct", told).hint == "Keys: f felt"
+    asked = VIEW.model_copy(update={"question": question("answer")})
+    assert forms.opened("correct", asked).hint == "Keys: c material c  a material a"
+    assert forms.opened("correct", VIEW).hint == ""
+
+
+@pytest.mark.parametrize("text", ["\u202e", "a\u0000b", "\u043enly"])
+def test_what_cannot_go_on_record_is_said_before_it_is_sent(text: str) -> None:
+    with pytest.raises(forms.NotFilledIn, match=r"Note holds U\+.*Type it without that character"):
+        forms.filled(forms.opened("note", VIEW), (text,))
+
+
+@given(st.text(max_size=12))
+def test_a_break_is_asked_for_in_minutes_that_a_message_may_hold(text: str) -> None:
+    try:
+        asked = forms.filled(forms.opened("break", VIEW), (text,))
+    except forms.NotFilledIn:
+        return
+    assert isinstance(asked, Pause)
+    assert asked.minutes is not None
+    assert 0 < asked.minutes <= forms.MOST_MIN
+
+
+@given(st.text(max_size=60))
+def test_a_note_is_one_line_without_blanks_around_it(text: str) -> None:
+    try:
+        asked = forms.filled(forms.opened("note", VIEW), (text,))
+    except forms.NotFilledIn:
+        return
+    assert isinstance(asked, TakeNote)
+    assert asked.text == text.strip()
+    assert asked.trial == 7
