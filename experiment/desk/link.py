@@ -230,6 +230,7 @@ class Line:
         self._connection = socket.socket(socket.AF_UNIX)
         self._lock = threading.Lock()
         self._sent = 0
+        self._read = bytearray()
         try:
             self._connection.connect(str(path))
             self._connection.sendall(line(hello))
@@ -248,20 +249,23 @@ class Line:
             return self._sent
 
     def messages(self) -> Iterator[View | Prompt | Reply]:
-        """Yield what the session says, until it is gone. Raises `LinkError` for what cannot be understood."""
-        read = bytearray()
+        """Yield what the session says, until it is gone; what one call leaves over is the next one's.
+
+        Raises `LinkError` for what cannot be understood.
+        """
         while True:
+            said, newline, rest = self._read.partition(b"\n")
+            if newline:
+                self._read = rest
+                yield from_session(bytes(said))
+                continue
             try:
                 more = self._connection.recv(LONGEST)
             except OSError:
                 more = b""
             if not more:
                 return
-            read += more
-            *lines, rest = read.split(b"\n")
-            read = bytearray(rest)
-            for one in lines:
-                yield from_session(bytes(one))
+            self._read += more
 
     def close(self) -> None:
         """Leave; the session goes on."""

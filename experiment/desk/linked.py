@@ -215,9 +215,9 @@ class LinkedConsole:
             self._now(state="preparing", pause_until_ns=None)
 
     def show(self, text: str) -> None:
-        lines = [characters.plain(one) for one in text.strip("\n").split("\n")]
+        said = characters.plain(" ".join(text.split("\n")).strip())
         with self._changed:
-            self._now(lines=(*self._view.lines, *lines)[-LINES:])
+            self._now(lines=(*self._view.lines, said)[-LINES:])
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
         self._now(state="familiarising", trial=None)

@@ -282,4 +282,4 @@ def test_a_console_is_told_what_the_session_is_for_and_how_far_it_is(bench: Benc
     assert (view.label, view.standing.remaining) == ("PILOT", 3)
     assert view.gauges == Gauges(left_s=60.0)
     bench.linked.show("one\ntwo \x1b[31m")
-    assert shown(bench.linked).lines == ("one", "two <U+001B>[31m")
+    assert shown(bench.linked).lines == ("one two <U+001B>[31m",)
