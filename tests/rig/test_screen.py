@@ -71,6 +71,17 @@ class Display:
     def press(self, *keys: str) -> None:
         subprocess.run(["xdotool", "key", *keys], env=self.environment, check=True, timeout=10)
 
+    def close_window(self) -> None:
+        """Ask the topmost window to close, as its title bar does."""
+        from Xlib import display
+        from Xlib.protocol.event import ClientMessage
+
+        with closing(display.Display(self.name)) as there:
+            named = [one for one in there.screen().root.query_tree().children if one.get_wm_name() == "palpate"]
+            asks, delete = there.intern_atom("WM_PROTOCOLS"), there.intern_atom("WM_DELETE_WINDOW")
+            named[-1].send_event(ClientMessage(window=named[-1], client_type=asks, data=(32, [delete, 0, 0, 0, 0])))
+            there.flush()
+
 
 @pytest.fixture(scope="module")
 def display(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Display]:
@@ -296,6 +307,16 @@ def test_it_opens_without_a_flash_and_ctrl_c_closes_it(display: Display, rig: Pa
         wait_until(lambda: display.picture().max() >= 220 or bool(end.deeds), "it was not shown")
         assert display.picture().max() < 220
         process.send_signal(2)
+        assert process.communicate(timeout=20)[1] == ""
+        assert process.returncode == 0
+        wait_until(lambda: end.screens == 0, "the session did not notice")
+
+
+def test_its_window_may_be_closed(display: Display, rig: Path, tmp_path: Path) -> None:
+    end = End()
+    with closing(Link(tmp_path / "s.sock", end)) as end.link, screen(display, rig, tmp_path / "s.sock") as process:
+        end.shown()
+        display.close_window()
         assert process.communicate(timeout=20)[1] == ""
         assert process.returncode == 0
         wait_until(lambda: end.screens == 0, "the session did not notice")
