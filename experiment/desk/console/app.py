@@ -148,7 +148,8 @@ class Console(App[Left]):
                 with VerticalScroll(id="keys", can_focus=False):
                     yield Pane(id="offered")
                 yield Blanks()
-                yield Pane(id="lines")
+                with VerticalScroll(id="told", can_focus=False):
+                    yield Pane(id="lines")
             with VerticalScroll(id="side", can_focus=False):
                 yield Pane(id="left")
                 yield Pane(id="trace")
@@ -158,6 +159,7 @@ class Console(App[Left]):
 
     def on_mount(self) -> None:
         threading.Thread(target=self._listen, name="link", daemon=True).start()
+        self.query_one("#told").anchor()
         self.set_interval(1.0, self._draw)
         self._draw()
 
@@ -183,6 +185,8 @@ class Console(App[Left]):
             return
         before, self.view_now = self._question, said
         if self._question != before:
+            if said.ended is not None:
+                self._say("")
             self._presses.drawn(None, time.monotonic())
         self._draw()
 

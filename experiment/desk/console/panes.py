@@ -34,9 +34,9 @@ Places .lit { text-style: bold; }
 #notice.ignored { background: #7a5b00; color: #ffffff; text-style: bold; }
 #notice.done { color: #4cc27a; }
 #text, #keys { height: auto; scrollbar-size-vertical: 1; }
-#asked, #offered { height: auto; }
+#asked, #offered, #lines { height: auto; }
 #offered { padding: 0 0 1 0; }
-#lines { height: 1fr; min-height: 0; color: #9aa4ad; border-top: solid #2b363f; }
+#told { height: 1fr; min-height: 0; border-top: solid #2b363f; scrollbar-size-vertical: 1; }
 Blanks { height: auto; display: none; border-left: thick #f2c230; padding: 0 1; }
 Blanks Horizontal { height: 1; }
 Blanks Label { width: 9; }
