@@ -13,6 +13,7 @@ PalpateError                exit code 2, one line for the experimenter
 ├── ActuatorError           the stimulus could not be handed to the device
 ├── AudioError              the audio device cannot be opened, or has stopped
 │   └── DoseUsedUp          the masker may play no longer in these 24 hours
+├── VoiceError              a recording of the microphone, or an enrolment, that no answer can be heard with
 ├── JournalError            a journal that cannot be trusted or continued
 │   └── SessionLocked       another runner holds this participant
 ├── SessionError            a step that the session's state does not allow
@@ -107,6 +108,10 @@ class AudioError(PalpateError):
 
 class DoseUsedUp(AudioError):
     """The masker may not play on: the dose for 24 hours is used up."""
+
+
+class VoiceError(PalpateError):
+    """A recording of the microphone, or an enrolment of answers, that no answer can be heard with."""
 
 
 class JournalError(PalpateError):

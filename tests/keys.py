@@ -32,6 +32,7 @@ UNITS = {
     "_db_a": "dB(A)",
     "_db": "dB",
     "_days": "days",
+    "_months": "months",
     "_v": "V",
     "_s": "s",
     "gain_limit_v_per_m_s2": "V per m/s²",

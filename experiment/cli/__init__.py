@@ -12,11 +12,12 @@ import sys
 
 COMMANDS = {
     "Plan a study": {
-        "check": ("laboratory", "Show a protocol to an ethics board."),
+        "new": ("protocol", "Write a new protocol, with a comment for every key."),
+        "check": ("protocol", "Show a protocol to an ethics board."),
         "power": ("analysis", "Estimate how many participants a study needs."),
         "plan": ("recordings", "Print what a task needs and what it leaves out."),
         "rehearse": ("laboratory", "Run a whole study with simulated participants."),
-        "seal": ("laboratory", "Record the board's approval of a protocol."),
+        "seal": ("protocol", "Record the board's approval of a protocol."),
     },
     "Prepare a rig": {
         "devices": ("rig", "List the devices of this machine."),

@@ -1,4 +1,4 @@
-"""The commands of a study: its protocol, its approval, and its participants in the room."""
+"""The commands of a study: its participants, its sessions, and what is proven of its dataset."""
 
 import sys
 from datetime import date
@@ -14,91 +14,6 @@ from experiment.errors import RosterError
 commands = options.room()
 
 Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")]
-
-
-@commands.command(epilog="Example: palpate check protocols/okamoto2012.toml")
-def check(protocol_file: ProtocolFile, as_json: Json = False) -> None:
-    """Show a protocol to an ethics board.
-
-    The page states the whole study. Below it stands whether this version is sealed, by which board and until when. If
-    the file has errors, all of them are printed instead: each with its path, its line, what was got, what is allowed.
-    """
-    from experiment.clock import day, wall_ns
-    from experiment.errors import ProtocolError
-    from experiment.protocol import approval, files, page
-
-    try:
-        protocol = files.load(protocol_file)
-    except ProtocolError as error:
-        if as_json:
-            from dataclasses import asdict
-
-            options.put({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
-            raise typer.Exit(error.exit_code) from None
-        raise
-    state, seal = approval.state(protocol_file, protocol, day(wall_ns()))
-    if as_json:
-        import json
-
-        sha256, document = approval.sha256(protocol), json.loads(approval.canonical(protocol))
-        approved = seal.model_dump(mode="json") if seal else None
-        known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
-        options.put(known | {"protocol": document})
-    else:
-        told = f"{page.page(protocol, str(protocol_file))}\n{state}"
-        typer.echo(f"{told}\n{page.approved(seal)}" if seal else told)
-
-
-@commands.command(
-    epilog="Example: palpate seal study.toml --approval-number 2026-17 --approved-on 2026-04-01 --expires-on 2027-03-31"
-)
-def seal(
-    protocol_file: Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML) of your own.")],
-    approval_number: Annotated[str, typer.Option("--approval-number", help="The number on the board's letter.")],
-    approved_on: Annotated[
-        date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="First day on which the study may run.")
-    ],
-    expires_on: Annotated[
-        date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Last day on which the study may run.")
-    ],
-    sha256: Annotated[
-        str | None,
-        typer.Option(
-            "--sha256", metavar="DIGITS", help="First digits, 8 or more, of the SHA-256 on the page they read."
-        ),
-    ] = None,
-    replace: Annotated[
-        bool, typer.Option("--replace", help="Replace an earlier seal, after a change of the protocol or a slip.")
-    ] = False,
-) -> None:
-    """Record the board's approval of a protocol.
-
-    The record is written to STUDY.seal.toml beside the protocol, with the SHA-256 of what was approved. `palpate run`
-    refuses a protocol that is not sealed, that has changed since, or whose approval has expired.
-    """
-    from experiment.protocol import approval, files
-
-    protocol = files.load(protocol_file)
-    path = approval.seal_path(protocol_file)
-    replaces = path.exists()
-    sealed = approval.write(
-        protocol_file,
-        protocol,
-        approval_number=approval_number,
-        board=protocol.ethics.board,
-        approved_on=approved_on,
-        expires_on=expires_on,
-        page_sha256=sha256,
-        replace=replace,
-    )
-    limits = protocol.exposure
-    typer.echo(
-        f"Sealed study {protocol.study.id} from {sealed.approved_on} to {sealed.expires_on}: vibration at most "
-        f"{limits.vibration_peak_m_s2:g} m/s^2, masker at most {limits.masker_level_db_a:g} dB(A), session at most "
-        f"{limits.session_min:g} min.\nSealed {sealed.protocol_sha256}: {path}"
-    )
-    if replaces:
-        typer.echo("The earlier seal is replaced. Datasets that were begun under it keep their copy of it.")
 
 
 @commands.command(epilog="Example: palpate enrol study.toml --participant 01 --consent-on 2026-05-04")

@@ -36,14 +36,22 @@ def devices(
     """List the devices of this machine.
 
     Serial ports, with the programs that hold them, and audio devices are listed under the names that a rig file uses.
+    Without an audio library only serial ports are listed, with what is to be installed; in JSON "audio" is null then.
     """
     from experiment.apparatus.audio import stream
     from experiment.apparatus.tracker import serial_port
+    from experiment.errors import AudioError
 
-    serial, audio = serial_port.devices(), stream.devices()
+    serial, unheard = serial_port.devices(), ""
+    try:
+        audio = stream.devices()
+    except AudioError as error:
+        audio, unheard = (), str(error)
     if as_json:
-        document = {"serial": [asdict(port) for port in serial], "audio": [asdict(card) for card in audio]}
-        options.put(document)
+        cards = None if unheard else [asdict(card) for card in audio]
+        options.put({"serial": [asdict(port) for port in serial], "audio": cards})
+        if unheard:
+            typer.echo(unheard, err=True)
         return
     typer.echo("Serial ports, as tracker.port names them:")
     for device in serial:
@@ -58,7 +66,7 @@ def devices(
             f"{card.rate_hz:g} Hz"
         )
     if not audio:
-        typer.echo("  none")
+        typer.echo(f"  not known: {unheard}" if unheard else "  none")
 
 
 @commands.command(epilog="Example: palpate doctor --rig our-rig.toml --protocol study.toml")

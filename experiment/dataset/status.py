@@ -7,6 +7,7 @@ counts by order hold nobody else.
 from __future__ import annotations
 
 import shutil
+from calendar import monthrange
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -87,7 +88,8 @@ class Status:
     in a rehearsal all. `seal` says under which approval it runs. `excluded` gives a reason for each participant who is
     done and left out by the protocol's rules; None if that is not known. `doubts` speak against the evidence,
     `reminders` only want somebody to act. `to_enrol` is the label that is enrolled next.
-    `revealed` gives the day on which what somebody does was shown (palpate schedule --reveal).
+    `revealed` gives the day on which what somebody does was shown (palpate schedule --reveal). `keep_until` gives the
+    last day on which the data of each who has any may be kept, where the protocol states how long.
     """
 
     root: Path
@@ -104,6 +106,7 @@ class Status:
     doubts: tuple[str, ...]
     reminders: tuple[str, ...]
     excluded: Mapping[str, str] | None = field(default_factory=dict)
+    keep_until: Mapping[str, date] = field(default_factory=dict)
 
     @property
     def heading(self) -> str:
@@ -139,6 +142,7 @@ class Status:
             "erased": sorted(self.erased),
             "revealed": {who: day.isoformat() for who, day in self.revealed.items()},
             "excluded": self.excluded,
+            "keep_until": {who: day.isoformat() for who, day in self.keep_until.items()},
             "sessions": [
                 {
                     "participant": one.participant,
@@ -267,6 +271,7 @@ def status(given: Path, today: date) -> Status:
     sealed, wanted = (
         ("Nobody has to approve a simulation.", []) if known is None else _seal(root, protocol_file, dataset, today)
     )
+    keep_until = _keep_until(dataset, people)
     left = [label for label in dataset.tasks if known is not None and label not in known.consent_on]
     if known is not None and not left and not doubts and enrolment.free_place(root, protocol, known):
         left = [known.next_label()]
@@ -283,7 +288,8 @@ def status(given: Path, today: date) -> Status:
         revealed=dict(known.revealed if known else {}),
         to_enrol=left[0] if left else None,
         doubts=tuple(str(doubt).replace(f"{root}/", "") for doubt in doubts),
-        reminders=(*wanted, *_reminders(root, dataset, people)),
+        reminders=(*wanted, *_reminders(root, dataset, people), *_due(keep_until, today)),
+        keep_until=keep_until,
     )
 
 
@@ -323,6 +329,50 @@ def _reminders(root: Path, dataset: Believed, people: list[Person]) -> Iterator[
             )
     if (free := shutil.disk_usage(root).free) < LEAST_FREE:
         yield f"The disk of the dataset is nearly full ({free / 1e6:,.0f} MB free); make room before the next session."
+
+
+def _keep_until(dataset: Believed, people: list[Person]) -> dict[str, date]:
+    """Return the last day on which the data of each participant may be kept; of a simulation none has to go."""
+    months = dataset.protocol.consent.kept_months
+    if dataset.roster is None or months is None:
+        return {}
+    last = {
+        one.participant: max(date.fromisoformat(session.header.started_utc[:10]) for session in one.begun)
+        for one in people
+        if one.begun
+    }
+    return {who: months_after(day, months) for who, day in last.items()}
+
+
+def months_after(day: date, months: int) -> date:
+    """Return the same day of a later month, or that month's last day; at most the last day that there is."""
+    year, month = divmod(day.year * 12 + day.month - 1 + months, 12)
+    if year > date.max.year:
+        return date.max
+    return date(year, month + 1, min(day.day, monthrange(year, month + 1)[1]))
+
+
+def _due(keep_until: Mapping[str, date], today: date) -> Iterator[str]:
+    """Tell whose data may be kept no longer, or not for long."""
+    over = {who: day for who, day in keep_until.items() if day < today}
+    soon = {who: day for who, day in keep_until.items() if today <= day <= today + SOON}
+    if over:
+        yield (
+            f"OVERDUE: the data of {_people(over)} were to be kept until {min(over.values())}, as the protocol says. "
+            "Erase them (palpate withdraw --erase, for each), or delete the whole dataset by hand once nothing of it "
+            "may be kept; backups, copies and exports too."
+        )
+    if soon:
+        yield (
+            f"The data of {_people(soon)} may be kept until {min(soon.values())}, as the protocol says. Be ready to "
+            "erase them after that day (palpate withdraw --erase), or to delete the dataset by hand."
+        )
+
+
+def _people(labels: Mapping[str, date]) -> str:
+    """Return whom a sentence is about: a few by their labels, more by their number."""
+    few = len(labels) <= SHOWN
+    return f"participant{'s' * (len(labels) > 1)} {', '.join(labels)}" if few else f"{len(labels)} participants"
 
 
 def _listed(heading: str, sentences: list[str] | tuple[str, ...]) -> Iterator[str]:

@@ -26,6 +26,7 @@ from experiment.protocol.page import count
 from experiment.records import journal
 from experiment.records.entries import Header, Purpose
 from experiment.records.footstep import BrokenOff, FootStep
+from experiment.study import enrolment
 from experiment.study.roster import Roster
 
 MISTYPED = 2
@@ -129,6 +130,8 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], *, sound
     else:
         of = "protocol and the plan beside it" if dataset.roster is None else "sealed protocol, seed and roster"
         yield Finding("holds", "headers", f"each journal is of its path, the {of}")
+        if dataset.roster and enrolment.seed_is_proven(root):
+            yield Finding("holds", "seed", "was drawn before the first participant enrolled, as its hash there shows")
         yield from _sealed(root, evidence) if dataset.roster else ()
         if dataset.roster and not (root / LOG).exists():
             text = "is missing: each session that ends adds an anchor to it; it was deleted, or no session ended"

@@ -97,10 +97,16 @@ class LinkedConsole:
         session = self._session
         try:
             taken, words = self._do(deed, session)
+        except ValueError as error:
+            taken, words = False, f"The text {error}, which cannot go on record; write it without that character."
         except PalpateError as error:
             return False, str(error)
         if session is not None and not isinstance(deed, Typed):
-            session.commanded(by=hello.by, command=_told(deed), taken=taken, words=words)
+            try:
+                session.commanded(by=hello.by, command=_told(deed), taken=taken, words=words)
+            except PalpateError as error:
+                # The session meets it too, and ends.
+                taken, words = False, str(error)
         self._hand_over()
         return taken, words
 

@@ -12,11 +12,11 @@ against the board's letter.
 from __future__ import annotations
 
 import hashlib
-import json
 import re
+from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import rfc8785
 from pydantic import Field
@@ -27,12 +27,27 @@ from experiment.protocol import rules
 from experiment.protocol.models import Protocol
 from experiment.settings import load
 from experiment.settings.characters import quoted
-from experiment.settings.load import Confined, Line, Rules, Text
+from experiment.settings.load import Confined, Line, Rules, Text, written
+from experiment.storage import Place
+
+UNFILLED = "TO BE FILLED IN"
+"""Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
 
 
 def canonical(protocol: Protocol) -> bytes:
     """Return the RFC 8785 JSON of `protocol`, UTF-8; dates are ISO 8601 text."""
-    return rfc8785.dumps(protocol.model_dump(mode="json"))
+    return rfc8785.dumps(_document(protocol))
+
+
+def _document(protocol: Protocol) -> dict[str, Any]:
+    """Return every field, defaults included, but for a key that is younger than format 2 and is not stated.
+
+    Without it the seals that were given before hold on.
+    """
+    document = protocol.model_dump(mode="json")
+    if document["consent"]["kept_months"] is None:
+        del document["consent"]["kept_months"]
+    return document
 
 
 def sha256(protocol: Protocol) -> str:
@@ -46,11 +61,28 @@ def names_draws(protocol: Protocol) -> str:
     Format 2 gave the tables of a kind of trial its name and a task the name of its kind. A study that was moved to it
     keeps every order that it had.
     """
-    document = protocol.model_dump(mode="json")
+    document = _document(protocol)
     document |= document.pop("footstep") | {"format": 1}
     for task in document["tasks"]:
         del task["kind"]
     return hashlib.sha256(rfc8785.dumps(document)).hexdigest()
+
+
+def unfilled(protocol: Protocol) -> tuple[str, ...]:
+    """Return the fields that still begin with `UNFILLED`, as users read their paths."""
+    return tuple(written(path) for path, text in _texts(protocol.model_dump()) if text.startswith(UNFILLED))
+
+
+def _texts(value: object, at: Place = ()) -> Iterator[tuple[Place, str]]:
+    if isinstance(value, str):
+        yield at, value
+    held: Iterable[tuple[str | int, object]] = ()
+    if isinstance(value, dict):
+        held = value.items()
+    elif isinstance(value, tuple):
+        held = enumerate(value)
+    for part, inner in held:
+        yield from _texts(inner, (*at, part))
 
 
 class Seal(Confined):
@@ -86,11 +118,13 @@ def write(
     `page_sha256` are the first digits of the hash on the page that the board read, None if nobody gives them. `replace`
     lets the seal take the place of another, whatever that says; datasets begun under it keep their copy. Raises
     `ProtocolError` if the page was of another version, a field is empty or contradicts the protocol's own ethics block,
-    or a seal exists already.
+    a text of the protocol is still to be filled in, or a seal exists already.
     """
     path = seal_path(protocol_path)
     if page_sha256 is not None:
         _refuse(protocol_path, _of_another_page(protocol, page_sha256))
+    allowed = "a text of your own; write it, then have the board read the page (palpate check)"
+    _refuse(protocol_path, [Problem(name, None, f"'{UNFILLED}'", allowed) for name in unfilled(protocol)])
     stated = {
         "protocol_sha256": sha256(protocol),
         "approval_number": approval_number,
@@ -202,11 +236,4 @@ def _in_the_way(path: Path, seal: Seal) -> list[Problem]:
 
 
 def _write(path: Path, seal: Seal) -> None:
-    storage.write(path, "".join(f"{name} = {_toml(value)}\n" for name, value in seal).encode())
-
-
-def _toml(value: str | date) -> str:
-    """Return a TOML value: JSON's escapes are TOML's, but TOML escapes DEL too."""
-    if isinstance(value, date):
-        return value.isoformat()
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    storage.write(path, "".join(f"{name} = {load.toml(value)}\n" for name, value in seal).encode())

@@ -71,11 +71,14 @@ class Consent(Confined):
         required: whether a participant's consent must be on record before a session.
         statement: what participants are told and agree to.
         voice_recordings: whether answers are recorded; `palpate run` still refuses true.
+        kept_months: how long a participant's data are kept after their last session; `palpate status` tells when they
+            are due to be deleted.
     """
 
     required: bool
     statement: Text
     voice_recordings: bool = False
+    kept_months: Annotated[int, Field(ge=1, le=1200)] | None = None
 
 
 class Duration(Confined):

@@ -1,4 +1,4 @@
-"""A protocol as one page of plain text that states every fact of the file to an ethics board.
+"""The page that states every fact of a protocol to an ethics board, and its form as plain text.
 
 Words of the file cannot pass for words of palpate, and so not for a limit or a heading: free text stands behind a bar
 with nothing after it, on lines of its own where letters run from right to left, since these reorder what stands beside
@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import textwrap
 import unicodedata
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 from experiment.protocol import approval
+from experiment.protocol.advice import advice
 from experiment.protocol.approval import Seal
 from experiment.protocol.models import ExclusionRule, PlannedTest, Protocol, Task
 from experiment.settings.characters import leftward, plain
@@ -26,9 +27,9 @@ LEFT_EMPTY = "(left for the laboratory)"
 BAR = "| "
 """Stands before each line of free text."""
 
-UNBROKEN, SECOND_HALF = "\ue000", "\ue001"
-"""Stand for a blank inside a name, and for the second column of a wide character, while lines are broken; no text holds
-them."""
+UNBROKEN, SECOND_HALF, OPEN, CLOSE = "\ue000", "\ue001", "\ue002", "\ue003"
+"""Stand for a blank inside a name, for the second column of a wide character, while lines are broken, and for the
+double quotes about a name; no text holds them."""
 
 
 @dataclass(frozen=True)
@@ -38,42 +39,104 @@ class Free:
     text: str
 
 
+@dataclass(frozen=True)
+class Said:
+    """A paragraph in words of palpate."""
+
+    text: str
+    indent: str = ""
+
+
+@dataclass(frozen=True)
+class Item:
+    """An item of a list in words of palpate."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Quoted:
+    """Free text behind bars, below what is said of it; or as an `item` of its own."""
+
+    text: str
+    item: bool = False
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Names with what is said or quoted beside each; an empty text reads `LEFT_EMPTY`."""
+
+    known: tuple[tuple[str, str | Free], ...]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Columns under a heading row, in words of palpate."""
+
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Gap:
+    """An empty line."""
+
+
+Block = Said | Item | Quoted | Facts | Rows | Gap
+"""What a page is made of, whether it becomes text or HTML."""
+
+
+def facts(*known: tuple[str, str | Free]) -> Facts:
+    return Facts(tuple((name, value if isinstance(value, str) else Free(value.text.strip())) for name, value in known))
+
+
 def named(name: str) -> str:
     """Return a name of the file between double quotes, to be kept on one line."""
-    return f'"{plain(name, keep="")}"'.replace(" ", UNBROKEN)
+    return f"{OPEN}{plain(name, keep='')}{CLOSE}".replace(" ", UNBROKEN)
 
 
-def say(text: str, indent: str = "", first: str | None = None) -> list[str]:
-    """Return a wrapped paragraph; `first` stands before its first line instead of `indent`."""
-    begin = indent if first is None else first
+def lines(blocks: Iterable[Block]) -> Iterator[str]:
+    """Yield blocks as lines of text."""
+    for block in blocks:
+        match block:
+            case Said(text, indent):
+                yield from _wrapped(text, indent, indent)
+            case Item(text):
+                yield from _wrapped(text, "    ", "  - ")
+            case Quoted(text, item):
+                yield from _barred(text, "    ", "  - " if item else "    ")
+            case Facts(known):
+                yield from _facts(known)
+            case Rows(rows):
+                yield from _rows(rows)
+            case Gap():
+                yield ""
+
+
+def _wrapped(text: str, indent: str, first: str) -> list[str]:
+    """Return a wrapped paragraph; `first` stands before its first line, and `indent` before the others."""
     wide = "".join(one + SECOND_HALF * (unicodedata.east_asian_width(one) in "WF") for one in " ".join(text.split()))
-    lines = textwrap.wrap(wide, WIDTH, initial_indent=begin, subsequent_indent=indent, break_on_hyphens=False)
-    return [line.replace(SECOND_HALF, "").replace(UNBROKEN, " ") for line in lines]
+    found = textwrap.wrap(wide, WIDTH, initial_indent=first, subsequent_indent=indent, break_on_hyphens=False)
+    return [line.replace(SECOND_HALF, "").translate(_SHOWN) for line in found]
 
 
-def quote(text: str, indent: str = "    ", first: str | None = None) -> list[str]:
-    """Return free text behind bars."""
-    begin = indent if first is None else first
-    if leftward(text) and begin.strip():
-        return [begin.rstrip(), *quote(text, indent)]
-    return say(plain(text, keep="\n"), indent + BAR, begin + BAR)
+_SHOWN = str.maketrans({UNBROKEN: " ", OPEN: '"', CLOSE: '"'})
 
 
-def item(text: str) -> list[str]:
-    return say(text, indent="    ", first="  - ")
+def _barred(text: str, indent: str, first: str) -> list[str]:
+    if leftward(text) and first.strip():
+        return [first.rstrip(), *_barred(text, indent, indent)]
+    return _wrapped(plain(text, keep="\n"), indent + BAR, first + BAR)
 
 
-def facts(*known: tuple[str, str | Free]) -> Iterator[str]:
-    """Yield lines with names on the left and values on the right."""
+def _facts(known: tuple[tuple[str, str | Free], ...]) -> Iterator[str]:
     left = max(len(name) for name, _ in known) + 4
     for name, value in known:
-        text = value.text.strip() if isinstance(value, Free) else value
-        lines = quote if isinstance(value, Free) and text else say
-        yield from lines(text or LEFT_EMPTY, indent=" " * left, first=f"  {name}".ljust(left))
+        text = value.text if isinstance(value, Free) else value
+        laid = _barred if isinstance(value, Free) and text else _wrapped
+        yield from laid(text or LEFT_EMPTY, " " * left, f"  {name}".ljust(left))
 
 
-def table(rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Yield columns under a heading row."""
+def _rows(rows: tuple[tuple[str, ...], ...]) -> Iterator[str]:
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for place, row in enumerate(rows):
         yield "  " + "   ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
@@ -92,7 +155,25 @@ def count(things: int, noun: str) -> str:
 
 def page(protocol: Protocol, file: str) -> str:
     """Return the page of the protocol in `file`, in lines of at most 92 columns, ending in a newline."""
-    sections: tuple[tuple[str, Iterable[str]], ...] = (
+    made = [heading(protocol), "=" * WIDTH, *lines(title(protocol, file))]
+    for place, (name, blocks) in enumerate(sections(protocol), start=1):
+        made += ["", f"{place}. {name}", "-" * WIDTH, *lines(blocks)]
+    return "\n".join(made) + "\n"
+
+
+def approved(seal: Seal) -> str:
+    """Return what a seal says, in lines as those of the page."""
+    return "\n".join(lines([approval_of(seal)]))
+
+
+def heading(protocol: Protocol) -> str:
+    """Return what stands above the page."""
+    return f"Protocol of the study {protocol.study.id}"
+
+
+def sections(protocol: Protocol) -> tuple[tuple[str, Iterator[Block]], ...]:
+    """Return the sections of the page, each with its name."""
+    return (
         ("Ethics approval", _ethics(protocol)),
         ("Participants and consent", _participants(protocol)),
         ("What is recorded", _recorded(protocol)),
@@ -105,22 +186,17 @@ def page(protocol: Protocol, file: str) -> str:
         ("Exclusion rules", _exclusion(protocol)),
         ("Planned analysis", _analysis(protocol)),
         ("Left for the laboratory", _left_empty(protocol)),
+        ("Worth a second look", _odd(protocol)),
     )
-    lines = [f"Protocol of the study {protocol.study.id}", "=" * WIDTH, *_title(protocol, file)]
-    for place, (heading, body) in enumerate(sections, start=1):
-        lines += ["", f"{place}. {heading}", "-" * WIDTH, *body]
-    return "\n".join(lines) + "\n"
 
 
-def approved(seal: Seal) -> str:
-    """Return what a seal says, in lines as those of the page."""
-    return "\n".join(
-        facts(
-            ("Board", Free(seal.board)),
-            ("Approval number", Free(seal.approval_number)),
-            ("Approved on", str(seal.approved_on)),
-            ("Expires on", str(seal.expires_on)),
-        )
+def approval_of(seal: Seal) -> Facts:
+    """Return what a seal says."""
+    return facts(
+        ("Board", Free(seal.board)),
+        ("Approval number", Free(seal.approval_number)),
+        ("Approved on", str(seal.approved_on)),
+        ("Expires on", str(seal.expires_on)),
     )
 
 
@@ -128,29 +204,30 @@ def _trials(protocol: Protocol, task: Task) -> int:
     return task.repetitions * len(protocol.materials)
 
 
-def _title(protocol: Protocol, file: str) -> Iterator[str]:
-    yield from facts(
+def title(protocol: Protocol, file: str) -> Iterator[Block]:
+    """Yield what stands before the first section."""
+    yield facts(
         ("Title", Free(protocol.study.title)),
         ("Source", Free(protocol.study.source)),
         ("File", Free(file)),
         ("File format", str(protocol.format)),
         ("SHA-256", approval.sha256(protocol)),
     )
-    yield from say(
+    yield Said(
         "The SHA-256 identifies this version of the protocol. It changes whenever a fact on this page changes, except "
         "the name of the file, and an approval holds for this version alone.",
         indent="  ",
     )
-    yield from say(
-        "Text behind a bar (|) or between double quotes is quoted from the file word for word. Everything else on this "
+    yield Said(
+        "Text behind a bar or between double quotes is quoted from the file word for word. Everything else on this "
         "page is written by palpate from the values in the file, and these values hold whatever a text may say.",
         indent="  ",
     )
 
 
-def _ethics(protocol: Protocol) -> Iterator[str]:
+def _ethics(protocol: Protocol) -> Iterator[Block]:
     ethics = protocol.ethics
-    yield from facts(
+    yield facts(
         ("Board", Free(ethics.board)),
         ("Statement", Free(ethics.statement)),
         ("Approval number", Free(ethics.approval_number)),
@@ -160,38 +237,46 @@ def _ethics(protocol: Protocol) -> Iterator[str]:
     )
 
 
-def _participants(protocol: Protocol) -> Iterator[str]:
-    yield from say(
+def _participants(protocol: Protocol) -> Iterator[Block]:
+    yield Said(
         f"The study has {count(protocol.study.participants, 'participant')}. Everyone who takes part meets all of "
         "these criteria:"
     )
     for criterion in protocol.eligibility.criteria:
-        yield from quote(criterion, first="  - ")
-    yield ""
+        yield Quoted(criterion, item=True)
+    yield Gap()
     if protocol.consent.required:
-        yield from say(
+        yield Said(
             "Consent is required: no session starts before the participant's consent is on file. Participants consent "
             "to this statement:"
         )
     else:
-        yield from say("This protocol does not require consent. Participants are told:")
-    yield from quote(protocol.consent.statement)
+        yield Said("This protocol does not require consent. Participants are told:")
+    yield Quoted(protocol.consent.statement)
 
 
-def _recorded(protocol: Protocol) -> Iterator[str]:
-    yield from say(
+def _recorded(protocol: Protocol) -> Iterator[Block]:
+    yield Said(
         "The following is recorded under a number and never under a name: the height of the foot over time, the speed "
         "and time of each step, what was presented, the level and the dose of the noise, the answer that the "
         "experimenter keyed and when, its corrections, keys that were pressed too early, and every pause and "
         "repetition with its reason. The experimenter can add notes, which are kept with the trial."
     )
     if protocol.consent.voice_recordings:
-        yield from say("Spoken answers are recorded as sound, to which participants consent.")
+        yield Said("Spoken answers are recorded as sound, to which participants consent.")
     else:
-        yield from say("No voice is recorded.")
+        yield Said("No voice is recorded.")
+    if protocol.consent.kept_months is None:
+        yield Said("The protocol does not state how long data are kept.")
+    else:
+        kept = count(protocol.consent.kept_months, "month")
+        yield Said(
+            f"A participant's data are kept for {kept} after their last session. Then they are to be deleted, by hand; "
+            "palpate tells the laboratory when."
+        )
 
 
-def _procedure(protocol: Protocol) -> Iterator[str]:
+def _procedure(protocol: Protocol) -> Iterator[Block]:
     tasks = protocol.tasks
     pause_s = protocol.task_order.break_min_s
     shortest_s, longest_s = (
@@ -199,26 +284,26 @@ def _procedure(protocol: Protocol) -> Iterator[str]:
         for limits in zip(*((task.familiarisation.min_s, task.familiarisation.max_s) for task in tasks), strict=True)
     )
     if protocol.task_order.kind == "fixed":
-        yield from say("Participants who do several tasks do them in the order given below (fixed order).")
+        yield Said("Participants who do several tasks do them in the order given below (fixed order).")
     else:
-        yield from say(
+        yield Said(
             "Participants who do several tasks do them in counterbalanced order: every order is given to the same "
             "number of participants, by permuted blocks, so that the orders stay balanced while participants enrol."
         )
     if len({task.participants for task in tasks}) > 1:
-        yield from say("If a task has fewer participants than the study, those who enrol first do it.")
-    yield from say(f"The break between two tasks lasts at least {number(pause_s)} s ({_minutes(pause_s)}).")
+        yield Said("If a task has fewer participants than the study, those who enrol first do it.")
+    yield Said(f"The break between two tasks lasts at least {number(pause_s)} s ({_minutes(pause_s)}).")
     trials = sum(_trials(protocol, task) for task in tasks)
-    yield from say(
+    yield Said(
         f"A participant who does every task has {trials} trials; familiarisation and breaks take "
         f"{_minutes(shortest_s)} to {_minutes(longest_s)}."
     )
     if protocol.duration is None:
-        yield from say("The protocol does not state how long a visit takes.")
+        yield Said("The protocol does not state how long a visit takes.")
         return
     shortest_min, longest_min = protocol.duration.shortest_min, protocol.duration.longest_min
     each_s = max(longest_min * 60 - shortest_s, 0) / trials
-    yield from say(
+    yield Said(
         f"A whole visit, all tasks and breaks included, is estimated to take {number(shortest_min)} to "
         f"{number(longest_min)} min. That leaves up to {each_s:.0f} s for each trial."
     )
@@ -228,8 +313,8 @@ def _minutes(seconds: float) -> str:
     return f"{number(round(seconds / 60, 1))} min"
 
 
-def _tasks(protocol: Protocol) -> Iterator[str]:
-    heading = ("task", "participants", "materials x repetitions = trials", "trials in the study")
+def _tasks(protocol: Protocol) -> Iterator[Block]:
+    columns = ("task", "participants", "materials x repetitions = trials", "trials in the study")
     rows = [
         (
             task.id,
@@ -239,12 +324,12 @@ def _tasks(protocol: Protocol) -> Iterator[str]:
         )
         for task in protocol.tasks
     ]
-    yield from table([heading, *rows])
+    yield Rows((columns, *rows))
     for task in protocol.tasks:
         wanted = task.familiarisation
-        yield ""
-        yield from say(f"Task {task.id}:")
-        yield from facts(
+        yield Gap()
+        yield Said(f"Task {task.id}:")
+        yield facts(
             ("Title", Free(task.title)),
             ("Stimuli", _STIMULUS[task.stimulus]),
             ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
@@ -273,45 +358,45 @@ def _order(task: Task) -> str:
             )
 
 
-def _materials(protocol: Protocol) -> Iterator[str]:
+def _materials(protocol: Protocol) -> Iterator[Block]:
     for one in protocol.materials:
         spoken = " or ".join(map(named, one.spoken))
-        yield from item(f"{named(one.id)}: participants say {spoken}; the key is [{one.key}].")
-        yield from quote(one.description)
+        yield Item(f"{named(one.id)}: participants say {spoken}; the key is [{one.key}].")
+        yield Quoted(one.description)
 
 
 _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coefficients of their spectra"}
 
 
-def _stimuli(protocol: Protocol) -> Iterator[str]:
+def _stimuli(protocol: Protocol) -> Iterator[Block]:
     footstep, masker = protocol.footstep, protocol.masker
     synthesis, tactile, step = footstep.synthesis, footstep.tactile, footstep.step
     speeds = ", ".join(map(number, synthesis.speeds_mm_s))
-    yield from say(
+    yield Said(
         f"Virtual stimuli are made from recordings of the real materials: {count(synthesis.takes, 'take')} at each of "
         f"the speeds {speeds} mm/s, each of {synthesis.samples} samples at {synthesis.rate_hz} Hz "
         f"({number(synthesis.samples / synthesis.rate_hz)} s). The average over takes is that of the "
         f"{_AVERAGED[synthesis.average]}."
     )
-    yield from say(
+    yield Said(
         f"Frequencies outside {number(tactile.low_hz)} to {number(tactile.high_hz)} Hz are left out of every stimulus "
         f"of a task if together they stay below {number(tactile.floor_m_s2)} m/s^2 (rms) in every material; otherwise "
         "they all stay in. Source:"
     )
-    yield from quote(tactile.source)
-    yield from say(
+    yield Quoted(tactile.source)
+    yield Said(
         f"The speed of the foot is measured while it moves down from {number(step.gate_top_mm)} to "
         f"{number(step.gate_bottom_mm)} mm above the panel, and the stimulus starts when it reaches "
         f"{number(step.contact_mm)} mm. If the foot stops, turns back or hesitates on the way, no stimulus is played "
         "and the trial is at once made ready (armed) for another step."
     )
-    yield from say(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
-    yield from quote(masker.criterion)
+    yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
+    yield Quoted(masker.criterion)
 
 
-def _limits(protocol: Protocol) -> Iterator[str]:
+def _limits(protocol: Protocol) -> Iterator[Block]:
     exposure, synthesis = protocol.exposure, protocol.footstep.synthesis
-    yield from facts(
+    yield facts(
         ("Vibration", f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, whatever the device is asked for"),
         ("Masking noise", f"at most {number(exposure.masker_level_db_a)} dB(A)"),
         ("Session", f"at most {number(exposure.session_min)} min for one task"),
@@ -321,22 +406,22 @@ def _limits(protocol: Protocol) -> Iterator[str]:
             trials = _trials(protocol, task)
             total_s = number(round(trials * synthesis.samples / synthesis.rate_hz, 1))
             told = f"In task {task.id} the panel vibrates for {total_s} s in all, if no trial is repeated."
-            yield from say(told, indent="  ")
+            yield Said(told, indent="  ")
 
 
-def _answers(protocol: Protocol) -> Iterator[str]:
+def _answers(protocol: Protocol) -> Iterator[Block]:
     answers = protocol.answers
     keys = "".join(f"[{material.key}] {named(material.id)}, " for material in protocol.materials)
-    yield from say(
+    yield Said(
         f"Answers are {answers.mode}. Participants answer aloud after each trial, and the experimenter presses the "
         "key for what they said:"
     )
-    yield from say(
+    yield Said(
         f"{keys}[{answers.no_answer_key}] no answer, [{answers.redo_key}] do the trial again, "
         f"[{answers.pause_key}] pause.",
         indent="    ",
     )
-    yield from say(
+    yield Said(
         "A trial whose stimulus may have been felt, and which has no confirmed answer, is repeated at the end of its "
         "block, whatever the cause: the key, a pause, a rule below, or a fault of the rig. In a task whose order is "
         "blocked-random, a block presents each material once; any other task is one single block. The experimenter "
@@ -344,12 +429,12 @@ def _answers(protocol: Protocol) -> Iterator[str]:
     )
 
 
-def _exclusion(protocol: Protocol) -> Iterator[str]:
+def _exclusion(protocol: Protocol) -> Iterator[Block]:
     if not protocol.exclusion:
-        yield from say("There are no exclusion rules: every trial of every participant counts.")
+        yield Said("There are no exclusion rules: every trial of every participant counts.")
     for rule in protocol.exclusion:
-        yield from item(f"{named(rule.id)}: {_condition(rule)}, {_ACTION[rule.action]}. Reason:")
-        yield from quote(rule.reason)
+        yield Item(f"{named(rule.id)}: {_condition(rule)}, {_ACTION[rule.action]}. Reason:")
+        yield Quoted(rule.reason)
 
 
 _ACTION = {
@@ -376,11 +461,11 @@ def _condition(rule: ExclusionRule) -> str:
             return "If a participant withdraws"
 
 
-def _analysis(protocol: Protocol) -> Iterator[str]:
+def _analysis(protocol: Protocol) -> Iterator[Block]:
     for planned in protocol.analysis:
-        yield from item(_planned(planned))
+        yield Item(_planned(planned))
         for text in (planned.form, planned.question):
-            yield from quote(text) if text else ()
+            yield from [Quoted(text)] if text else ()
 
 
 def _planned(planned: PlannedTest) -> str:
@@ -390,14 +475,29 @@ def _planned(planned: PlannedTest) -> str:
     return f"{planned.test}{chance}; {tasks}; alpha {number(planned.alpha)}. {asked}"
 
 
-def _left_empty(protocol: Protocol) -> Iterator[str]:
+def _left_empty(protocol: Protocol) -> Iterator[Block]:
     ethics = protocol.ethics
     empty = [name for name, value in ethics if value in ("", None)]
     if protocol.duration is None:
         empty.append("duration")
-    if not empty:
-        yield from say("Nothing is left: every field is filled in.")
-    else:
-        yield from say("These fields of the protocol file are empty:")
+    unfilled = approval.unfilled(protocol)
+    if not empty and not unfilled:
+        yield Said("Nothing is left: every field is filled in.")
+    if empty:
+        yield Said("These fields of the protocol file are empty:")
     for name in empty:
-        yield from item(name if name == "duration" else f"ethics.{name}")
+        yield Item(name if name == "duration" else f"ethics.{name}")
+    if unfilled:
+        yield Said(f"These still say {approval.UNFILLED}, and the protocol cannot be sealed before they do not:")
+    for name in unfilled:
+        yield Item(name)
+
+
+def _odd(protocol: Protocol) -> Iterator[Block]:
+    found = advice(protocol)
+    if found:
+        yield Said("These values are allowed, and may not be what is meant; nothing refuses them:")
+    else:
+        yield Said("palpate finds no value that is allowed and unlikely to be meant.")
+    for one in found:
+        yield Item(f"{one}.")

@@ -30,6 +30,7 @@ from experiment.errors import RecordingError
 from experiment.protocol import approval
 from experiment.protocol.models import Protocol
 from experiment.recordings.manifest import MANIFEST
+from experiment.settings.load import toml
 
 SLOWEST_MM_S = 10.0
 FASTEST_MM_S = 10_000.0
@@ -147,8 +148,8 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
     directory.mkdir(parents=True, exist_ok=True)
     lines = [
         "format = 1",
-        f"label = {_toml(label)}",
-        f"note = {_toml(note)}",
+        f"label = {toml(label)}",
+        f"note = {toml(note)}",
         f"simulated = {'true' if simulated else 'false'}",
         f"rate_hz = {rate_hz}",
         f"samples = {lengths[0]}",
@@ -160,9 +161,9 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
         buffer = io.BytesIO()
         wavfile.write(buffer, rate_hz, take.samples_m_s2.astype(np.float32))
         storage.create(directory / file, buffer.getvalue())
-        lines += ["", "[[takes]]", f"file = {_toml(file)}"]
+        lines += ["", "[[takes]]", f"file = {toml(file)}"]
         if take.material is not None:
-            lines.append(f"material = {_toml(take.material)}")
+            lines.append(f"material = {toml(take.material)}")
         lines.append(f"speed_mm_s = {float(take.speed_mm_s)!r}")
         if take.achieved_mm_s is not None:
             lines.append(f"achieved_mm_s = {float(take.achieved_mm_s)!r}")
@@ -174,11 +175,6 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
     storage.create(manifest, ("\n".join(lines) + "\n").encode())
     storage.sync_folder(directory)
     return manifest
-
-
-def _toml(text: str) -> str:
-    """Return a TOML basic string; JSON escapes all that TOML wants escaped, except DEL."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def check(out: Path, planned: Plan) -> Path:

@@ -92,6 +92,11 @@ def read(path: Path, error: type[PalpateError]) -> Chain:
     return Chain(tuple(links), End(len(links), last, len(data or b"") - len(torn), torn))
 
 
+def is_behind(path: Path, end: End, error: type[PalpateError]) -> bool:
+    """Return whether the head of a file that was read says less than the file. Raises `error` as `read` does."""
+    return _head(path, error)[0] < end.count
+
+
 def split(data: bytes) -> tuple[list[bytes], bytes]:
     """Return the whole lines of a file of chained lines, and what stands after the last newline."""
     *lines, torn = data.split(b"\n")

@@ -189,6 +189,19 @@ class Journal:
         self._writer.close()
 
 
+def settle(path: Path, contents: Contents) -> None:
+    """Bring the head of a journal that is complete up to its last line: a kill leaves it one line behind.
+
+    Until then nobody would notice if that line were cut off. Raises `SessionLocked`, and `JournalError` if the disk
+    does not take it.
+    """
+    if chain.is_behind(path, contents.end, JournalError):
+        try:
+            chain.Writer(path, contents.end).close()
+        except OSError as error:
+            raise unwritable(path, error) from error
+
+
 def unwritable(path: Path, error: OSError) -> JournalError:
     """Return what to tell of a file of a session that the disk does not take."""
     return JournalError(

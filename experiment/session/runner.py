@@ -64,6 +64,7 @@ def run(
         _check_not_withdrawn(path, contents, header.participant, dataset)
         done = progress(contents.entries or (header,))
         if done.footer is not None and done.footer.reason == "complete":
+            journal.settle(path, contents)
             return done.footer
         opening.copy_rig(rig_file, rig_path(path))
         with closing(SessionLog(path, devices.clock, contents, done)) as log:

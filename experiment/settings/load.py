@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import difflib
 import functools
+import json
 import re
 import tomllib
 from bisect import bisect_right
@@ -98,6 +99,13 @@ def written(path: Place) -> str:
             bare = part.isascii() and part.replace("_", "a").replace("-", "a").isalnum()
             text += ("." if text else "") + (part if bare else f'"{part}"')
     return text
+
+
+def toml(value: str | date) -> str:
+    """Return a text or a day as a TOML file has it: JSON's escapes are TOML's, but TOML escapes DEL too."""
+    if isinstance(value, date):
+        return value.isoformat()
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 class Confined(BaseModel):

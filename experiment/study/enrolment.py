@@ -1,19 +1,27 @@
 """What is done with participants: enrol them, record their consent, withdraw them, erase their data.
 
 The first enrolment begins the dataset, with one protocol and one seed.
+
+The seed decides who does what, so nobody may choose it, or another later, with the allocation in view. It is drawn at
+the first enrolment, into a file that only its owner reads, and its hash stands in the roster's line of the first
+participant. It cannot stand in the board's seal, which is there before. The roster is the place where it lasts: its
+lines are chained, and every anchor holds them. A seed of 31 bits can be tried out in minutes, so the hash is of the
+seed with a salt of 128 bits, drawn with it and kept beside it. If the file is lost, seed and purpose are written anew
+from a journal's header; without the salt the hash proves nothing, but then the journals say which seed it was.
 """
 
 from __future__ import annotations
 
+import hashlib
 import secrets
 from collections.abc import Callable
 from contextlib import closing
 from datetime import date
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from filelock import FileLock
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
 from experiment import storage
 from experiment.clock import MonotonicClock, day, wall_ns
@@ -77,16 +85,35 @@ def enrol(
         raise DatasetError(f"{root}: has participants and no roster; restore {path} and its head from a backup")
     known.check_next(participant)
     settle(root, protocol_file, protocol, seed, purpose)
-    known.enrol(participant, consent_on, takes)
+    settled = _settled(root)
+    known.enrol(participant, consent_on, takes, settled.salt and settled.sha256)
     return path
 
 
 def seed_of(root: Path) -> int:
     """Return the seed that names every draw of the study with this dataset.
 
-    Raises `DatasetError` if the study has none, or if its file is broken.
+    Raises `DatasetError` if the study has none, its file is broken, or it is not the one whose hash the first
+    participant's line of the roster has; and `RosterError` if the roster is broken.
     """
-    return _settled(root).seed
+    settled, known = _settled(root), Roster.load(storage.roster_path(root))
+    if settled.salt and known.consent_on and known.seed_sha256 is None:
+        raise DatasetError(
+            f"{known.path}: lacks the seed's hash in the line of the first participant: it was cut or changed; restore "
+            "it from a backup"
+        )
+    unlike = known.seed_sha256 != settled.sha256 if settled.salt else not storage.journals(root)
+    if known.seed_sha256 is not None and unlike:
+        raise DatasetError(
+            f"{storage.seed_path(root)}: is not the seed that was drawn before the first participant enrolled: their "
+            "line of the roster has the hash of another; restore the file from a backup"
+        )
+    return settled.seed
+
+
+def seed_is_proven(root: Path) -> bool:
+    """Return whether a seed that `seed_of` returns is shown by its hash: it has its salt, and the roster the hash."""
+    return _settled(root).salt is not None and Roster.load(storage.roster_path(root)).seed_sha256 is not None
 
 
 def purpose_of(root: Path) -> Purpose:
@@ -97,6 +124,12 @@ def purpose_of(root: Path) -> Purpose:
 class _Settled(Record):
     seed: int
     purpose: Literal["STUDY", "PILOT"]
+    salt: Annotated[str, Field(pattern="^[0-9a-f]{32}$")] | None = None
+
+    @property
+    def sha256(self) -> str:
+        """The hash of the seed with its salt, 64 hexadecimal digits."""
+        return hashlib.sha256(f"{self.salt}:{self.seed}".encode()).hexdigest()
 
 
 def _settled(root: Path) -> _Settled:
@@ -253,7 +286,8 @@ def settle(
         if not kept.exists():
             storage.people_folder(root)
             drawn = secrets.randbelow(2**31) if seed is None else seed
-            storage.write_json(storage.seed_path(root), {"seed": drawn, "purpose": purpose or "STUDY"})
+            settled_as = {"seed": drawn, "purpose": purpose or "STUDY", "salt": secrets.token_hex(16)}
+            storage.write_json(storage.seed_path(root), settled_as)
             storage.owners_alone(storage.seed_path(root))
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):

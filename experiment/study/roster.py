@@ -38,6 +38,15 @@ class Enrolled(Entry):
     consent_on: date | None
 
 
+class First(Entry):
+    """The first participant of a study took up their place; its seed was drawn at that moment, as the hash holds."""
+
+    kind: Literal["first"] = "first"
+    participant: str
+    consent_on: date | None
+    seed_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
 class Replacing(Entry):
     """A participant, beyond the planned ones, took up the place of one who withdrew."""
 
@@ -92,7 +101,7 @@ class Revealed(Entry):
 
 
 AnyEntry = Annotated[
-    Enrolled | Replacing | Consented | Corrected | Withdrawn | Erased | Revealed, Field(discriminator="kind")
+    First | Enrolled | Replacing | Consented | Corrected | Withdrawn | Erased | Revealed, Field(discriminator="kind")
 ]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
 
@@ -104,7 +113,8 @@ class Roster:
     `consent_on` holds each participant's day of consent, or None without consent, in the order of enrolment;
     `withdrawn` holds the reasons of those who withdrew, `erased` those whose data were deleted, and `revealed` the days
     on which a concealed order was first shown. `takes` names, for each who came after the planned ones, the participant
-    whose place they took. `now_ns` tells the time of a new line.
+    whose place they took. `seed_sha256` is the hash of the study's seed with its salt, as the first participant's line
+    has it; None in a study that began before such lines. `now_ns` tells the time of a new line.
     """
 
     path: Path
@@ -113,6 +123,7 @@ class Roster:
     erased: set[str] = field(default_factory=set)
     revealed: dict[str, date] = field(default_factory=dict)
     takes: dict[str, str] = field(default_factory=dict)
+    seed_sha256: str | None = None
     lines: Chain = chain.EMPTY
     now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
 
@@ -146,13 +157,19 @@ class Roster:
                 chain.Writer(path, roster.lines.end).close()
         return roster
 
-    def enrol(self, participant: str, consent_on: date | None, takes: str | None = None) -> None:
+    def enrol(
+        self, participant: str, consent_on: date | None, takes: str | None = None, seed_sha256: str | None = None
+    ) -> None:
         """Give the next place to a participant, on disk when this returns; `consent_on` is None without consent.
+
+        The first participant's line has the hash of the study's seed where `seed_sha256` gives it.
 
         Participants enrol in the order of their labels, which keeps tasks balanced. Raises `RosterError` if the label
         is taken, or is not the next one, or if the place that it `takes` is not free.
         """
-        if takes is None:
+        if seed_sha256 is not None and not self.consent_on:
+            self._append(First, participant=participant, consent_on=consent_on, seed_sha256=seed_sha256)
+        elif takes is None:
             self._append(Enrolled, participant=participant, consent_on=consent_on)
         else:
             self._append(Replacing, participant=participant, consent_on=consent_on, takes=takes)
@@ -241,6 +258,7 @@ class Roster:
             self.lines = chain.read(self.path, RosterError)
         self.consent_on, self.withdrawn = latest.consent_on, latest.withdrawn
         self.erased, self.revealed, self.takes = latest.erased, latest.revealed, latest.takes
+        self.seed_sha256 = latest.seed_sha256
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -254,8 +272,12 @@ class Roster:
 
     def _apply(self, entry: AnyEntry) -> None:
         participant = entry.participant
-        if isinstance(entry, Enrolled | Replacing):
+        if isinstance(entry, First | Enrolled | Replacing):
             self.check_next(participant)
+            if isinstance(entry, First):
+                if self.consent_on:
+                    raise RosterError(f"participant {participant} is not the first; enrol them again")
+                self.seed_sha256 = entry.seed_sha256
             if isinstance(entry, Replacing):
                 if entry.takes not in self.withdrawn or entry.takes in self.takes.values():
                     raise RosterError(f"the place of participant {entry.takes} is not free; enrol {participant} again")

@@ -143,6 +143,10 @@ def _replaced(path: Callable[[MadeStudy], Path], old: bytes, new: bytes) -> Act:
     return act
 
 
+def _reseeded(study: MadeStudy, _: Path) -> None:
+    _seed(study).write_text('{"seed": 2, "purpose": "STUDY"}', "utf-8")
+
+
 def _gone(*paths: Callable[[MadeStudy], Path]) -> Act:
     def act(study: MadeStudy, _: Path) -> None:
         for path in paths:
@@ -252,10 +256,18 @@ def _forgotten(participant: str, rebuild: Callable[[Path], None] = build.build) 
 
 def _written_anew(study: MadeStudy, _: Path) -> None:
     """The same people on the same days, in a chain and a head that fit."""
+    _write_anew(study, Roster.load(_roster(study)).seed_sha256)
+
+
+def _written_anew_without_the_hash(study: MadeStudy, _: Path) -> None:
+    _write_anew(study, None)
+
+
+def _write_anew(study: MadeStudy, seed_sha256: str | None) -> None:
     known = Roster.load(_roster(study)).consent_on
     _gone(_roster, _head(_roster))(study, study.root)
     for participant, day in known.items():
-        Roster.load(_roster(study)).enrol(participant, day)
+        Roster.load(_roster(study)).enrol(participant, day, seed_sha256=seed_sha256)
 
 
 def _consent_later(study: MadeStudy, _: Path) -> None:
@@ -340,12 +352,14 @@ WRONG = (
     ),
     Wrong("no seal", _gone(_seal), "no seal"),
     Wrong("another seal", _replaced(_seal, b'protocol_sha256 = "', b'protocol_sha256 = "0'), "protocol_sha256"),
-    Wrong("another seed in its file", _replaced(_seed, b'"seed": 1', b'"seed": 2'), "seed 1; allowed: 2"),
+    Wrong("another seed in its file", _replaced(_seed, b'"seed": 1', b'"seed": 2'), "is not the seed that was drawn"),
+    Wrong("another seed in its file, without its salt", _reseeded, "seed 1; allowed: 2"),
     Wrong("another purpose in its file", _replaced(_seed, b"STUDY", b"PILOT"), "purpose STUDY; allowed: PILOT"),
     Wrong("no seed", _gone(_seed), "seed and purpose of the study cannot be read"),
     Wrong("no roster", _gone(_roster), "roster.jsonl: the file is missing"),
     Wrong("no roster and no head of it", _gone(_roster, _head(_roster)), "lacks a line that a session began under"),
     Wrong("a roster written anew", _written_anew, "lacks a line that a session began under"),
+    Wrong("a roster written anew, without the seed's hash", _written_anew_without_the_hash, "lacks the seed's hash"),
     Wrong("a roster that forgot a withdrawal", _forgotten("01"), "and the roster does not"),
     Wrong("a roster that forgot a withdrawal without a session", _forgotten(THIRD), "and the roster does not"),
     Wrong("a consent after the session", _consent_later, "the session was not allowed to begin: .* 2001-09-20"),

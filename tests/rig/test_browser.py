@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
+from datetime import date
 from pathlib import Path
 
 import pytest
 
 from analysis.analyse import analyse
+from experiment.protocol.html import html
+from experiment.protocol.models import Protocol
+from tests.experiment.protocol.small import changed, document
+from tests.experiment.protocol.test_html import HOSTILE
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 
@@ -39,6 +45,33 @@ def test_it_renders_and_its_console_stays_empty(report: Path, browse: list[str])
     assert "RECONSTRUCTION" in done.stdout
     assert done.stdout.count("<svg") >= 2
     assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
+
+
+def test_a_hostile_protocol_becomes_a_page_that_runs_nothing_and_prints(tmp_path: Path, browse: list[str]) -> None:
+    study = Protocol.model_validate(changed(document(), ("consent", "statement"), HOSTILE))
+    page = tmp_path / "board.html"
+    page.write_text(html(study, "small.toml", "NOT SEALED: none.", None, date(2020, 6, 1)), "utf-8")
+    done = subprocess.run(
+        [*browse, "--enable-logging=stderr", "--dump-dom", page.as_uri()],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    assert "<title>Protocol of the study small</title>" in done.stdout
+    assert "<script" not in done.stdout
+    assert [line for line in done.stderr.splitlines() if "CONSOLE" in line] == []
+    printed = tmp_path / "board.pdf"
+    subprocess.run(
+        [*browse, "--no-pdf-header-footer", f"--print-to-pdf={printed}", page.as_uri()],
+        capture_output=True,
+        timeout=120,
+        check=True,
+    )
+    # A4 is 595 by 842 points.
+    box = re.search(rb"/MediaBox \[0 0 (\d+)\S* (\d+)", printed.read_bytes())
+    assert box is not None
+    assert [float(side) for side in box.groups()] == pytest.approx([595, 842], abs=1)
 
 
 PROBE = """<!DOCTYPE html><html><body style="margin:0"><iframe src="%s" style="width:%dpx;height:2000px;border:0">

@@ -27,7 +27,7 @@ QUESTION = re.compile(
     r"familiar with the materials: |Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>Key: )"
     r"|type (?P<again>\S) again[^\n]*again: |to end the session: "
 )
-KEYS = {"felt": "f", "cork": "k"}
+KEYS = {"felt": "f", "cork": "k", "kraft paper": "p", "foil": "o", "film": "i"}
 TRIALS = 4
 PAUSED = (
     "The session is paused, with 1 answer on disk: it was interrupted at the keyboard. "
@@ -105,6 +105,19 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     made = [path for path in (root / "derivatives").rglob("*") if path.is_file()]
     assert made
     assert [path for path in made if "PRACTICE" not in path.read_text("utf-8")] == []
+
+
+def test_a_new_study_of_five_materials_is_practised_and_has_its_tables(
+    tmp_path: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    materials = [word for name, key in KEYS.items() for word in ("--material", f"{name}, {key}")]
+    assert palpate("new", "mystudy.toml", *materials, "--tasks", "virtual", "--repetitions", 1, "--yes")[0] == 0
+    code, screen = practise(tmp_path, "mystudy.toml", "--task", "virtual", stop_after=5)
+    assert (code, "The session is complete: 5 answers." in screen) == (0, True), screen
+    code, tables, err = palpate("analyse", "participants/practice-mystudy", "--no-figures")
+    assert (code, err) == (0, "")
+    assert [name for name in KEYS if name not in tables] == []
 
 
 @pytest.mark.parametrize(

@@ -60,6 +60,9 @@ GONE = Question(
     choices=(Choice(key=ENTER, words="start the session again"), Choice(key=LEAVE, words="leave")),
 )
 
+WRITES = (Choice(key=ENTER, words="write down the answer, or that there is none"),)
+"""What may be pressed at a question that is answered with a line of text."""
+
 TYPED = {ENTER: "\n", ESCAPE: "\x1b"}
 """Keys that are no characters, as they go on record when they answered nothing."""
 
@@ -218,7 +221,10 @@ class Console(App[Left]):
         if view.ended is not None:
             choices = (Choice(key=ENTER, words="close the console"),)
             return Question(number=-2, kind="continue", text=view.ended.words, choices=choices)
-        return GONE if self._lost else view.question
+        if self._lost:
+            return GONE
+        asked = view.question
+        return asked if asked is None or asked.kind != "write" else asked.model_copy(update={"choices": WRITES})
 
     # What the experimenter presses.
 
@@ -293,6 +299,8 @@ class Console(App[Left]):
         elif question.number != seen:
             words = f"{keycap(key)} was pressed before the question was on the screen, and answered nothing."
             self._ignore(TYPED.get(key, key), f"{words} Press it again.")
+        elif question.kind == "write" and key == ENTER:
+            self._open(forms.answering(question))
         elif question.number >= 0:
             self._say("")
             self._send(Choose(question=question.number, key=key))

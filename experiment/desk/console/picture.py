@@ -61,7 +61,8 @@ PLACES = ("", "ARMED", "STEPPING", "ANSWER")
 """The strip from left to right; the first place is for all that is not a trial's step or answer."""
 
 ASKED = {
-    "ready": Phase("READY?", 0, ORANGE),
+    "agree": Phase("AGREE?", 0, ORANGE),
+    "write": Phase("WRITE", 0, ORANGE),
     "familiarise": Phase("FAMILIARISE", 0, ORANGE),
     "level": Phase("MASKER", 0, ORANGE),
     "rest": Phase("REST FOOT", 0, ORANGE),
@@ -69,6 +70,7 @@ ASKED = {
     "answer": Phase("ANSWER", 3, VIOLET),
     "confirm": Phase("CONFIRM", 3, WHITE),
     "debrief": Phase("DEBRIEF", 0, ORANGE),
+    "break": Phase("BREAK", 0, GREY),
     "continue": Phase("PAUSED", 0, GREY),
 }
 """By the kind of the question that is asked."""

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import importlib.abc
 import json
 import os
 import re
 import shutil
+import sys
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from datetime import date, timedelta
@@ -16,6 +18,7 @@ import pytest
 from scipy.io import wavfile
 
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.tracker.serial_port import SerialDevice
 from experiment.dataset import build
 from experiment.protocol.files import shipped
 from experiment.records import journal
@@ -98,11 +101,59 @@ def test_check_prints_every_error_at_once_with_line_path_and_what_is_allowed(pal
     assert (code, document["valid"], len(document["errors"])) == (2, False, 5)
 
 
+def test_check_writes_the_page_as_html_where_it_is_told_and_nowhere_else(palpate: Palpate, protocol: Path) -> None:
+    page = protocol.with_name("board.html")
+    code, out, err = palpate("check", protocol, "--html", page)
+    assert (code, err, "12. Left for the laboratory" in page.read_text("utf-8")) == (0, "", True)
+    assert lines(out) == [
+        "NOT SEALED: no approval of this protocol is recorded beside its file.",
+        f"Page: {page}. Open it in a browser, and print it there, on A4 or as PDF.",
+    ]
+    before = protocol.read_bytes()
+    code, _, err = palpate("check", protocol, "--html", protocol)
+    assert (code, "allowed: a name that ends in .html" in err, protocol.read_bytes() == before) == (2, True, True)
+    assert json.loads(palpate("check", protocol, "--html", page, "--json")[1])["valid"]
+    protocol.write_text("format = 2", "utf-8")
+    page.unlink()
+    assert (palpate("check", protocol, "--html", page)[0], page.exists()) == (2, False)
+
+
 def test_check_json_holds_the_whole_protocol(palpate: Palpate, protocol: Path) -> None:
     code, out, err = palpate("check", protocol, "--json")
     document = json.loads(out)
     assert (code, err, document["valid"]) == (0, "", True)
     assert document["protocol"]["materials"][0]["id"] == "copy paper"
+    assert document["advice"] == []
+    protocol.write_text(protocol.read_text("utf-8").replace("chance = 0.25", "chance = 0.5"), "utf-8")
+    code, out, _ = palpate("check", protocol, "--json")
+    assert [(one["path"], one["got"]) for one in json.loads(out)["advice"]] == [("analysis[0].chance", "0.5")]
+    assert code == 0
+
+
+@pytest.mark.parametrize("why", [ImportError("No module named 'sounddevice'"), OSError("PortAudio library not found")])
+def test_without_an_audio_library_serial_ports_are_listed_and_what_to_install(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch, why: Exception
+) -> None:
+    class Missing(importlib.abc.MetaPathFinder):
+        def find_spec(self, name: str, path: object, target: object = None) -> None:
+            if name == "sounddevice":
+                raise why
+
+    monkeypatch.delitem(sys.modules, "sounddevice", raising=False)
+    monkeypatch.setattr(sys, "meta_path", [Missing(), *sys.meta_path])
+    port = SerialDevice("/dev/ttyACM0", "A tracker", "1234:5678", ("editor (17)",))
+    monkeypatch.setattr("experiment.apparatus.tracker.serial_port.devices", lambda: (port,))
+    code, out, err = palpate("devices")
+    assert (code, err) == (0, "")
+    assert lines(out)[1] == "  /dev/ttyACM0  A tracker  1234:5678  held by editor (17)"
+    assert lines(out)[3] == (
+        f"  not known: audio: sounddevice cannot be used ({why}); install palpate[lab], and PortAudio (the system's "
+        "package libportaudio2)"
+    )
+    code, out, err = palpate("devices", "--json")
+    document = json.loads(out)
+    assert (code, document["serial"][0]["port"], document["audio"]) == (0, "/dev/ttyACM0", None)
+    assert "install palpate[lab]" in err
 
 
 def test_schedule_is_the_same_in_text_and_json(palpate: Palpate, protocol: Path) -> None:

@@ -85,12 +85,15 @@ def make_study(
     pilot: bool = False,
     enrolled: int = 2,
     sessions: int = 2,
+    kept_months: int | None = None,
 ) -> MadeStudy:
     """Make a study in a folder; the first `sessions` participants do their first task."""
     folder.mkdir(parents=True)
     file = folder / "study.toml"
     text = shipped("okamoto2012.toml").read_text("utf-8")
     changed = {"repetitions = 10": "repetitions = 1", "limit = 36": "limit = 4", "min_s = 180": f"min_s = {min_s}"}
+    if kept_months is not None:
+        changed["voice_recordings = false"] = f"kept_months = {kept_months}"
     for old, new in ({'id = "okamoto2012"': f'id = "{study}"'} | changed).items():
         assert old in text
         text = text.replace(old, new)

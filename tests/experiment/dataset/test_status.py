@@ -11,12 +11,15 @@ from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
+import pandas as pd
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from experiment import storage
 from experiment.dataset import build
 from experiment.dataset.beliefs import Plan
-from experiment.dataset.status import Status, status
+from experiment.dataset.status import Status, months_after, status
 from experiment.errors import DatasetError
 from experiment.protocol import approval, files
 from experiment.protocol.files import shipped
@@ -244,3 +247,46 @@ def test_a_figure_of_another_kind_is_refused(made: MadeStudy, palpate: Palpate, 
     assert (code, out) == (2, "")
     assert "got the suffix '.txt'; allowed: .svg, .png, .pdf" in err
     assert not (tmp_path / "flow.txt").exists()
+
+
+@given(st.dates(date(1900, 1, 1), date(2200, 12, 31)), st.integers(1, 1200))
+def test_months_are_counted_as_pandas_counts_them(day: date, months: int) -> None:
+    wanted = pd.Timestamp(day) + pd.DateOffset(months=months)
+    assert months_after(day, months) == wanted.date()
+
+
+def test_no_day_comes_after_the_last_one() -> None:
+    assert months_after(date(9999, 12, 31), 1) == date.max
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
+    """01, 02 and 03 did a task on 2001-09-09, and 03 was erased; 04 only enrolled. Data are kept for 18 months."""
+    study = make_study(tmp_path_factory.mktemp("kept") / "study", enrolled=4, sessions=3, kept_months=18)
+    enrolment.withdraw(study.file, "03", "asked to stop", root=study.root, rebuild=build.build, erase=True)
+    build.build(study.root)
+    return study
+
+
+@pytest.mark.parametrize(
+    ("today", "said"),
+    [
+        (date(2003, 2, 6), ()),
+        (date(2003, 2, 7), ("The data of participants 01, 02 may be kept until 2003-03-09, as the protocol says.",)),
+        (date(2003, 3, 9), ("The data of participants 01, 02 may be kept until 2003-03-09, as the protocol says.",)),
+        (date(2003, 3, 10), ("OVERDUE: the data of participants 01, 02 were to be kept until 2003-03-09",)),
+    ],
+)
+def test_it_is_told_when_data_are_due_to_be_deleted(kept: MadeStudy, today: date, said: tuple[str, ...]) -> None:
+    found = status(kept.root, today)
+    told = [one for one in found.reminders if "kept until" in one]
+    assert len(told) == len(said)
+    assert [one[: len(start)] for one, start in zip(told, said, strict=True)] == list(said)
+    assert all("palpate withdraw --erase" in one and "by hand" in one for one in told)
+    assert found.as_dict()["keep_until"] == {"01": "2003-03-09", "02": "2003-03-09"}
+    assert all(one in " ".join(found.text().split()) for one in told)
+
+
+def test_where_the_protocol_states_no_time_none_is_told(made: MadeStudy) -> None:
+    found = status(made.root, date(2099, 1, 1))
+    assert (found.keep_until, [one for one in found.reminders if "kept" in one]) == ({}, [])

@@ -78,12 +78,15 @@ def others(annotation: Any, value: Any) -> tuple[Any, ...]:
     raise NotImplementedError(f"{annotation} holding {value!r}")
 
 
-CASES = [(path, value, other) for path, kind, value in fields(protocol()) for other in others(kind, value)]
+FULL = Protocol.model_validate(changed(document(), ("consent", "kept_months"), 18))
+"""The small protocol with the one key of numbers that it leaves out."""
+
+CASES = [(path, value, other) for path, kind, value in fields(FULL) for other in others(kind, value)]
 
 
 @pytest.mark.parametrize(("path", "value", "other"), CASES, ids=str)
 def test_the_page_changes_with_every_value(path: tuple[str | int, ...], value: object, other: object) -> None:
-    before, after = protocol(), with_value(protocol(), path, other)
+    before, after = FULL, with_value(FULL, path, other)
     shown = page(after)
     assert shown.replace(sha256(after), "") != page(before).replace(sha256(before), "")
     if other == "Sentinel":

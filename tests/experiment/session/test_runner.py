@@ -14,7 +14,7 @@ from experiment.apparatus.tracker.frames import Samples
 from experiment.clock import ManualClock, day
 from experiment.errors import JournalError, PalpateError, RigError
 from experiment.protocol.models import Protocol
-from experiment.records import journal, transcript
+from experiment.records import chain, journal, transcript
 from experiment.records.entries import Answer, Armed, Footer, Header, Phase, Redo, Resumed, TrackerOpened, Withdrawal
 from experiment.records.footstep import FootStep
 from experiment.records.stimulus import Stimulus
@@ -261,6 +261,18 @@ def test_a_complete_session_is_left_as_it_is(protocol: Protocol, tmp_path: Path)
     assert again.run(protocol, header("real"), tmp_path).reason == "complete"
     assert path.read_bytes() == before
     assert again.console.armed == []
+
+
+def test_the_head_that_a_kill_left_a_line_behind_a_complete_session_is_brought_up(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    bench("cpt").run(protocol, header("real"), tmp_path)
+    path = storage.journal_path(tmp_path, "01", "real")
+    head = chain.head_path(path)
+    whole, links = head.read_bytes(), chain.read(path, JournalError).links
+    head.write_text(f"{len(links) - 1:012d} {links[-2].sha256}\n", "ascii")
+    assert bench("").run(protocol, header("real"), tmp_path).reason == "complete"
+    assert head.read_bytes() == whole
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,320 @@
+"""The commands of a protocol: writing one, the page that its board reads, and its approval."""
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import date
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
+
+import typer
+
+from experiment.cli import options
+from experiment.cli.options import Json, ProtocolFile, a_day, a_protocol
+from experiment.errors import Interrupted, PalpateError
+from experiment.settings.characters import quoted
+
+if TYPE_CHECKING:
+    from experiment.protocol.new import NewStudy
+
+commands = options.room()
+
+Taken = TypeVar("Taken")
+
+
+@commands.command(epilog="Example: palpate new mystudy.toml --material 'felt, f, felt, cloth' --material cork")
+def new(
+    protocol_file: Annotated[
+        Path | None, typer.Argument(metavar="[PROTOCOL.toml]", help="The new file [default: ID.toml].")
+    ] = None,
+    like: Annotated[
+        Path | None,
+        typer.Option("--like", parser=a_protocol, metavar="PROTOCOL", help="Copy this protocol, such as okamoto2012."),
+    ] = None,
+    study_id: Annotated[
+        str | None, typer.Option("--id", help="Id of the study: up to 32 lower-case letters and digits.")
+    ] = None,
+    title: Annotated[str | None, typer.Option("--title", help="What the study is called.")] = None,
+    participants: Annotated[int | None, typer.Option("--participants", help="How many people take part.")] = None,
+    materials: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--material",
+            metavar="NAME[,KEY,PHRASE,...]",
+            help="A material, its key, and what participants may call it; to be repeated.",
+        ),
+    ] = None,
+    tasks: Annotated[
+        Literal["virtual", "real", "both"] | None, typer.Option("--tasks", help="Vibration, real objects, or both.")
+    ] = None,
+    repetitions: Annotated[
+        int | None, typer.Option("--repetitions", help="How often a task presents each material.")
+    ] = None,
+    rig: Annotated[Path | None, typer.Option("--rig", help="Write a rig file to begin from too.")] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: what no option answers has its default.")] = False,
+) -> None:
+    """Write a new protocol, with a comment for every key.
+
+    A few questions are asked, each with a default that Enter takes. What only your laboratory can say stands in the
+    file as TO BE FILLED IN; the study can be practised and rehearsed at once. With --like another protocol is copied
+    under an id of its own, without its approval. No file is overwritten.
+    """
+    from experiment import storage
+    from experiment.protocol import new as writing
+
+    if like and (participants, materials, tasks, repetitions) != (None, None, None, None):
+        raise PalpateError(
+            "got --participants, --material, --tasks or --repetitions with --like; allowed: --id and --title; change "
+            "anything else in the copy"
+        )
+    ask, file = not yes, protocol_file and writing.free(protocol_file)
+    rig = rig and _free_for_a_rig(rig)
+
+    def named(typed: str) -> str:
+        writing.checked(writing.NewStudy(id=typed))
+        if file is None:
+            writing.free(Path(typed))
+        return typed
+
+    stem = re.sub("[^a-z0-9]", "", file.stem.lower()) if file else ""
+    default = stem if re.match("[a-z]", stem) else writing.NewStudy.id
+    study_id = _answered("Id of the study, which names its files", default, study_id, ask, named)
+    if like:
+        text = _copied(like, study_id, title, ask)
+    else:
+        study = writing.NewStudy(id=study_id)
+        given = [None if one is None else str(one) for one in (participants, repetitions)]
+        text = writing.text(_asked(study, title, given, materials, tasks, ask))
+    file = file or writing.free(Path(study_id))
+    if rig is None:
+        asks = "A rig file to begin from, too: its name, or Enter for none"
+        rig = _answered(asks, "", None, ask, lambda typed: _free_for_a_rig(Path(typed)) if typed else None)
+    if rig and rig.resolve() == file.resolve():
+        raise PalpateError(f"got {quoted(str(file))} for protocol and rig; allowed: a file for each; name another")
+    made = {file: text} | ({rig: _a_rig(rig)} if rig else {})
+    for path, content in made.items():
+        storage.write(path, content.encode())
+    typer.echo(f"Protocol: {file}")
+    if rig:
+        typer.echo(f"Rig: {rig}. It is to be calibrated; experiment/apparatus/README.md says how.")
+    typer.echo(
+        f"To practise a session at your own keys: palpate run {file} --practice\n"
+        f"To read it as an ethics board does: palpate check {file}"
+    )
+
+
+def _copied(like: Path, study_id: str, title: str | None, ask: bool) -> str:
+    """Return the text of a copy, its title asked for."""
+    from experiment.protocol import files
+    from experiment.protocol import new as writing
+
+    default = files.load(like).study.title
+    return _answered("Title", default, title, ask, lambda typed: writing.copied(like, study_id, typed))
+
+
+def _asked(
+    study: "NewStudy",
+    title: str | None,
+    numbers: list[str | None],
+    materials: list[str] | None,
+    tasks: str | None,
+    ask: bool,
+) -> "NewStudy":
+    """Return a study with what the options say, or with what is answered; `numbers`: of participants, repetitions."""
+    from experiment.protocol import new as writing
+
+    people, each = ("study", "participants"), ("tasks", 0, "repetitions")
+    study = _answered("Title", study.title, title, ask, lambda typed: writing.checked(replace(study, title=typed)))
+    study = _answered(
+        "How many people take part",
+        str(study.participants),
+        numbers[0],
+        ask,
+        lambda typed: writing.checked(replace(study, participants=writing.whole(typed, people))),
+    )
+    if materials:
+        study = writing.checked(replace(study, materials=writing.materials(materials)))
+    else:
+        study = _answered(
+            "The materials to tell apart, with commas between them",
+            ", ".join(one.name for one in study.materials),
+            None,
+            ask,
+            lambda typed: writing.checked(replace(study, materials=writing.materials(writing.parts(typed)))),
+        )
+        for place, one in enumerate(study.materials):
+            study = _answered(
+                f"{one.name}: its key, then what participants may call it",
+                study.materials[place].typed,
+                None,
+                ask,
+                partial(writing.with_material, study, place),
+            )
+    study = _answered(
+        "Its tasks: virtual (vibration of the panel), real (the objects) or both",
+        study.tasks,
+        tasks,
+        ask,
+        lambda typed: writing.checked(replace(study, tasks=typed)),
+    )
+    return _answered(
+        "How often a task presents each material",
+        str(study.repetitions),
+        numbers[1],
+        ask,
+        lambda typed: writing.checked(replace(study, repetitions=writing.whole(typed, each))),
+    )
+
+
+def _answered(asks: str, default: str, given: str | None, ask: bool, take: Callable[[str], Taken]) -> Taken:
+    """Return what `take` makes of an option, of the default where nothing is asked, or of what is typed.
+
+    What is typed and cannot be taken is told, and asked for again. Raises `PalpateError` for an option.
+    """
+    if given is not None or not ask:
+        return take(default if given is None else given)
+    while True:
+        typed = _typed(f"{asks} [{' '.join(default.split()) or 'none'}]: ")
+        try:
+            return take(typed or default)
+        except PalpateError as error:
+            typer.echo(f"  {error}")
+
+
+def _typed(prompt: str) -> str:
+    """Return what is typed. Raises `Interrupted` on Ctrl-C, at the input's end, and where nobody can type."""
+    try:
+        return input(prompt).strip()
+    except (KeyboardInterrupt, EOFError, OSError, ValueError, RuntimeError):
+        raise Interrupted(
+            "the questions were interrupted, and nothing was written; where nobody can type, answer with options, and "
+            "add --yes"
+        ) from None
+
+
+def _free_for_a_rig(rig: Path) -> Path:
+    """Return where a new rig file goes. Raises `PalpateError` as `new.free`, and if its name is none for a rig."""
+    import tomllib
+
+    from experiment.apparatus.rig import Rig
+    from experiment.protocol import new as writing
+    from experiment.settings import load
+
+    path = writing.free(rig)
+    load.checked(path, Rig, tomllib.loads(_a_rig(path)))
+    return path
+
+
+def _a_rig(rig: Path) -> str:
+    """Return the text of a new rig file: the shipped one, under the name of its file."""
+    from experiment.protocol.files import shipped
+    from experiment.settings import load
+
+    text = shipped("rigs/laboratory.toml").read_text("utf-8")
+    return text.replace('name = "laboratory"', f"name = {load.toml(rig.stem)}", 1)
+
+
+@commands.command(epilog="Example: palpate check protocols/okamoto2012.toml")
+def check(
+    protocol_file: ProtocolFile,
+    page_file: Annotated[
+        Path | None,
+        typer.Option("--html", metavar="FILE.html", help="Write the page as HTML, for a browser to print on A4."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Show a protocol to an ethics board.
+
+    The page states the whole study; at its end, what is left empty, and which values are allowed and unlikely to be
+    meant. Below it stands whether this version is sealed, by which board and until when. If the file has errors, all of
+    them are printed instead: each with its path, its line, what was got, what is allowed. With --html the page is
+    written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on paper or as PDF.
+    """
+    from dataclasses import asdict
+
+    from experiment.clock import day, wall_ns
+    from experiment.errors import ProtocolError
+    from experiment.protocol import advice, approval, files, page
+
+    try:
+        protocol = files.load(protocol_file)
+    except ProtocolError as error:
+        if as_json:
+            options.put({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
+            raise typer.Exit(error.exit_code) from None
+        raise
+    today = day(wall_ns())
+    state, seal = approval.state(protocol_file, protocol, today)
+    if page_file is not None:
+        from experiment import storage
+        from experiment.protocol.html import html
+
+        if page_file.suffix != ".html":
+            raise PalpateError(f"got the file {quoted(str(page_file))}; allowed: a name that ends in .html")
+        storage.write(page_file, html(protocol, str(protocol_file), state, seal, today).encode())
+    if as_json:
+        import json
+
+        sha256, document = approval.sha256(protocol), json.loads(approval.canonical(protocol))
+        approved = seal.model_dump(mode="json") if seal else None
+        known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
+        known["advice"] = [asdict(one) for one in advice.advice(protocol)]
+        options.put(known | {"protocol": document})
+    elif page_file is not None:
+        typer.echo(f"{state}\nPage: {page_file}. Open it in a browser, and print it there, on A4 or as PDF.")
+    else:
+        told = f"{page.page(protocol, str(protocol_file))}\n{state}"
+        typer.echo(f"{told}\n{page.approved(seal)}" if seal else told)
+
+
+@commands.command(
+    epilog="Example: palpate seal study.toml --approval-number 2026-17 --approved-on 2026-04-01 --expires-on 2027-03-31"
+)
+def seal(
+    protocol_file: Annotated[Path, typer.Argument(metavar="PROTOCOL", help="Protocol file (TOML) of your own.")],
+    approval_number: Annotated[str, typer.Option("--approval-number", help="The number on the board's letter.")],
+    approved_on: Annotated[
+        date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="First day on which the study may run.")
+    ],
+    expires_on: Annotated[
+        date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Last day on which the study may run.")
+    ],
+    sha256: Annotated[
+        str | None,
+        typer.Option(
+            "--sha256", metavar="DIGITS", help="First digits, 8 or more, of the SHA-256 on the page they read."
+        ),
+    ] = None,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Replace an earlier seal, after a change of the protocol or a slip.")
+    ] = False,
+) -> None:
+    """Record the board's approval of a protocol.
+
+    The record is written to STUDY.seal.toml beside the protocol, with the SHA-256 of what was approved. `palpate run`
+    refuses a protocol that is not sealed, that has changed since, or whose approval has expired.
+    """
+    from experiment.protocol import approval, files
+
+    protocol = files.load(protocol_file)
+    path = approval.seal_path(protocol_file)
+    replaces = path.exists()
+    sealed = approval.write(
+        protocol_file,
+        protocol,
+        approval_number=approval_number,
+        board=protocol.ethics.board,
+        approved_on=approved_on,
+        expires_on=expires_on,
+        page_sha256=sha256,
+        replace=replace,
+    )
+    limits = protocol.exposure
+    typer.echo(
+        f"Sealed study {protocol.study.id} from {sealed.approved_on} to {sealed.expires_on}: vibration at most "
+        f"{limits.vibration_peak_m_s2:g} m/s^2, masker at most {limits.masker_level_db_a:g} dB(A), session at most "
+        f"{limits.session_min:g} min.\nSealed {sealed.protocol_sha256}: {path}"
+    )
+    if replaces:
+        typer.echo("The earlier seal is replaced. Datasets that were begun under it keep their copy of it.")

@@ -1,0 +1,91 @@
+"""Takes out of the microphone what we play ourselves: the masker, which is known sample by sample.
+
+The way from the stream's output through headphones and room to the microphone is taken for linear and steady. Its
+impulse response h is the least-squares filter from played x to microphone y, over the seconds in which nobody speaks:
+the h that makes sum over t of (y[t] - sum over k of h[k] x[t - k])^2 least (S. Haykin, Adaptive Filter Theory, chapter
+on the method of least squares, covariance windowing). Its normal equations are nearly Toeplitz, so conjugate gradients
+that are preconditioned by the Toeplitz matrix of x's autocorrelation solve them in a few turns (R. H. Chan and M. K.
+Ng, SIAM Review 38 (1996) 427-482), and no matrix of them is ever built.
+
+What is left is what the room adds of its own, what comes later than `TAPS`, and an error of estimation: noise of power
+s in the microphone leaves about s TAPS / n of its own over n samples.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, linalg
+
+from experiment.errors import VoiceError
+
+TAPS = 1920
+"""Of the filter: 120 ms in the band, of which a room and the latency of the device take their parts."""
+
+SHORTEST = 3 * TAPS
+"""Fewer samples than these determine no filter: 0.36 s."""
+
+_RIDGE = 1e-6
+"""Of the played power, added to the diagonal: where x has no power, as at the band's end, h stays 0."""
+
+_TURNS, _SOLVED = 20, 1e-5
+"""At most so many turns, and until the residual of the normal equations has fallen to this part."""
+
+
+def leak(microphone: NDArray[np.float64], played: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the filter from played samples to the microphone, shape (TAPS,), 0 where nothing was played.
+
+    Both are in the band, of the same moments, shape (n,), with n of `SHORTEST` or more. Nobody should speak in them:
+    speech of power s adds as much error as noise of its power. Raises `VoiceError` for other shapes.
+    """
+    if microphone.shape != played.shape or microphone.ndim != 1 or microphone.size < SHORTEST:
+        raise VoiceError(
+            f"microphone: got shape {microphone.shape} beside {played.shape} of the masker; allowed: two rows of "
+            f"{SHORTEST} samples or more, {SHORTEST / 16_000:g} s; listen for longer before the answer"
+        )
+    y, whole = microphone[TAPS - 1 :], fft.next_fast_len(microphone.size, real=True)
+    x = fft.rfft(played, whole)
+
+    def correlated(row: NDArray[np.float64]) -> NDArray[np.float64]:
+        correlation: NDArray[np.float64] = fft.irfft(np.conj(fft.rfft(row, whole)) * x, whole)
+        return correlation[TAPS - 1 :: -1]
+
+    def filtered(h: NDArray[np.float64]) -> NDArray[np.float64]:
+        wave: NDArray[np.float64] = fft.irfft(fft.rfft(h, whole) * x, whole)
+        return wave[TAPS - 1 : microphone.size]
+
+    power = fft.irfft(np.abs(x) ** 2, whole)[:TAPS].copy()
+    h = np.zeros(TAPS)
+    if power[0] == 0:
+        return h
+    ridge = _RIDGE * power[0]
+    power[0] += ridge
+    residual = correlated(y)
+    enough = _SOLVED * float(np.linalg.norm(residual))
+    direction, before = h, 1.0
+    for _ in range(_TURNS):
+        if np.linalg.norm(residual) <= enough:
+            break
+        conditioned = linalg.solve_toeplitz(power, residual, check_finite=False)
+        now = float(residual @ conditioned)
+        direction = conditioned + now / before * direction
+        mapped = correlated(filtered(direction)) + ridge * direction
+        step = now / float(direction @ mapped)
+        h = h + step * direction
+        residual = residual - step * mapped
+        before = now
+    return h
+
+
+def cancelled(
+    microphone: NDArray[np.float64], played: NDArray[np.float64], taps: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the microphone without what `taps` make of the played samples, shape (n,), as both are.
+
+    The first of `taps.size` samples still hold what was played before them.
+    """
+    if not np.any(taps):
+        return microphone
+    n = fft.next_fast_len(microphone.size + taps.size, real=True)
+    leaked: NDArray[np.float64] = fft.irfft(fft.rfft(played, n) * fft.rfft(taps, n), n)[: microphone.size]
+    return microphone - leaked

@@ -1,0 +1,64 @@
+"""What an utterance sounds like from moment to moment: mel-frequency cepstral coefficients.
+
+Their definition is that of S. B. Davis and P. Mermelstein (IEEE Transactions on Acoustics, Speech, and Signal
+Processing 28 (1980) 357-366): energies of triangular bands, equally wide on the mel scale, their logarithms, and of
+these a cosine transform. The scale is 2595 lg(1 + f / 700 Hz) (D. O'Shaughnessy, Speech Communication, 1987). The
+coefficient of the level is left out, and each other one's mean over the utterance is taken off, so neither how loudly
+nor through which microphone somebody speaks matters.
+
+Differences in time, and taking off the noise's energies, changed nothing that was measured, and are left out.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from experiment.desk.voice.band import RATE_HZ
+
+FRAME, HOP = 400, 160
+"""Samples: frames of 25 ms, every 10 ms."""
+
+COEFFICIENTS = 12
+
+_TRANSFORM = 512
+_BANDS = 26
+_LOWEST_HZ, _HIGHEST_HZ = 100.0, 7200.0
+_EMPHASIS = 0.97
+"""Of the sample before, taken off every sample: speech falls by 6 dB an octave."""
+
+_FLOOR = 1e-4
+"""Of the utterance's largest energy in a band, added to each: 40 dB below it nothing counts, and nothing is 0."""
+
+_NOTHING = 1e-30
+"""Added where the whole utterance is 0."""
+
+
+def cepstra(samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the coefficients of every frame, shape (frames, COEFFICIENTS), of an utterance in the band, shape (n,).
+
+    Frames begin every `HOP` samples and lie within the utterance; one that is shorter than a frame is filled up with
+    zeros. The same samples louder or softer give the same coefficients.
+    """
+    x = np.pad(samples, (0, max(FRAME - samples.size, 0)))
+    x = np.append(x[:1], x[1:] - _EMPHASIS * x[:-1])
+    frames = np.lib.stride_tricks.sliding_window_view(x, FRAME)[::HOP] * np.hamming(FRAME)
+    energies = np.abs(fft.rfft(frames, _TRANSFORM)) ** 2 @ _bands().T
+    logarithms = np.log(energies + _FLOOR * np.max(energies) + _NOTHING)
+    coefficients: NDArray[np.float64] = fft.dct(logarithms, type=2, norm="ortho", axis=1)[:, 1 : COEFFICIENTS + 1]
+    coefficients -= np.mean(coefficients, axis=0)
+    return coefficients
+
+
+@lru_cache(maxsize=1)
+def _bands() -> NDArray[np.float64]:
+    """Return the weight of every bin in every band, shape (_BANDS, bins)."""
+    lowest, highest = (2595 * np.log10(1 + f / 700) for f in (_LOWEST_HZ, _HIGHEST_HZ))
+    edges = 700 * (10 ** (np.linspace(lowest, highest, _BANDS + 2) / 2595) - 1)
+    f = np.arange(_TRANSFORM // 2 + 1) * RATE_HZ / _TRANSFORM
+    low, middle, high = edges[:-2, None], edges[1:-1, None], edges[2:, None]
+    weights: NDArray[np.float64] = np.clip(np.minimum((f - low) / (middle - low), (high - f) / (high - middle)), 0, 1)
+    return weights

@@ -1,0 +1,158 @@
+"""From the microphone and the masker to what was said, when, and how sure that is.
+
+`listen` learns what the microphone hears while nobody speaks: what the masker leaks into it, and the quiet. It takes
+most of the time, and is done while the foot is awaited. `hear` then takes the masker out of the answer's samples, finds
+the utterances, and matches each against the participant's enrolment, whose takes `take` prepares.
+
+What is proposed is only that. The experimenter's key decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.desk.voice import onset
+from experiment.desk.voice.band import RATE_HZ, banded
+from experiment.desk.voice.cancelling import TAPS, cancelled, leak
+from experiment.desk.voice.features import HOP, cepstra
+from experiment.desk.voice.matching import AGREES, Enrolment, Match, Take, match
+from experiment.errors import VoiceError
+
+Samples = NDArray[np.floating[Any]]
+"""A channel of the stream, full scale 1, shape (n,)."""
+
+LISTENED_S = 3.5
+"""At most so long before an answer is listened to, s."""
+
+BEFORE_S = 0.5
+"""So long before an answer may begin the recording must, s: for the filter, and for the quiet before the onset."""
+
+_CONTEXT = round(0.3 * RATE_HZ)
+_LONGEST = 2.0
+"""Times the longest take: what comes earlier in an utterance is left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class Background:
+    """What the microphone hears while nobody speaks: the masker's leak, shape (TAPS,), and the quiet without it."""
+
+    taps: NDArray[np.float64]
+    quiet: onset.Quiet
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What was said after an answer was allowed.
+
+    Attributes:
+        onset_s: when the voice began, s after the first sample; of the proposed answer, or else of the first utterance;
+            None where nobody spoke.
+        proposed: the answer; None where nobody spoke, no utterance is an answer, or two are different ones.
+        agreement: of the nearest answer, from 0 (as far as another answer) to 1 (as near as a take of it).
+        lead: how much further the next answer is, in the same unit.
+    """
+
+    onset_s: float | None
+    proposed: str | None
+    agreement: float
+    lead: float
+
+
+SILENCE = Heard(None, None, 0.0, 0.0)
+
+
+def listen(microphone: Samples, played: Samples, *, rate_hz: int) -> Background:
+    """Return what the microphone hears while nobody speaks, from samples of it and of what the masker played.
+
+    Both are of the same moments, 0.36 s or more; the last `LISTENED_S` of them count. Raises `VoiceError` for fewer or
+    unlike samples, and as `banded` does.
+    """
+    _alike(microphone, played)
+    last = slice(-round(LISTENED_S * rate_hz), None)
+    heard, masker = (banded(each[last], rate_hz=rate_hz) for each in (microphone, played))
+    taps = leak(heard, masker)
+    return Background(taps, onset.quiet(cancelled(heard, masker, taps)[TAPS:]))
+
+
+def take(
+    microphone: Samples, played: Samples, *, rate_hz: int, answerable_s: float, background: Background | None = None
+) -> Take:
+    """Return the take of an answer that is said once, `answerable_s` after the first sample or later.
+
+    Raises `VoiceError` where nobody speaks or several utterances are heard, and as `hear` does.
+    """
+    samples, utterances, _ = _utterances(microphone, played, rate_hz, answerable_s, background)
+    if len(utterances) != 1:
+        raise VoiceError(
+            f"enrolment: got {len(utterances)} utterances; allowed: one, the answer; have it said again, alone and "
+            "close to the microphone"
+        )
+    return cepstra(samples[utterances[0].begin : utterances[0].end])
+
+
+def hear(
+    microphone: Samples,
+    played: Samples,
+    *,
+    rate_hz: int,
+    answerable_s: float,
+    enrolment: Enrolment,
+    background: Background | None = None,
+) -> Heard:
+    """Return what was said, `answerable_s` after the first sample or later.
+
+    Samples of the microphone and of what the masker played are of the same moments; they begin `BEFORE_S` or more
+    before an answer is allowed, and should end when somebody has been silent for a quarter of a second. Without a
+    `background` it is taken from what lies before. Raises `VoiceError` for unlike samples or samples that begin too
+    late, and as `banded` does.
+    """
+    samples, utterances, begin_s = _utterances(microphone, played, rate_hz, answerable_s, background)
+    if not utterances:
+        return SILENCE
+    longest = round(_LONGEST * max(len(one) for one in enrolment.takes)) * HOP
+    found: list[tuple[Match, int]] = []
+    for each in utterances:
+        begin = max(each.begin, each.end - longest)
+        matched = match(cepstra(samples[begin : each.end]), enrolment)
+        found.append((matched, begin + matched.begin * HOP if matched.begin or begin > each.begin else each.begin))
+    answers = [one for one in found if one[0].agreement >= AGREES]
+    if not answers:
+        nearest = max((matched for matched, _ in found), key=lambda one: one.agreement)
+        return Heard(begin_s + utterances[0].begin / RATE_HZ, None, nearest.agreement, nearest.lead)
+    matched, begin = answers[0]
+    alone = all(other.answer == matched.answer for other, _ in answers)
+    return Heard(begin_s + begin / RATE_HZ, matched.answer if alone else None, matched.agreement, matched.lead)
+
+
+def _utterances(
+    microphone: Samples, played: Samples, rate_hz: int, answerable_s: float, background: Background | None
+) -> tuple[NDArray[np.float64], tuple[onset.Utterance, ...], float]:
+    """Return samples in the band without the masker, the utterances in them, and when they begin, s."""
+    _alike(microphone, played)
+    answerable = round(answerable_s * rate_hz)
+    first = answerable - round(BEFORE_S * rate_hz)
+    if not 0 <= first <= microphone.size:
+        raise VoiceError(
+            f"answerable_s: got {answerable_s:g} s in a recording of {microphone.size / rate_hz:g} s; allowed: from "
+            f"{BEFORE_S:g} s after its beginning to its end; keep more of the stream"
+        )
+    if background is None:
+        background = listen(microphone[:answerable], played[:answerable], rate_hz=rate_hz)
+    heard, masker = (banded(each[first:], rate_hz=rate_hz) for each in (microphone, played))
+    samples = cancelled(heard, masker, background.taps)
+    after = round(BEFORE_S * RATE_HZ)
+    skipped = after - _CONTEXT
+    utterances = onset.utterances(samples[skipped:], after=_CONTEXT, quiet=background.quiet)
+    return samples[skipped:], utterances, first / rate_hz + skipped / RATE_HZ
+
+
+def _alike(microphone: Samples, played: Samples) -> None:
+    if microphone.shape != played.shape:
+        raise VoiceError(
+            f"microphone: got shape {microphone.shape} beside {played.shape} of the masker; allowed: the same moments "
+            "of both channels; look at the driver"
+        )

@@ -1,0 +1,154 @@
+"""Matches an utterance against what the same participant said at enrolment, by dynamic time warping.
+
+Two utterances are aligned so that their frames differ least: steps of 1 in either, or in both, weights 1, 1 and 2, and
+the sum divided by both lengths (H. Sakoe and S. Chiba, IEEE Transactions on Acoustics, Speech, and Signal Processing 26
+(1978) 43-49, the symmetric form without a slope constraint). So whatever language it is, no model is needed but two
+takes of each answer; and their distances say how far apart takes of one answer are for this participant, and takes of
+different answers. An utterance's distance is told in those terms: an **agreement** of 1 is that of two takes of one
+answer, 0 that of different answers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.errors import VoiceError
+
+Take = NDArray[np.float64]
+"""The cepstra of an utterance, shape (frames, coefficients)."""
+
+AGREES = 0.7
+"""Agreement from which an utterance is an answer.
+
+Midway between the 3rd percentile of answers, 0.91, and the 95th of words that are no answer, 0.50, to the next tenth:
+360 utterances of each by ten SYNTHETIC voices, English and Japanese, at 20, 10 and 0 dB, which are not those whose
+figures are measured (`python -m tests.benchmarks.voice thresholds`). It says nothing of real participants.
+"""
+
+_TAKES = 2
+"""At least, of each answer: fewer do not say how far apart they are."""
+
+
+@dataclass(frozen=True, eq=False)
+class Enrolment:
+    """How one participant says the answers: every take with its answer, and typical distances of takes.
+
+    `own` is the mean distance of two takes of one answer, `other` that of takes of different answers.
+    """
+
+    answers: tuple[str, ...]
+    takes: tuple[Take, ...]
+    own: float
+    other: float
+
+
+@dataclass(frozen=True)
+class Match:
+    """The answer that an utterance is nearest to.
+
+    Attributes:
+        answer: that one.
+        agreement: from 0, as far as another answer, to 1, as near as a take of this one.
+        lead: how much further the next answer is, in the same unit.
+        begin: frame of the utterance from which it was compared.
+    """
+
+    answer: str
+    agreement: float
+    lead: float
+    begin: int
+
+
+def enrolled(takes: Mapping[str, Sequence[Take]]) -> Enrolment:
+    """Return a participant's enrolment from two takes or more of each answer, of two answers or more.
+
+    Raises `VoiceError` for fewer, and where a take is nearest to one of another answer.
+    """
+    few = [answer for answer, said in takes.items() if len(said) < _TAKES]
+    if few or len(takes) < 2:
+        raise VoiceError(
+            f"enrolment: got {len(takes)} answers, and too few takes of {few}; allowed: two answers or more, each said "
+            "twice or more; have them said again"
+        )
+    answers = tuple(answer for answer, said in takes.items() for _ in said)
+    every = tuple(take for said in takes.values() for take in said)
+    apart = np.array([_rests(take, every)[0] for take in every])
+    same = np.array(answers)[:, None] == np.array(answers)
+    np.fill_diagonal(apart, np.inf)
+    mistaken = {answers[i]: answers[j] for i, j in enumerate(np.argmin(apart, axis=1)) if not same[i, j]}
+    if mistaken:
+        raise VoiceError(
+            "enrolment: got "
+            + ", ".join(f"a take of {one!r} that is nearest to one of {other!r}" for one, other in mistaken.items())
+            + "; allowed: takes of an answer nearest to one another; have these answers said twice again"
+        )
+    own = float(np.mean(apart[same & np.isfinite(apart)]))
+    return Enrolment(answers, every, own, float(np.mean(apart[~same])))
+
+
+def match(utterance: Take, enrolment: Enrolment) -> Match:
+    """Return the answer that an utterance is nearest to, as a whole.
+
+    Where the whole is no answer, whatever is said before the answer is left out: from where on the rest agrees most.
+    Frames that are not of the takes' kind raise `VoiceError`.
+    """
+    if utterance.ndim != 2 or not utterance.size or utterance.shape[1] != enrolment.takes[0].shape[1]:
+        raise VoiceError(
+            f"utterance: got shape {utterance.shape}; allowed: one frame or more of {enrolment.takes[0].shape[1]} "
+            "coefficients; take its cepstra"
+        )
+    rests = _rests(utterance, enrolment.takes)
+    whole = _nearest(rests[0], enrolment, 0)
+    if whole.agreement >= AGREES:
+        return whole
+    begin = int(np.argmin(np.min(rests, axis=1)))
+    return max(whole, _nearest(rests[begin], enrolment, begin), key=lambda each: each.agreement)
+
+
+def _rests(utterance: Take, takes: Sequence[Take]) -> NDArray[np.float64]:
+    """Return the distance of what is left of an utterance from every frame on from every take, (frames, takes).
+
+    Read backwards, an utterance's end comes first, and one warping gives them all.
+    """
+    return distances(utterance[::-1], [take[::-1] for take in takes])[::-1]
+
+
+def _nearest(apart: NDArray[np.float64], enrolment: Enrolment, begin: int) -> Match:
+    nearest: dict[str, float] = {}
+    for answer, distance in zip(enrolment.answers, apart.tolist(), strict=True):
+        nearest[answer] = min(distance, nearest.get(answer, np.inf))
+    first, second = sorted(nearest, key=lambda each: nearest[each])[:2]
+    unit = max(enrolment.other - enrolment.own, np.finfo(np.float64).tiny)
+    agreement = min(max((enrolment.other - nearest[first]) / unit, 0.0), 1.0)
+    return Match(first, agreement, (nearest[second] - nearest[first]) / unit, begin)
+
+
+def distances(utterance: Take, takes: Sequence[Take]) -> NDArray[np.float64]:
+    """Return the warped distance of every beginning of an utterance from every take, shape (frames, takes).
+
+    Row i is that of the utterance's first i + 1 frames from whole takes, in the unit of the coefficients; the last row
+    is that of the whole. All takes are warped at once, one frame of the utterance after the other.
+    """
+    lengths = np.array([len(take) for take in takes])
+    padded = np.zeros((len(takes), int(np.max(lengths)), utterance.shape[1]))
+    for row, take in zip(padded, takes, strict=True):
+        row[: len(take)] = take
+    squares = np.sum(utterance**2, axis=1)[:, None, None] + np.sum(padded**2, axis=2)
+    apart = np.sqrt(np.maximum(squares - 2 * np.einsum("if,tjf->itj", utterance, padded), 0.0))
+    ends = np.arange(len(takes)), lengths - 1
+    found = np.empty((len(utterance), len(takes)))
+    sums = np.full(padded.shape[:2], np.inf)
+    for i, here in enumerate(apart):
+        entered = sums + here
+        entered[:, 1:] = np.minimum(entered[:, 1:], sums[:, :-1] + 2 * here[:, 1:])
+        if i == 0:
+            entered[:, 0] = 2 * here[:, 0]
+        # Steps along a take add what lies between: the least of all places at which its row can be entered.
+        along = np.cumsum(here, axis=1)
+        sums = along + np.minimum.accumulate(entered - along, axis=1)
+        found[i] = sums[ends] / (i + 1 + lengths)
+    return found

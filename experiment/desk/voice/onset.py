@@ -1,0 +1,131 @@
+"""Finds where a voice begins, and where it ends, in what is left after cancelling.
+
+What the microphone hears while nobody speaks is predicted linearly from the samples before (J. Makhoul, Proceedings of
+the IEEE 63 (1975) 561-580); the error of that prediction is white then, and a voice stands out of it at whatever
+frequency it is louder. Its energy in frames of 5 ms, against the median of the quiet seconds, says roughly when
+somebody speaks. The onset itself is the sample that parts two stretches of different variance best, by Akaike's
+criterion (N. Maeda, Zisin 38 (1985) 365-379, who picks the onsets of earthquakes so).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, linalg
+
+_ORDER = 24
+_FRAME, _HOP = 80, 16
+"""Samples: 5 ms of energy, every millisecond."""
+
+_LOUD, _HEARD = 10.0, 4.0
+"""Energy over that of the quiet: what somebody speaking reaches, and what already belongs to it."""
+
+_LOUD_MS, _WITHIN_MS = 50, 100
+"""So long in so long it is loud; a click is shorter."""
+
+_BEFORE_MS, _WITHIN_WORDS_MS = 30, 250
+"""Silences that belong to an utterance: before its first loud sound, and within it, as before a plosive."""
+
+_QUIETEST = 0.1
+"""Part of an answer's frames in which nobody speaks, at least: louder than the quiet, they take its place. For where
+somebody moves, the filter no longer fits, and more of the masker is left."""
+
+_PICKED_BEFORE, _PICKED_AFTER = 240, 160
+"""Samples around the rough onset, 15 and 10 ms, of which the best one is picked."""
+
+_FAINTEST = 1e-12
+"""Mean square of the faintest quiet, full scale being 1: what is exactly 0 has no energy to compare with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Quiet:
+    """What the microphone hears while nobody speaks: its whitening filter, shape (25,), and its energy after that."""
+
+    whitening: NDArray[np.float64]
+    energy: float
+
+
+@dataclass(frozen=True)
+class Utterance:
+    """A stretch in which somebody speaks: its first sample and the one after its last, in the band."""
+
+    begin: int
+    end: int
+
+
+def quiet(samples: NDArray[np.float64]) -> Quiet:
+    """Return what is typical of samples in the band, shape (n,): half of them may hold anything else."""
+    n = fft.next_fast_len(max(samples.size + _ORDER, 1), real=True)
+    r = fft.irfft(np.abs(fft.rfft(samples, n)) ** 2, n)[: _ORDER + 1]
+    r[0] += 1e-9 * r[0] + _FAINTEST * max(samples.size, 1)
+    whitening = np.concatenate([[1.0], -linalg.solve_toeplitz(r[:-1], r[1:], check_finite=False)])
+    energies = _energies(_whitened(samples, whitening))
+    return Quiet(whitening, max(float(np.median(energies)) if energies.size else 0.0, _FAINTEST))
+
+
+def utterances(samples: NDArray[np.float64], *, after: int, quiet: Quiet) -> tuple[Utterance, ...]:
+    """Return every utterance from sample `after` on, in order, in samples in the band, shape (n,), 1 being full scale.
+
+    Frames begin at `after`; the samples before it serve the filter and the onset's refinement.
+    """
+    white = _whitened(samples, quiet.whitening)
+    energies = _energies(white[after:])
+    if not energies.size:
+        return ()
+    floor = max(quiet.energy, float(np.quantile(energies, _QUIETEST)))
+    loud = np.concatenate([[0], np.cumsum(energies > _LOUD * floor)])
+    ends = np.minimum(np.arange(energies.size) + _WITHIN_MS, energies.size)
+    sustained = (np.diff(loud) > 0) & (loud[ends] - loud[:-1] >= _LOUD_MS)
+    heard = np.flatnonzero(energies > _HEARD * floor)
+    found, past = [], 0
+    while (ahead := np.flatnonzero(sustained[past:])).size:
+        first = past + int(ahead[0])
+        begin, end = _before(heard, first, past), _after(heard, first)
+        found.append(
+            Utterance(_picked(white, after + begin * _HOP + _FRAME // 2), min(after + end * _HOP + _FRAME, white.size))
+        )
+        past = end + 1
+    return tuple(found)
+
+
+def _whitened(samples: NDArray[np.float64], whitening: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the error of the prediction, shape (n,)."""
+    return np.convolve(samples, whitening)[: samples.size] if samples.size else samples
+
+
+def _energies(white: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the mean square of every frame, shape (frames,)."""
+    if white.size < _FRAME:
+        return np.zeros(0)
+    sums = np.concatenate([[0.0], np.cumsum(white**2)])
+    energies: NDArray[np.float64] = (sums[_FRAME::_HOP] - sums[:-_FRAME:_HOP]) / _FRAME
+    return energies
+
+
+def _before(heard: NDArray[np.intp], first: int, past: int) -> int:
+    """Return the frame at which the sound begins that is loud from `first` on, not before `past`."""
+    frames = heard[(heard >= past) & (heard <= first)]
+    breaks = np.flatnonzero(np.diff(frames) > _BEFORE_MS)
+    return int(frames[breaks[-1] + 1] if breaks.size else frames[0])
+
+
+def _after(heard: NDArray[np.intp], first: int) -> int:
+    """Return the last frame of the utterance that is loud from `first` on."""
+    frames = heard[heard >= first]
+    breaks = np.flatnonzero(np.diff(frames) > _WITHIN_WORDS_MS)
+    return int(frames[breaks[0]] if breaks.size else frames[-1])
+
+
+def _picked(white: NDArray[np.float64], near: int) -> int:
+    """Return the sample that parts what is before and what is after it best."""
+    begin = max(near - _PICKED_BEFORE, 0)
+    energy = np.cumsum(white[begin : near + _PICKED_AFTER] ** 2)
+    n = energy.size
+    k = np.arange(4, n - 4)
+    if not k.size:
+        return near
+    before, after = energy[k - 1] / k, (energy[-1] - energy[k - 1]) / (n - k)
+    criterion = k * np.log(before + _FAINTEST) + (n - k) * np.log(after + _FAINTEST)
+    return begin + int(k[np.argmin(criterion)])

@@ -1,0 +1,78 @@
+"""What a protocol file may say and hardly means: told on the board's page, and refused by nothing.
+
+A rule (`rules`) says what cannot be. What stands here can be, so only people decide; and a dataset that was begun with
+such a protocol can still be read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from math import factorial
+
+from experiment.errors import Problem
+from experiment.protocol.models import Protocol
+from experiment.settings.load import written
+
+ROUNDED = 0.025
+"""A chance this near to that of a guess is one that was rounded, of itself: 0.17 for 1/6, 0.33 for 1/3."""
+
+LEAST_S = 5.0
+"""A trial takes a step, a stimulus and an answer that is keyed twice: less time than this is no plan; ours."""
+
+
+def advice(protocol: Protocol) -> tuple[Problem, ...]:
+    """Return each value that deserves a second look: its field, what it is, and what it would be as a rule."""
+    return (*_chances(protocol), *_band(protocol), *_orders(protocol), *_duration(protocol))
+
+
+def _chances(protocol: Protocol) -> Iterator[Problem]:
+    count = len(protocol.materials)
+    for place, test in enumerate(protocol.analysis):
+        if test.chance is not None and abs(test.chance * count - 1) > ROUNDED:
+            allowed = (
+                f"as a rule {1 / count:.4g}: who guesses among {count} materials is right in one of {count} trials"
+            )
+            yield Problem(written(("analysis", place, "chance")), None, f"{test.chance:g}", allowed)
+
+
+def _band(protocol: Protocol) -> Iterator[Problem]:
+    high_hz, rate_hz = protocol.footstep.tactile.high_hz, protocol.footstep.synthesis.rate_hz
+    if high_hz > rate_hz / 2:
+        allowed = (
+            f"as a rule at most {rate_hz / 2:g}, half of footstep.synthesis.rate_hz: recordings hold no frequency above"
+        )
+        yield Problem("footstep.tactile.high_hz", None, f"{high_hz:g}", allowed)
+
+
+def _orders(protocol: Protocol) -> Iterator[Problem]:
+    """Give those who do the same tasks and cannot be divided equally among the orders of them; as `study.allocation`.
+
+    Whoever enrols first does every task, and whoever comes after the participants of a task does the others.
+    """
+    if protocol.task_order.kind != "counterbalanced":
+        return
+    ends = sorted({0, *(task.participants for task in protocol.tasks)})
+    for first, last in pairwise(ends):
+        own = [place for place, task in enumerate(protocol.tasks) if task.participants >= last]
+        people, orders = last - first, factorial(len(own))
+        if people % orders:
+            field = next(place for place in own if protocol.tasks[place].participants == last)
+            told = f"{last}, so that {people} do {len(own)} tasks"
+            allowed = (
+                f"as a rule a multiple of {orders} who do them: each of their {orders} orders as often as any other"
+            )
+            yield Problem(written(("tasks", field, "participants")), None, told, allowed)
+
+
+def _duration(protocol: Protocol) -> Iterator[Problem]:
+    if protocol.duration is None:
+        return
+    trials = sum(task.repetitions for task in protocol.tasks) * len(protocol.materials)
+    besides_s = sum(task.familiarisation.min_s for task in protocol.tasks)
+    besides_s += protocol.task_order.break_min_s * (len(protocol.tasks) - 1)
+    least_min = (besides_s + LEAST_S * trials) / 60
+    if protocol.duration.longest_min < least_min:
+        taken = f"{trials} trials of {LEAST_S:g} s, familiarisation and breaks"
+        allowed = f"as a rule at least {least_min:.0f}, which {taken} take"
+        yield Problem("duration.longest_min", None, f"{protocol.duration.longest_min:g}", allowed)

@@ -1,0 +1,132 @@
+"""The board's page as one HTML file that needs no other, to be read in a browser and printed on A4.
+
+It is made of the same blocks as the page in plain text, and keeps the same walls. Every text is escaped, and nothing in
+the file may run or be fetched. Free text stands in blocks of its own beside a bar that runs along all of its lines, and
+names stand between double quotes and are never broken. The last line of every printed sheet says which version it is of
+and whether that is approved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from datetime import date
+from html import escape
+
+from experiment.protocol import approval
+from experiment.protocol.approval import Seal
+from experiment.protocol.models import Protocol
+from experiment.protocol.page import (
+    CLOSE,
+    LEFT_EMPTY,
+    OPEN,
+    UNBROKEN,
+    Block,
+    Facts,
+    Free,
+    Gap,
+    Item,
+    Quoted,
+    Rows,
+    Said,
+    approval_of,
+    heading,
+    sections,
+    title,
+)
+from experiment.settings.characters import plain
+
+STYLE = """
+@page { size: A4; margin: 18mm 18mm 16mm; @bottom-right { content: "page " counter(page) " of " counter(pages);
+  font: 8pt sans-serif; color: #444; } }
+* { box-sizing: border-box; }
+body { margin: 0; background: #fff; color: #111; font: 10.5pt/1.45 "DejaVu Sans", "Segoe UI", Arial, sans-serif; }
+.sheet { width: 100%; max-width: 174mm; margin: 0 auto; border-collapse: collapse; table-layout: fixed; }
+.sheet > * > tr > td { padding: 0; }
+h1 { font-size: 17pt; line-height: 1.2; margin: 6mm 0 4mm; }
+h2 { font-size: 12.5pt; margin: 7mm 0 2mm; padding-bottom: 1mm; border-bottom: 1.2pt solid #111; }
+p, blockquote { margin: 0 0 2mm; overflow-wrap: anywhere; orphans: 2; widows: 2; }
+.item { margin-left: 6mm; }
+p.item::before { content: "\\2013"; position: absolute; margin-left: -4mm; }
+blockquote { margin-left: 10mm; padding-left: 3mm; border-left: 2.2pt solid #111; }
+td > blockquote { margin: 0; }
+.state { border: 1.2pt solid #111; padding: 3mm 4mm 1mm; margin: 0 0 5mm; break-inside: avoid; }
+.name { white-space: nowrap; }
+.facts, .rows { border-collapse: collapse; margin: 0 0 3mm; }
+.facts { width: 100%; table-layout: fixed; }
+.facts th { width: 40mm; font-weight: 600; }
+.facts th, .facts td, .rows th, .rows td { text-align: left; vertical-align: top; padding: .8mm 3mm .8mm 0; }
+.facts td { overflow-wrap: anywhere; }
+.rows th { border-bottom: .6pt solid #111; }
+.hash { font-family: "DejaVu Sans Mono", Consolas, monospace; font-size: 7.5pt; overflow-wrap: anywhere; }
+tfoot td { border-top: .6pt solid #444; color: #333; font-size: 7.5pt; }
+tfoot p { margin: 1mm 0 0; }
+@media screen { body { padding: 0 5mm 10mm; } tfoot td { position: relative; top: 8mm; } }
+@media print { h2 { break-after: avoid; } p, .facts tr, .rows tr { break-inside: avoid; } }
+"""
+
+NOTHING_RUNS = "default-src 'none'; style-src 'unsafe-inline'"
+"""What a browser is told of the file, should an escape ever fail: nothing is fetched, and no script runs."""
+
+_NAMES = str.maketrans({OPEN: '<span class="name">&quot;', CLOSE: "&quot;</span>", UNBROKEN: " "})
+
+
+def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: date) -> str:
+    """Return the page of the protocol in `file`; `state` and `seal` are of `approval.state`, as of `today`."""
+    word = state.partition(":")[0]
+    until = f" until {seal.expires_on}" if seal is not None and word == "SEALED" else ""
+    known: list[Block] = [Said(f"{state} This was so on {today}."), *([approval_of(seal)] if seal else [])]
+    parts = [f"<h1>{_own(heading(protocol))}</h1>", f'<div class="state">{_blocks(known)}</div>']
+    parts.append(_blocks(title(protocol, file)))
+    parts += [
+        f"<section><h2>{place}. {_own(name)}</h2>{_blocks(blocks)}</section>"
+        for place, (name, blocks) in enumerate(sections(protocol), start=1)
+    ]
+    foot = f"Study {protocol.study.id}, {word}{until}. SHA-256 of the protocol:"
+    return (
+        '<!DOCTYPE html>\n<html lang="en" dir="ltr"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{NOTHING_RUNS}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{_own(heading(protocol))}</title><style>{STYLE}</style></head>\n"
+        '<body><table class="sheet" role="presentation">'
+        f'<tfoot><tr><td><p>{_own(foot)} <span class="hash">{approval.sha256(protocol)}</span></p></td></tr></tfoot>\n'
+        f"<tbody><tr><td><main>{''.join(parts)}</main></td></tr></tbody></table></body></html>\n"
+    )
+
+
+def _own(text: str) -> str:
+    """Return words of palpate, with the names in them kept whole."""
+    return escape(text).translate(_NAMES)
+
+
+def _free(text: str, of: str = "") -> str:
+    """Return free text as a block of its own, which nothing in the text can leave."""
+    return f'<blockquote dir="ltr"{of}>{escape(plain(text, keep=chr(10)))}</blockquote>\n'
+
+
+def _blocks(blocks: Iterable[Block]) -> str:
+    return "".join(map(_block, blocks))
+
+
+def _block(block: Block) -> str:
+    match block:
+        case Said(text):
+            return f"<p>{_own(text)}</p>\n"
+        case Item(text):
+            return f'<p class="item">{_own(text)}</p>\n'
+        case Quoted(text, item):
+            return _free(text, ' class="item"' if item else "")
+        case Facts(known):
+            said = (f'<tr><th scope="row">{_own(name)}</th><td>{_fact(value)}</td></tr>' for name, value in known)
+            return f'<table class="facts">{"".join(said)}</table>\n'
+        case Rows(rows):
+            cells = "".join(f'<th scope="col">{_own(cell)}</th>' for cell in rows[0])
+            body = "".join(f"<tr>{''.join(f'<td>{_own(cell)}</td>' for cell in row)}</tr>" for row in rows[1:])
+            return f'<table class="rows"><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>\n'
+        case Gap():
+            return ""
+
+
+def _fact(value: str | Free) -> str:
+    if isinstance(value, Free) and value.text:
+        return _free(value.text)
+    return _own((value.text if isinstance(value, Free) else value) or LEFT_EMPTY)

@@ -1,0 +1,175 @@
+"""`palpate new`: questions with defaults, options for scripts, and nothing written unless all of it is."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from experiment.apparatus import rig as rigs
+from experiment.protocol import files
+from tests.conftest import Palpate
+
+Types = Callable[..., list[str]]
+
+
+@pytest.fixture
+def types(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Types:
+    """Give these lines at the prompts, which are returned as they come; an exception is raised where it stands."""
+    monkeypatch.chdir(tmp_path)
+
+    def given(*answers: str | type[BaseException]) -> list[str]:
+        asked: list[str] = []
+        left: Iterator[str | type[BaseException]] = iter(answers)
+
+        def read(prompt: str = "") -> str:
+            asked.append(prompt)
+            answer = next(left, EOFError)
+            if isinstance(answer, str):
+                return answer
+            raise answer
+
+        monkeypatch.setattr("builtins.input", read)
+        return asked
+
+    return given
+
+
+def test_enter_takes_every_default(palpate: Palpate, types: Types) -> None:
+    asked = types(*[""] * 20)
+    code, out, err = palpate("new")
+    assert (code, err) == (0, "")
+    assert asked[0] == "Id of the study, which names its files [mystudy]: "
+    assert asked[4:6] == [
+        "copy paper: its key, then what participants may call it [c, copy paper]: ",
+        "aluminum foil: its key, then what participants may call it [a, aluminum foil]: ",
+    ]
+    assert asked[-1] == "A rig file to begin from, too: its name, or Enter for none [none]: "
+    assert "To practise a session at your own keys: palpate run mystudy.toml --practice\n" in out
+    assert [path.name for path in Path().iterdir()] == ["mystudy.toml"]
+    assert palpate("check", "mystudy.toml")[0] == 0
+
+
+def test_a_wrong_answer_is_told_and_asked_for_again(palpate: Palpate, types: Types) -> None:
+    asked = types("My Study", "five", "", "ten", "6", "felt, cork, Cork", "felt, cork", "n", "c", "f, cork", "", "x")
+    code, out, err = palpate("new")
+    assert [prompt.split(" [")[0] for prompt in asked[:5]] == [
+        *["Id of the study, which names its files"] * 2,
+        "Title",
+        *["How many people take part"] * 2,
+    ]
+    assert out.splitlines()[:2] == [
+        "  got 'My Study'; allowed: up to 32 lower-case letters and digits, a letter first (it names files)",
+        "  got 'ten'; allowed: a whole number at least 1 and at most 10000",
+    ]
+    assert asked[9] == "cork: its key, then what participants may call it [o, cork]: "
+    assert (code, list(Path().iterdir())) == (130, [])
+    assert err == (
+        "palpate: the questions were interrupted, and nothing was written; where nobody can type, answer with options, "
+        "and add --yes\n"
+    )
+
+
+@pytest.mark.parametrize("end", [KeyboardInterrupt, EOFError, OSError, RuntimeError])
+@pytest.mark.parametrize("after", [0, 3, 9])
+def test_an_interrupt_writes_nothing(palpate: Palpate, types: Types, end: type[BaseException], after: int) -> None:
+    types(*[""] * after, end)
+    code, _, err = palpate("new", "a.toml", "--rig", "r.toml")
+    assert (code, "nothing was written" in err) == (130, True)
+    assert list(Path().iterdir()) == []
+
+
+def test_options_answer_every_question_without_a_terminal(palpate: Palpate, types: Types) -> None:
+    asked = types()
+    options = ["--id", "five", "--title", "Five", "--participants", 6, "--material", "felt, f, felt, cloth"]
+    options += ["--material", "cork", "--tasks", "real", "--repetitions", 3, "--rig", "ours", "--yes"]
+    code, out, err = palpate("new", "sub/a.toml", *options)
+    assert (code, err, asked) == (0, "", [])
+    made = files.load(Path("sub/a.toml"))
+    assert (made.study.id, made.study.title, made.study.participants) == ("five", "Five", 6)
+    assert [(one.id, one.key, one.spoken) for one in made.materials] == [
+        ("felt", "f", ("felt", "cloth")),
+        ("cork", "c", ("cork",)),
+    ]
+    assert [(task.id, task.repetitions) for task in made.tasks] == [("real", 3)]
+    assert "Rig: ours.toml. It is to be calibrated" in out
+
+
+@pytest.mark.parametrize(
+    ("options", "refused"),
+    [
+        (["--participants", "0"], "got 0; allowed: a whole number at least 1"),
+        (["--repetitions", "0"], "got 0; allowed: a whole number at least 1"),
+        (["--repetitions", "-3"], "got '-3'; allowed: a whole number at least 1"),
+        (["--id", "5"], "got '5'; allowed: up to 32"),
+        (["--material", "felt"], "got an array of 1; allowed: an array of at least 2"),
+        (["--material", "", "--material", "cork"], "allowed: one line of 1 to 40 characters"),
+        (["--rig", "x.txt"], "got the file 'x.txt'; allowed: a name that ends in .toml"),
+        (["--rig", "a.toml"], "got 'a.toml' for protocol and rig; allowed: a file for each"),
+        (["--rig", "./a.toml"], "got 'a.toml' for protocol and rig; allowed: a file for each"),
+        (
+            ["--rig", "-rig.toml"],
+            "rig.name: got '-rig'; allowed: one line of 1 to 40 characters, a letter or digit first",
+        ),
+        (
+            ["--like", "okamoto2012", "--participants", "3"],
+            "allowed: --id and --title; change anything else in the copy",
+        ),
+        (["--like", "okamoto2012", "--id", "okamoto2012"], "got the id 'okamoto2012'; allowed: another"),
+        (["--like", "none.toml"], "none.toml"),
+    ],
+)
+def test_an_option_that_cannot_be_taken_is_refused_and_writes_nothing(
+    palpate: Palpate, types: Types, options: list[str], refused: str
+) -> None:
+    types()
+    code, out, err = palpate("new", "a.toml", "--yes", *options)
+    assert (code, out) == (2, "")
+    assert refused in err
+    assert list(Path().iterdir()) == []
+
+
+@pytest.mark.parametrize("there", ["a.toml", "r.toml"])
+def test_no_file_is_overwritten_and_that_is_said_before_any_question(
+    palpate: Palpate, types: Types, there: str
+) -> None:
+    asked = types()
+    Path(there).write_text("precious")
+    code, _, err = palpate("new", "a", "--rig", "r")
+    assert (code, asked) == (2, [])
+    assert f"{there}: got a file that exists; allowed: a new file; name another" in err
+    assert [(path.name, path.read_text()) for path in Path().iterdir()] == [(there, "precious")]
+
+
+def test_an_id_whose_file_exists_and_a_rig_without_a_name_are_asked_for_again(palpate: Palpate, types: Types) -> None:
+    types("", "other", *[""] * 9, "_rig", "")
+    Path("mystudy.toml").write_text("precious")
+    code, out, _ = palpate("new")
+    assert (code, "mystudy.toml: got a file that exists" in out, "rig.name: got '_rig'" in out) == (0, True, True)
+    assert sorted(path.name for path in Path().iterdir()) == ["mystudy.toml", "other.toml"]
+
+
+def test_a_protocol_that_comes_with_palpate_is_copied_under_another_id(palpate: Palpate, types: Types) -> None:
+    asked = types("", "", "")
+    code, _, err = palpate("new", "my-study.toml", "--like", "okamoto2012")
+    assert (code, err) == (0, "")
+    assert [prompt.split(" [")[0] for prompt in asked[:2]] == ["Id of the study, which names its files", "Title"]
+    made, source = files.load(Path("my-study.toml")), files.load(files.shipped("okamoto2012.toml"))
+    assert made == source.model_copy(update={"study": source.study.model_copy(update={"id": "mystudy"})})
+
+
+def test_a_new_rig_is_one_that_says_what_is_to_be_measured(palpate: Palpate, types: Types) -> None:
+    types()
+    palpate("new", "a", "--rig", "our rig.toml", "--yes")
+    rig = rigs.load(Path("our rig.toml"))
+    assert (rig.rig.name, rig.rig.simulated) == ("our rig", False)
+    rigs.check(rig, files.load(Path("a.toml")).footstep.step)
+    text = Path("our rig.toml").read_text("utf-8")
+    assert text.count("NOT CALIBRATED") + text.count("NOT MEASURED") == 4
+    assert rig.tracker.calibrated_on is None
+    assert tomllib.loads(text) == {
+        **tomllib.loads(files.shipped("rigs/laboratory.toml").read_text("utf-8")),
+        "rig": {"name": "our rig", "simulated": False},
+    }

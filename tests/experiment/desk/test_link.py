@@ -1,0 +1,173 @@
+"""The socket between a session and its consoles: who may open it, what it survives, and that it never waits."""
+
+from __future__ import annotations
+
+import socket
+import stat
+import threading
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from experiment.desk import link
+from experiment.desk.link import Line, Link
+from experiment.desk.messages import Deed, Gauges, Hello, Message, Pause, Reply, TakeNote, View, from_console, line
+from experiment.errors import LinkError
+
+ME = Hello(role="console", by="test")
+
+
+class Session:
+    """Implements `SessionEnd`: takes notes, refuses pauses, and shows what it is told to."""
+
+    def __init__(self) -> None:
+        self.view = View(study="small")
+        self.taken: list[tuple[str, Deed]] = []
+        self.consoles = threading.Semaphore(0)
+
+    def tell(self, role: str) -> Message:
+        assert role == "console"
+        return self.view
+
+    def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
+        self.taken.append((hello.by, deed))
+        return isinstance(deed, TakeNote), "so it is"
+
+    def came(self, consoles: int) -> None:
+        if consoles:
+            self.consoles.release()
+
+
+@pytest.fixture
+def session() -> Session:
+    return Session()
+
+
+@pytest.fixture
+def listening(session: Session, tmp_path: Path) -> Iterator[Link]:
+    with closing(Link(tmp_path / "s", session)) as opened:
+        yield opened
+
+
+def views(there: Line) -> Iterator[View]:
+    return (message for message in there.messages() if isinstance(message, View))
+
+
+def test_a_console_catches_up_with_the_first_line_and_learns_what_changes(
+    session: Session, listening: Link, tmp_path: Path
+) -> None:
+    session.view = View(study="small", trial=3)
+    with link.connected(tmp_path / "s", ME) as there:
+        seen = views(there)
+        assert next(seen).trial == 3
+        session.view = View(study="small", trial=4)
+        listening.wake()
+        assert next(seen).trial == 4
+
+
+def test_every_command_is_answered_under_its_number(session: Session, listening: Link, tmp_path: Path) -> None:
+    with link.connected(tmp_path / "s", ME) as there:
+        sent = [there.send(TakeNote(text="Coughs.")), there.send(Pause())]
+        said = (message for message in there.messages() if isinstance(message, Reply))
+        assert [next(said), next(said)] == [
+            Reply(id=sent[0], taken=True, words="so it is"),
+            Reply(id=sent[1], taken=False, words="so it is"),
+        ]
+    assert session.taken == [("test", TakeNote(text="Coughs.")), ("test", Pause())]
+
+
+def test_only_its_owner_may_open_it(listening: Link, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert stat.S_IMODE((tmp_path / "s").stat().st_mode) == 0o600
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    folder = link.place(tmp_path / "dataset", "01").parent
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+    folder.chmod(0o750)
+    with pytest.raises(LinkError, match="others may open it; allowed: a folder of your own with mode 700"):
+        link.place(tmp_path / "dataset", "01")
+
+
+def test_each_session_has_a_place_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    places = {link.place(tmp_path / dataset, who) for dataset in ("a", "b") for who in ("01", "02")}
+    assert len(places) == 4
+    assert link.place(tmp_path / "a", "01") in places
+
+
+def test_one_session_listens_at_a_place_and_what_a_killed_one_left_is_replaced(
+    session: Session, listening: Link, tmp_path: Path
+) -> None:
+    with pytest.raises(LinkError, match="one session of a participant at a time"):
+        Link(tmp_path / "s", session)
+    with socket.socket(socket.AF_UNIX) as killed:
+        killed.bind(str(tmp_path / "left"))
+    assert not link.answers(tmp_path / "left")
+    with closing(Link(tmp_path / "left", session)):
+        assert link.answers(tmp_path / "left")
+    assert not (tmp_path / "left").exists()
+    with pytest.raises(LinkError, match="no session listens"):
+        Line(tmp_path / "left", ME)
+
+
+def test_a_console_that_does_not_read_holds_nobody_up(session: Session, listening: Link, tmp_path: Path) -> None:
+    with closing(Line(tmp_path / "s", ME)), link.connected(tmp_path / "s", ME) as there:
+        seen = views(there)
+        for trial in range(200):
+            session.view = View(study="x" * 10_000, trial=trial)
+            listening.wake()
+            while next(seen).trial != trial:
+                pass
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        b"\n",
+        b"{}\n",
+        b"\xff\n",
+        line(ME) + line(ME),
+        b"x" * 200_000,
+        line(ME) + b'{"kind":"command","id":1,"deed":{"do":"answer"}}\n',
+        b'{"kind":"command","id":1,"deed":{"do":"stop"}}\n',
+    ],
+)
+def test_who_talks_nonsense_is_cut_off_and_nobody_else(
+    session: Session, listening: Link, tmp_path: Path, said: bytes
+) -> None:
+    with socket.socket(socket.AF_UNIX) as other, link.connected(tmp_path / "s", ME) as there:
+        other.connect(str(tmp_path / "s"))
+        other.settimeout(10)
+        with suppress(OSError):
+            other.sendall(said)
+        with suppress(OSError):
+            while other.recv(65536):
+                pass
+        there.send(TakeNote(text="Still here."))
+        assert any(isinstance(message, Reply) and message.taken for message in there.messages())
+
+
+def test_the_last_state_is_told_before_the_session_is_gone(session: Session, tmp_path: Path) -> None:
+    listening = Link(tmp_path / "s", session)
+    with link.connected(tmp_path / "s", ME) as there:
+        assert session.consoles.acquire(timeout=10)
+        session.view = View(study="small", state="ended")
+        listening.close()
+        assert [view.state for view in views(there)][-1] == "ended"
+        with pytest.raises(LinkError, match="the session is gone"):
+            for _ in range(100):
+                there.send(Pause())
+
+
+@settings(max_examples=200)
+@given(st.binary(max_size=300) | st.text(max_size=100).map(str.encode))
+def test_any_line_is_understood_or_refused(text: bytes) -> None:
+    with suppress(LinkError):
+        from_console(text)
+
+
+def test_a_view_with_everything_fits_into_a_message() -> None:
+    full = View(lines=("x" * 400,) * 50, gauges=Gauges(left_s=1.0, trace=(123.4,) * 60))
+    assert len(line(full)) < 65_536

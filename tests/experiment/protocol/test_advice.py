@@ -1,0 +1,93 @@
+"""What is legal and odd is told with its field; what is as it should be is not; and nothing is refused for it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import permutations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiment.protocol.advice import advice
+from experiment.protocol.models import Protocol
+from experiment.protocol.page import page
+from experiment.study.allocation import allocate
+from tests.experiment.protocol.small import changed, document, okamoto2012, protocol
+
+
+def told(path: tuple[str | int, ...], new: object) -> list[tuple[str, str, str]]:
+    study = Protocol.model_validate(changed(document(), path, new))
+    return [(one.path, one.got, one.allowed) for one in advice(study)]
+
+
+@pytest.mark.parametrize("study", [protocol(), Protocol.model_validate(okamoto2012())], ids=["small", "okamoto2012"])
+def test_of_a_protocol_that_is_as_it_should_be_nothing_is_told(study: Protocol) -> None:
+    assert advice(study) == ()
+    assert "palpate finds no value that is allowed and unlikely to be meant." in page(study, "a.toml")
+
+
+def test_a_chance_other_than_that_of_a_guess() -> None:
+    assert told(("analysis", 0, "chance"), 0.25) == [
+        ("analysis[0].chance", "0.25", "as a rule 0.5: who guesses among 2 materials is right in one of 2 trials")
+    ]
+
+
+@pytest.mark.parametrize(("count", "rounded"), [(3, 0.333), (3, 0.33), (6, 0.17), (7, 0.143), (9, 0.11), (4, 0.25)])
+def test_a_chance_that_was_rounded_is_none(count: int, rounded: float) -> None:
+    felt = document()["materials"][0]
+    names = [f"{letter}elt" for letter in "abcdefghi"[:count]]
+    materials = tuple({**felt, "id": name, "key": name[0], "spoken": (name,)} for name in names)
+    study = changed(document(), ("materials",), materials)
+    assert advice(Protocol.model_validate(changed(study, ("analysis", 0, "chance"), rounded))) == ()
+    (one,) = advice(Protocol.model_validate(changed(study, ("analysis", 0, "chance"), rounded + 0.05)))
+    assert one.path == "analysis[0].chance"
+
+
+def test_frequencies_that_no_recording_holds() -> None:
+    # Of 4000 samples a second the highest frequency is 2000 Hz (Nyquist).
+    assert told(("footstep", "tactile", "high_hz"), 2000) == []
+    ((path, got, allowed),) = told(("footstep", "tactile", "high_hz"), 2000.5)
+    assert (path, got) == ("footstep.tactile.high_hz", "2000.5")
+    assert allowed.startswith("as a rule at most 2000, half of footstep.synthesis.rate_hz")
+
+
+def test_participants_whom_no_whole_number_of_orders_covers() -> None:
+    assert told(("tasks", 1, "participants"), 3) == [
+        (
+            "tasks[1].participants",
+            "3, so that 3 do 2 tasks",
+            "as a rule a multiple of 2 who do them: each of their 2 orders as often as any other",
+        )
+    ]
+    fixed = changed(document(), ("task_order", "kind"), "fixed")
+    assert advice(Protocol.model_validate(changed(fixed, ("tasks", 1, "participants"), 3))) == ()
+
+
+@given(st.lists(st.integers(1, 26), min_size=1, max_size=3), st.integers(0, 99))
+def test_it_is_told_where_allocation_cannot_give_each_order_to_as_many(counts: list[int], seed: int) -> None:
+    one = document()["tasks"][0]
+    tasks = tuple({**one, "id": f"t{place}", "participants": count} for place, count in enumerate(counts))
+    study = changed(changed(document(), ("tasks",), tasks), ("study", "participants"), max(counts))
+    analysis = tuple({**test, "tasks": ("t0",)} for test in document()["analysis"])
+    study = changed(changed(study, ("analysis",), analysis), ("duration",), None)
+    made = Protocol.model_validate(study)
+    orders = Counter(allocation.tasks for allocation in allocate(made, seed))
+    uneven = {frozenset(order) for order in orders if len({orders[other] for other in permutations(order)}) > 1}
+    assert len(advice(made)) == len(uneven)
+
+
+def test_a_visit_that_leaves_no_time_for_its_trials() -> None:
+    # 6 and 4 trials of 5 s, 5 and 6 s of familiarisation, and 61 s between the tasks: 122 s.
+    short = changed(document(), ("duration", "shortest_min"), 1)
+    assert advice(Protocol.model_validate(changed(short, ("duration", "longest_min"), 2.04))) == ()
+    (one,) = advice(Protocol.model_validate(changed(short, ("duration", "longest_min"), 2.03)))
+    assert (one.path, one.got) == ("duration.longest_min", "2.03")
+    assert one.allowed == "as a rule at least 2, which 10 trials of 5 s, familiarisation and breaks take"
+
+
+def test_it_stands_on_the_page() -> None:
+    study = Protocol.model_validate(changed(document(), ("analysis", 0, "chance"), 0.25))
+    _, shown = page(study, "a.toml").split("13. Worth a second look\n")
+    assert "These values are allowed, and may not be what is meant; nothing refuses them:\n" in shown
+    assert "  - analysis[0].chance: got 0.25; allowed: as a rule 0.5" in shown
