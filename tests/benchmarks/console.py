@@ -31,7 +31,7 @@ from experiment.desk.messages import Choice, Choose, Deed, Gauges, Hello, Messag
 
 KEYS = "abcdefghijkl"
 """Each comes again after more than a second, so that none counts as held."""
-EVERY_S = 0.25
+BEGINS_S, EVERY_S = 2.0, 0.25
 PRESSES = 200
 
 ATTEND = """
@@ -86,6 +86,7 @@ def measured() -> list[float]:
             )
             try:
                 _until(ours, "question0000")
+                _rest(ours, BEGINS_S)
                 return [_pressed(ours, end) for _ in range(PRESSES)]
             finally:
                 process.kill()
@@ -95,15 +96,19 @@ def measured() -> list[float]:
 
 
 def _pressed(terminal: int, end: Asking) -> float:
-    rests_s = time.monotonic() + EVERY_S
-    while (left_s := rests_s - time.monotonic()) > 0:
-        if select.select([terminal], [], [], left_s)[0]:
-            os.read(terminal, 65536)
+    _rest(terminal, EVERY_S)
     number = end.number
     begun_s = time.monotonic()
     os.write(terminal, KEYS[number % len(KEYS)].encode())
     _until(terminal, f"question{number + 1:04d}")
     return time.monotonic() - begun_s
+
+
+def _rest(terminal: int, seconds: float) -> None:
+    rests_s = time.monotonic() + seconds
+    while (left_s := rests_s - time.monotonic()) > 0:
+        if select.select([terminal], [], [], left_s)[0]:
+            os.read(terminal, 65536)
 
 
 def _until(terminal: int, words: str) -> None:

@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import Input
 
-from experiment.desk.console import app as consoles
-from experiment.desk.console import presses
+from experiment.desk.console import panes, presses
 from experiment.desk.console.app import Left, attend
 from experiment.desk.console.panes import Pane
 from experiment.desk.messages import (
@@ -390,7 +389,7 @@ def test_what_has_not_changed_is_not_drawn_again(tmp_path: Path, monkeypatch: py
 
 def test_a_break_is_counted_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now_ns = [0]
-    monkeypatch.setattr(consoles, "wall_ns", lambda: now_ns[0])
+    monkeypatch.setattr(panes, "wall_ns", lambda: now_ns[0])
 
     async def then(there: Desk) -> None:
         assert "the break" in there.text
