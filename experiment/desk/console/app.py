@@ -12,14 +12,11 @@ from typing import Literal
 
 from textual import events
 from textual.app import App, ComposeResult
-from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
 from textual.widget import Widget
-from textual.widgets import Digits
 
-from experiment.clock import wall_ns
 from experiment.desk.console import forms, picture
-from experiment.desk.console.panes import STYLE, Blanks, Pane, Places
+from experiment.desk.console.panes import STYLE, Board
 from experiment.desk.console.picture import COMMANDS, PRESSES, keycap
 from experiment.desk.console.presses import MOUSE, Presses
 from experiment.desk.link import Line, connected
@@ -47,12 +44,6 @@ SAME = {"ctrl+c": PAUSE, "ctrl+q": LEAVE}
 
 FORMS = {"f2": "note", "f3": "correct", "f4": "repeat", "f6": "break", "f8": "stop", LEAVE: "leave"}
 
-WIDE, TALL = 110, 30
-"""From so many columns and rows on there is room for more words."""
-
-SIDE, WIDE_SIDE = 29, 44
-"""The columns of what is measured."""
-
 GONE = Question(
     number=-1,
     kind="continue",
@@ -60,6 +51,9 @@ GONE = Question(
     "trial is armed. A trial that was under way is done again.",
     choices=(Choice(key=ENTER, words="start the session again"), Choice(key=LEAVE, words="leave")),
 )
+
+WRITES = (Choice(key=ENTER, words="write down the answer, or that there is none"),)
+"""What may be pressed at a question that is answered with a line of text."""
 
 TYPED = {ENTER: "\n", ESCAPE: "\x1b"}
 """Keys that are no characters, as they go on record when they answered nothing."""
@@ -133,34 +127,14 @@ class Console(App[Left]):
         self._form: forms.Form | None = None
         self._sent: dict[int, Deed] = {}
         self._filled: int | None = None
+        self._board = Board()
 
     def compose(self) -> ComposeResult:
-        yield Pane(id="heading")
-        yield Pane(id="visit")
-        with Horizontal(id="top"):
-            yield Digits("", id="trial")
-            yield Pane(id="counted")
-            yield Places()
-        with Horizontal(id="body"):
-            with Vertical(id="main"):
-                yield Pane(id="notice")
-                with VerticalScroll(id="text", can_focus=False):
-                    yield Pane(id="asked")
-                with VerticalScroll(id="keys", can_focus=False):
-                    yield Pane(id="offered")
-                yield Blanks()
-                yield Pane(id="lines")
-            with VerticalScroll(id="side", can_focus=False):
-                yield Pane(id="left")
-                yield Pane(id="trace")
-                yield Pane(id="gauges")
-                yield Pane(id="recent")
-        yield Pane(id="commands")
+        yield self._board
 
     def on_mount(self) -> None:
         threading.Thread(target=self._listen, name="link", daemon=True).start()
         self.set_interval(1.0, self._draw)
-        self._draw()
 
     def on_resize(self) -> None:
         self._draw()
@@ -184,6 +158,8 @@ class Console(App[Left]):
             return
         before, self.view_now = self._question, said
         if self._question != before:
+            if said.ended is not None:
+                self._say("")
             self._presses.drawn(None, time.monotonic())
         self._draw()
 
@@ -215,7 +191,10 @@ class Console(App[Left]):
         if view.ended is not None:
             choices = (Choice(key=ENTER, words="close the console"),)
             return Question(number=-2, kind="continue", text=view.ended.words, choices=choices)
-        return GONE if self._lost else view.question
+        if self._lost:
+            return GONE
+        asked = view.question
+        return asked if asked is None or asked.kind != "write" else asked.model_copy(update={"choices": WRITES})
 
     # What the experimenter presses.
 
@@ -247,7 +226,7 @@ class Console(App[Left]):
         key = SAME.get(key, key)
         held = self._presses.held(key, event.time)
         if self._form is not None:
-            self.query_one(Blanks).take_keys()
+            self._board.blanks.take_keys()
             if key not in (ENTER, ESCAPE, *COMMANDS):
                 return False
         if held:
@@ -265,7 +244,7 @@ class Console(App[Left]):
         elif key in FORMS and not (self._lost or self.view_now.ended):
             self._open(forms.opened(FORMS[key], self.view_now))
         elif key in ("pageup", "pagedown", "up", "down"):
-            self._scroll(key)
+            self._board.scroll(key)
         else:
             self._answer(key, at_s)
 
@@ -290,6 +269,8 @@ class Console(App[Left]):
         elif question.number != seen:
             words = f"{keycap(key)} was pressed before the question was on the screen, and answered nothing."
             self._ignore(TYPED.get(key, key), f"{words} Press it again.")
+        elif question.kind == "write" and key == ENTER:
+            self._open(forms.answering(question))
         elif question.number >= 0:
             self._say("")
             self._send(Choose(question=question.number, key=key))
@@ -311,29 +292,22 @@ class Console(App[Left]):
         self._sent[sent] = deed
         return sent
 
-    def _scroll(self, key: str) -> None:
-        for part in ("#text", "#keys"):
-            scrolled = self.query_one(part, VerticalScroll)
-            lines = max(1, scrolled.size.height - 1) if key.startswith("page") else 1
-            scrolled.scroll_relative(y=-lines if key.endswith("up") else lines, animate=False)
-
     # Forms.
 
     def _open(self, form: forms.Form) -> None:
         self._form = form
         self._presses.drawn(None, time.monotonic())
         self._say("")
-        self.query_one(Blanks).open(form)
+        self._board.blanks.open(form)
         self._draw()
 
     def _close(self) -> None:
         self._form = self._filled = None
-        if self._stands:
-            self.query_one(Blanks).close()
-            self._draw()
+        self._board.blanks.close()
+        self._draw()
 
     def _fill_in(self) -> None:
-        blanks = self.query_one(Blanks)
+        blanks = self._board.blanks
         if self._form is None or self._filled is not None or blanks.goes_to_next():
             return
         if self._form.name == "leave":
@@ -347,80 +321,19 @@ class Console(App[Left]):
     # What is drawn.
 
     def _say(self, words: str, how: Literal["done", "ignored", "refused"] = "done") -> None:
-        """Show words right above what is asked."""
-        if self._stands:
-            self._pane("notice").set_classes(how if words else "")
-            self._pane("notice").show(picture.notice, words)
-            self.call_after_refresh(self._fit)
-
-    @property
-    def _stands(self) -> bool:
-        """Whether all parts of the screen are there: not before they are put up, nor while they are taken down."""
-        return bool(self.query("#heading")) and bool(self.query("#commands"))
+        self._board.say(words, how)
 
     def _draw(self) -> None:
-        if not self._stands:
-            return
-        view, question = self.view_now, self._question
-        standing = view.standing
-        now = picture.GONE if question is GONE else picture.phase(view)
-        wide, roomy = self.size.width >= WIDE, self.size.height >= TALL
-        side = WIDE_SIDE if wide else SIDE
-        self._pane("heading").show(picture.heading, view.label, view.study, view.participant, standing.task)
-        self._pane("visit").show(picture.visit, view.step, view.steps)
-        self._pane("visit").display = bool(view.step)
-        self._count_down()
-        self.query_one(Places).light(now)
-        self.query_one("#text").display = self.query_one("#keys").display = self._form is None
-        self._pane("asked").show(picture.asked, question, now, view.lay_out)
-        self._pane("offered").show(picture.offered, question.choices if question is not None else (), roomy)
-        self._pane("lines").show(picture.lines, view.lines)
-        self._pane("commands").show(picture.commands, wide)
-        self._pane("recent").show(picture.recent, standing.recent)
-        self._pane("recent").set_class(roomy, "roomy")
-        self.query_one("#side").styles.width = side
-        measured = view.gauges is not None and not self._lost
-        for name in ("left", "trace", "gauges"):
-            self._pane(name).display = measured
-        if (gauges := view.gauges) is not None:
-            self._pane("left").show(picture.left, picture.time_left(gauges.left_s))
-            self._pane("trace").show(picture.trace, gauges.trace, gauges.trace_unit, side - 4, 4 if roomy else 2)
-            self._pane("gauges").show(picture.gauges, gauges.model_copy(update={"trace": (), "left_s": 0.0}), roomy)
-        self.call_after_refresh(self._fit)
-        if question is not None and self._form is None:
+        question = self._question
+        now = picture.GONE if question is GONE else picture.phase(self.view_now)
+        self._board.show(self.view_now, question, now, form=self._form is not None)
+        if question is not None and self._form is None and question.number != self._presses.question:
             self.call_after_refresh(self._drawn, question.number)
-
-    def _pane(self, name: str) -> Pane:
-        return self.query_one(f"#{name}", Pane)
 
     def _drawn(self, number: int) -> None:
         question = self._question
         if question is not None and question.number == number and self._form is None:
             self._presses.drawn(number, time.monotonic())
-
-    def _fit(self) -> None:
-        """Let a long text scroll, so that the keys below it stay on the screen."""
-        if not self._stands:
-            return
-        width = self.query_one("#main").content_size.width
-        room = self.query_one("#main").content_size.height - self._pane("notice").size.height
-        keys = self._pane("offered").lines(width)
-        self.query_one("#text").styles.max_height = max(3, room - keys - 1)
-        self.query_one("#keys").styles.max_height = max(3, room - min(3, self._pane("asked").lines(width)))
-
-    def _count_down(self) -> None:
-        """Show the trial's number, or what is left of a break."""
-        view = self.view_now
-        digits, counted = self.query_one("#trial", Digits), self._pane("counted")
-        if view.pause_until_ns is not None:
-            left_s = (view.pause_until_ns - wall_ns()) / 1e9
-            shown = picture.countdown(left_s)
-            counted.show(picture.break_left, left_s > 0)
-        else:
-            shown = "" if view.trial is None else str(view.trial)
-            counted.show(picture.counted, view.trial, view.standing.trials, view.standing.remaining, view.attempt)
-        if shown != digits.value:
-            digits.update(shown)
 
 
 async def _through(field: Widget) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from experiment.desk.messages import Choice, Correct, Deed, Pause, Repeat, Stop, TakeNote, View
+from experiment.desk.messages import Choice, Correct, Deed, Pause, Question, Repeat, Stop, TakeNote, View, Write
 from experiment.settings import characters
 
 MOST_MIN = 240.0
@@ -30,7 +30,7 @@ class Blank:
 class Form:
     """What is asked for: `title` says it, `does` what Enter does, `hint` what may be filled in.
 
-    `trial` is the one that was under way when the form was opened.
+    `trial` is the one that was under way when the form was opened; `question` the one that it answers, if it does.
     """
 
     name: str
@@ -39,6 +39,7 @@ class Form:
     blanks: tuple[Blank, ...] = ()
     hint: str = ""
     trial: int | None = None
+    question: int = 0
 
 
 BREAK_MIN = "5"
@@ -80,6 +81,12 @@ def opened(name: str, view: View) -> Form:
     return replace(form, trial=trial)
 
 
+def answering(question: Question) -> Form:
+    """Return the form for a question that is answered with a line of text."""
+    does = "writes it down, or nothing"
+    return Form("write", question.text, does, (Blank("Answer"),), question=question.number)
+
+
 def answers(view: View) -> tuple[Choice, ...]:
     """Return the answers that a trial may have, as far as the session has told them."""
     asked = view.question.choices if view.question is not None else ()
@@ -96,6 +103,8 @@ def filled(form: Form, texts: tuple[str, ...]) -> Deed:
             return Correct(trial=_trial(given), key=_some(given, "Key").lower(), reason=_some(given, "Reason"))
         case "repeat":
             return Repeat(trial=_trial(given), reason=_some(given, "Reason"))
+        case "write":
+            return Write(question=form.question, text=given["Answer"])
         case "break":
             return Pause(minutes=_minutes(given["Minutes"]))
         case _:

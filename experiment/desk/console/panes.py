@@ -9,16 +9,19 @@ from typing import ParamSpec
 from rich.console import Console, RenderableType
 from rich.text import Text
 from textual.app import ComposeResult
-from textual.containers import Horizontal, Vertical
-from textual.widgets import Input, Label, Static
+from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.widgets import Digits, Input, Label, Static
 
+from experiment.clock import wall_ns
 from experiment.desk.console import picture
 from experiment.desk.console.forms import MOST_CHARACTERS, Form
 from experiment.desk.console.picture import PLACES, Phase
+from experiment.desk.messages import Question, View
 
 STYLE = """
 Screen { background: #0e1418; color: #e8edf0; overflow: hidden; scrollbar-size-vertical: 1; }
 VerticalScroll { scrollbar-background: #1c252c; scrollbar-color: #5d6a74; scrollbar-color-hover: #9aa4ad; }
+Board { height: 1fr; }
 #heading, #visit { height: auto; padding: 0 1; }
 #heading { background: #1c252c; text-style: bold; }
 #top { height: 3; }
@@ -34,9 +37,9 @@ Places .lit { text-style: bold; }
 #notice.ignored { background: #7a5b00; color: #ffffff; text-style: bold; }
 #notice.done { color: #4cc27a; }
 #text, #keys { height: auto; scrollbar-size-vertical: 1; }
-#asked, #offered { height: auto; }
+#asked, #offered, #lines { height: auto; }
 #offered { padding: 0 0 1 0; }
-#lines { height: 1fr; min-height: 0; color: #9aa4ad; border-top: solid #2b363f; }
+#told { height: 1fr; min-height: 0; border-top: solid #2b363f; scrollbar-size-vertical: 1; }
 Blanks { height: auto; display: none; border-left: thick #f2c230; padding: 0 1; }
 Blanks Horizontal { height: 1; }
 Blanks Label { width: 9; }
@@ -50,6 +53,27 @@ Blanks Static { height: auto; }
 #commands { height: auto; background: #1c252c; }
 """
 
+WIDE, TALL = 110, 30
+"""From so many columns and rows on there is room for more words."""
+
+SIDE, WIDE_SIDE = 29, 44
+"""The columns of what is measured."""
+
+PANES = (
+    "heading",
+    "visit",
+    "counted",
+    "notice",
+    "asked",
+    "offered",
+    "lines",
+    "left",
+    "trace",
+    "gauges",
+    "recent",
+    "commands",
+)
+
 _P = ParamSpec("_P")
 
 _MEASURE = Console(file=StringIO(), width=80, color_system=None)
@@ -62,39 +86,49 @@ class Pane(Static):
         super().__init__(id=id, markup=False)
         self._drawn_of: tuple[object, ...] | None = None
         self._shows: RenderableType = ""
+        self._heights: dict[int, int] = {}
 
-    def show(self, draw: Callable[_P, RenderableType], *of: _P.args, **no: _P.kwargs) -> None:
-        """Show what `draw` makes of its arguments, unless that is what is shown."""
-        if (draw, *of) != self._drawn_of:
-            self._drawn_of = (draw, *of)
-            self._shows = draw(*of, **no)
-            self.update(self._shows)
+    def show(self, draw: Callable[_P, RenderableType], *of: _P.args, **no: _P.kwargs) -> bool:
+        """Show what `draw` makes of its arguments; return False if that is what is shown already."""
+        if (draw, *of) == self._drawn_of:
+            return False
+        self._drawn_of = (draw, *of)
+        self._shows = draw(*of, **no)
+        self._heights = {}
+        # Where it needs no more lines than before, nothing else has to move.
+        self.update(self._shows, layout=self.lines(self.content_size.width) != self.content_size.height)
+        return True
 
     def lines(self, width: int) -> int:
         """Return how many lines are shown at a width in columns."""
-        return len(_MEASURE.render_lines(self._shows, _MEASURE.options.update(width=max(1, width))))
+        if width not in self._heights:
+            options = _MEASURE.options.update(width=max(1, width))
+            self._heights[width] = len(_MEASURE.render_lines(self._shows, options))
+        return self._heights[width]
 
 
 class Places(Horizontal):
     """The strip of places, of which the one of what happens now is lit and says it."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._cells = [Static(word.lower(), markup=False) for word in PLACES]
+        self._lit: Phase | None = None
+
     def compose(self) -> ComposeResult:
-        for word in PLACES:
-            yield Static(word.lower(), markup=False)
+        yield from self._cells
 
     def light(self, now: Phase) -> None:
         """Light one place."""
-        for place, (cell, word) in enumerate(zip(self.query(Static), PLACES, strict=True)):
+        if now == self._lit:
+            return
+        self._lit = now
+        for place, (cell, word) in enumerate(zip(self._cells, PLACES, strict=True)):
             lit = place == now.place
-            said = now.word if lit else word.lower()
-            if (said, lit) == (str(cell.content), cell.has_class("lit")) and (
-                not lit or cell.styles.background.hex.lower() == now.colour
-            ):
-                continue
             cell.set_class(lit, "lit")
             cell.styles.background = now.colour if lit else picture.OFF
             cell.styles.color = now.ink if lit else picture.UNLIT
-            cell.update(said)
+            cell.update(now.word if lit else word.lower(), layout=False)
 
 
 class Blanks(Vertical):
@@ -156,3 +190,105 @@ class Blanks(Vertical):
         self.screen.set_focus(field)
         if field is not None:
             field.cursor_position = len(field.value)
+
+
+class Board(Vertical):
+    """All that is on the screen: who and where above, what is asked at the left, what is measured at the right."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._panes = {name: Pane(id=name) for name in PANES}
+        self._trial = Digits("", id="trial")
+        self._places = Places()
+        self._main = Vertical(id="main")
+        self._text = VerticalScroll(id="text", can_focus=False)
+        self._keys = VerticalScroll(id="keys", can_focus=False)
+        self._told = VerticalScroll(id="told", can_focus=False)
+        self._side = VerticalScroll(id="side", can_focus=False)
+        self._fitted: tuple[object, ...] = ()
+        self.blanks = Blanks()
+
+    def compose(self) -> ComposeResult:
+        pane = self._panes
+        yield pane["heading"]
+        yield pane["visit"]
+        with Horizontal(id="top"):
+            yield self._trial
+            yield pane["counted"]
+            yield self._places
+        with Horizontal(id="body"):
+            with self._main:
+                yield pane["notice"]
+                with self._text:
+                    yield pane["asked"]
+                with self._keys:
+                    yield pane["offered"]
+                yield self.blanks
+                with self._told:
+                    yield pane["lines"]
+            with self._side:
+                for name in ("left", "trace", "gauges", "recent"):
+                    yield pane[name]
+        yield pane["commands"]
+
+    def say(self, words: str, how: str) -> None:
+        """Show words right above what is asked: `done`, `ignored` or `refused`."""
+        self._panes["notice"].set_classes(how if words else "")
+        self._panes["notice"].show(picture.notice, words)
+        self.call_after_refresh(self._fit)
+
+    def scroll(self, key: str) -> None:
+        """Scroll what is asked by a line or a page."""
+        for part in (self._text, self._keys):
+            lines = max(1, part.size.height - 1) if key.startswith("page") else 1
+            part.scroll_relative(y=-lines if key.endswith("up") else lines, animate=False)
+
+    def show(self, view: View, question: Question | None, now: Phase, *, form: bool) -> None:
+        """Show a view, what is asked, and what happens now; while a form is open it stands where the question does."""
+        pane, standing, gauges = self._panes, view.standing, view.gauges
+        wide, roomy = self.app.size.width >= WIDE, self.app.size.height >= TALL
+        side = WIDE_SIDE if wide else SIDE
+        pane["heading"].show(picture.heading, view.label, view.study, view.participant, standing.task)
+        pane["visit"].show(picture.visit, view.step, view.steps)
+        pane["visit"].display = bool(view.step)
+        self._count(view)
+        self._places.light(now)
+        self._text.display = self._keys.display = not form
+        pane["asked"].show(picture.asked, question, now, view.lay_out)
+        pane["offered"].show(picture.offered, question.choices if question is not None else (), roomy)
+        pane["lines"].show(picture.lines, view.lines)
+        pane["commands"].show(picture.commands, wide)
+        pane["recent"].show(picture.recent, standing.recent)
+        pane["recent"].set_class(roomy, "roomy")
+        self._side.styles.width = side
+        for name in ("left", "trace", "gauges"):
+            pane[name].display = gauges is not None and now is not picture.GONE
+        if gauges is not None:
+            pane["left"].show(picture.left, picture.time_left(gauges.left_s))
+            pane["trace"].show(picture.trace, gauges.trace, gauges.trace_unit, side - 4, 4 if roomy else 2)
+            pane["gauges"].show(picture.gauges, gauges.model_copy(update={"trace": (), "left_s": 0.0}), roomy)
+        fitted = (question, view.lines, view.lay_out, now, form, self.app.size)
+        if fitted != self._fitted:
+            self._fitted = fitted
+            self.call_after_refresh(self._fit)
+
+    def _count(self, view: View) -> None:
+        """Show the trial's number, or what is left of a break."""
+        counted = self._panes["counted"]
+        if view.pause_until_ns is not None:
+            left_s = (view.pause_until_ns - wall_ns()) / 1e9
+            shown = picture.countdown(left_s)
+            counted.show(picture.break_left, left_s > 0)
+        else:
+            shown = "" if view.trial is None else str(view.trial)
+            counted.show(picture.counted, view.trial, view.standing.trials, view.standing.remaining, view.attempt)
+        if shown != self._trial.value:
+            self._trial.update(shown)
+
+    def _fit(self) -> None:
+        """Let a long text scroll, so that the keys below it stay on the screen; show the newest lines."""
+        width, height = self._main.content_size
+        room = height - self._panes["notice"].size.height
+        self._text.styles.max_height = max(3, room - self._panes["offered"].lines(width) - 1)
+        self._keys.styles.max_height = max(3, room - min(3, self._panes["asked"].lines(width)))
+        self._told.scroll_end(animate=False)

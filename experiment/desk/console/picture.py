@@ -61,7 +61,8 @@ PLACES = ("", "ARMED", "STEPPING", "ANSWER")
 """The strip from left to right; the first place is for all that is not a trial's step or answer."""
 
 ASKED = {
-    "ready": Phase("READY?", 0, ORANGE),
+    "agree": Phase("AGREE?", 0, ORANGE),
+    "write": Phase("WRITE", 0, ORANGE),
     "familiarise": Phase("FAMILIARISE", 0, ORANGE),
     "level": Phase("MASKER", 0, ORANGE),
     "rest": Phase("REST FOOT", 0, ORANGE),
@@ -69,6 +70,7 @@ ASKED = {
     "answer": Phase("ANSWER", 3, VIOLET),
     "confirm": Phase("CONFIRM", 3, WHITE),
     "debrief": Phase("DEBRIEF", 0, ORANGE),
+    "break": Phase("BREAK", 0, GREY),
     "continue": Phase("PAUSED", 0, GREY),
 }
 """By the kind of the question that is asked."""
@@ -139,12 +141,10 @@ def notice(words: str) -> Text:
 
 
 def lines(told: tuple[str, ...]) -> Text:
-    """Return the lines of the session, the newest first."""
-    text = Text()
-    for number, one in enumerate(reversed(told)):
-        text.append("\n" if number else "")
-        text.append(one, style=DIM if number else PLAIN)
-    return text
+    """Return the lines of the session, the newest last."""
+    text = Text("\n".join(told[:-1]), style=DIM)
+    text.append("\n" if text else "")
+    return text.append("".join(told[-1:]), style=PLAIN)
 
 
 def hint(words: str, does: str) -> Text:
@@ -224,7 +224,8 @@ def gauges(told: Gauges, roomy: bool) -> Text:
         most = f", at most {told.masker_limit_db_a:.0f}" if roomy else ""
         dose = f", dose {told.dose:.0%}" if told.dose is not None else ""
         text.append("Masker: ", style=DIM).append(f"{level}{most}{dose}\n")
-    text.append("Felt: ", style=DIM).append(f"{told.stimuli} stimuli, {told.vibration_s:.1f} s\n")
+    stimuli = "stimulus" if told.stimuli == 1 else "stimuli"
+    text.append("Felt: ", style=DIM).append(f"{told.stimuli} {stimuli}, {told.vibration_s:.1f} s\n")
     text.append_text(delivered(told.delivered)).append("\n")
     return text.append_text(lamps(told.lamps, roomy=roomy))
 
@@ -256,7 +257,7 @@ def _lamp(good: bool | None, words: str) -> Text:
 
 def recent(told: tuple[Told, ...]) -> Text:
     """Return the last answers, the newest first; never what was presented."""
-    text = Text("Last answers", style=DIM)
+    text = Text("Last answers" if told else "", style=DIM)
     for one in reversed(told):
         number = f"{one.trial}".rjust(len(str(max(each.trial for each in told))))
         text.append(f"\n{number} ", style=DIM)

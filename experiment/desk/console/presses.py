@@ -17,11 +17,11 @@ MOUSE = "mouse"
 
 
 class Presses:
-    """The presses so far, and which question has been on the screen since when; times are s of one monotonic clock."""
+    """The presses so far, and since when a `question` has been on the screen; times are s of one monotonic clock."""
 
     def __init__(self) -> None:
+        self.question: int | None = None
         self._latest: dict[str, float] = {}
-        self._question: int | None = None
         self._since_s = 0.0
 
     def held(self, key: str, at_s: float) -> bool:
@@ -32,9 +32,9 @@ class Presses:
 
     def drawn(self, question: int | None, at_s: float) -> None:
         """Take note that this question has been drawn; None for no question, and while something covers it."""
-        if question != self._question:
-            self._question, self._since_s = question, at_s
+        if question != self.question:
+            self.question, self._since_s = question, at_s
 
     def seen(self, at_s: float) -> int | None:
         """Return the question that whoever pressed a key at that time could have seen; None for none."""
-        return self._question if at_s - self._since_s >= SEEN_S else None
+        return self.question if at_s - self._since_s >= SEEN_S else None

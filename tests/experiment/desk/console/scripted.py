@@ -142,5 +142,5 @@ def question(kind: str, *, number: int = 5, text: str = "What is it?", keys: str
     elif kind == "confirm":
         choices = (Choice(key="enter", words="confirm"), Choice(key="escape", words="choose again"))
     else:
-        choices = (Choice(key="enter", words="go on"),)
+        choices = () if kind in ("write", "break") else (Choice(key="enter", words="go on"),)
     return Question.model_validate({"number": number, "kind": kind, "text": text, "choices": choices})

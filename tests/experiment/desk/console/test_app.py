@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from textual.widgets import Input
 
-from experiment.desk.console import app as consoles
-from experiment.desk.console import presses
+from experiment.desk.console import panes, presses
 from experiment.desk.console.app import Left, attend
 from experiment.desk.console.panes import Pane
 from experiment.desk.messages import (
@@ -29,11 +28,12 @@ from experiment.desk.messages import (
     Told,
     Typed,
     View,
+    Write,
 )
 from experiment.errors import LinkError
 from tests.experiment.desk.console.scripted import Desk, desk, question
 
-KINDS = ("ready", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue")
+KINDS = ("agree", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue")
 
 RECENT = (Told(trial=1, words="copy paper"), Told(trial=2, words="typing paper"))
 ARMED = View(study="small", state="armed", trial=3, standing=Standing(trials=8, answered=2, remaining=6, recent=RECENT))
@@ -154,6 +154,19 @@ def test_the_mouse_needs_a_second_press_too(tmp_path: Path, monkeypatch: pytest.
             assert (await there.deeds(first + 2))[first:] == [chosen, confirmed]
 
     at_a_desk(tmp_path, ARMED, then)
+
+
+def test_a_question_that_wants_a_line_is_answered_with_one_or_with_nothing(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("c", "enter", *"warm", "enter")
+        assert await there.deeds(2) == [Choose(question=5, key="c"), Write(question=5, text="warm")]
+        await there.show(asking("write", 6))
+        await there.press("enter")
+        await there.press(*["enter"] * 20, after_s=0.05)
+        await there.press("enter")
+        assert (await there.deeds(3))[2:] == [Write(question=6, text="")]
+
+    at_a_desk(tmp_path, asking("write"), then)
 
 
 def test_what_is_typed_when_nothing_is_asked_is_told_and_shown(tmp_path: Path) -> None:
@@ -376,7 +389,7 @@ def test_what_has_not_changed_is_not_drawn_again(tmp_path: Path, monkeypatch: py
 
 def test_a_break_is_counted_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now_ns = [0]
-    monkeypatch.setattr(consoles, "wall_ns", lambda: now_ns[0])
+    monkeypatch.setattr(panes, "wall_ns", lambda: now_ns[0])
 
     async def then(there: Desk) -> None:
         assert "the break" in there.text

@@ -1,0 +1,67 @@
+"""What is drawn of a view."""
+
+from __future__ import annotations
+
+from typing import get_args
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiment.desk.console import picture
+from experiment.desk.messages import Gauges, Lamp, Question, View
+
+FINITE = st.floats(-1e6, 1e6)
+
+
+def test_every_question_and_every_state_has_its_place() -> None:
+    assert picture.ASKED.keys() == set(get_args(Question.model_fields["kind"].annotation))
+    assert picture.STATES.keys() == set(get_args(View.model_fields["state"].annotation))
+
+
+def test_armed_stepping_and_answer_differ_by_word_place_and_colour() -> None:
+    three = [picture.STATES["armed"], picture.STEPPING, picture.ASKED["answer"]]
+    for told in ("word", "place", "colour"):
+        assert len({getattr(one, told) for one in three}) == 3
+
+
+def test_a_foot_that_moves_is_told_only_where_a_trial_is_armed() -> None:
+    view = View(state="armed", gauges=Gauges(left_s=1, moving=True))
+    assert picture.phase(view) is picture.STEPPING
+    assert picture.phase(view.model_copy(update={"state": "waiting"})) is picture.STATES["waiting"]
+
+
+@given(st.lists(FINITE, min_size=1, max_size=400), st.integers(12, 80), st.integers(1, 5))
+def test_a_trace_stays_within_its_lines(values: list[float], width: int, rows: int) -> None:
+    drawn = picture.trace(tuple(values), "mm", width, rows).plain.split("\n")
+    assert len(drawn) == rows
+    assert all(set(line) <= set(picture.BARS) for line in drawn[1:])
+    assert all(len(line) < max(width, 12) for line in drawn[1:])
+
+
+def test_a_trace_shows_heights_from_zero() -> None:
+    assert picture.trace((0.0, 40.0, 80.0), "mm", 9, 1).plain == " ▄█ 80 mm"
+
+
+def test_what_is_not_well_comes_first_and_with_words() -> None:
+    lamps = (
+        Lamp(name="disk", good=True, words="9 GB free"),
+        Lamp(name="audio", good=None, words="not used"),
+        Lamp(name="tracker", good=False, words="no frame"),
+    )
+    assert picture.lamps(lamps, roomy=False).plain == "▲ tracker: no frame\n○ audio: not used\n● disk"
+    assert picture.lamps(lamps, roomy=True).plain.endswith("● disk: 9 GB free")
+
+
+@pytest.mark.parametrize(
+    ("left_s", "words"), [(4800, "80 min left"), (119.4, "119 s left"), (0, "No time is left"), (-3, "No time is left")]
+)
+def test_the_time_that_is_left_is_told_in_words(left_s: float, words: str) -> None:
+    assert picture.time_left(left_s) == words
+
+
+@pytest.mark.parametrize(
+    ("left_s", "shown"), [(300, "5:00"), (61.2, "1:01"), (0.4, "0:00"), (-9, "0:00"), (7200, "120:00")]
+)
+def test_a_break_is_counted_in_minutes_and_seconds(left_s: float, shown: str) -> None:
+    assert picture.countdown(left_s) == shown
