@@ -57,7 +57,10 @@ def run(
     by: Annotated[
         str, typer.Option("--by", metavar="LABEL", help="Who sits at the console: a label for the record, no name.")
     ] = "console",
-    session_at: Annotated[Path | None, typer.Option("--session-at", hidden=True)] = None,
+    session_at: Annotated[
+        Path | None,
+        typer.Option("--session-at", hidden=True, help="Run the session alone, for consoles that connect here."),
+    ] = None,
 ) -> None:
     """Run one session with a participant, or the rest of one.
 
