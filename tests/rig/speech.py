@@ -264,6 +264,14 @@ def stepped(microphone: NDArray[np.float64], onset: int, rng: np.random.Generato
     return _burst(microphone, round(ANSWERABLE_S * RATE_HZ), rng, lasts_s=0.5, low_hz=50, high_hz=1500)
 
 
+def talked(microphone: NDArray[np.float64], onset: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return the samples with words of somebody else two seconds before an answer may begin, as loud as the answer."""
+    words = signal.fftconvolve(say(TRIED[0], "wait a moment"), path(rng, DIRECT_S))
+    made, at = microphone.copy(), round((ANSWERABLE_S - 2) * RATE_HZ)
+    made[at : at + words.size] += words / in_band_rms(words)
+    return made
+
+
 def hummed(microphone: NDArray[np.float64], onset: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return the samples with mains hum of 50 Hz and its odd harmonics to 450 Hz, each half as strong, -10 dB."""
     t = np.arange(microphone.size) / RATE_HZ

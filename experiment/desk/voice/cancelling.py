@@ -28,8 +28,9 @@ SHORTEST = 3 * TAPS
 _RIDGE = 1e-6
 """Of the played power, added to the diagonal: where x has no power, as at the band's end, h stays 0."""
 
-_TURNS, _SOLVED = 20, 1e-5
-"""At most so many turns, and until the residual of the normal equations has fallen to this part."""
+_TURNS, _SOLVED = 20, 1e-4
+"""At most so many turns, and until the residual of the normal equations has fallen to this part: it adds about -80 dB
+of the masker, far below what a room leaves."""
 
 
 def leak(microphone: NDArray[np.float64], played: NDArray[np.float64]) -> NDArray[np.float64]:

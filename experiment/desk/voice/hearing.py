@@ -85,13 +85,13 @@ def take(
 
     Raises `VoiceError` where nobody speaks or several utterances are heard, and as `hear` does.
     """
-    samples, utterances, _ = _utterances(microphone, played, rate_hz, answerable_s, background)
+    samples, utterances, _, _ = _utterances(microphone, played, rate_hz, answerable_s, background)
     if len(utterances) != 1:
         raise VoiceError(
             f"enrolment: got {len(utterances)} utterances; allowed: one, the answer; have it said again, alone and "
             "close to the microphone"
         )
-    return cepstra(samples[utterances[0].begin : utterances[0].end])
+    return cepstra(samples[utterances[0].begins[0] : utterances[0].end])
 
 
 def hear(
@@ -110,28 +110,37 @@ def hear(
     `background` it is taken from what lies before. Raises `VoiceError` for unlike samples or samples that begin too
     late, and as `banded` does.
     """
-    samples, utterances, begin_s = _utterances(microphone, played, rate_hz, answerable_s, background)
+    samples, utterances, begin_s, quiet = _utterances(microphone, played, rate_hz, answerable_s, background)
     if not utterances:
         return SILENCE
     longest = round(_LONGEST * max(len(one) for one in enrolment.takes)) * HOP
-    found: list[tuple[Match, int]] = []
-    for each in utterances:
-        begin = max(each.begin, each.end - longest)
-        matched = match(cepstra(samples[begin : each.end]), enrolment)
-        found.append((matched, begin + matched.begin * HOP if matched.begin or begin > each.begin else each.begin))
+    found = [_matched(samples, each, longest, enrolment, quiet) for each in utterances]
     answers = [one for one in found if one[0].agreement >= AGREES]
     if not answers:
         nearest = max((matched for matched, _ in found), key=lambda one: one.agreement)
-        return Heard(begin_s + utterances[0].begin / RATE_HZ, None, nearest.agreement, nearest.lead)
+        return Heard(begin_s + utterances[0].begins[0] / RATE_HZ, None, nearest.agreement, nearest.lead)
     matched, begin = answers[0]
     alone = all(other.answer == matched.answer for other, _ in answers)
     return Heard(begin_s + begin / RATE_HZ, matched.answer if alone else None, matched.agreement, matched.lead)
 
 
+def _matched(
+    samples: NDArray[np.float64], utterance: onset.Utterance, longest: int, enrolment: Enrolment, quiet: onset.Quiet
+) -> tuple[Match, int]:
+    """Return what an utterance is nearest to, and the sample from which it is; what is too long is cut before that."""
+    first = max(utterance.begins[0], utterance.end - longest)
+    frames = cepstra(samples[first : utterance.end])
+    begins = {min(round((begin - first) / HOP), len(frames) - 1): begin for begin in utterance.begins if begin >= first}
+    matched = match(frames, enrolment, list(begins) or [0])
+    if matched.begin in begins:
+        return matched, begins[matched.begin]
+    return matched, onset.risen(samples, near=first + matched.begin * HOP, quiet=quiet)
+
+
 def _utterances(
     microphone: Samples, played: Samples, rate_hz: int, answerable_s: float, background: Background | None
-) -> tuple[NDArray[np.float64], tuple[onset.Utterance, ...], float]:
-    """Return samples in the band without the masker, the utterances in them, and when they begin, s."""
+) -> tuple[NDArray[np.float64], tuple[onset.Utterance, ...], float, onset.Quiet]:
+    """Return samples in the band without the masker, the utterances in them, when they begin, s, and the quiet."""
     _alike(microphone, played)
     answerable = round(answerable_s * rate_hz)
     first = answerable - round(BEFORE_S * rate_hz)
@@ -147,7 +156,7 @@ def _utterances(
     after = round(BEFORE_S * RATE_HZ)
     skipped = after - _CONTEXT
     utterances = onset.utterances(samples[skipped:], after=_CONTEXT, quiet=background.quiet)
-    return samples[skipped:], utterances, first / rate_hz + skipped / RATE_HZ
+    return samples[skipped:], utterances, first / rate_hz + skipped / RATE_HZ, background.quiet
 
 
 def _alike(microphone: Samples, played: Samples) -> None:

@@ -101,6 +101,15 @@ def test_a_word_before_the_answer_is_passed_over(enrolment: Enrolment) -> None:
     assert found.onset_s == pytest.approx(3.2, abs=0.002)
 
 
+def test_an_answer_within_another_sound_begins_where_it_begins(enrolment: Enrolment) -> None:
+    microphone, played = recording(("foil", 2.5, 0.5))
+    sound = 0.01 * np.random.default_rng(2).normal(size=RATE_HZ // 2)
+    microphone[round(2.05 * RATE_HZ) :][: sound.size] += sound
+    found = heard((microphone, played), enrolment)
+    assert found.proposed == "foil"
+    assert found.onset_s == pytest.approx(2.5, abs=0.01)
+
+
 def test_two_different_answers_are_left_to_the_experimenter(enrolment: Enrolment) -> None:
     found = heard(recording(("paper", 2.2, 0.5), ("foil", 3.3, 0.5)), enrolment)
     assert found.proposed is None
