@@ -24,7 +24,7 @@ Take = NDArray[np.float64]
 AGREES = 0.7
 """Agreement from which an utterance is an answer.
 
-Midway between the 3rd percentile of answers, 0.91, and the 95th of words that are no answer, 0.50, to the next tenth:
+Midway between the 3rd percentile of answers, 0.91, and the 95th of words that are no answer, 0.49, to the next tenth:
 360 utterances of each by ten SYNTHETIC voices, English and Japanese, at 20, 10 and 0 dB, which are not those whose
 figures are measured (`python -m tests.benchmarks.voice thresholds`). It says nothing of real participants.
 """

@@ -66,7 +66,7 @@ class Utterance:
 
 def quiet(samples: NDArray[np.float64]) -> Quiet:
     """Return what is typical of samples in the band, shape (n,): half of them may hold anything else."""
-    n = fft.next_fast_len(max(samples.size + _ORDER, 1), real=True)
+    n = fft.next_fast_len(samples.size + _ORDER + 1, real=True)
     r = fft.irfft(np.abs(fft.rfft(samples, n)) ** 2, n)[: _ORDER + 1]
     r[0] += 1e-9 * r[0] + _FAINTEST * max(samples.size, 1)
     whitening = np.concatenate([[1.0], -linalg.solve_toeplitz(r[:-1], r[1:], check_finite=False)])

@@ -96,6 +96,7 @@ def test_half_of_the_quiet_may_be_anything() -> None:
 def test_silence_and_too_few_samples_hold_no_utterance(samples: int, value: float) -> None:
     made = np.full(samples, value)
     found = quiet(made)
+    assert found.whitening.shape == (25,)
     assert np.all(np.isfinite(found.whitening))
     assert found.energy > 0
     assert utterances(np.zeros(samples), after=0, quiet=found) == ()
