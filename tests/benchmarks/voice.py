@@ -8,7 +8,7 @@ refused; and, in milliseconds of processor time, what listening costs, which is 
 an answer costs after that. Beside it the same without cancelling.
 
 `thresholds` prints what `AGREES` of `matching.py` was set by, with other voices; `disturbed` prints, at 10 dB, what
-coughs, clicks, the step's sound, hum, clipping, louder rooms and people who move do.
+coughs, clicks, the step's sound, hum, clipping, louder rooms, people who move and answers of one syllable do.
 
 Not a test: it asserts nothing. Synthetic speech says nothing of real participants.
 """
@@ -18,7 +18,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -46,7 +46,7 @@ class Trial:
 
 
 @cache
-def enrolment(voice: Voice) -> Enrolment:
+def enrolment(voice: Voice, answers: tuple[str, ...]) -> Enrolment:
     """Return what a voice enrolled, each answer at two speeds and pitches, without the masker."""
     rng = np.random.default_rng([0, *str(voice).encode()])
     takes = {
@@ -55,7 +55,7 @@ def enrolment(voice: Voice) -> Enrolment:
             for speed, pitch in speech.ENROLLED
             for made in [speech.record(speech.say(voice, answer, speed, pitch), snr_db=None, rng=rng)]
         ]
-        for answer in speech.ANSWERS[voice.language]
+        for answer in answers
     }
     return enrolled(takes)
 
@@ -82,16 +82,17 @@ def trials(
     snr_db: float,
     cancelling: bool = True,
     speeds: Sequence[float] = speech.SPEEDS,
-    others: int | None = None,
+    answers: Mapping[str, tuple[str, ...]] = speech.ANSWERS,
+    others: Mapping[str, tuple[str, ...]] = speech.NO_ANSWERS,
     **kept: Any,
 ) -> Iterator[Trial]:
-    """Return what is heard of every voice: answers at every speed; words that are none, so many, at the voice's own."""
+    """Return what is heard of every voice: answers at every speed, others at the voice's own; by language."""
     for number, voice in enumerate(voices):
         rng = np.random.default_rng([number, int(snr_db)])
-        said = enrolment(voice)
+        said = enrolment(voice, answers[voice.language])
         words: list[tuple[str | None, str, float]]
-        words = [(answer, answer, speed) for answer in speech.ANSWERS[voice.language] for speed in speeds]
-        words += [(None, word, 1.0) for word in speech.NO_ANSWERS[voice.language][:others]]
+        words = [(answer, answer, speed) for answer in answers[voice.language] for speed in speeds]
+        words += [(None, word, 1.0) for word in others[voice.language]]
         for answer, word, speed in words:
             made = speech.record(
                 speech.say(voice, word, speed, rng.uniform(0.92, 1.08)), snr_db=snr_db, rng=rng, **kept
@@ -154,9 +155,17 @@ def disturbed() -> None:
         "the leak's path changed by -20 dB": {"moved_db": -20.0},
         "the leak's path changed by -10 dB": {"moved_db": -10.0},
     }
+    few = {language: words[:4] for language, words in speech.NO_ANSWERS.items()}
     print(HEAD)
     for name, kept in conditions.items():
-        print(line(name, list(trials(speech.TESTED, snr_db=10, speeds=(0.8,), others=4, **kept))), flush=True)
+        print(line(name, list(trials(speech.TESTED, snr_db=10, speeds=(0.8,), others=few, **kept))), flush=True)
+    english = [voice for voice in speech.TESTED if voice.language == "en"]
+    for name, others in (
+        ("short answers", speech.NO_ANSWERS),
+        ("short answers, and words like them", speech.LIKE_SHORT),
+    ):
+        found = trials(english, snr_db=10, speeds=(0.8,), answers=speech.SHORT_ANSWERS, others=others)
+        print(line(name, list(found)), flush=True)
 
 
 def main() -> None:

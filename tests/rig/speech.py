@@ -95,6 +95,11 @@ NO_ANSWERS = {
 }
 
 
+SHORT_ANSWERS = {"en": ("paper", "foil", "film", "sand", "snow")}
+LIKE_SHORT = {"en": ("fail", "show", "sent", "pepper", "fill")}
+"""Answers that are harder to tell, and words that sound like them."""
+
+
 def missing() -> list[str]:
     """Return which of the two programs this machine lacks."""
     return [program for program in ("espeak-ng", "flite") if shutil.which(program) is None]
