@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from experiment.desk.voice import onset
 from experiment.desk.voice.band import RATE_HZ, banded
-from experiment.desk.voice.cancelling import TAPS, cancelled, leak
+from experiment.desk.voice.cancelling import SHORTEST, TAPS, cancelled, leak
 from experiment.desk.voice.features import HOP, cepstra
 from experiment.desk.voice.matching import AGREES, Enrolment, Match, Take, match
 from experiment.errors import VoiceError
@@ -30,6 +30,9 @@ LISTENED_S = 3.5
 
 BEFORE_S = 0.5
 """So long before an answer may begin the recording must, s: for the filter, and for the quiet before the onset."""
+
+_AROUND = round(0.05 * RATE_HZ)
+"""Samples around what was said into the background that are left out as well: its softest parts."""
 
 _CONTEXT = round(0.3 * RATE_HZ)
 _LONGEST = 2.0
@@ -68,14 +71,24 @@ SILENCE = Heard(None, None, 0.0, 0.0)
 def listen(microphone: Samples, played: Samples, *, rate_hz: int) -> Background:
     """Return what the microphone hears while nobody speaks, from samples of it and of what the masker played.
 
-    Both are of the same moments, 0.36 s or more; the last `LISTENED_S` of them count. Raises `VoiceError` for fewer or
-    unlike samples, and as `banded` does.
+    Both are of the same moments, 0.36 s or more; the last `LISTENED_S` of them count. Where somebody does speak, filter
+    and quiet are taken again without those moments. Raises `VoiceError` for fewer or unlike samples, and as `banded`
+    does.
     """
     _alike(microphone, played)
     last = slice(-round(LISTENED_S * rate_hz), None)
     heard, masker = (banded(each[last], rate_hz=rate_hz) for each in (microphone, played))
     taps = leak(heard, masker)
-    return Background(taps, onset.quiet(cancelled(heard, masker, taps)[TAPS:]))
+    left = cancelled(heard, masker, taps)
+    quiet = onset.quiet(left[TAPS:])
+    spoken = onset.utterances(left, after=TAPS, quiet=quiet)
+    counted = np.ones(left.size, np.bool_)
+    for each in spoken:
+        counted[each.begins[0] - _AROUND : each.end + _AROUND] = False
+    if spoken and np.count_nonzero(counted) >= SHORTEST:
+        taps = leak(heard, masker, counted)
+        quiet = onset.quiet(cancelled(heard, masker, taps)[TAPS:][counted[TAPS:]])
+    return Background(taps, quiet)
 
 
 def take(

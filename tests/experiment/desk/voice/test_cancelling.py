@@ -64,6 +64,17 @@ def test_noise_in_the_microphone_is_estimated_no_worse_than_least_squares_must()
     assert error == pytest.approx(TAPS / (n - TAPS), rel=0.2)
 
 
+def test_samples_that_are_not_counted_do_not_matter() -> None:
+    played, path = white(8 * TAPS), room(TAPS)
+    microphone = np.convolve(played, path)[: played.size]
+    counted = np.ones(played.size, np.bool_)
+    counted[3 * TAPS : 5 * TAPS] = False
+    spoken = microphone + np.where(counted, 0.0, 100 * white(played.size, 8))
+    assert np.array_equal(leak(spoken, played, counted), leak(microphone, played, counted))
+    assert np.linalg.norm(leak(spoken, played, counted) - path) < 1e-3 * np.linalg.norm(path)
+    assert np.linalg.norm(leak(spoken, played) - path) > 1e-1 * np.linalg.norm(path)
+
+
 def test_silence_of_the_masker_and_of_the_microphone() -> None:
     assert not leak(white(SHORTEST), np.zeros(SHORTEST)).any()
     assert not leak(np.zeros(SHORTEST), white(SHORTEST)).any()
