@@ -89,6 +89,11 @@ def lasted_ms(clock: Clock, since_ns: int) -> float | None:
     return None if clock.simulated else (clock.now_ns() - since_ns) / 1e6
 
 
+def monotonic_ns() -> int:
+    """Return the machine's monotonic clock, ns, which all processes of one machine share."""
+    return time.monotonic_ns()
+
+
 def wall_ns() -> int:
     """Return the machine's wall clock, ns since 1970-01-01T00:00Z; unlike a `Clock` it may be set meanwhile."""
     return time.time_ns()

@@ -18,6 +18,7 @@ PalpateError                exit code 2, one line for the experimenter
 │   └── SessionLocked       another runner holds this participant
 ├── SessionError            a step that the session's state does not allow
 ├── ScreenGone              the experimenter's screen takes nothing more
+├── DisplayError            the participant's screen cannot be opened
 ├── PauseAsked              the experimenter has the session pause
 ├── LinkError               a session and its console cannot reach one another
 ├── Interrupted             ended at the keyboard; exit code 130
@@ -128,6 +129,10 @@ class SessionError(PalpateError):
 
 class ScreenGone(PalpateError):
     """The experimenter's screen takes nothing more: its terminal or pipe was closed."""
+
+
+class DisplayError(PalpateError):
+    """The participant's screen cannot be opened."""
 
 
 class LinkError(PalpateError):

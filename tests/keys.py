@@ -25,6 +25,7 @@ UNITS = {
     "_m_s2": "m/s²",
     "_mm_s": "mm/s",
     "_mm": "mm",
+    "_px": "pixels",
     "mm": "mm",
     "_hz": "Hz",
     "_ms": "ms",

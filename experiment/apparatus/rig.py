@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
 from experiment import storage
+from experiment.apparatus.display import ScreenRig
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
 from experiment.protocol.models import Step
@@ -502,6 +503,7 @@ class Rig(Confined):
         accelerometer: what measures the panel; only `palpate record` needs it.
         audio: the audio device, where there is one: for the masker, the loopback and an actuator with `driver =
             "audio"`.
+        screen: the participant's screen, where there is one.
         anchors: where each session's end is anchored.
     """
 
@@ -513,6 +515,7 @@ class Rig(Confined):
     actuator: ActuatorRig
     accelerometer: AccelerometerRig | None = None
     audio: AudioRig | None = None
+    screen: ScreenRig | None = None
     anchors: AnchorsRig | None = None
 
     _folder: Path | None = PrivateAttr(None)
@@ -558,10 +561,10 @@ def sha256(rig: Rig) -> str:
 
     The tracker's driver counts with its own hash where it is a file beside the rig file; `RigError` if that cannot be
     read. Ports and addresses are left out: a device that comes back under another name is the same device. Anchors
-    measure nothing.
+    and the participant's screen measure nothing; what the screen showed is in the journal.
     """
     where: dict[str, Any] = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}}
-    where |= {"audio": {"device"}, "anchors": True}
+    where |= {"audio": {"device"}, "screen": True, "anchors": True}
     stated = rig.model_dump(mode="json", exclude_none=True, exclude=where)
     if (driver := rig.driver_file) is not None:
         try:

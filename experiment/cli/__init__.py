@@ -34,6 +34,7 @@ COMMANDS = {
         "consent": ("laboratory", "Record the consent of an enrolled participant."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),
         "run": ("session", "Run one session with a participant, or the rest of one."),
+        "screen": ("screen", "Open the participant's screen of a session."),
         "status": ("analysis", "Say how far a study is, and what is to be done next."),
         "journal": ("laboratory", "Verify a journal and print it as text."),
         "withdraw": ("laboratory", "Record that a participant withdrew."),

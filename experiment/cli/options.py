@@ -8,12 +8,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import date
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from experiment.errors import PalpateError
 from experiment.settings.characters import hidden, quoted
+
+if TYPE_CHECKING:
+    from experiment.protocol.models import Protocol
 
 
 def a_protocol(name: str) -> Path:
@@ -48,6 +51,14 @@ def a_day(text: str) -> date:
     raise PalpateError(
         f"got the day {quoted(text)}; allowed: a day that the calendar has, as YYYY-MM-DD, such as 2026-04-01"
     )
+
+
+def default_folder(protocol: "Protocol", *, practice: bool) -> Path:
+    """Return where the dataset of a study stands, or that of its practice."""
+    from experiment.rehearsal.study import practice_folder
+    from experiment.study import enrolment
+
+    return practice_folder(protocol) if practice else enrolment.default_root(protocol)
 
 
 def room() -> typer.Typer:

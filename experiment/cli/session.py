@@ -66,10 +66,11 @@ def run(
         ),
     ] = None,
     port: Annotated[int, typer.Option("--port", min=1, max=65535, help="The port of that page.")] = 8000,
+    served: Annotated[bool, typer.Option("--served", hidden=True, help="Show the console to a browser.")] = False,
     session_at: Annotated[
-        Path | None, typer.Option("--session-at", hidden=True, help="Be the session's process.")
+        Path | None,
+        typer.Option("--session-at", hidden=True, help="Run the session alone, for consoles that connect here."),
     ] = None,
-    served: Annotated[bool, typer.Option("--served", hidden=True, help="Be a visitor's console.")] = False,
 ) -> None:
     """Run one session with a participant, or the rest of one.
 
@@ -93,7 +94,7 @@ def run(
             "without a laboratory (--practice)"
         )
     protocol = files.load(protocol_file)
-    folder = dataset or _default_folder(protocol, practice=practice)
+    folder = dataset or options.default_folder(protocol, practice=practice)
 
     def once(console: "Console") -> "Footer":
         if practice:
@@ -101,8 +102,11 @@ def run(
         return _run(protocol_file, rig, participant, task, dataset, recordings, console)
 
     if session_at is not None:
-        label = "PRACTICE" if practice else ""
-        _listen(session_at, _first_view(protocol, participant or "01", label), once)
+        from experiment.cli import screen
+
+        view = _first_view(protocol, participant or "01", "PRACTICE" if practice else "")
+        with screen.beside(session_at, protocol_file, rig) as opened:
+            _listen(session_at, _linked(protocol, view, screen=opened), once)
     elif served:
         _attend(folder, participant or "01", by)
     elif serve is not None:
@@ -115,13 +119,6 @@ def run(
         typer.echo(told(once(console)))
     else:
         _attend(folder, participant or "01", by)
-
-
-def _default_folder(protocol: "Protocol", *, practice: bool) -> Path:
-    from experiment.rehearsal.study import practice_folder
-    from experiment.study import enrolment
-
-    return practice_folder(protocol) if practice else enrolment.default_root(protocol)
 
 
 def _practise(
@@ -175,13 +172,18 @@ def _first_view(protocol: "Protocol", participant: str, label: str) -> "View":
     return View(label=label, study=protocol.study.id, participant=participant)
 
 
-def _listen(path: Path, view: "View", once: Callable[["LinkedConsole"], "Footer"]) -> None:
+def _linked(protocol: "Protocol", view: "View", *, screen: bool) -> "LinkedConsole":
+    from experiment.desk import prompts
+    from experiment.desk.linked import LinkedConsole
+
+    return LinkedConsole(view, answerable=prompts.answerable(protocol.masker), screen=screen)
+
+
+def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"]) -> None:
     """Run a session for consoles that connect at `path`, until it is complete or nobody wants it to go on."""
     from experiment.desk.link import Link
-    from experiment.desk.linked import LinkedConsole
     from experiment.session.visit import told
 
-    console = LinkedConsole(view)
     with closing(Link(path, console)) as link:
         console.wake = link.wake
         try:

@@ -2,5 +2,6 @@
 
 What is to be shown, or asked, comes in; keys go out. `port.py` says what a session needs of any desk, so that a
 rehearsal can sit at one; `terminal.py` is lines of text, over any terminal or a pipe; `voice/` proposes what was said
-into a microphone. A desk decides nothing: it opens no device, writes no entry, and does not know what an answer means.
+into a microphone. `screen.py` is the participant's screen, which is told prompts alone. A desk decides nothing: it
+opens no device, writes no entry, and does not know what an answer means.
 """

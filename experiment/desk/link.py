@@ -77,8 +77,8 @@ class SessionEnd(Protocol):
         """Return whether a command was taken, and in words what was done, or why not."""
         ...
 
-    def came(self, consoles: int) -> None:
-        """Take note of how many consoles are connected now."""
+    def came(self, consoles: int, screens: int) -> None:
+        """Take note of how many consoles and participant's screens are connected now."""
         ...
 
 
@@ -202,7 +202,8 @@ class Link:
         self._count()
 
     def _count(self) -> None:
-        self._end.came(sum(peer.hello is not None and peer.hello.role == "console" for peer in self._peers))
+        roles = [peer.hello.role for peer in self._peers if peer.hello is not None]
+        self._end.came(roles.count("console"), roles.count("screen"))
 
 
 def _listening(path: Path) -> socket.socket:
@@ -228,8 +229,11 @@ class Line:
     def __init__(self, path: Path, hello: Hello) -> None:
         """Connect. Raises `LinkError` if no session listens there."""
         self._connection = socket.socket(socket.AF_UNIX)
+        # PsychoPy gives every socket of its process a timeout; a session may be silent for longer.
+        self._connection.settimeout(None)
         self._lock = threading.Lock()
         self._sent = 0
+        self._read = bytearray()
         try:
             self._connection.connect(str(path))
             self._connection.sendall(line(hello))
@@ -248,20 +252,23 @@ class Line:
             return self._sent
 
     def messages(self) -> Iterator[View | Prompt | Reply]:
-        """Yield what the session says, until it is gone. Raises `LinkError` for what cannot be understood."""
-        read = bytearray()
+        """Yield what the session says, until it is gone; what one call leaves over is the next one's.
+
+        Raises `LinkError` for what cannot be understood.
+        """
         while True:
+            said, newline, rest = self._read.partition(b"\n")
+            if newline:
+                self._read = rest
+                yield from_session(bytes(said))
+                continue
             try:
                 more = self._connection.recv(LONGEST)
             except OSError:
                 more = b""
             if not more:
                 return
-            read += more
-            *lines, rest = read.split(b"\n")
-            read = bytearray(rest)
-            for one in lines:
-                yield from_session(bytes(one))
+            self._read += more
 
     def close(self) -> None:
         """Leave; the session goes on."""

@@ -11,17 +11,22 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Literal
 
-from experiment.clock import Clock, wall_ns
+from experiment.clock import Clock, monotonic_ns, wall_ns
+from experiment.desk import prompts
 from experiment.desk.messages import (
+    ENTER,
     LINES,
     Choice,
     Choose,
     Correct,
     Deed,
     Ended,
+    Gauges,
     Hello,
+    Lamp,
     Message,
     Pause,
+    Prompt,
     Question,
     Repeat,
     Shown,
@@ -38,11 +43,15 @@ from experiment.settings import characters
 ALONE_S = 600.0
 """After so long without a console the session pauses, s."""
 
-ENTER = "enter"
-"""The key that goes on where nothing else is to be chosen, and that confirms."""
-
 ESCAPE = "escape"
 """The key that takes a choice back."""
+
+PATIENCE_NS = 300_000_000
+"""The participant is asked to wait after so long without anything else to show, ns: between two questions the screen
+stays as it is."""
+
+PROMPTS = 20
+"""So many prompts are remembered, for the participant's screen to say when it showed them."""
 
 STOP = "s"
 """The key that ends the process of a session that paused."""
@@ -55,8 +64,14 @@ Kind = Literal[
 class LinkedConsole:
     """Implements `Console` and the link's `SessionEnd`."""
 
-    def __init__(self, view: View, *, alone_s: float = ALONE_S) -> None:
-        """Begin with `view`, which says what does not change: the study and who takes part."""
+    def __init__(
+        self, view: View, *, answerable: frozenset[str] = frozenset(), screen: bool = False, alone_s: float = ALONE_S
+    ) -> None:
+        """Begin with `view`, which says what does not change: the study and who takes part.
+
+        The participant may answer questions of the kinds `answerable`; `screen` says that the rig has a screen for
+        that.
+        """
         self._view = view
         self._alone_s = alone_s
         self._changed = threading.Condition()
@@ -67,6 +82,11 @@ class LinkedConsole:
         self._picked: str | None = None
         self._repeated: Repeated | None = None
         self._consoles = 0
+        self._answerable = answerable
+        self._screen = screen
+        self._screens = 0
+        self._prompts = [Prompt()]
+        self._waits_ns: int | None = None
         self._pausing: Pause | Stop | None = None
         self._ignored = ""
         self.wake: Callable[[], None] = lambda: None
@@ -79,29 +99,57 @@ class LinkedConsole:
 
     # What the link asks, from its thread.
 
-    def tell(self, role: str) -> Message:  # noqa: ARG002
+    def tell(self, role: str) -> Message:
         with self._changed:
             view, session = self._view, self._session
-        if session is None:
-            return view
-        standing = session.standing()
-        label = "" if standing.purpose == "STUDY" else standing.purpose
-        return view.model_copy(update={"gauges": session.gauges(), "standing": standing, "label": label})
+        if session is not None:
+            standing = session.standing()
+            label = "" if standing.purpose == "STUDY" else standing.purpose
+            gauges = self._with_screen(session.gauges())
+            view = view.model_copy(update={"gauges": gauges, "standing": standing, "label": label})
+        return view if role == "console" else self._prompt(view)
 
-    def came(self, consoles: int) -> None:
+    def _with_screen(self, gauges: Gauges) -> Gauges:
+        if not (self._screen or self._screens):
+            return gauges
+        there = self._screens > 0
+        words = "connected" if there else "not connected; `palpate screen` opens it"
+        return gauges.model_copy(update={"lamps": (*gauges.lamps, Lamp(name="screen", good=there, words=words))})
+
+    def _prompt(self, view: View) -> Prompt:
+        """Return what the participant's screen shows, with a number that changes when its look does."""
+        last = self._prompts[-1]
+        new = prompts.prompt(view, self._answerable)
+        if new.show != "wait" or last.show == "wait":
+            self._waits_ns = None
+        else:
+            self._waits_ns = self._waits_ns or monotonic_ns()
+            if monotonic_ns() - self._waits_ns < PATIENCE_NS:
+                return last
+        same = new.model_copy(update={"number": last.number})
+        if same.model_copy(update={"question": last.question}) == last:
+            self._prompts[-1] = same
+        else:
+            self._prompts = [*self._prompts[1 - PROMPTS :], new.model_copy(update={"number": last.number + 1})]
+        return self._prompts[-1]
+
+    def came(self, consoles: int, screens: int) -> None:
         with self._changed:
+            self._screens = screens
+            self._screen = self._screen or screens > 0
             self._consoles = consoles
             self._changed.notify_all()
 
     def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
-        session = self._session
+        session, at_console = self._session, hello.role == "console"
         try:
-            taken, words = self._do(deed, session)
+            taken, words = self._do(deed, session) if at_console else self._do_for_participant(deed, session)
         except ValueError as error:
             taken, words = False, f"The text {error}, which cannot go on record; write it without that character."
         except PalpateError as error:
             return False, str(error)
-        if session is not None and not isinstance(deed, Typed):
+        # What was typed and what was shown have entries of their own.
+        if session is not None and not (taken and isinstance(deed, Typed | Shown)):
             try:
                 session.commanded(by=hello.by, command=_told(deed), taken=taken, words=words)
             except PalpateError as error:
@@ -129,7 +177,7 @@ class LinkedConsole:
             case Pause() | Stop():
                 return self._pause(deed, session)
             case Shown():
-                return True, ""
+                return False, "Only the participant's screen says what it shows."
         if session is None:
             return False, "No session is under way."
         match deed:
@@ -139,6 +187,28 @@ class LinkedConsole:
                 return session.remark(Corrected(deed.trial, deed.key, characters.one_line(deed.reason)))
             case Repeat():
                 return self._repeat(Repeated(deed.trial, characters.one_line(deed.reason)), session)
+
+    def _do_for_participant(self, deed: Deed, session: Attended | None) -> tuple[bool, str]:
+        """Take a key for a question that is the participant's to answer, and what is shown; refuse everything else."""
+        if isinstance(deed, Shown):
+            return self._note_shown(deed, session)
+        if not isinstance(deed, Choose):
+            return False, "The participant's screen may not ask for that."
+        with self._changed:
+            asked = self._view.question
+            if asked is not None and asked.number == deed.question and asked.kind not in self._answerable:
+                return False, "The participant does not answer this question at the screen."
+            return self._choose(deed)
+
+    def _note_shown(self, deed: Shown, session: Attended | None) -> tuple[bool, str]:
+        """Put on record what the participant's screen shows, and since when."""
+        ago_ns = monotonic_ns() - deed.t_ns
+        told = next((one for one in self._prompts if one.number == deed.number), None)
+        if told is None or ago_ns < 0:
+            return False, "The participant's screen cannot have shown that."
+        if session is not None:
+            session.shown(told, ago_ns)
+        return True, ""
 
     def _choose(self, deed: Choose) -> tuple[bool, str]:
         with self._changed:
@@ -215,12 +285,12 @@ class LinkedConsole:
             self._now(state="preparing", pause_until_ns=None)
 
     def show(self, text: str) -> None:
-        lines = [characters.plain(one) for one in text.strip("\n").split("\n")]
+        said = characters.plain(" ".join(text.split("\n")).strip())
         with self._changed:
-            self._now(lines=(*self._view.lines, *lines)[-LINES:])
+            self._now(lines=(*self._view.lines, said)[-LINES:])
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        self._now(state="familiarising", trial=None)
+        self._now(state="familiarising", trial=None, instruction=instruction)
         least = f"{min_s / 60:.1f}" if min_s > 0 else "up"
         text = f"Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}"
         self._put("familiarise", text, (Choice(key=ENTER, words="the participant is familiar with the materials"),))

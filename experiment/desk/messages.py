@@ -26,6 +26,9 @@ LINES = 50
 TRACE_S = 3.0
 """The trace goes back so far, s."""
 
+ENTER = "enter"
+"""The key that goes on where nothing else is to be chosen, and that confirms."""
+
 
 class Message(BaseModel):
     """Base of every message and its parts."""
@@ -64,14 +67,18 @@ class Lamp(Message):
     words: str
 
 
+Pace = Literal["slow", "right", "fast"]
+"""How a step's speed lies to the range that the protocol asks for."""
+
+
 class Gauges(Message):
     """What is measured all the time.
 
     `left_s` is left of the protocol's session time, s. `masker_db_a` is its level, dB(A), None in silence, at most
     `masker_limit_db_a`, None for a rig without sound; `dose` is that of 24 hours, of 1. `stimuli` were felt so far,
     `vibration_s` together, s. `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells
-    that a trial is under way at this moment, and `last` what the one before was like. `delivered` is the stimulus
-    before: as intended, not, or not measured.
+    that a trial is under way at this moment, and `last` what the one before was like, at which `pace` if the protocol
+    asks for one. `delivered` is the stimulus before: as intended, not, or not measured.
     """
 
     left_s: float
@@ -84,6 +91,7 @@ class Gauges(Message):
     trace_unit: str = ""
     moving: bool = False
     last: str = ""
+    pace: Pace | None = None
     delivered: bool | None = None
     lamps: tuple[Lamp, ...] = ()
 
@@ -121,6 +129,7 @@ class View(Message):
     """All that a console shows. `label` is PRACTICE or PILOT, and empty in a study.
 
     `step` is where the visit stands, one of `steps`. `trial` and `attempt` are under way. `lay_out` is what to lay out,
+    in tasks with real objects. `instruction` is what the participant is told while the materials are handled.
     in tasks with real objects. `answers` are those that a trial of this task may have, once one was asked for.
     `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
     """
@@ -135,6 +144,7 @@ class View(Message):
     trial: int | None = None
     attempt: int = 1
     lay_out: str = ""
+    instruction: str = ""
     answers: tuple[Choice, ...] = ()
     standing: Standing = Standing()
     question: Question | None = None
@@ -144,15 +154,30 @@ class View(Message):
     ended: Ended | None = None
 
 
+Label = Literal["", "PRACTICE", "PILOT", "REHEARSAL"]
+"""What every screen says that shows no session of a study."""
+
+Show = Literal["wait", "instructions", "masker", "rest", "ready", "answer", "break", "thanks"]
+"""What the participant's screen may show: a closed list, so that nothing else can reach it."""
+
+
 class Prompt(Message):
-    """What the participant's screen shows, and which keys of the participant count now."""
+    """What the participant's screen shows. Nothing in it depends on what is presented.
+
+    `number` is unlike that of a prompt that looks otherwise. `text` is the protocol's instruction. The participant may
+    answer `question` with `keys`, those of its choices. `pace` is that of the last step. A break lasts until
+    `until_ns`, in nanoseconds of the system's clock. `label` is PRACTICE or PILOT, and empty in a study.
+    """
 
     kind: Literal["prompt"] = "prompt"
-    number: int
-    show: Literal["nothing", "instructions", "masker", "ready", "answers", "break", "thanks"]
-    text: str
-    choices: tuple[Choice, ...] = ()
+    number: int = 0
+    show: Show = "wait"
+    text: str = ""
+    question: int | None = None
+    keys: tuple[str, ...] = ()
+    pace: Pace | None = None
     until_ns: int | None = None
+    label: Label = ""
 
 
 class Hello(Message):

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from experiment.apparatus.ports import Rester
 from experiment.clock import Clock
-from experiment.desk.messages import Gauges, Standing
+from experiment.desk.messages import Gauges, Prompt, Standing
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,10 @@ class Attended(Protocol):
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
         """Put on record what was asked for, by whom, and what was replied."""
+        ...
+
+    def shown(self, prompt: Prompt, ago_ns: int) -> None:
+        """Put on record what the participant's screen shows, and that it has done so for `ago_ns`."""
         ...
 
 

@@ -214,6 +214,16 @@ class Commanded(Entry):
     reply: str
 
 
+class Shown(Entry):
+    """What the participant's screen shows, since the session time `since_ns`; `text` is the protocol's instruction."""
+
+    kind: Literal["shown"] = "shown"
+    show: str
+    text: str
+    pace: str | None
+    since_ns: int
+
+
 class Ignored(Entry):
     """What was typed before it was asked for, and answered nothing."""
 

@@ -36,6 +36,7 @@ from experiment.records.entries import (
     Phase,
     Redo,
     Resumed,
+    Shown,
     TrackerOpened,
     Visited,
     Withdrawal,
@@ -56,6 +57,7 @@ AnyEntry = Annotated[
     | Correction
     | Note
     | Commanded
+    | Shown
     | Visited
     | Ignored
     | Redo

@@ -19,6 +19,7 @@ from experiment.records.entries import (
     Phase,
     Redo,
     Resumed,
+    Shown,
     TrackerOpened,
     Visited,
     Withdrawal,
@@ -31,6 +32,9 @@ from experiment.settings.characters import keyed, plain
 
 WIDTH = 100
 """No line of a transcript is wider, in characters."""
+
+PACE = {"slow": "too slow", "right": "in range", "fast": "too fast"}
+"""The pace of a step, in words."""
 
 INDENT = " " * 14
 """Stands where the time of an entry stands, in each further line of it."""
@@ -110,6 +114,10 @@ def _said(entry: AnyEntry) -> str:
         case Commanded():
             refused = "" if entry.taken else f", refused: {entry.reply}"
             return f"asked for by {entry.by}: {entry.command}{refused}"
+        case Shown():
+            pace = "" if entry.pace is None else f", the step before was {PACE[entry.pace]}"
+            text = f": {entry.text}" if entry.text else ""
+            return f"the participant's screen shows '{entry.show}'{pace}{text}"
         case Ignored():
             return f"ignored because it was typed before the question: {keyed(entry.typed)}"
         case Redo():

@@ -160,11 +160,17 @@ def practise(
             console.show(said)
         footer = walk(console=console, tasks=tasks, run=_Practice(job, console).session)
     build.build(job.dataset)
-    if footer.reason != "paused" and not any(left.values()):
-        console.show("Every task was complete before. To practise anew, name another --participant or --dataset.")
+    others = [task for task in job.tasks if left[task] and task not in tasks]
+    if footer.reason == "paused":
+        onward = ""
+    elif not left[tasks[-1]]:
+        onward = "This session was complete before. To practise it anew, name another --participant or --dataset."
+    else:
+        onward = f"To practise the other task, add --task {others[0]}." if others else "Every task is practised."
+    # What ended the session may stand on an unfinished line.
+    console.show(f"\n{onward}")
     if footer.answered:
-        # What ended the session may stand on an unfinished line.
-        console.show(f"\nTo see tables of what you practised: palpate analyse {out}")
+        console.show(f"To see tables of what you practised: palpate analyse {out}")
     return footer
 
 

@@ -15,7 +15,7 @@ from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock
-from experiment.desk.messages import Lamp
+from experiment.desk.messages import Lamp, Pace
 from experiment.desk.port import Console
 from experiment.protocol.models import Protocol as StudyProtocol
 from experiment.records.entries import Header, PlannedTrial, Trace
@@ -99,6 +99,7 @@ class Measured:
     unit: str = ""
     moving: bool = False
     last: str = ""
+    pace: Pace | None = None
     delivered: bool | None = None
     lamps: tuple[Lamp, ...] = ()
 

@@ -7,10 +7,11 @@ import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from experiment.desk.messages import RECENT, Gauges, Lamp, Standing, Told
+from experiment.clock import Clock
+from experiment.desk.messages import RECENT, Gauges, Lamp, Prompt, Standing, Told
 from experiment.desk.port import Console, Corrected, Noted, Remark, Repeated
 from experiment.protocol.models import Answers
-from experiment.records.entries import Commanded, Correction, Ignored, Note, Redo, Visited
+from experiment.records.entries import Commanded, Correction, Ignored, Note, Redo, Shown, Visited
 from experiment.session.kind import Kind, Limits, Log
 from experiment.settings import characters
 
@@ -89,6 +90,12 @@ class Remarks:
             if self._open:
                 self._log.write(Commanded(by=by, command=command, taken=taken, reply=words))
 
+    def shown(self, prompt: Prompt, since_ns: int) -> None:
+        """Put on record what the participant's screen shows, since the session time `since_ns`."""
+        with self._lock:
+            if self._open:
+                self._log.write(Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
+
     def _correct(self, asked: Corrected) -> tuple[bool, str]:
         done = self._log.done
         planned = next(one for one in done.header.order if one.trial == asked.trial)
@@ -123,6 +130,7 @@ class Attendance:
         masking: Masking | None,
         stream: AudioStream | None,
         log: Log,
+        clock: Clock,
         folder: Path,
     ) -> None:
         """Tell of a session with these parts; its dataset grows in `folder`."""
@@ -132,6 +140,7 @@ class Attendance:
         self._masking = masking
         self._stream = stream
         self._log = log
+        self._clock = clock
         self._folder = folder
 
     def gauges(self) -> Gauges:
@@ -148,6 +157,7 @@ class Attendance:
             trace_unit=measured.unit,
             moving=measured.moving,
             last=measured.last,
+            pace=measured.pace,
             delivered=measured.delivered,
             lamps=(*measured.lamps, *self._audio(), self._disk()),
         )
@@ -172,6 +182,9 @@ class Attendance:
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
         self._remarks.commanded(by=by, command=command, taken=taken, words=words)
+
+    def shown(self, prompt: Prompt, ago_ns: int) -> None:
+        self._remarks.shown(prompt, self._clock.now_ns() - ago_ns)
 
     def _audio(self) -> tuple[Lamp, ...]:
         if self._stream is None:

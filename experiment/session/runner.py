@@ -197,6 +197,7 @@ class _Session:
             masking=self._masking,
             stream=devices.stream,
             log=log,
+            clock=devices.clock,
             folder=folder,
         )
         self._state = State.READY

@@ -68,7 +68,7 @@ class Asking:
             self.wake()
         return True, ""
 
-    def came(self, consoles: int) -> None:
+    def came(self, consoles: int, screens: int) -> None:
         pass
 
 

@@ -25,7 +25,7 @@ from tests.rig.rehearsed import assert_all_say
 
 QUESTION = re.compile(
     r"familiar with the materials: |Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>Key: )"
-    r"|type (?P<again>\S) again[^\n]*again: |to end the session: "
+    r"|type (?P<again>\S) again[^\n]*again: |to end the session: |or nothing; press Enter: "
 )
 KEYS = {"felt": "f", "cork": "k", "kraft paper": "p", "foil": "o", "film": "i"}
 TRIALS = 4
@@ -128,7 +128,7 @@ def test_a_new_study_of_five_materials_is_practised_and_has_its_tables(
         (["--practice", "--recordings", "there"], "got --recordings with --practice"),
         (["--practice", "--rig", "rig.toml"], "rig.toml: is a real rig"),
         (["--practice", "--dataset", "."], "is no dataset of practice, and practice never writes into anything else"),
-        ([], "got no --participant, --task or --rig"),
+        ([], "got no --participant or no --rig"),
     ],
 )
 def test_what_cannot_be_practised_is_refused_and_leaves_nothing(

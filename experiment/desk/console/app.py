@@ -20,8 +20,9 @@ from experiment.desk.console.panes import STYLE, Board
 from experiment.desk.console.picture import COMMANDS, PRESSES, keycap
 from experiment.desk.console.presses import MOUSE, Presses
 from experiment.desk.link import Line, connected
-from experiment.desk.linked import ENTER, ESCAPE
+from experiment.desk.linked import ESCAPE
 from experiment.desk.messages import (
+    ENTER,
     Choice,
     Choose,
     Deed,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,10 +17,10 @@ from experiment.apparatus.tracker.frames import LinkCounts
 from experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from experiment.clock import Clock, lasted_ms
-from experiment.desk.messages import TRACE_S, Lamp
+from experiment.desk.messages import TRACE_S, Lamp, Pace
 from experiment.desk.port import Console
 from experiment.errors import RecordingError, TrackerError
-from experiment.protocol.models import Protocol
+from experiment.protocol.models import ExclusionRule, Protocol
 from experiment.records.entries import Header, PlannedTrial, Trace, TrackerOpened
 from experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock, Zeroed
 from experiment.session import scene
@@ -174,6 +174,7 @@ class Footsteps:
         self._broken: tuple[int, BrokenStep] | None = None
         self._armed: Armed | None = None
         self._last = ""
+        self._pace: Pace | None = None
         self._delivered: bool | None = None
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
@@ -223,6 +224,7 @@ class Footsteps:
             )
         heard = step.onset.delivered if step.onset is not None else None
         self._last = f"{step.gate.speed_mm_s:.0f} mm/s"
+        self._pace = pace(step.gate.speed_mm_s, self._protocol.exclusion)
         self._delivered = None if heard is None else heard.delivered
         return Seen(
             _foot_step(armed, step, trace),
@@ -246,6 +248,7 @@ class Footsteps:
             unit="mm",
             moving=falling and step.contact_mm < heights[-1] <= step.gate_top_mm,
             last=self._last,
+            pace=self._pace,
             delivered=self._delivered,
             lamps=(self._tracker_lamp(),),
         )
@@ -306,6 +309,16 @@ class Footsteps:
             if broken.get(rule.when, False):
                 return f"{rule.id}: {rule.reason}"
         return ""
+
+
+def pace(speed_mm_s: float, rules: Iterable[ExclusionRule]) -> Pace | None:
+    """Return how a speed lies to the range that a protocol's rules leave; None where no rule is about speed."""
+    speeds = [(rule.when, rule.limit) for rule in rules if rule.limit is not None and rule.when.startswith("speed-")]
+    if any(when == "speed-below" and speed_mm_s < limit_mm_s for when, limit_mm_s in speeds):
+        return "slow"
+    if any(when == "speed-above" and speed_mm_s > limit_mm_s for when, limit_mm_s in speeds):
+        return "fast"
+    return "right" if speeds else None
 
 
 def _sampled(newest: tuple[tuple[int, float], ...]) -> tuple[float, ...]:

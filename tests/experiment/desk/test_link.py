@@ -37,7 +37,7 @@ class Session:
         self.taken.append((hello.by, deed))
         return isinstance(deed, TakeNote), "so it is"
 
-    def came(self, consoles: int) -> None:
+    def came(self, consoles: int, screens: int) -> None:
         if consoles:
             self.consoles.release()
 

@@ -19,6 +19,7 @@ from experiment.desk.messages import (
     Gauges,
     Hello,
     Pause,
+    Prompt,
     Question,
     Repeat,
     Standing,
@@ -59,6 +60,9 @@ class Attending:
     def pause(self) -> None:
         self.pauses += 1
 
+    def shown(self, prompt: Prompt, ago_ns: int) -> None:
+        raise AssertionError(f"no screen is there to show {prompt}")
+
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
         self.record.append((by, command, taken, words))
         self.open_when_recorded.append(shown(self.linked).question is not None)
@@ -79,7 +83,7 @@ class Bench:
         self._pool = ThreadPoolExecutor(1)
         self._woken = threading.Event()
         self.linked.wake = self._woken.set
-        self.linked.came(1)
+        self.linked.came(1, 0)
         self.linked.attend(self.attending)
 
     def asks(self, question: Callable[[], T]) -> Future[T]:
@@ -266,13 +270,13 @@ def test_a_line_of_text_is_written_or_nothing(bench: Bench) -> None:
 
 def test_while_nobody_is_at_a_console_nothing_is_armed_and_then_the_session_pauses() -> None:
     bench = Bench(alone_s=0.2)
-    bench.linked.came(0)
+    bench.linked.came(0, 0)
     with pytest.raises(PauseAsked, match="nobody was at a console"):
         bench.linked.arm(trial=1, attempt=1, trials=4)
     assert shown(bench.linked).state == "preparing"
     with pytest.raises(PauseAsked, match="nobody was at a console"):
         bench.linked.ask(trial=1, answers=ANSWERS, others=OTHERS)
-    bench.linked.came(1)
+    bench.linked.came(1, 0)
     bench.linked.arm(trial=1, attempt=1, trials=4)
     assert shown(bench.linked).state == "armed"
 
@@ -282,4 +286,4 @@ def test_a_console_is_told_what_the_session_is_for_and_how_far_it_is(bench: Benc
     assert (view.label, view.standing.remaining) == ("PILOT", 3)
     assert view.gauges == Gauges(left_s=60.0)
     bench.linked.show("one\ntwo \x1b[31m")
-    assert shown(bench.linked).lines == ("one", "two <U+001B>[31m")
+    assert shown(bench.linked).lines == ("one two <U+001B>[31m",)

@@ -8,7 +8,7 @@ import pytest
 
 from experiment.errors import JournalError
 from experiment.records import chain, journal, transcript
-from experiment.records.entries import Entry, Footer, MaskerSet, Phase, Withdrawal
+from experiment.records.entries import Entry, Footer, MaskerSet, Phase, Shown, Withdrawal
 from experiment.records.footstep import FootStep, TrackerClock, Zeroed
 from experiment.records.stimulus import Onset, Stimulus
 from tests.experiment.records.test_resume import broken_off, step
@@ -74,6 +74,14 @@ def test_it_says_how_strong_a_stimulus_was_and_whether_that_was_measured(
     text = " ".join(told(tmp_path, stepped(stimulus, onset)).split())
     assert said in text
     assert ("delivery was not measured" in text) == ("delivery was not measured" in said)
+
+
+def test_it_says_what_the_participant_saw(tmp_path: Path) -> None:
+    first = Shown(show="instructions", text="Crinkle all four.", pace=None, since_ns=7)
+    second = Shown(show="ready", text="", pace="fast", since_ns=8)
+    text = told(tmp_path, first, second)
+    assert "the participant's screen shows 'instructions': Crinkle all four." in text
+    assert "the participant's screen shows 'ready', the step before was too fast" in text
 
 
 def test_a_session_without_a_footer_can_be_resumed_unless_the_participant_withdrew(tmp_path: Path) -> None:

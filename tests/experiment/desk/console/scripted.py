@@ -46,7 +46,7 @@ class ScriptedEnd:
         refusal = self.refusals.get(getattr(deed, "key", deed.do), "")
         return not refusal, refusal or ("" if isinstance(deed, Typed) else self.words)
 
-    def came(self, consoles: int) -> None:
+    def came(self, consoles: int, screens: int) -> None:
         pass
 
     def wait(self, count: int) -> list[Deed]:

@@ -1,0 +1,111 @@
+"""The participant's screen in a rig file: which display it is, the keys beside it, and its own sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import combinations
+from typing import Annotated, Any, ClassVar
+
+from pydantic import Field
+
+from experiment.settings.load import ONE_LINE, Broken, Confined, Line, Rules
+
+Pixels = Annotated[int, Field(ge=320, le=16_384)]
+KeyName = Annotated[
+    str,
+    Field(
+        pattern=r"^[a-z0-9_]{1,20}$",
+        description="a key as PsychoPy names it: up, down, left, right, return, space, num_add, a, 1",
+    ),
+    ONE_LINE,
+]
+
+
+def _key_rules(table: Any) -> Iterator[Broken]:
+    """No key is there for two things."""
+    keys = {name: table.get(name, field.default) for name, field in ScreenKeys.model_fields.items()}
+    for pair in combinations(keys, 2):
+        # The one that the file names is told; the other may be there by default.
+        default, named = sorted(pair, key=lambda name: name in table)
+        if keys[default] == keys[named]:
+            yield Broken((named,), f"another key than that of `{default}`")
+
+
+class ScreenKeys(Confined):
+    """The keys or buttons that the participant has.
+
+    Attributes:
+        louder: makes the masker louder.
+        softer: makes it softer.
+        done: says that the masker is loud enough.
+    """
+
+    RULES: ClassVar[Rules] = _key_rules
+
+    louder: KeyName = "up"
+    softer: KeyName = "down"
+    done: KeyName = "return"
+
+
+class ScreenWords(Confined):
+    """What the screen says in its own words, in the participant's language. Instructions are the protocol's.
+
+    Attributes:
+        wait: while there is nothing to do.
+        masker: while the participant sets the masker's level.
+        set_for_you: while the experimenter does.
+        louder: what the key does.
+        softer: what the key does.
+        inaudible: that the level is right.
+        loudest: that it is at its limit.
+        rest: while the tracker is zeroed.
+        ready: a trial is armed.
+        answer: the answer is waited for.
+        pause: during a break, above the time that is left.
+        pause_over: once that time is over.
+        slow: of the last step, where the protocol has rules about its speed.
+        right: as `slow`.
+        fast: as `slow`.
+        thanks: once the session has ended.
+        gone: while there is no connection with the session.
+    """
+
+    wait: Line = "Please wait."
+    masker: Line = "The noise hides the sound of the panel. Make it louder until you no longer hear the panel."
+    set_for_you: Line = "The noise hides the sound of the panel. Say when you no longer hear the panel."
+    louder: Line = "louder"
+    softer: Line = "softer"
+    inaudible: Line = "I no longer hear it"
+    loudest: Line = "It is as loud as it may be."
+    rest: Line = "Rest your foot still on the panel."
+    ready: Line = "You may step."
+    answer: Line = "Say aloud what you felt."
+    pause: Line = "Time for a break."
+    pause_over: Line = "The break is over. We go on when you are ready."
+    slow: Line = "too slow"
+    right: Line = "good speed"
+    fast: Line = "too fast"
+    thanks: Line = "This session is over. Thank you."
+    gone: Line = "Please wait a moment. The experimenter will be with you."
+
+
+class ScreenRig(Confined):
+    """The participant's screen, a process of its own that `palpate run` starts.
+
+    Attributes:
+        display: which display of the machine, from 0.
+        fullscreen: whether it covers the whole display.
+        width_px: of a screen that does not.
+        height_px: of a screen that does not.
+        font: a font file (.ttf, .otf, .ttc) that holds every letter of the texts; without it one is searched for.
+        keys: the keys that the participant has.
+        words: what the screen says.
+    """
+
+    display: Annotated[int, Field(ge=0, le=15)] = 0
+    fullscreen: bool = True
+    width_px: Pixels = 1280
+    height_px: Pixels = 800
+    font: Line | None = None
+    keys: ScreenKeys | None = None
+    words: ScreenWords | None = None

@@ -1,0 +1,75 @@
+"""What the participant's screen shows, from what the console does: nothing that is presented or laid out passes.
+
+Of a view only its state, the kind of its question, the protocol's own instruction, the pace of the last step, the
+masker's place under its limit, the end of a break, whether a fault ended the session, and the label of a practice are
+looked at.
+"""
+
+from __future__ import annotations
+
+from typing import get_args
+
+from experiment.desk.messages import ENTER, Gauges, Label, Prompt, Show, View
+from experiment.protocol.models import Masker
+from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
+
+KEYS = (LOUDER_KEY, SOFTER_KEY, ENTER)
+"""The participant has these keys and no others."""
+
+AT_QUESTION: dict[str, Show] = {
+    "agree": "wait",
+    "write": "wait",
+    "familiarise": "instructions",
+    "level": "masker",
+    "rest": "rest",
+    "place": "wait",
+    "answer": "answer",
+    "confirm": "answer",
+    "debrief": "wait",
+    "break": "break",
+    "continue": "break",
+}
+"""What is shown while the experimenter is asked a question of this kind."""
+
+IN_STATE: dict[str, Show] = {
+    "familiarising": "instructions",
+    "armed": "ready",
+    "answering": "answer",
+    "paused": "break",
+    "ended": "thanks",
+}
+"""What is shown in this state while nothing is asked; in any other the participant waits."""
+
+
+def answerable(masker: Masker) -> frozenset[str]:
+    """Return the kinds of question that the participant may answer at the screen: no trial is, they answer aloud."""
+    return frozenset({"level"} if masker.level_set_by == "participant" else ())
+
+
+def _loudest(gauges: Gauges | None) -> bool:
+    if gauges is None or gauges.masker_db_a is None or gauges.masker_limit_db_a is None:
+        return False
+    return gauges.masker_db_a >= gauges.masker_limit_db_a
+
+
+def prompt(view: View, answerable: frozenset[str]) -> Prompt:
+    """Return what the participant's screen shows, with the number 0."""
+    asked = view.question
+    show = IN_STATE.get(view.state, "wait") if asked is None else AT_QUESTION[asked.kind]
+    if show == "thanks" and view.ended is not None and view.ended.exit_code:
+        # A fault ended it; the experimenter sees to it, and the session goes on.
+        show = "wait"
+    gauges = view.gauges
+    theirs = asked if asked is not None and asked.kind in answerable else None
+    offered = {choice.key for choice in theirs.choices} if theirs is not None else set()
+    if _loudest(gauges):
+        offered.discard(LOUDER_KEY)
+    return Prompt(
+        show=show,
+        text=view.instruction if show == "instructions" else "",
+        question=theirs.number if theirs is not None else None,
+        keys=tuple(key for key in KEYS if key in offered),
+        pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
+        until_ns=view.pause_until_ns if show == "break" else None,
+        label=next((label for label in get_args(Label) if label == view.label), ""),
+    )

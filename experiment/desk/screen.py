@@ -1,0 +1,286 @@
+"""The participant's screen: a process of its own that shows a session's prompts in a window of PsychoPy.
+
+It may come, go and crash at any moment. The session goes on, and tells it what to show when it is back. Without a
+session it asks the participant to wait, and looks for one. Only here is PsychoPy imported.
+"""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from filelock import FileLock, Timeout
+
+from experiment.apparatus.display import ScreenRig
+from experiment.clock import monotonic_ns, wall_ns
+from experiment.desk import pages
+from experiment.desk.link import Line
+from experiment.desk.messages import Choose, Deed, Hello, Prompt, Shown
+from experiment.desk.pages import Page
+from experiment.errors import DisplayError, LinkError
+
+if TYPE_CHECKING:
+    from PIL.Image import Image
+
+BY = "the participant's screen"
+"""Who asks for something here, as it goes on record."""
+
+POLL_S = 0.02
+"""Keys and prompts are looked for so often, s."""
+
+AGAIN_S = 0.5
+"""So long after it found no session the screen looks again, s."""
+
+REDRAW_NS = 1_000_000_000
+"""A page is drawn anew so often, ns, in case something covered the window."""
+
+FAREWELL_NS = 60_000_000_000
+"""So long thanks stand on the screen of a session that has ended, ns, unless another one begins."""
+
+
+@dataclass(frozen=True)
+class Heard:
+    """What a session said last, and the way back to it; without a session no way, and thanks alone as what it said."""
+
+    line: Line | None = None
+    prompt: Prompt | None = None
+
+
+class Feed:
+    """Looks for a session, and hears it on a thread of its own."""
+
+    def __init__(self, path: Path) -> None:
+        """Look for a session at `path` from now on."""
+        self._path = path
+        self._heard = Heard()
+        self._failed: LinkError | None = None
+        self._closing = threading.Event()
+        threading.Thread(target=self._follow, name="prompts", daemon=True).start()
+
+    def heard(self) -> Heard:
+        """Return what was heard last. Raises `LinkError` for a session of another version."""
+        if self._failed is not None:
+            raise self._failed
+        return self._heard
+
+    def close(self) -> None:
+        """Leave the session."""
+        self._closing.set()
+        if (line := self._heard.line) is not None:
+            line.close()
+
+    def _follow(self) -> None:
+        while not self._closing.is_set():
+            try:
+                line = Line(self._path, Hello(role="screen", by=BY))
+            except LinkError:
+                # None listens yet, or any longer: the participant was asked to wait, and it is looked for again.
+                self._closing.wait(AGAIN_S)
+                continue
+            try:
+                for message in line.messages():
+                    if isinstance(message, Prompt):
+                        self._heard = Heard(line, message)
+            except LinkError as error:
+                self._failed = error
+                return
+            finally:
+                line.close()
+                ended = self._heard.prompt is not None and self._heard.prompt.show == "thanks"
+                self._heard = Heard(None, self._heard.prompt if ended else None)
+
+
+class Window:
+    """A window of PsychoPy that shows pictures of its own size, and the keys pressed in it."""
+
+    def __init__(self, settings: ScreenRig) -> None:
+        """Open it. Raises `DisplayError`."""
+        try:
+            from psychopy import logging, visual
+            from psychopy.hardware import keyboard
+        except ImportError as error:
+            raise DisplayError(
+                f"the participant's screen needs PsychoPy ({error}); install palpate[lab] with Python 3.11 or 3.12, "
+                "and the system's OpenGL with GLU"
+            ) from error
+        except Exception as error:
+            raise _no_display(error) from error
+        logging.console.setLevel(logging.ERROR)
+        _check_display(settings.display)
+        try:
+            self._window = visual.Window(
+                size=(settings.width_px, settings.height_px),
+                fullscr=settings.fullscreen,
+                screen=settings.display,
+                winType="pyglet",
+                units="pix",
+                color=pages.BACKGROUND,
+                colorSpace="rgb255",
+                allowGUI=not settings.fullscreen,
+                checkTiming=False,
+                title="palpate",
+            )
+        except Exception as error:
+            raise _no_display(error) from error
+        self._window.mouseVisible = False
+        # The backend `event` hears this window alone; the others hear what the experimenter types elsewhere as well.
+        self._keyboard = keyboard.Keyboard(backend="event")
+        self._stimulus = visual.ImageStim(self._window, units="pix", size=self.size_px)
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height."""
+        width, height = self._window.size
+        return int(width), int(height)
+
+    @property
+    def closed(self) -> bool:
+        """Whether somebody closed it."""
+        return bool(self._window.winHandle.has_exit)
+
+    def put(self, picture: Image) -> None:
+        """Have another picture shown from the next `show` on."""
+        self._stimulus.setImage(picture, log=False)
+
+    def show(self) -> int:
+        """Show the picture; return since when it is seen, by the system's monotonic clock, ns."""
+        self._stimulus.draw()
+        self._window.flip()
+        return monotonic_ns()
+
+    def pressed(self) -> list[str]:
+        """Return the keys that were pressed since the last call, oldest first, by their names in PsychoPy."""
+        pressed = self._keyboard.getKeys(waitRelease=False)
+        # With this backend some versions of PsychoPy put the time beside the name.
+        return [str(key.name if isinstance(key.name, str) else key.name[0]) for key in pressed]
+
+    def close(self) -> None:
+        """Close it."""
+        self._window.close()
+
+
+def _no_display(error: Exception) -> DisplayError:
+    return DisplayError(
+        f"the participant's screen cannot be opened ({type(error).__name__}: {error}); allowed: a display with "
+        "OpenGL 2; run this where that display is, on Linux with DISPLAY set"
+    )
+
+
+def _check_display(display: int) -> None:
+    """Refuse a display that is not there: PsychoPy would take the first, which may be the experimenter's."""
+    import pyglet
+
+    found = len(pyglet.canvas.get_display().get_screens())
+    if display < found:
+        return
+    if sys.platform.startswith("linux"):
+        # On X a display may be a screen of the server's own.
+        with suppress(pyglet.canvas.xlib.NoSuchDisplayException):
+            pyglet.canvas.Display(x_screen=display).close()
+            return
+    raise DisplayError(f"screen.display: got {display}; allowed: 0 to {found - 1} on this machine; name another")
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Hold the place of the one screen of a session. Raises `DisplayError`."""
+    try:
+        with FileLock(path.with_suffix(".screen"), timeout=0):
+            yield
+    except Timeout:
+        raise DisplayError("this session's screen is open already; close it first, or use it") from None
+
+
+class Screen:
+    """Shows what a session says, until somebody closes the window or the session has ended."""
+
+    def __init__(
+        self, feed: Feed, window: Window, settings: ScreenRig, folder: Path, tell: Callable[[str], None]
+    ) -> None:
+        """Show the prompts of `feed`; `folder` is that of the rig file, from which a font is named."""
+        self._say = tell
+        self._feed = feed
+        self._window = window
+        self._settings = settings
+        self._font = folder / settings.font if settings.font else None
+        self._page: Page | None = None
+        self._prompt: Prompt | None = None
+        self._since_ns = self._drawn_ns = 0
+        self._told: tuple[Line, int] | None = None
+        self._gone_ns: int | None = None
+        self._missing = ""
+
+    def run(self) -> None:
+        """Show page after page. Raises `LinkError` for a session of another version, and `DisplayError`."""
+        while not self._window.closed:
+            heard = self._feed.heard()
+            self._send_keys(heard)
+            self._show(heard.prompt)
+            self._tell(heard)
+            if self._over(heard):
+                return
+            time.sleep(POLL_S)
+
+    def _send_keys(self, heard: Heard) -> None:
+        for key in self._window.pressed():
+            choice = pages.chosen(self._prompt, key, self._settings)
+            if heard.line is not None and choice is not None and self._prompt is not None:
+                _send(heard.line, Choose(question=self._prompt.question or 0, key=choice))
+
+    def _show(self, prompt: Prompt | None) -> None:
+        page = pages.page(prompt, self._settings, wall_ns())
+        if page != self._page:
+            self._window.put(self._picture(page))
+            self._since_ns = self._drawn_ns = self._window.show()
+            # What was pressed before the page was seen answers nothing on it.
+            self._window.pressed()
+        elif monotonic_ns() - self._drawn_ns > REDRAW_NS:
+            self._drawn_ns = self._window.show()
+        self._page, self._prompt = page, prompt
+
+    def _picture(self, page: Page) -> Image:
+        font, missing = pages.font_for(page.letters, self._font)
+        if missing and missing != self._missing:
+            self._missing = missing
+            self._say(
+                f"screen.font: {font.name} has no {missing[:20]}; install a font that has (for Japanese on Debian: "
+                "fonts-noto-cjk or fonts-ipafont-gothic), or name its file"
+            )
+        return pages.drawn(page, self._window.size_px, font)
+
+    def _tell(self, heard: Heard) -> None:
+        """Tell the session what is shown, once for each prompt that looks otherwise."""
+        if heard.line is None or heard.prompt is None or self._told == (heard.line, heard.prompt.number):
+            return
+        self._told = heard.line, heard.prompt.number
+        _send(heard.line, Shown(number=heard.prompt.number, t_ns=self._since_ns))
+
+    def _over(self, heard: Heard) -> bool:
+        """Return whether thanks have stood long enough on the screen of a session that is gone."""
+        if heard.line is not None or heard.prompt is None:
+            self._gone_ns = None
+            return False
+        if self._gone_ns is None:
+            self._gone_ns = monotonic_ns()
+        return monotonic_ns() - self._gone_ns > FAREWELL_NS
+
+
+def _send(line: Line, deed: Deed) -> None:
+    # A session that has gone meanwhile needs to hear nothing; the next prompt says that it has.
+    with suppress(LinkError):
+        line.send(deed)
+
+
+def show(path: Path, settings: ScreenRig, folder: Path, tell: Callable[[str], None]) -> None:
+    """Be the participant's screen of the session at `path`, until it has ended, or the window or process is closed.
+
+    `tell` tells a line to whoever started the screen. Raises `DisplayError` and `LinkError`.
+    """
+    with alone(path), closing(Window(settings)) as window, closing(Feed(path)) as feed, suppress(KeyboardInterrupt):
+        Screen(feed, window, settings, folder, tell).run()

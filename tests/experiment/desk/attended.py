@@ -1,0 +1,34 @@
+"""A session under way, as a desk sees it: it keeps what was put on record."""
+
+from __future__ import annotations
+
+from experiment.desk.messages import Gauges, Prompt, Standing
+from experiment.desk.port import Remark
+
+
+class Recorded:
+    """Implements `Attended`."""
+
+    def __init__(self) -> None:
+        self.measured = Gauges(left_s=600, masker_db_a=50, masker_limit_db_a=80)
+        self.commands: list[tuple[str, str, bool]] = []
+        self.paused = False
+        self.shows: list[tuple[Prompt, int]] = []
+
+    def gauges(self) -> Gauges:
+        return self.measured
+
+    def standing(self) -> Standing:
+        return Standing(purpose="STUDY")
+
+    def remark(self, remark: Remark) -> tuple[bool, str]:
+        raise AssertionError(f"nobody remarks: {remark}")
+
+    def pause(self) -> None:
+        self.paused = True
+
+    def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
+        self.commands.append((by, command, taken))
+
+    def shown(self, prompt: Prompt, ago_ns: int) -> None:
+        self.shows.append((prompt, ago_ns))

@@ -1,0 +1,236 @@
+"""Pages of the participant's screen: what stands on them, how lines break, and that nothing of them startles."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
+from experiment.desk import pages
+from experiment.desk.messages import ENTER, Prompt
+from experiment.desk.pages import BACKGROUND, CAP, LIT, MUTED, TEXT, Colour, Page
+from experiment.errors import DisplayError
+
+FONT = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+RIG = ScreenRig()
+SIZE_PX = (1280, 800)
+GERMAN = "Treten Sie, so oft Sie möchten, auf die Zylinder: Größe und Geschwindigkeitsänderung gehören Ihnen."
+JAPANESE = (
+    "四種類の円筒（コピー用紙、アルミホイル）を、何度でも自由に踏んでください。「準備」ができたら声をかけてください。"
+)
+
+
+def wide(text: str) -> float:
+    """Return a width as of a Japanese font: one for each letter, a half for each of ASCII."""
+    return sum(0.5 if letter.isascii() else 1.0 for letter in text)
+
+
+def drawn(page: Page) -> NDArray[np.uint8]:
+    return np.asarray(pages.drawn(page, SIZE_PX, FONT))
+
+
+SHOWN: dict[str, tuple[Prompt | None, str]] = {
+    "wait": (Prompt(), "Please wait."),
+    "instructions": (Prompt(show="instructions", text="Crinkle the foil."), "Crinkle the foil."),
+    "rest": (Prompt(show="rest"), "Rest your foot still on the panel."),
+    "ready": (Prompt(show="ready"), "You may step."),
+    "answer": (Prompt(show="answer"), "Say aloud what you felt."),
+    "thanks": (Prompt(show="thanks"), "This session is over. Thank you."),
+    "no session": (None, "Please wait a moment. The experimenter will be with you."),
+}
+
+
+@pytest.mark.parametrize(("prompt", "text"), SHOWN.values(), ids=SHOWN)
+def test_a_prompt_has_its_words(prompt: Prompt | None, text: str) -> None:
+    assert pages.page(prompt, RIG, 0).text == text
+
+
+def test_words_may_be_of_another_language() -> None:
+    words = ScreenWords(ready="踏んでください。", right="ちょうどよい")
+    page = pages.page(Prompt(show="ready", pace="right"), ScreenRig(words=words), 0)
+    assert (page.text, page.paces[1]) == ("踏んでください。", ("right", "ちょうどよい", True))
+
+
+def test_the_masker_has_three_keys_with_what_they_do() -> None:
+    asked = Prompt(show="masker", question=3, keys=("+", "-", ENTER))
+    keys = (("↑", "louder"), ("↓", "softer"), ("Enter", "I no longer hear it"))
+    assert pages.page(asked, RIG, 0).keys == keys
+    at_limit = pages.page(asked.model_copy(update={"keys": ("-", ENTER)}), RIG, 0).keys
+    assert at_limit == (("", "It is as loud as it may be."), *keys[1:])
+    assert pages.page(Prompt(show="masker"), RIG, 0).keys == ()
+
+
+@pytest.mark.parametrize(
+    ("key", "choice"), [("up", "+"), ("down", "-"), ("space", ENTER), ("return", None), ("a", None), ("q", None)]
+)
+def test_a_key_chooses_what_stands_beside_it(key: str, choice: str | None) -> None:
+    settings = ScreenRig(keys=ScreenKeys(done="space"))
+    asked = Prompt(show="masker", question=3, keys=("+", "-", ENTER))
+    assert pages.chosen(asked, key, settings) == choice
+    assert pages.chosen(asked.model_copy(update={"keys": ()}), key, settings) is None
+    assert pages.chosen(asked.model_copy(update={"question": None}), key, settings) is None
+    assert pages.chosen(None, key, settings) is None
+
+
+@pytest.mark.parametrize(
+    ("left_s", "text", "clock"),
+    [
+        (300.0, "Time for a break.", "5:00"),
+        (299.001, "Time for a break.", "5:00"),
+        (61.0, "Time for a break.", "1:01"),
+        (0.5, "Time for a break.", "0:01"),
+        (0.0, "The break is over. We go on when you are ready.", ""),
+        (-90.0, "The break is over. We go on when you are ready.", ""),
+    ],
+)
+def test_a_break_counts_down(left_s: float, text: str, clock: str) -> None:
+    now_ns = 1_800_000_000_000_000_000
+    page = pages.page(Prompt(show="break", until_ns=now_ns + int(left_s * 1e9)), RIG, now_ns)
+    assert (page.text, page.clock) == (text, clock)
+
+
+def test_a_break_without_an_end_has_no_clock() -> None:
+    assert pages.page(Prompt(show="break"), RIG, 0) == Page("Time for a break.")
+
+
+@given(
+    text=st.text("ab äß\n漢字、。「」-", max_size=80),
+    width=st.floats(1.0, 30.0),
+)
+def test_lines_lose_no_letter_and_are_no_wider(text: str, width: float) -> None:
+    lines = pages.wrapped(text, width, wide)
+    assert "".join("".join(lines).split()) == "".join(text.split())
+    assert all(wide(line) <= width or len(line) == 1 for line in lines)
+
+
+@given(words=st.lists(st.text("abcäöü", min_size=1, max_size=9), min_size=1, max_size=20))
+def test_words_that_fit_stay_whole(words: list[str]) -> None:
+    assert " ".join(pages.wrapped(" ".join(words), 9.0, wide)).split() == words
+
+
+@pytest.mark.parametrize("width", [6.0, 8.0, 11.0, 20.0])
+def test_japanese_breaks_between_letters_but_before_no_full_stop(width: float) -> None:
+    lines = pages.wrapped(JAPANESE, width, wide)
+    assert len(lines) > 2
+    assert not [line for line in lines if line[0] in "、。）」ーっ"]
+    assert not [line for line in lines if line[-1] in "（「"]
+
+
+def test_a_word_longer_than_a_line_is_broken() -> None:
+    assert pages.wrapped("Geschwindigkeit", 3.0, wide) == ["Geschw", "indigk", "eit"]
+
+
+@pytest.mark.parametrize("page", [pages.page(prompt, RIG, 0) for prompt, _ in SHOWN.values()], ids=SHOWN)
+def test_a_picture_is_dark_with_its_text_inside(page: Page) -> None:
+    picture = drawn(page)
+    edge = [picture[0], picture[-1], picture[:, 0], picture[:, -1]]
+    assert all((part == BACKGROUND).all() for part in edge)
+    assert 0.002 < (picture != BACKGROUND).any(axis=2).mean() < 0.2
+    assert picture.max() < 220
+    assert picture.mean() < 60
+
+
+def test_pictures_differ_by_prompt_and_by_pace() -> None:
+    prompts = [prompt for prompt, _ in SHOWN.values()]
+    prompts += [Prompt.model_validate({"show": "ready", "pace": pace}) for pace in LIT]
+    prompts += [Prompt(show="masker", question=1, keys=keys) for keys in (("+", "-", ENTER), ("-", ENTER))]
+    pictures = [drawn(pages.page(prompt, RIG, 0)).tobytes() for prompt in prompts]
+    assert len(set(pictures)) == len(pictures)
+
+
+def test_the_pace_moves_no_text() -> None:
+    """What the participant reads while stepping stays where it is, whatever the step before was like."""
+    slow, fast = (
+        drawn(pages.page(Prompt.model_validate({"show": "ready", "pace": pace}), RIG, 0)) for pace in ("slow", "fast")
+    )
+    assert (slow[:600] == fast[:600]).all()
+    assert (slow[600:] != fast[600:]).any()
+
+
+def luminance(colour: Colour) -> float:
+    """Return the relative luminance of WCAG 2.1, of 1."""
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (part / 255 for part in colour)]
+    return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
+
+
+@pytest.mark.parametrize(
+    ("ink", "paper", "least"),
+    [
+        (TEXT, BACKGROUND, 7.0),
+        (TEXT, CAP, 7.0),
+        (MUTED, BACKGROUND, 4.5),
+        *((BACKGROUND, one, 4.5) for one in LIT.values()),
+    ],
+)
+def test_text_stands_out_as_web_pages_must(ink: Colour, paper: Colour, least: float) -> None:
+    """WCAG 2.1: 7 to 1 for text (AAA), 4.5 to 1 for what is beside it (AA)."""
+    lighter, darker = sorted((luminance(ink), luminance(paper)), reverse=True)
+    assert (lighter + 0.05) / (darker + 0.05) >= least
+
+
+@pytest.mark.parametrize("text", ["Wait.", GERMAN * 6, "lang " * 900, "W" * 400])
+@pytest.mark.parametrize("size_px", [(1280, 800), (640, 1000)])
+def test_a_long_text_stays_on_the_screen(text: str, size_px: tuple[int, int]) -> None:
+    page = Page(text, clock="9:59", keys=(("↑", "louder"), ("↓", "softer")), label="PRACTICE")
+    picture = np.asarray(pages.drawn(page, size_px, FONT))
+    edges = (picture[:8], picture[-8:], picture[:, :8], picture[:, -8:])
+    assert all((part == BACKGROUND).all() for part in edges)
+
+
+def test_short_texts_are_large() -> None:
+    """A capital of You may step. is at least 5 % of the height: read from four metres on a screen of 30 cm."""
+    rows = np.flatnonzero((drawn(pages.page(Prompt(show="ready"), RIG, 0)) != BACKGROUND).any(axis=(1, 2)))
+    assert rows[-1] - rows[0] >= 0.05 * SIZE_PX[1]
+
+
+def test_no_word_is_left_alone() -> None:
+    text = (
+        "Crinkle the four kinds of real cylinders on the panel, as often as you like, until you feel familiar with "
+        "them."
+    )
+    picture = drawn(pages.page(Prompt(show="instructions", text=text), RIG, 0))
+    columns = [np.flatnonzero((row != BACKGROUND).any(axis=1)) for row in picture]
+    widths = [column[-1] - column[0] for column in columns if column.size]
+    gaps = [i for i, (one, other) in enumerate(pairwise(columns)) if not one.size and other.size]
+    assert len(gaps) > 1
+    assert min(sorted(widths)[-20:]) > 600
+
+
+def test_german_has_its_letters_in_the_font_that_is_always_there() -> None:
+    page = Page(GERMAN)
+    assert pages.font_for(page.letters, None) == (FONT, "")
+
+
+def test_japanese_finds_a_font_of_the_machine() -> None:
+    font, missing = pages.font_for(Page(JAPANESE).letters, None)
+    if missing:
+        pytest.skip("needs a font with Japanese letters (package fonts-ipafont-gothic)")
+    assert font != FONT
+    boxes = np.asarray(pages.drawn(Page("一一一一"), SIZE_PX, font))
+    letters = np.asarray(pages.drawn(Page("踏準備声"), SIZE_PX, font))
+    assert (letters != BACKGROUND).sum() > 2 * (boxes != BACKGROUND).sum() > 0
+
+
+def test_letters_that_no_font_has_are_told() -> None:
+    nowhere = "\ue000"
+    font, missing = pages.font_for(frozenset("a" + nowhere), None)
+    assert (font, missing) == (FONT, nowhere)
+
+
+def test_a_font_that_is_none_is_refused_in_words(tmp_path: Path) -> None:
+    broken = tmp_path / "broken.ttf"
+    broken.write_bytes(b"no font")
+    assert pages.font_for(frozenset("ab"), broken) == (broken, "ab")
+    with pytest.raises(DisplayError, match=r"screen\.font: .*broken\.ttf.*; allowed: a font file"):
+        pages.drawn(Page("ab"), SIZE_PX, broken)
+
+
+def test_controls_in_an_instruction_are_shown_as_what_they_are() -> None:
+    assert pages.page(Prompt(show="instructions", text="a\u202eb"), RIG, 0).text == "a<U+202E>b"

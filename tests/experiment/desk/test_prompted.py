@@ -1,0 +1,210 @@
+"""A session's desk toward the participant's screen: what it tells it, and the little that it takes from it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+
+import pytest
+
+from experiment.clock import monotonic_ns
+from experiment.desk import linked
+from experiment.desk.linked import LinkedConsole
+from experiment.desk.messages import (
+    ENTER,
+    Choose,
+    Correct,
+    Deed,
+    Hello,
+    Pause,
+    Prompt,
+    Repeat,
+    Shown,
+    Stop,
+    TakeNote,
+    Typed,
+    View,
+    Write,
+)
+from tests.experiment.desk.attended import Recorded
+
+SCREEN = Hello(role="screen", by="the participant's screen")
+CONSOLE = Hello(role="console", by="console")
+KEYS = {"+": "masker louder", "-": "masker softer"}
+
+
+@pytest.fixture
+def session() -> Recorded:
+    return Recorded()
+
+
+@pytest.fixture
+def desk(session: Recorded) -> LinkedConsole:
+    made = LinkedConsole(View(study="study", participant="01"), answerable=frozenset({"level"}), screen=True)
+    made.came(1, 0)
+    made.attend(session)
+    return made
+
+
+@pytest.fixture
+def aside(desk: LinkedConsole) -> Iterator[ThreadPoolExecutor]:
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
+        # Whatever still waits for a key, after a test that failed, ends.
+        desk.take(CONSOLE, Stop())
+
+
+def level(desk: LinkedConsole) -> str:
+    return desk.level(level_db_a=50, limit_db_a=80, criterion="Nothing is heard.", keys=KEYS)
+
+
+def prompt(desk: LinkedConsole) -> Prompt:
+    told = desk.tell("screen")
+    assert isinstance(told, Prompt)
+    return told
+
+
+def asked(desk: LinkedConsole, show: str, after: int = 0) -> Prompt:
+    """Wait until the desk shows this, for a question after the one with this number, and return it."""
+    shown = threading.Event()
+    desk.wake = shown.set
+    while (told := prompt(desk)).show != show or (told.question or after + 1) <= after:
+        assert shown.wait(5)
+        shown.clear()
+    return told
+
+
+def view(desk: LinkedConsole) -> View:
+    told = desk.tell("console")
+    assert isinstance(told, View)
+    return told
+
+
+def test_the_participant_sets_the_masker(desk: LinkedConsole, session: Recorded, aside: ThreadPoolExecutor) -> None:
+    chosen: Future[str] = aside.submit(level, desk)
+    told = asked(desk, "masker")
+    assert told.keys == ("+", "-", ENTER)
+    assert desk.take(SCREEN, Choose(question=told.question or 0, key="+")) == (True, "")
+    assert chosen.result(5) == "+"
+    assert session.commands == [("the participant's screen", f"choose {told.question} +", True)]
+
+
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    moment = [monotonic_ns()]
+    monkeypatch.setattr(linked, "monotonic_ns", lambda: moment[0])
+    return moment
+
+
+def test_between_two_questions_the_screen_stays_as_it_is(
+    desk: LinkedConsole, aside: ThreadPoolExecutor, now: list[int]
+) -> None:
+    chosen = aside.submit(level, desk)
+    told = asked(desk, "masker")
+    desk.take(SCREEN, Choose(question=told.question or 0, key="-"))
+    chosen.result(5)
+    assert prompt(desk) == told
+    now[0] += linked.PATIENCE_NS - 1
+    assert prompt(desk) == told
+    now[0] += 1
+    assert prompt(desk).show == "wait"
+
+
+def test_the_same_look_keeps_its_number_and_another_gets_its_own(
+    desk: LinkedConsole, aside: ThreadPoolExecutor
+) -> None:
+    numbers = []
+    for before in (0, 1):
+        chosen = aside.submit(level, desk)
+        told = asked(desk, "masker", before)
+        numbers.append((told.number, told.question))
+        desk.take(SCREEN, Choose(question=told.question or 0, key="-"))
+        chosen.result(5)
+    assert numbers == [(numbers[0][0], 1), (numbers[0][0], 2)]
+    desk.arm(trial=1, attempt=1, trials=4)
+    assert prompt(desk).number == numbers[0][0] + 1
+
+
+def test_an_answer_to_a_trial_is_not_the_participants(
+    desk: LinkedConsole, session: Recorded, aside: ThreadPoolExecutor
+) -> None:
+    said = aside.submit(desk.ask, trial=3, answers={"c": "copy paper"}, others={"n": "no answer"})
+    told = asked(desk, "answer")
+    assert (told.question, told.keys) == (None, ())
+    number = view(desk).question
+    assert number is not None
+    refused = desk.take(SCREEN, Choose(question=number.number, key="c"))
+    assert refused == (False, "The participant does not answer this question at the screen.")
+    assert session.commands[-1] == ("the participant's screen", f"choose {number.number} c", False)
+    assert desk.take(CONSOLE, Choose(question=number.number, key="c"))[0]
+    assert said.result(5) == "c"
+
+
+@pytest.mark.parametrize(
+    "deed",
+    [
+        TakeNote(text="a"),
+        Correct(trial=1, key="c", reason="a"),
+        Repeat(trial=1, reason="a"),
+        Pause(),
+        Stop(),
+        Typed(keys="c"),
+        Write(question=1, text="a"),
+    ],
+    ids=lambda deed: deed.do,
+)
+def test_a_screen_may_ask_for_nothing_else(desk: LinkedConsole, session: Recorded, deed: Deed) -> None:
+    assert desk.take(SCREEN, deed) == (False, "The participant's screen may not ask for that.")
+    assert [(by, taken) for by, _, taken in session.commands] == [("the participant's screen", False)]
+    assert desk.ignored() == ""
+
+
+def test_what_is_shown_goes_on_record_with_its_time(desk: LinkedConsole, session: Recorded) -> None:
+    desk.arm(trial=1, attempt=1, trials=4)
+    told = prompt(desk)
+    assert desk.take(SCREEN, Shown(number=told.number, t_ns=monotonic_ns() - 1_000_000)) == (True, "")
+    ((shown, ago_ns),) = session.shows
+    assert shown == told
+    assert 1_000_000 <= ago_ns < 1_000_000_000
+    assert session.commands == []
+
+
+def test_what_cannot_have_been_shown_is_refused(desk: LinkedConsole, session: Recorded) -> None:
+    number = prompt(desk).number
+    refused = (False, "The participant's screen cannot have shown that.")
+    assert desk.take(SCREEN, Shown(number=number, t_ns=monotonic_ns() + 10**12)) == refused
+    assert desk.take(SCREEN, Shown(number=number + 1, t_ns=0)) == refused
+    assert not desk.take(CONSOLE, Shown(number=number, t_ns=0))[0]
+    assert session.shows == []
+
+
+def test_a_screen_that_comes_late_hears_where_the_session_is(desk: LinkedConsole) -> None:
+    desk.arm(trial=1, attempt=1, trials=4)
+    assert prompt(desk).show == "ready"
+    desk.attend(None)
+    desk.ended("The session is complete.", 0)
+    assert prompt(desk).show == "thanks"
+
+
+def test_the_console_has_a_lamp_for_the_screen(desk: LinkedConsole) -> None:
+    def lamp() -> tuple[bool | None, str]:
+        gauges = view(desk).gauges
+        assert gauges is not None
+        (found,) = [lamp for lamp in gauges.lamps if lamp.name == "screen"]
+        return found.good, found.words
+
+    assert lamp() == (False, "not connected; `palpate screen` opens it")
+    desk.came(1, 1)
+    assert lamp() == (True, "connected")
+
+
+def test_a_rig_without_a_screen_has_no_lamp_until_one_comes(session: Recorded) -> None:
+    desk = LinkedConsole(View())
+    desk.attend(session)
+    assert view(desk).gauges == session.measured
+    desk.came(1, 1)
+    desk.came(1, 0)
+    gauges = view(desk).gauges
+    assert gauges is not None
+    assert [lamp.good for lamp in gauges.lamps] == [False]

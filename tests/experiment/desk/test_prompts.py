@@ -1,0 +1,110 @@
+"""What reaches the participant's screen: nothing that is presented or laid out, and no key that is not theirs."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiment.desk.messages import ENTER, Choice, Ended, Gauges, Prompt, Question, View, line
+from experiment.desk.prompts import AT_QUESTION, answerable, prompt
+from experiment.protocol.models import Masker
+from tests.experiment.desk.views import KINDS, MARK, views
+
+THEIRS = frozenset({"level"})
+LEVEL = (Choice(key="+", words="louder"), Choice(key="-", words="softer"), Choice(key=ENTER, words="keep"))
+
+
+@given(view=views, kinds=st.frozensets(st.sampled_from(KINDS)))
+def test_nothing_that_is_presented_reaches_the_screen(view: View, kinds: frozenset[str]) -> None:
+    assert MARK.encode() not in line(prompt(view, kinds))
+
+
+@given(view=views, other=views, kinds=st.frozensets(st.sampled_from(KINDS)))
+def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: frozenset[str]) -> None:
+    """A view whose every other field is that of another view, at random, gives the same prompt."""
+    question, gauges = view.question, view.gauges
+    if question is not None and other.question is not None:
+        words = other.question.text
+        asked = tuple(choice.model_copy(update={"words": words, "answer": False}) for choice in question.choices)
+        question = question.model_copy(update={"text": words, "choices": asked})
+    if gauges is not None and other.gauges is not None:
+        kept = {name: getattr(gauges, name) for name in ("pace", "masker_db_a", "masker_limit_db_a")}
+        gauges = other.gauges.model_copy(update=kept)
+    matters = {name: getattr(view, name) for name in ("state", "instruction", "pause_until_ns", "label")}
+    ended = view.ended
+    if ended is not None and other.ended is not None:
+        ended = other.ended.model_copy(update={"exit_code": ended.exit_code})
+    exchanged = other.model_copy(update={**matters, "question": question, "gauges": gauges, "ended": ended})
+    assert prompt(exchanged, kinds) == prompt(view, kinds)
+
+
+@given(view=views, kinds=st.frozensets(st.sampled_from(KINDS)))
+def test_the_participant_has_three_keys_and_those_only_for_their_own_questions(
+    view: View, kinds: frozenset[str]
+) -> None:
+    shown = prompt(view, kinds)
+    assert set(shown.keys) <= {"+", "-", ENTER}
+    if view.question is None or view.question.kind not in kinds:
+        assert (shown.question, shown.keys) == (None, ())
+    else:
+        assert shown.question == view.question.number
+
+
+def test_every_kind_of_question_has_its_page() -> None:
+    assert tuple(AT_QUESTION) == KINDS
+
+
+@pytest.mark.parametrize(
+    ("state", "show"),
+    [
+        ("preparing", "wait"),
+        ("familiarising", "instructions"),
+        ("armed", "ready"),
+        ("answering", "answer"),
+        ("waiting", "wait"),
+        ("paused", "break"),
+        ("ended", "thanks"),
+    ],
+)
+def test_every_state_has_its_page(state: str, show: str) -> None:
+    assert prompt(View.model_validate({"state": state}), THEIRS).show == show
+
+
+@pytest.mark.parametrize(("exit_code", "show"), [(0, "thanks"), (2, "wait"), (70, "wait")])
+def test_nobody_is_thanked_because_of_a_fault(exit_code: int, show: str) -> None:
+    assert prompt(View(state="ended", ended=Ended(words="", exit_code=exit_code)), THEIRS).show == show
+
+
+def test_real_objects_are_laid_out_behind_a_page_that_is_always_the_same() -> None:
+    laid = {
+        prompt(
+            View(
+                state="answering",
+                lay_out=material,
+                question=Question(number=7, kind="place", text=material, choices=()),
+            ),
+            THEIRS,
+        )
+        for material in ("copy paper", "aluminum foil")
+    }
+    assert laid == {Prompt(show="wait")}
+
+
+@pytest.mark.parametrize(
+    ("level_db_a", "limit_db_a", "keys"),
+    [(60.0, 80.0, ("+", "-", ENTER)), (80.0, 80.0, ("-", ENTER)), (None, 80.0, ("+", "-", ENTER))],
+)
+def test_a_masker_at_its_limit_offers_no_more(
+    level_db_a: float | None, limit_db_a: float, keys: tuple[str, ...]
+) -> None:
+    gauges = Gauges(left_s=60, masker_db_a=level_db_a, masker_limit_db_a=limit_db_a)
+    asked = Question(number=3, kind="level", text="", choices=LEVEL)
+    shown = prompt(View(question=asked, gauges=gauges), THEIRS)
+    assert (shown.show, shown.question, shown.keys) == ("masker", 3, keys)
+
+
+@pytest.mark.parametrize(("by", "kinds"), [("participant", {"level"}), ("experimenter", set())])
+def test_the_protocol_says_who_sets_the_masker(by: str, kinds: set[str]) -> None:
+    masker = Masker.model_validate({"noise": "pink", "level_set_by": by, "criterion": "Nothing is heard."})
+    assert answerable(masker) == kinds

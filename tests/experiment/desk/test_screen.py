@@ -1,0 +1,232 @@
+"""The participant's screen without a window: what it draws when, what it sends back, and how it outlives a session."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+
+import pytest
+from PIL.Image import Image
+
+from experiment.apparatus.display import ScreenRig
+from experiment.clock import monotonic_ns
+from experiment.desk import pages, screen
+from experiment.desk.link import Line, Link
+from experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Prompt, Shown, View
+from experiment.desk.screen import Feed, Heard, Screen
+from experiment.errors import DisplayError, LinkError
+
+
+class Window:
+    """A window that holds what is drawn, and is closed after as many rounds as the test has keys for."""
+
+    size_px = (640, 400)
+
+    def __init__(self, *rounds: list[str]) -> None:
+        self.rounds = list(rounds)
+        self.pictures: list[Image] = []
+        self.seen = 0
+        self.seen_ns = 0
+        self.fresh = False
+
+    @property
+    def closed(self) -> bool:
+        return not self.rounds
+
+    def put(self, picture: Image) -> None:
+        self.pictures.append(picture)
+        self.fresh = True
+
+    def show(self) -> int:
+        self.seen += 1
+        self.seen_ns = monotonic_ns()
+        return self.seen_ns
+
+    def pressed(self) -> list[str]:
+        if self.fresh:
+            # What was pressed while the page was drawn.
+            self.fresh = False
+            return ["up"]
+        return self.rounds.pop(0)
+
+    def close(self) -> None:
+        pass
+
+
+class Sent:
+    """A way to the session that keeps what is sent."""
+
+    def __init__(self, *, gone: bool = False) -> None:
+        self.deeds: list[Deed] = []
+        self.gone = gone
+
+    def send(self, deed: Deed) -> int:
+        if self.gone:
+            raise LinkError("the session is gone")
+        self.deeds.append(deed)
+        return 0
+
+
+class Told:
+    """A feed that hears one thing after the other."""
+
+    def __init__(self, *heard: Heard) -> None:
+        self.rest = list(heard)
+
+    def heard(self) -> Heard:
+        return self.rest.pop(0) if len(self.rest) > 1 else self.rest[0]
+
+
+@pytest.fixture(autouse=True)
+def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(screen, "POLL_S", 0.0)
+
+
+MASKER = Prompt(number=4, show="masker", question=9, keys=("+", "-", ENTER))
+
+
+def run(feed: Told, window: Window, settings: ScreenRig | None = None) -> list[str]:
+    said: list[str] = []
+    Screen(feed, window, settings or ScreenRig(), Path(), said.append).run()  # type: ignore[arg-type]
+    return said
+
+
+def heard(sent: Sent | None, prompt: Prompt | None) -> Heard:
+    return Heard(sent, prompt)  # type: ignore[arg-type]
+
+
+def test_a_page_is_drawn_once_and_told_once() -> None:
+    sent, window = Sent(), Window([], [], [], [])
+    run(Told(heard(sent, Prompt(number=3, show="ready"))), window)
+    assert (len(window.pictures), window.seen) == (1, 1)
+    assert sent.deeds == [Shown(number=3, t_ns=window.seen_ns)]
+
+
+def test_a_key_answers_the_question_that_was_seen() -> None:
+    sent = Sent()
+    next_one = MASKER.model_copy(update={"question": 10})
+    window = Window([], ["up", "a"], ["down"], ["return"], ["escape"])
+    run(Told(heard(sent, MASKER), heard(sent, MASKER), heard(sent, next_one)), window)
+    keys = [deed for deed in sent.deeds if isinstance(deed, Choose)]
+    assert keys == [Choose(question=9, key="+"), Choose(question=9, key="-"), Choose(question=10, key=ENTER)]
+    assert len(window.pictures) == 1
+
+
+def test_a_key_pressed_before_a_page_was_seen_answers_nothing_on_it() -> None:
+    sent = Sent()
+    run(Told(heard(sent, Prompt()), heard(sent, MASKER)), Window(["up"], ["up"]))
+    assert [deed for deed in sent.deeds if isinstance(deed, Choose)] == []
+
+
+def test_without_a_session_the_participant_is_asked_to_wait_and_later_sees_where_it_is() -> None:
+    sent, again, window = Sent(), Sent(), Window([], [], [], ["up"], [])
+    ready = Prompt(number=1, show="ready")
+    run(Told(heard(sent, ready), heard(None, None), heard(None, None), heard(again, ready)), window)
+    first, gone, last = (picture.tobytes() for picture in window.pictures)
+    assert first == last != gone
+    assert (len(sent.deeds), len(again.deeds)) == (1, 1)
+
+
+def test_a_session_that_goes_while_a_key_is_sent_harms_nothing() -> None:
+    run(Told(heard(Sent(gone=True), MASKER)), Window([], ["up"], []))
+
+
+def test_thanks_stand_for_a_while_once_the_session_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(screen, "FAREWELL_NS", 0)
+    window = Window([], [], [], [])
+    run(Told(heard(Sent(), Prompt(number=5, show="thanks")), heard(None, Prompt(number=5, show="thanks"))), window)
+    assert window.rounds
+    assert len(window.pictures) == 1
+
+
+def test_letters_that_no_font_has_are_told_once() -> None:
+    prompt = Prompt(show="instructions", text="踏 on")
+    words = ScreenRig(font=str(pages.font_for(frozenset("a"), None)[0]))
+    heard_ = [heard(Sent(), prompt), heard(None, None), heard(Sent(), prompt)]
+    (said,) = run(Told(*heard_), Window([], [], [], []), words)
+    assert "screen.font: DejaVuSans.ttf has no" in said
+    assert "fonts-ipafont-gothic" in said
+
+
+class End:
+    """A session's end of the link that says one prompt."""
+
+    def __init__(self, prompt: Prompt) -> None:
+        self.prompt = prompt
+        self.deeds: list[tuple[str, Deed]] = []
+
+    def tell(self, role: str) -> Message:
+        return self.prompt if role == "screen" else View()
+
+    def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
+        self.deeds.append((hello.role, deed))
+        return True, ""
+
+    def came(self, consoles: int, screens: int) -> None:
+        self.screens = screens
+
+
+def until(feed: Feed, prompt: Prompt | None, *, gone: bool = False) -> Heard:
+    for _ in range(500):
+        if (now := feed.heard()).prompt == prompt and (now.line is None or not gone):
+            return now
+        feed._closing.wait(0.01)
+    raise AssertionError(f"heard {feed.heard().prompt}, never {prompt}")
+
+
+def test_a_feed_finds_loses_and_finds_a_session(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(screen, "AGAIN_S", 0.01)
+    path = tmp_path / "s.sock"
+    feed = Feed(path)
+    assert feed.heard() == Heard()
+    for number, show in ((1, "ready"), (1, "ready"), (2, "thanks")):
+        end = End(Prompt.model_validate({"number": number, "show": show}))
+        link = Link(path, end)
+        assert until(feed, end.prompt).line is not None
+        assert end.screens == 1
+        link.close()
+        until(feed, end.prompt if show == "thanks" else None, gone=True)
+    assert until(feed, end.prompt, gone=True) == Heard(None, end.prompt)
+    feed.close()
+
+
+def test_a_session_of_another_version_ends_the_screen_in_words(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(str(tmp_path / "s.sock"))
+        server.listen()
+        feed = Feed(tmp_path / "s.sock")
+        there, _ = server.accept()
+        there.sendall(b'{"kind": "poster"}\n')
+        with pytest.raises(LinkError, match="use one version of palpate"):
+            until(feed, Prompt(number=99))
+        there.close()
+        feed.close()
+
+
+def test_a_silent_session_is_not_taken_for_a_lost_one(tmp_path: Path) -> None:
+    """PsychoPy gives every new socket of its process a timeout of 20 s."""
+    end = End(Prompt(number=1, show="ready"))
+    link = Link(tmp_path / "s.sock", end)
+    before = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(0.05)
+    try:
+        line = Line(tmp_path / "s.sock", Hello(role="screen", by="screen"))
+    finally:
+        socket.setdefaulttimeout(before)
+    messages = line.messages()
+    assert next(messages) == end.prompt
+    end.prompt = Prompt(number=2, show="answer")
+    assert next(messages) == end.prompt
+    line.close()
+    link.close()
+
+
+def test_a_session_has_one_screen(tmp_path: Path) -> None:
+    with (
+        screen.alone(tmp_path / "s.sock"),
+        pytest.raises(DisplayError, match="open already"),
+        screen.alone(tmp_path / "s.sock"),
+    ):
+        raise AssertionError("two screens at once")
+    with screen.alone(tmp_path / "s.sock"):
+        pass
