@@ -11,7 +11,7 @@ import pytest
 
 from tests.figures import figures
 
-HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "statsmodels", "psychopy", "serial", "rich")
+HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "statsmodels", "psychopy", "serial", "rich", "textual")
 
 DOCUMENTS = (
     "README.md",

@@ -57,6 +57,16 @@ def run(
     by: Annotated[
         str, typer.Option("--by", metavar="LABEL", help="Who sits at the console: a label for the record, no name.")
     ] = "console",
+    serve: Annotated[
+        str | None,
+        typer.Option(
+            "--serve",
+            metavar="ADDRESS",
+            help="Open the console in a browser instead, at an address of this machine (127.0.0.1: from it alone).",
+        ),
+    ] = None,
+    port: Annotated[int, typer.Option("--port", min=1, max=65535, help="The port of that page.")] = 8000,
+    served: Annotated[bool, typer.Option("--served", hidden=True, help="Show the console to a browser.")] = False,
     session_at: Annotated[
         Path | None,
         typer.Option("--session-at", hidden=True, help="Run the session alone, for consoles that connect here."),
@@ -97,6 +107,10 @@ def run(
         view = _first_view(protocol, participant or "01", "PRACTICE" if practice else "")
         with screen.beside(session_at, protocol_file, rig) as opened:
             _listen(session_at, _linked(protocol, view, screen=opened), once)
+    elif served:
+        _attend(folder, participant or "01", by)
+    elif serve is not None:
+        _serve(serve, port)
     elif lines or not (sys.stdin.isatty() and sys.stdout.isatty()):
         from experiment.desk.terminal import TerminalConsole, typed_ahead
 
@@ -199,6 +213,15 @@ def _attend(folder: Path, participant: str, by: str) -> None:
             typer.echo(left.ended.words)
             raise typer.Exit(left.ended.exit_code)
         raise LinkError(_last_words(path) if begun else "the session's process is gone; the same command resumes it")
+
+
+def _serve(host: str, port: int) -> None:
+    """Serve the console of a session to browsers: each visitor's is this same command."""
+    try:
+        from experiment.desk.console import serve
+    except ImportError as error:
+        raise LinkError(f"a console in a browser needs {error.name}; install palpate with its extra 'serve'") from error
+    serve.served([sys.executable, "-m", "experiment", *sys.argv[1:], "--served"], host=host, port=port).serve()
 
 
 def _begin(path: Path) -> "subprocess.Popen[bytes]":
