@@ -38,7 +38,7 @@ PRACTICE_SEED = 1
 
 WELCOME = """{label}. Nothing here is data of the study.
 Participant {participant}, task {task}. You are the experimenter. Once a trial is armed, the simulated participant
-steps and says an answer: type its key, and type it again to confirm. Ctrl-C pauses.
+steps and says an answer: choose its key, and confirm it. Ctrl-C pauses.
 Where something is to be laid out, press Enter. Familiarisation may end at once, and no break is waited for.
 Everything is kept in {out}, and every file there says PRACTICE."""
 

@@ -4,11 +4,11 @@ espeak-ng and flite say answers and words that are none, in a simulated room wit
 `tests/rig/speech.py`, which also says what the true onset is. Each voice is a participant, with two takes of each
 answer recorded without the masker. Printed, by the speech's level over the masker: how far the onset that was found is
 from the true one; answers that were proposed rightly, refused, and taken for another; words that are no answer and were
-refused; what listening costs, which is done while the foot is awaited, and what an answer costs after that. Beside it
-the same without cancelling.
+refused; and, in milliseconds of processor time, what listening costs, which is done while the foot is awaited, and what
+an answer costs after that. Beside it the same without cancelling.
 
 `thresholds` prints what `AGREES` of `matching.py` was set by, with other voices; `disturbed` prints, at 10 dB, what
-coughs, clicks, the step's sound, hum, clipping, louder rooms and people who move do.
+coughs, clicks, the step's sound, hum, clipping, louder rooms, people who move and answers of one syllable do.
 
 Not a test: it asserts nothing. Synthetic speech says nothing of real participants.
 """
@@ -18,8 +18,9 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,7 @@ SNRS_DB = (20, 10, 0)
 
 @dataclass(frozen=True)
 class Trial:
-    """What was said, None being no answer; what was heard, the true onset, and what listening and hearing took, s."""
+    """What was said, None being no answer; what was heard, the true onset, and the processor time of both, s."""
 
     answer: str | None
     heard: Heard
@@ -44,24 +45,26 @@ class Trial:
     heard_s: float
 
 
-def enrolment(voice: Voice, rng: np.random.Generator) -> Enrolment:
+@cache
+def enrolment(voice: Voice, answers: tuple[str, ...]) -> Enrolment:
     """Return what a voice enrolled, each answer at two speeds and pitches, without the masker."""
+    rng = np.random.default_rng([0, *str(voice).encode()])
     takes = {
         answer: [
             take(made.microphone, made.played, rate_hz=RATE_HZ, answerable_s=ANSWERABLE_S)
             for speed, pitch in speech.ENROLLED
             for made in [speech.record(speech.say(voice, answer, speed, pitch), snr_db=None, rng=rng)]
         ]
-        for answer in speech.ANSWERS[voice.language]
+        for answer in answers
     }
     return enrolled(takes)
 
 
 def heard(answer: str | None, made: Recording, enrolment: Enrolment) -> Trial:
-    begun = time.perf_counter()
+    begun = time.process_time()
     before = slice(None, round(ANSWERABLE_S * RATE_HZ))
     background = listen(made.microphone[before], made.played[before], rate_hz=RATE_HZ)
-    listened = time.perf_counter()
+    listened = time.process_time()
     found = hear(
         made.microphone,
         made.played,
@@ -70,7 +73,7 @@ def heard(answer: str | None, made: Recording, enrolment: Enrolment) -> Trial:
         enrolment=enrolment,
         background=background,
     )
-    return Trial(answer, found, made.onset_s, listened - begun, time.perf_counter() - listened)
+    return Trial(answer, found, made.onset_s, listened - begun, time.process_time() - listened)
 
 
 def trials(
@@ -79,15 +82,17 @@ def trials(
     snr_db: float,
     cancelling: bool = True,
     speeds: Sequence[float] = speech.SPEEDS,
+    answers: Mapping[str, tuple[str, ...]] = speech.ANSWERS,
+    others: Mapping[str, tuple[str, ...]] = speech.NO_ANSWERS,
     **kept: Any,
 ) -> Iterator[Trial]:
-    """Return what is heard of every voice: answers at every speed, words that are no answer at the voice's own."""
+    """Return what is heard of every voice: answers at every speed, others at the voice's own; by language."""
     for number, voice in enumerate(voices):
         rng = np.random.default_rng([number, int(snr_db)])
-        said = enrolment(voice, rng)
+        said = enrolment(voice, answers[voice.language])
         words: list[tuple[str | None, str, float]]
-        words = [(answer, answer, speed) for answer in speech.ANSWERS[voice.language] for speed in speeds]
-        words += [(None, word, 1.0) for word in speech.NO_ANSWERS[voice.language]]
+        words = [(answer, answer, speed) for answer in answers[voice.language] for speed in speeds]
+        words += [(None, word, 1.0) for word in others[voice.language]]
         for answer, word, speed in words:
             made = speech.record(
                 speech.say(voice, word, speed, rng.uniform(0.92, 1.08)), snr_db=snr_db, rng=rng, **kept
@@ -142,6 +147,7 @@ def disturbed() -> None:
         "a cough 0.8 s before": {"disturbed": speech.coughed, "after_s": (0.9, 1.2)},
         "a click 0.15 s before": {"disturbed": speech.clicked},
         "the step's sound, answered in 0.15 to 0.3 s": {"disturbed": speech.stepped, "after_s": (0.15, 0.3)},
+        "somebody speaks 2 s before the step": {"disturbed": speech.talked},
         "hum at -10 dB": {"disturbed": speech.hummed},
         "clipped at a third of the peak": {"disturbed": speech.clipped},
         "ambient noise at -25 dB": {"ambient_db": -25.0},
@@ -149,9 +155,17 @@ def disturbed() -> None:
         "the leak's path changed by -20 dB": {"moved_db": -20.0},
         "the leak's path changed by -10 dB": {"moved_db": -10.0},
     }
+    few = {language: words[:4] for language, words in speech.NO_ANSWERS.items()}
     print(HEAD)
     for name, kept in conditions.items():
-        print(line(name, list(trials(speech.TESTED, snr_db=10, speeds=(0.8,), **kept))), flush=True)
+        print(line(name, list(trials(speech.TESTED, snr_db=10, speeds=(0.8,), others=few, **kept))), flush=True)
+    english = [voice for voice in speech.TESTED if voice.language == "en"]
+    for name, others in (
+        ("short answers", speech.NO_ANSWERS),
+        ("short answers, and words like them", speech.LIKE_SHORT),
+    ):
+        found = trials(english, snr_db=10, speeds=(0.8,), answers=speech.SHORT_ANSWERS, others=others)
+        print(line(name, list(found)), flush=True)
 
 
 def main() -> None:

@@ -95,6 +95,11 @@ NO_ANSWERS = {
 }
 
 
+SHORT_ANSWERS = {"en": ("paper", "foil", "film", "sand", "snow")}
+LIKE_SHORT = {"en": ("fail", "show", "sent", "pepper", "fill")}
+"""Answers that are harder to tell, and words that sound like them."""
+
+
 def missing() -> list[str]:
     """Return which of the two programs this machine lacks."""
     return [program for program in ("espeak-ng", "flite") if shutil.which(program) is None]
@@ -262,6 +267,14 @@ def clicked(microphone: NDArray[np.float64], onset: int, rng: np.random.Generato
 def stepped(microphone: NDArray[np.float64], onset: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return the samples with a step's sound from when an answer may begin, as loud as speech, for half a second."""
     return _burst(microphone, round(ANSWERABLE_S * RATE_HZ), rng, lasts_s=0.5, low_hz=50, high_hz=1500)
+
+
+def talked(microphone: NDArray[np.float64], onset: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return the samples with words of somebody else two seconds before an answer may begin, as loud as the answer."""
+    words = signal.fftconvolve(say(TRIED[0], "wait a moment"), path(rng, DIRECT_S))
+    made, at = microphone.copy(), round((ANSWERABLE_S - 2) * RATE_HZ)
+    made[at : at + words.size] += words / in_band_rms(words)
+    return made
 
 
 def hummed(microphone: NDArray[np.float64], onset: int, rng: np.random.Generator) -> NDArray[np.float64]:

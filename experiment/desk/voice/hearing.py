@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from experiment.desk.voice import onset
 from experiment.desk.voice.band import RATE_HZ, banded
-from experiment.desk.voice.cancelling import TAPS, cancelled, leak
+from experiment.desk.voice.cancelling import SHORTEST, TAPS, cancelled, leak
 from experiment.desk.voice.features import HOP, cepstra
 from experiment.desk.voice.matching import AGREES, Enrolment, Match, Take, match
 from experiment.errors import VoiceError
@@ -30,6 +30,9 @@ LISTENED_S = 3.5
 
 BEFORE_S = 0.5
 """So long before an answer may begin the recording must, s: for the filter, and for the quiet before the onset."""
+
+_AROUND = round(0.05 * RATE_HZ)
+"""Samples around what was said into the background that are left out as well: its softest parts."""
 
 _CONTEXT = round(0.3 * RATE_HZ)
 _LONGEST = 2.0
@@ -68,14 +71,24 @@ SILENCE = Heard(None, None, 0.0, 0.0)
 def listen(microphone: Samples, played: Samples, *, rate_hz: int) -> Background:
     """Return what the microphone hears while nobody speaks, from samples of it and of what the masker played.
 
-    Both are of the same moments, 0.36 s or more; the last `LISTENED_S` of them count. Raises `VoiceError` for fewer or
-    unlike samples, and as `banded` does.
+    Both are of the same moments, 0.36 s or more; the last `LISTENED_S` of them count. Where somebody does speak, filter
+    and quiet are taken again without those moments. Raises `VoiceError` for fewer or unlike samples, and as `banded`
+    does.
     """
     _alike(microphone, played)
     last = slice(-round(LISTENED_S * rate_hz), None)
     heard, masker = (banded(each[last], rate_hz=rate_hz) for each in (microphone, played))
     taps = leak(heard, masker)
-    return Background(taps, onset.quiet(cancelled(heard, masker, taps)[TAPS:]))
+    left = cancelled(heard, masker, taps)
+    quiet = onset.quiet(left[TAPS:])
+    spoken = onset.utterances(left, after=TAPS, quiet=quiet)
+    counted = np.ones(left.size, np.bool_)
+    for each in spoken:
+        counted[each.begins[0] - _AROUND : each.end + _AROUND] = False
+    if spoken and np.count_nonzero(counted) >= SHORTEST:
+        taps = leak(heard, masker, counted)
+        quiet = onset.quiet(cancelled(heard, masker, taps)[TAPS:][counted[TAPS:]])
+    return Background(taps, quiet)
 
 
 def take(
@@ -85,13 +98,13 @@ def take(
 
     Raises `VoiceError` where nobody speaks or several utterances are heard, and as `hear` does.
     """
-    samples, utterances, _ = _utterances(microphone, played, rate_hz, answerable_s, background)
+    samples, utterances, _, _ = _utterances(microphone, played, rate_hz, answerable_s, background)
     if len(utterances) != 1:
         raise VoiceError(
             f"enrolment: got {len(utterances)} utterances; allowed: one, the answer; have it said again, alone and "
             "close to the microphone"
         )
-    return cepstra(samples[utterances[0].begin : utterances[0].end])
+    return cepstra(samples[utterances[0].begins[0] : utterances[0].end])
 
 
 def hear(
@@ -110,28 +123,37 @@ def hear(
     `background` it is taken from what lies before. Raises `VoiceError` for unlike samples or samples that begin too
     late, and as `banded` does.
     """
-    samples, utterances, begin_s = _utterances(microphone, played, rate_hz, answerable_s, background)
+    samples, utterances, begin_s, quiet = _utterances(microphone, played, rate_hz, answerable_s, background)
     if not utterances:
         return SILENCE
     longest = round(_LONGEST * max(len(one) for one in enrolment.takes)) * HOP
-    found: list[tuple[Match, int]] = []
-    for each in utterances:
-        begin = max(each.begin, each.end - longest)
-        matched = match(cepstra(samples[begin : each.end]), enrolment)
-        found.append((matched, begin + matched.begin * HOP if matched.begin or begin > each.begin else each.begin))
+    found = [_matched(samples, each, longest, enrolment, quiet) for each in utterances]
     answers = [one for one in found if one[0].agreement >= AGREES]
     if not answers:
         nearest = max((matched for matched, _ in found), key=lambda one: one.agreement)
-        return Heard(begin_s + utterances[0].begin / RATE_HZ, None, nearest.agreement, nearest.lead)
+        return Heard(begin_s + utterances[0].begins[0] / RATE_HZ, None, nearest.agreement, nearest.lead)
     matched, begin = answers[0]
     alone = all(other.answer == matched.answer for other, _ in answers)
     return Heard(begin_s + begin / RATE_HZ, matched.answer if alone else None, matched.agreement, matched.lead)
 
 
+def _matched(
+    samples: NDArray[np.float64], utterance: onset.Utterance, longest: int, enrolment: Enrolment, quiet: onset.Quiet
+) -> tuple[Match, int]:
+    """Return what an utterance is nearest to, and the sample from which it is; what is too long is cut before that."""
+    first = max(utterance.begins[0], utterance.end - longest)
+    frames = cepstra(samples[first : utterance.end])
+    begins = {min(round((begin - first) / HOP), len(frames) - 1): begin for begin in utterance.begins if begin >= first}
+    matched = match(frames, enrolment, list(begins) or [0])
+    if matched.begin in begins:
+        return matched, begins[matched.begin]
+    return matched, onset.risen(samples, near=first + matched.begin * HOP, quiet=quiet)
+
+
 def _utterances(
     microphone: Samples, played: Samples, rate_hz: int, answerable_s: float, background: Background | None
-) -> tuple[NDArray[np.float64], tuple[onset.Utterance, ...], float]:
-    """Return samples in the band without the masker, the utterances in them, and when they begin, s."""
+) -> tuple[NDArray[np.float64], tuple[onset.Utterance, ...], float, onset.Quiet]:
+    """Return samples in the band without the masker, the utterances in them, when they begin, s, and the quiet."""
     _alike(microphone, played)
     answerable = round(answerable_s * rate_hz)
     first = answerable - round(BEFORE_S * rate_hz)
@@ -147,7 +169,7 @@ def _utterances(
     after = round(BEFORE_S * RATE_HZ)
     skipped = after - _CONTEXT
     utterances = onset.utterances(samples[skipped:], after=_CONTEXT, quiet=background.quiet)
-    return samples[skipped:], utterances, first / rate_hz + skipped / RATE_HZ
+    return samples[skipped:], utterances, first / rate_hz + skipped / RATE_HZ, background.quiet
 
 
 def _alike(microphone: Samples, played: Samples) -> None:

@@ -35,6 +35,9 @@ somebody moves, the filter no longer fits, and more of the masker is left."""
 _PICKED_BEFORE, _PICKED_AFTER = 240, 160
 """Samples around the rough onset, 15 and 10 ms, of which the best one is picked."""
 
+_CHANGED = 800
+"""Samples, 50 ms, on either side of where an answer begins within another sound."""
+
 _FAINTEST = 1e-12
 """Mean square of the faintest quiet, full scale being 1: what is exactly 0 has no energy to compare with."""
 
@@ -49,15 +52,21 @@ class Quiet:
 
 @dataclass(frozen=True)
 class Utterance:
-    """A stretch in which somebody speaks: its first sample and the one after its last, in the band."""
+    """A stretch in which somebody speaks, in samples of the band.
 
-    begin: int
+    Attributes:
+        begins: where sound begins after `_BEFORE_MS` of silence, in order; the first is the beginning of the stretch.
+            A click and a word after it are one stretch with two beginnings.
+        end: the sample after its last.
+    """
+
+    begins: tuple[int, ...]
     end: int
 
 
 def quiet(samples: NDArray[np.float64]) -> Quiet:
     """Return what is typical of samples in the band, shape (n,): half of them may hold anything else."""
-    n = fft.next_fast_len(max(samples.size + _ORDER, 1), real=True)
+    n = fft.next_fast_len(samples.size + _ORDER + 1, real=True)
     r = fft.irfft(np.abs(fft.rfft(samples, n)) ** 2, n)[: _ORDER + 1]
     r[0] += 1e-9 * r[0] + _FAINTEST * max(samples.size, 1)
     whitening = np.concatenate([[1.0], -linalg.solve_toeplitz(r[:-1], r[1:], check_finite=False)])
@@ -82,10 +91,12 @@ def utterances(samples: NDArray[np.float64], *, after: int, quiet: Quiet) -> tup
     found, past = [], 0
     while (ahead := np.flatnonzero(sustained[past:])).size:
         first = past + int(ahead[0])
-        begin, end = _before(heard, first, past), _after(heard, first)
-        found.append(
-            Utterance(_picked(white, after + begin * _HOP + _FRAME // 2), min(after + end * _HOP + _FRAME, white.size))
-        )
+        end = _after(heard, first)
+        begins = [
+            _picked(white, after + begin * _HOP + _FRAME // 2)
+            for begin in (_before(heard, first, past), *_again(heard, first, end))
+        ]
+        found.append(Utterance(tuple(sorted(set(begins))), min(after + end * _HOP + _FRAME, white.size)))
         past = end + 1
     return tuple(found)
 
@@ -93,6 +104,13 @@ def utterances(samples: NDArray[np.float64], *, after: int, quiet: Quiet) -> tup
 def _whitened(samples: NDArray[np.float64], whitening: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the error of the prediction, shape (n,)."""
     return np.convolve(samples, whitening)[: samples.size] if samples.size else samples
+
+
+def risen(samples: NDArray[np.float64], *, near: int, quiet: Quiet) -> int:
+    """Return the sample within 50 ms of another at which the sound changes most, in samples in the band, shape (n,)."""
+    first = max(near - _CHANGED, 0)
+    white = _whitened(samples[max(first - _ORDER, 0) : near + _CHANGED], quiet.whitening)[min(first, _ORDER) :]
+    return first + _parted(white)
 
 
 def _energies(white: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -118,14 +136,26 @@ def _after(heard: NDArray[np.intp], first: int) -> int:
     return int(frames[breaks[0]] if breaks.size else frames[-1])
 
 
+def _again(heard: NDArray[np.intp], first: int, end: int) -> list[int]:
+    """Return the frames after `first` and up to `end` at which sound begins after a silence."""
+    frames = heard[(heard >= first) & (heard <= end)]
+    begins: list[int] = frames[1:][np.diff(frames) > _BEFORE_MS].tolist()
+    return begins
+
+
 def _picked(white: NDArray[np.float64], near: int) -> int:
-    """Return the sample that parts what is before and what is after it best."""
+    """Return the sample around a rough onset that is the onset."""
     begin = max(near - _PICKED_BEFORE, 0)
-    energy = np.cumsum(white[begin : near + _PICKED_AFTER] ** 2)
+    return begin + _parted(white[begin : near + _PICKED_AFTER])
+
+
+def _parted(white: NDArray[np.float64]) -> int:
+    """Return the sample that parts what is before and what is after it best; 0 where there are too few."""
+    energy = np.cumsum(white**2)
     n = energy.size
     k = np.arange(4, n - 4)
     if not k.size:
-        return near
+        return 0
     before, after = energy[k - 1] / k, (energy[-1] - energy[k - 1]) / (n - k)
     criterion = k * np.log(before + _FAINTEST) + (n - k) * np.log(after + _FAINTEST)
-    return begin + int(k[np.argmin(criterion)])
+    return int(k[np.argmin(criterion)])

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from experiment import storage
+from experiment.clock import ManualClock
 from experiment.dataset import build
-from experiment.desk.port import Corrected, Noted, Remark
+from experiment.desk.messages import Gauges, Standing
+from experiment.desk.port import Attended, Corrected, Noted, Remark, Repeated
 from experiment.errors import ScreenGone
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
@@ -155,3 +158,80 @@ def test_what_was_typed_before_the_question_that_ended_the_session_is_on_record(
     *_, ignored, footer = entries(tmp_path, "real")
     assert ignored == Ignored(trial=None if prompt == "debrief" else 1, typed="p\n")
     assert isinstance(footer, Footer)
+
+
+def test_an_answered_trial_is_done_again_and_its_answer_no_longer_counts(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("ccccc")
+    one.console = ScriptedConsole(one.clock, ["c", Repeated(1, "a door slammed"), "p", "a", "t"])
+    assert one.run(protocol, header("real"), tmp_path).reason == "complete"
+    found = entries(tmp_path, "real")
+    redone = Redo(trial=1, attempt=1, reason="a door slammed", put_off=True)
+    assert [e for e in found if isinstance(e, Redo)] == [redone]
+    assert [(e.trial, e.attempt) for e in found if isinstance(e, Answer)] == [(1, 1), (2, 1), (3, 1), (1, 2)]
+    path = storage.journal_path(tmp_path, "01", "real")
+    rows = build._rows(build._session(path, journal.read(path)), "PARTICIPANT")
+    assert [(row["trial"], row["counted"]) for row in rows] == [(1, 0), (2, 1), (3, 1), (1, 1)]
+
+
+def test_the_trial_at_its_question_is_repeated_without_an_answer(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cccc")
+    one.console = ScriptedConsole(one.clock, [Repeated(1, "coughed"), "p", "t", "c"])
+    assert one.run(protocol, header("real"), tmp_path).reason == "complete"
+    found = entries(tmp_path, "real")
+    assert [(e.trial, e.attempt, e.reason) for e in found if isinstance(e, Redo)] == [(1, 1, "coughed")]
+    assert [e.trial for e in found if isinstance(e, Answer)] == [2, 3, 1]
+
+
+def test_a_trial_that_is_repeated_at_the_end_reopens_the_session(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cccc")
+    one.console = ScriptedConsole(one.clock, ["c", "p", "t", "a"])
+    one.console.remarks.append(Repeated(2, "was distracted"))
+    assert one.run(protocol, header("real"), tmp_path).answered == 3
+    assert [e.trial for e in entries(tmp_path, "real") if isinstance(e, Answer)] == [1, 2, 3, 2]
+
+
+class Attentive(ScriptedConsole):
+    """Asks something of the session whenever a trial is armed."""
+
+    def __init__(self, clock: ManualClock, keys: str, ask: Callable[[Attended, int, int], None]) -> None:
+        super().__init__(clock, keys)
+        self._asks = ask
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+        super().arm(trial=trial, attempt=attempt, trials=trials)
+        session = self.attended[-1]
+        assert session is not None
+        self._asks(session, trial, attempt)
+
+
+def test_a_pause_while_a_trial_is_armed_lets_nothing_be_felt(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.console = Attentive(one.clock, "", lambda session, *_: session.pause())
+    footer = one.run(protocol, header("virtual"), tmp_path)
+    assert (footer.reason, footer.detail) == ("paused", "by the experimenter")
+    assert not [e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep)]
+    assert one.console.attended[-1] is None
+    again = bench("cpt")
+    assert again.run(protocol, header("virtual"), tmp_path).reason == "complete"
+
+
+def test_what_is_asked_for_after_a_sessions_end_is_refused(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.run(protocol, header("real"), tmp_path)
+    session = next(session for session in one.console.attended if session is not None)
+    before = entries(tmp_path, "real")
+    assert session.remark(Noted("too late")) == (False, "The session has ended; nothing was changed.")
+    session.commanded(by="test", command="note", taken=False, words="")
+    assert entries(tmp_path, "real") == before
+
+
+def test_a_desk_is_told_how_far_the_session_is_and_never_what_was_presented(protocol: Protocol, tmp_path: Path) -> None:
+    told: list[tuple[Gauges, Standing]] = []
+    one = bench("cnt")
+    one.console = Attentive(one.clock, "cnt", lambda session, *_: told.append((session.gauges(), session.standing())))
+    one.run(protocol, header("virtual"), tmp_path)
+    assert [standing.remaining for _, standing in told] == [3, 2, 1]
+    assert [(answer.trial, answer.words) for answer in told[-1][1].recent] == [(1, "copy paper"), (2, "no answer")]
+    assert [gauges.stimuli for gauges, _ in told] == [0, 1, 2]
+    assert all(gauges.left_s > 0 and gauges.masker_db_a is None for gauges, _ in told)
+    assert {lamp.name for lamp in told[-1][0].lamps} >= {"tracker", "disk"}

@@ -81,6 +81,13 @@ def test_a_background_that_was_listened_to_before_gives_the_same(enrolment: Enro
     assert found == heard((microphone, played), enrolment)
 
 
+def test_somebody_who_speaks_before_changes_nothing(enrolment: Enrolment) -> None:
+    found = heard(recording(("something else", 0.9, 0.5), ("foil", 2.6, 0.5)), enrolment)
+    assert found.proposed == "foil"
+    assert found.onset_s == pytest.approx(2.6, abs=0.002)
+    assert found.agreement == pytest.approx(heard(recording(("foil", 2.6, 0.5)), enrolment).agreement, abs=0.02)
+
+
 def test_levels_of_both_channels_do_not_matter(enrolment: Enrolment) -> None:
     microphone, played = recording(("paper", 2.6, 0.5))
     one, other = (heard(each, enrolment) for each in ((microphone, played), (0.01 * microphone, 3 * played)))
@@ -99,6 +106,15 @@ def test_a_word_before_the_answer_is_passed_over(enrolment: Enrolment) -> None:
     found = heard(recording(("something else", 2.2, 0.3), ("foil", 3.2, 0.5)), enrolment)
     assert found.proposed == "foil"
     assert found.onset_s == pytest.approx(3.2, abs=0.002)
+
+
+def test_an_answer_within_another_sound_begins_where_it_begins(enrolment: Enrolment) -> None:
+    microphone, played = recording(("foil", 2.5, 0.5))
+    sound = 0.01 * np.random.default_rng(2).normal(size=RATE_HZ // 2)
+    microphone[round(2.05 * RATE_HZ) :][: sound.size] += sound
+    found = heard((microphone, played), enrolment)
+    assert found.proposed == "foil"
+    assert found.onset_s == pytest.approx(2.5, abs=0.01)
 
 
 def test_two_different_answers_are_left_to_the_experimenter(enrolment: Enrolment) -> None:

@@ -93,6 +93,12 @@ def test_what_is_said_before_an_answer_is_left_out(enrolment: Enrolment) -> None
     assert abs(found.begin - 35) <= 3
 
 
+def test_of_several_beginnings_the_nearest_is_taken(enrolment: Enrolment) -> None:
+    found = match(np.vstack([said(11, 4, 3), said(2, 45, 3)]), enrolment, begins=(0, 4, 20))
+    assert (found.answer, found.begin) == ("answer 2", 4)
+    assert found.agreement > 0.9
+
+
 def test_a_take_agrees_entirely_and_the_frames_scale_does_not_matter(enrolment: Enrolment) -> None:
     assert match(enrolment.takes[0], enrolment).agreement == 1.0
     word = said(12, 45, 3)
@@ -109,8 +115,14 @@ def test_extreme_utterances_agree_between_0_and_1(enrolment: Enrolment, utteranc
 
 @pytest.mark.parametrize("shape", [(0, 12), (5, 11), (12,)])
 def test_what_is_no_utterance_is_refused(enrolment: Enrolment, shape: tuple[int, ...]) -> None:
-    with pytest.raises(VoiceError, match="allowed: one frame or more of 12 coefficients"):
+    with pytest.raises(VoiceError, match="allowed: one frame or more of 12 coefficients, from one of its frames on"):
         match(np.zeros(shape), enrolment)
+
+
+@pytest.mark.parametrize("begins", [(-1,), (0, 5)])
+def test_beginnings_outside_are_refused(enrolment: Enrolment, begins: tuple[int, ...]) -> None:
+    with pytest.raises(VoiceError, match=r"got shape \(5, 12\), from frames"):
+        match(np.zeros((5, 12)), enrolment, begins)
 
 
 def test_too_few_takes_and_too_few_answers_are_refused() -> None:

@@ -1,0 +1,86 @@
+"""A visit's tasks, one after the other: what goes on, and what ends it."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import pytest
+
+from experiment.clock import ManualClock
+from experiment.errors import PalpateError, RosterError, TrackerError
+from experiment.records.entries import Footer
+from experiment.session.visit import told, visit_steps, walk
+from tests.experiment.session.scripted import START_NS, ScriptedConsole
+
+COMPLETE, PAUSED = Footer(reason="complete", answered=3), Footer(reason="paused", detail="by hand", answered=1)
+
+
+class Asked(ScriptedConsole):
+    """Says, in turn, whether the session goes on."""
+
+    def __init__(self, *says: bool) -> None:
+        super().__init__(ManualClock(START_NS), "")
+        self.says = deque(says)
+        self.whys: list[str] = []
+
+    def goes_on(self, *, why: str) -> bool:
+        self.whys.append(why)
+        return self.says.popleft()
+
+
+class Sessions:
+    """Ends each session that is run as it was told."""
+
+    def __init__(self, *ends: Footer | PalpateError) -> None:
+        self.ends = deque(ends)
+        self.ran: list[str] = []
+
+    def run(self, task: str) -> Footer:
+        self.ran.append(task)
+        end = self.ends.popleft()
+        if isinstance(end, PalpateError):
+            raise end
+        return end
+
+
+@pytest.mark.parametrize(
+    ("says", "ends", "ran", "last"),
+    [
+        ([], [COMPLETE, COMPLETE], ["a", "b"], COMPLETE),
+        ([True], [PAUSED, COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
+        ([False], [PAUSED], ["a"], PAUSED),
+        ([True, False], [COMPLETE, PAUSED, PAUSED], ["a", "b", "b"], PAUSED),
+        ([True], [TrackerError("tracker: gone"), COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
+    ],
+)
+def test_tasks_follow_one_another_and_what_stopped_goes_on_if_wanted(
+    says: list[bool], ends: list[Footer | PalpateError], ran: list[str], last: Footer
+) -> None:
+    console, sessions = Asked(*says), Sessions(*ends)
+    assert walk(console=console, tasks=("a", "b"), run=sessions.run) == last
+    assert sessions.ran == ran
+    assert not console.says
+
+
+def test_a_device_that_failed_is_told_and_raised_if_nobody_wants_to_go_on() -> None:
+    console = Asked(False)
+    with pytest.raises(TrackerError):
+        walk(console=console, tasks=("a",), run=Sessions(TrackerError("tracker: gone")).run)
+    assert console.whys == ["Tracker: gone."]
+
+
+def test_what_no_second_try_mends_is_raised_at_once() -> None:
+    with pytest.raises(RosterError):
+        walk(console=Asked(), tasks=("a",), run=Sessions(RosterError("withdrew")).run)
+
+
+def test_how_a_session_ended_is_said_in_sentences() -> None:
+    assert told(COMPLETE) == "The session is complete: 3 answers."
+    assert told(PAUSED) == "The session is paused by hand, with 1 answer on disk. The same command goes on with it."
+    assert told(PAUSED, onward=False) == "The session is paused by hand, with 1 answer on disk."
+    over = Footer(reason="paused", detail="the protocol's 33 min of a session are over", answered=0)
+    assert told(over).endswith("with 0 answers on disk: the protocol's 33 min of a session are over.")
+
+
+def test_a_visit_ends_with_its_debriefing() -> None:
+    assert visit_steps(("a", "b")) == ("a", "b", "debriefing")
