@@ -182,7 +182,7 @@ class LinkedConsole:
             return False, "No session is under way."
         match deed:
             case TakeNote():
-                return session.remark(Noted(characters.one_line(deed.text)))
+                return session.remark(Noted(characters.one_line(deed.text), deed.trial))
             case Correct():
                 return session.remark(Corrected(deed.trial, deed.key, characters.one_line(deed.reason)))
             case Repeat():

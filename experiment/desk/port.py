@@ -13,9 +13,10 @@ from experiment.desk.messages import Gauges, Prompt, Standing
 
 @dataclass(frozen=True)
 class Noted:
-    """The experimenter notes something about where the session is."""
+    """The experimenter notes something: of `trial`, or, if that is None, of where the session is."""
 
     text: str
+    trial: int | None = None
 
 
 @dataclass(frozen=True)

@@ -59,7 +59,8 @@ class Remarks:
             if not self._open:
                 return False, CLOSED
             if isinstance(remark, Noted):
-                self._log.write(Note(trial=self.trial, text=remark.text))
+                trial = self.trial if remark.trial is None else remark.trial
+                self._log.write(Note(trial=trial, text=remark.text))
                 return True, "The note is on disk."
             done = self._log.done
             if isinstance(remark, Repeated) and done.armed is not None and done.armed[0] == remark.trial:

@@ -75,7 +75,8 @@ class Left:
 def attend(path: Path, hello: Hello) -> Left:
     """Show the console of the session that listens at `path` until it is left, and return why.
 
-    Raises `LinkError` if no session listens there, or if it speaks another version's messages.
+    Raises `LinkError` if no session listens there, or if it speaks another version's messages, and whatever ended a
+    console that is at fault itself; the session goes on in any case.
     """
     with connected(path, hello) as line:
         console = Console(line)
@@ -85,8 +86,8 @@ def attend(path: Path, hello: Hello) -> Left:
             left = console.run()
         finally:
             signal.signal(signal.SIGHUP, before)
-    if console.misunderstood is not None:
-        raise console.misunderstood
+    if (failed := console.misunderstood or console.failed) is not None:
+        raise failed
     return left if left is not None else Left("left")
 
 
@@ -116,10 +117,12 @@ class Console(App[Left]):
     def __init__(self, line: Line) -> None:
         """Show the session at the other end of `line`.
 
-        `view_now` is the newest view, and `misunderstood` why the session could not be understood, if so.
+        `view_now` is the newest view, `misunderstood` why the session could not be understood, and `failed` the fault
+        of the console that ended it, if there was one.
         """
         super().__init__()
         self.misunderstood: LinkError | None = None
+        self.failed: Exception | None = None
         self._line = line
         self.view_now = View()
         self._lost = False
@@ -138,6 +141,14 @@ class Console(App[Left]):
 
     def on_resize(self) -> None:
         self._draw()
+
+    def _handle_exception(self, error: Exception) -> None:
+        """Leave the screen as it was; whoever shows the console tells of its fault."""
+        if self.is_headless:
+            super()._handle_exception(error)
+        else:
+            self.failed = error
+            self.exit(return_code=1)
 
     def _listen(self) -> None:
         error = None

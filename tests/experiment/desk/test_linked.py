@@ -188,11 +188,15 @@ def test_a_command_is_on_record_before_the_session_goes_on(bench: Bench) -> None
 def test_notes_and_corrections_are_taken_at_any_moment_and_their_words_stand_in_their_own_entries(
     bench: Bench,
 ) -> None:
-    assert bench.do(TakeNote(text="Coughs."))[0]
+    assert bench.do(TakeNote(text="Coughs.", trial=3))[0]
     assert bench.do(Correct(trial=2, key="p", reason="misheard"))[0]
     assert bench.do(Repeat(trial=1, reason="a door slammed"))[0]
-    assert bench.attending.remarks == [Noted("Coughs."), Corrected(2, "p", "misheard"), Repeated(1, "a door slammed")]
-    assert [command for _, command, _, _ in bench.attending.record] == ["note", "correct 2 p", "repeat 1"]
+    assert bench.attending.remarks == [
+        Noted("Coughs.", 3),
+        Corrected(2, "p", "misheard"),
+        Repeated(1, "a door slammed"),
+    ]
+    assert [command for _, command, _, _ in bench.attending.record] == ["note 3", "correct 2 p", "repeat 1"]
     assert bench.do(TakeNote(text="a\x1bb"))[0] is False
     assert len(bench.attending.remarks) == 3
 
