@@ -257,7 +257,7 @@ def check(
         import json
 
         sha256, document = approval.sha256(protocol), json.loads(approval.canonical(protocol))
-        approved = seal.model_dump(mode="json") if seal else None
+        approved = seal.model_dump(mode="json", exclude={"protocol"}) if seal else None
         known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
         known["advice"] = [asdict(one) for one in advice.advice(protocol)]
         options.put(known | {"protocol": document})

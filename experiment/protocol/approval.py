@@ -4,7 +4,8 @@ The form is RFC 8785 JSON of every field, defaults included: what is approved is
 was written down or left to its default. So comments, the order of keys, inline tables and the way a number is written
 (`20`, `20.0`, `2e1`) do not change it.
 
-The seal is a record beside the protocol's file that names the hash of what was approved. It shows that the protocol is
+The seal is a record beside the protocol's file that names the hash of what was approved, and holds that form itself, so
+that a change names its field. It shows that the protocol is
 the one approved, not who approved it: whoever can write the file can write the record. What stands in it can be checked
 against the board's letter.
 """
@@ -12,8 +13,9 @@ against the board's letter.
 from __future__ import annotations
 
 import hashlib
+import json
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -29,6 +31,9 @@ from experiment.settings import load
 from experiment.settings.characters import quoted
 from experiment.settings.load import Confined, Line, Rules, Text, written
 from experiment.storage import Place
+
+MOST_FIELDS = 5
+"""So many changed fields are named."""
 
 UNFILLED = "TO BE FILLED IN"
 """Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
@@ -86,7 +91,7 @@ def _texts(value: object, at: Place = ()) -> Iterator[tuple[Place, str]]:
 
 
 class Seal(Confined):
-    """One approval."""
+    """One approval; `protocol` is the canonical form of what was approved, None in a seal of an older palpate."""
 
     RULES: ClassVar[Rules] = rules.ethics
 
@@ -95,6 +100,7 @@ class Seal(Confined):
     board: Text
     approved_on: date
     expires_on: date
+    protocol: Text | None = None
 
 
 def seal_path(protocol_path: Path) -> Path:
@@ -131,6 +137,7 @@ def write(
         "board": board,
         "approved_on": approved_on,
         "expires_on": expires_on,
+        "protocol": canonical(protocol).decode(),
     }
     seal = load.checked(path, Seal, stated)
     _refuse(path, _contradictions(protocol, seal))
@@ -201,7 +208,47 @@ def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Proble
             "undo the change, or have it approved and seal it again"
         )
         problems.append(Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
+        problems += _changed_fields(protocol, seal)
     return problems
+
+
+def _changed_fields(protocol: Protocol, seal: Seal) -> list[Problem]:
+    """Return what differs from the form that the seal holds, field by field, the first few."""
+    if seal.protocol is None or hashlib.sha256(seal.protocol.encode()).hexdigest() != seal.protocol_sha256:
+        return []
+    forms = seal.protocol, canonical(protocol)
+    sealed, found = (dict(_leaves(storage.json_of(form))) for form in forms)
+    differing = [path for path in {**sealed, **found} if sealed.get(path, ...) != found.get(path, ...)]
+    problems = [
+        Problem(written(path), None, _said(found, path), f"{_said(sealed, path)}, as it was approved")
+        for path in differing[:MOST_FIELDS]
+    ]
+    if len(differing) > MOST_FIELDS:
+        problems.append(Problem("...", None, f"{len(differing) - MOST_FIELDS} more changes", "none"))
+    return problems
+
+
+def _leaves(value: object, at: Place = ()) -> Iterator[tuple[Place, object]]:
+    """Yield every value that holds no others, an empty list or table included, with its path."""
+    held: Iterable[tuple[str | int, object]] = ()
+    if isinstance(value, dict):
+        held = value.items()
+    elif isinstance(value, list):
+        held = enumerate(value)
+    else:
+        yield at, value
+        return
+    if not value:
+        yield at, value
+    for part, inner in held:
+        yield from _leaves(inner, (*at, part))
+
+
+def _said(leaves: Mapping[Place, object], path: Place) -> str:
+    if path not in leaves:
+        return "nothing"
+    value = leaves[path]
+    return quoted(value) if isinstance(value, str) else json.dumps(value)
 
 
 def _refuse(path: Path, problems: list[Problem]) -> None:
@@ -236,4 +283,5 @@ def _in_the_way(path: Path, seal: Seal) -> list[Problem]:
 
 
 def _write(path: Path, seal: Seal) -> None:
-    storage.write(path, "".join(f"{name} = {load.toml(value)}\n" for name, value in seal).encode())
+    stated = [f"{name} = {load.toml(value)}\n" for name, value in seal if value is not None]
+    storage.write(path, "".join(stated).encode())

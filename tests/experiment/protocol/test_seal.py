@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import tomllib
 from collections.abc import Callable
 from datetime import date
@@ -9,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import rfc8785
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,6 +20,7 @@ from experiment.protocol import approval
 from experiment.protocol.approval import sha256
 from experiment.protocol.models import Protocol
 from experiment.settings.characters import deceptive, hidden
+from experiment.settings.load import written
 from tests.experiment.protocol.small import SMALL, changed, document, protocol
 
 APPROVAL: dict[str, Any] = {
@@ -40,7 +44,8 @@ def other() -> Protocol:
 
 def test_a_sealed_protocol_may_run(file: Path) -> None:
     written = approval.write(file, protocol(), **APPROVAL)
-    assert written == approval.Seal(protocol_sha256=sha256(protocol()), **APPROVAL)
+    form = approval.canonical(protocol()).decode()
+    assert written == approval.Seal(protocol_sha256=sha256(protocol()), protocol=form, **APPROVAL)
     assert approval.verify(file, protocol(), date(2020, 6, 1)) == written
     assert sorted(path.name for path in file.parent.iterdir()) == ["small.seal.toml", "small.toml"]
 
@@ -48,6 +53,7 @@ def test_a_sealed_protocol_may_run(file: Path) -> None:
 def test_the_seal_is_readable_as_it_stands(file: Path) -> None:
     approval.write(file, protocol(), **APPROVAL)
     stated = tomllib.loads((file.parent / "small.seal.toml").read_text(encoding="utf-8"))
+    assert json.loads(stated.pop("protocol"))["study"]["id"] == "small"
     assert stated == {"protocol_sha256": sha256(protocol()), **APPROVAL}
 
 
@@ -103,6 +109,61 @@ def test_an_unsealed_protocol_is_refused(file: Path) -> None:
         approval.verify(file, protocol(), date(2020, 6, 1))
 
 
+@pytest.mark.parametrize(
+    ("path", "value", "told"),
+    [
+        (("study", "title"), "A small Study", r"study.title: got 'A small Study'; allowed: 'A small study', as it was"),
+        (("exposure", "masker_level_db_a"), 72, r"exposure.masker_level_db_a: got 72; allowed: 71, as it was"),
+        (("answers", "redo_key"), "y", r"answers.redo_key: got 'y'; allowed: '/', as it was approved"),
+        (
+            ("eligibility", "criteria"),
+            ("Grown up.",),
+            r"eligibility.criteria\[1\]: got nothing; allowed: 'Rested.', as it was",
+        ),
+    ],
+)
+def test_a_changed_character_is_refused_and_names_its_field(
+    file: Path, path: tuple[str, ...], value: object, told: str
+) -> None:
+    approval.write(file, protocol(), **APPROVAL)
+    with pytest.raises(ProtocolError, match=told):
+        approval.verify(file, Protocol.model_validate(changed(document(), path, value)), date(2020, 6, 1))
+
+
+@given(
+    path=st.sampled_from(sorted(approval._leaves(json.loads(approval.canonical(protocol()))), key=str)).map(
+        lambda one: one[0]
+    )
+)
+def test_any_one_value_that_differs_from_the_sealed_form_is_named(path: tuple[str | int, ...]) -> None:
+    form = json.loads(approval.canonical(protocol()))
+    inner: Any = form
+    for part in path[:-1]:
+        inner = inner[part]
+    inner[path[-1]] = "another value"
+    sealed = rfc8785.dumps(form)
+    seal = approval.Seal(protocol_sha256=hashlib.sha256(sealed).hexdigest(), protocol=sealed.decode(), **APPROVAL)
+    named = [problem.path for problem in approval._changed_fields(protocol(), seal)]
+    assert named == [written(path)]
+
+
+def test_of_many_changes_a_few_are_named_and_the_rest_counted(file: Path) -> None:
+    approval.write(file, protocol(), **APPROVAL)
+    study = document()
+    study["eligibility"]["criteria"] = tuple(f"Criterion {number}." for number in range(9))
+    with pytest.raises(ProtocolError, match=r"criteria\[4\](.|\n)*got 4 more changes"):
+        approval.verify(file, Protocol.model_validate(study), date(2020, 6, 1))
+
+
+@pytest.mark.parametrize("form", [None, "{}", "no JSON"])
+def test_a_seal_without_the_form_that_it_names_refuses_a_change_all_the_same(file: Path, form: str | None) -> None:
+    sealed = approval.write(file, protocol(), **APPROVAL)
+    approval._write(approval.seal_path(file), sealed.model_copy(update={"protocol": form}))
+    assert approval.verify(file, protocol(), date(2020, 6, 1)).protocol == form
+    with pytest.raises(ProtocolError, match=r"small\.seal\.toml: 1 error\n.*changed after its approval"):
+        approval.verify(file, other(), date(2020, 6, 1))
+
+
 def test_a_protocol_changed_since_is_refused(file: Path) -> None:
     approval.write(file, protocol(), **APPROVAL)
     with pytest.raises(ProtocolError, match=r"the hash of small\.toml .*changed after its approval"):
@@ -113,7 +174,7 @@ def test_changed_and_expired_are_reported_together(file: Path) -> None:
     approval.write(file, protocol(), **APPROVAL)
     with pytest.raises(ProtocolError) as caught:
         approval.verify(file, other(), date(2022, 1, 1))
-    assert [problem.path for problem in caught.value.problems] == ["protocol_sha256", "expires_on"]
+    assert [problem.path for problem in caught.value.problems] == ["protocol_sha256", "study.title", "expires_on"]
 
 
 def test_an_approval_that_contradicts_the_protocol_is_refused(file: Path) -> None:
