@@ -120,8 +120,15 @@ def _run() -> None:
         tell("palpate: what was given is nested too deeply to be read; mend that, then run the command again")
         raise SystemExit(2) from None
     except Exception as error:
+        if _was_interrupted(error):
+            raise KeyboardInterrupt from None
         tell(f"palpate: {_reported(error)}")
         raise SystemExit(70) from None
+
+
+def _was_interrupted(error: Exception) -> bool:
+    """Return whether pydantic, which was making a model at that moment, turned Ctrl-C into an error of its own."""
+    return type(error).__name__ == "SchemaError" and "KeyboardInterrupt" in str(error)
 
 
 def _reported(error: Exception) -> str:

@@ -72,6 +72,28 @@ __main__.main()
     assert (done.returncode, done.stderr.count("\n")) == (130, 1)
 
 
+def test_an_interrupt_while_a_model_is_made_is_told_as_one(repository_root: Path) -> None:
+    """The maker of models is told of it in the middle of a class, and raises an error of its own."""
+    code = """
+import sys
+from experiment import __main__
+from experiment.cli import app
+sys.argv = ["palpate", "check"]
+class Interrupting:
+    def __repr__(self):
+        raise KeyboardInterrupt
+def main():
+    from pydantic_core import SchemaValidator, core_schema
+    SchemaValidator(core_schema.literal_schema([Interrupting()]))
+app.app = main
+__main__.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=repository_root, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (130, 1), done.stderr
+
+
 def test_an_interrupt_in_a_callback_is_not_lost(repository_root: Path) -> None:
     """Importing ends in such callbacks, from which nothing can be raised: the command went on to its end."""
     code = """
