@@ -7,6 +7,7 @@ any machine and any number of cores. Chunks run on this machine's cores (joblib)
 
 from __future__ import annotations
 
+import signal
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
@@ -276,6 +277,11 @@ PATIENCE = "10s"
 """The time that a scheduler may take to answer."""
 
 
+def _leave_interrupts() -> None:
+    """Leave Ctrl-C, which reaches every process of a terminal, to the one that began this worker and ends it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
 def on_cores(work: Callable[[Work], Result], chunks: Sequence[Work], jobs: int = 0) -> Iterator[tuple[int, Result]]:
     """Yield the results of `work` on this machine, `jobs` at a time, with 0 for one on each core.
 
@@ -288,7 +294,7 @@ def on_cores(work: Callable[[Work], Result], chunks: Sequence[Work], jobs: int =
     if jobs <= 1:
         yield from ((place, work(chunk)) for place, chunk in enumerate(chunks))
         return
-    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered")
+    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", initializer=_leave_interrupts)
     try:
         yield from parallel(delayed(_placed)(work, place, chunk) for place, chunk in enumerate(chunks))
     except BrokenProcessPool as error:
