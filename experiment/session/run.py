@@ -185,6 +185,9 @@ class _Visit:
             )
             if not _is_complete(root, participant, task_id):
                 self._admitted()
+                # Whoever runs the participant elsewhere is told of before anything is asked.
+                with journal.locked(storage.journal_path(root, participant, task_id).parent, participant):
+                    pass
                 self._identify()
             asked = header(
                 protocol=protocol,

@@ -186,7 +186,7 @@ def real_time(minutes: float, out: Path, *, repetitions: int, pace_s: float) -> 
                 between.append(sampled("between two sessions"))
                 begins = True
             else:
-                life.type("\n")
+                life.type("y\n" if seen["agree"] else "\n")
         life.type("\n")
         while "[idle] " not in life.text:
             life.next(time.monotonic() + 0.1)

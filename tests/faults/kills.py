@@ -446,7 +446,7 @@ class Study:
                 pass
             came("grown")
         else:
-            life.type("\n")
+            life.type("y\n" if seen["agree"] else "\n")
 
 
 def _size(path: Path) -> int:
