@@ -93,7 +93,7 @@ def test_a_session_from_the_experimenters_chair(
 
     def ask(prompt: str) -> str:
         prompts.append("Lay out" if "Lay out" in prompt else prompt)
-        return next(typed) if "Key" in prompt or "confirm" in prompt else "y"
+        return next(typed) if "Key" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt)
 
     monkeypatch.setattr("builtins.input", ask)
     code, out, _ = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
@@ -138,7 +138,10 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
     laboratory.faults[3] = Faults(unplug_at=250)
     plugged_in_when_waited_for(laboratory, monkeypatch)
     typed = iter("ccaanntt")
-    monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "y")
+    monkeypatch.setattr(
+        "builtins.input",
+        lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt),
+    )
     code, out, err = palpate(
         "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
     )
@@ -170,7 +173,7 @@ def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
     def ask(prompt: str) -> str:
         nonlocal asked
         if "Key" not in prompt and "confirm" not in prompt:
-            return "y"
+            return "y" * ("[y]" in prompt)
         asked += "Key" in prompt
         if asked == 2 and "Key" in prompt:
             laboratory.foot.close()
@@ -214,7 +217,7 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
             if laboratory.resting:
                 laboratory.foot.finish()
                 laboratory.foot.put_down()
-        return next(typed) if "Key" in prompt or "confirm" in prompt else "y"
+        return next(typed) if "Key" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt)
 
     monkeypatch.setattr("builtins.input", ask)
     where = ["--rig", "rig.toml", "--dataset", "dataset"]
@@ -257,7 +260,7 @@ def test_ctrl_c_while_the_last_line_is_written_leaves_the_tables_of_a_complete_s
         return append(self, entry)
 
     def ask(prompt: str) -> str:
-        return next(typed) if "Key" in prompt or "confirm" in prompt else "y"
+        return next(typed) if "Key" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt)
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     monkeypatch.setattr(journal.Journal, "append", appending)
@@ -284,7 +287,10 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     rig.write_text(rig.read_text("utf-8") + '\n[anchors]\nfile = "~/share/register"\n', "utf-8")
     monkeypatch.setenv("HOME", str(tmp_path))
     typed = iter("ccqqaanntt")
-    monkeypatch.setattr("builtins.input", lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "y")
+    monkeypatch.setattr(
+        "builtins.input",
+        lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt),
+    )
     session = ["run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"]
     code, out, _ = palpate(*session)
     assert (code, "The session is paused by the experimenter, with 1 answer on disk. The" in out) == (0, True)

@@ -500,7 +500,7 @@ class TestALaboratorysStudy:
         def falls_silent(prompt: str) -> str:
             if "Lay out" in prompt:
                 foot.close()
-            return "y"
+            return "y" * ("[y]" in prompt)
 
         monkeypatch.setattr("builtins.input", falls_silent)
         monkeypatch.setattr("experiment.session.run.RealEnds.reconnect_s", 0.2)
