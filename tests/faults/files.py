@@ -38,6 +38,7 @@ from analysis.numerics import report as numerics_report
 from analysis.power import report as power_report
 from analysis.power import simulate
 from experiment import __main__ as palpate
+from experiment import storage
 from experiment.cli import analysis
 from experiment.dataset.register import LOG
 from tests.experiment.dataset.studies import make_study
@@ -250,16 +251,20 @@ def held(path: Path, records: bool) -> bytes:
     if records and path.suffix == ".head":
         # Empty before the first line.
         return b"".join(data.split()[:1])
+    if records and path.name == storage.seed_path(path).name:
+        # A command that begins a study anew draws another salt.
+        return json.dumps(json.loads(data) | {"salt": ""}).encode()
     return timeless(data) if records and path.suffix == ".jsonl" else data
 
 
 def timeless(lines: bytes) -> bytes:
-    """Lines of a journal or roster without their times, the hashes of them, and the number of a pseudo-terminal."""
+    """Lines of a journal or roster without times, the hashes of them and of a salt, and a pseudo-terminal's number."""
     *whole, torn = lines.split(b"\n")
     documents = [json.loads(line) for line in whole]
     for document in documents:
         del document["t_ns"], document["prev"]
-        document["entry"].pop("port", None)
+        for drawn in ("port", "seed_sha256"):
+            document["entry"].pop(drawn, None)
     return json.dumps(documents).encode() + torn
 
 
