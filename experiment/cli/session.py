@@ -12,7 +12,7 @@ import typer
 
 from experiment.cli import options
 from experiment.cli.options import ProtocolFile, StudyFolder
-from experiment.errors import LinkError, PalpateError, SessionError
+from experiment.errors import LinkError, PalpateError, PauseAsked, SessionError
 
 if TYPE_CHECKING:
     from experiment.desk.linked import LinkedConsole
@@ -182,12 +182,15 @@ def _linked(protocol: "Protocol", view: "View", *, screen: bool) -> "LinkedConso
 def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"]) -> None:
     """Run a session for consoles that connect at `path`, until it is complete or nobody wants it to go on."""
     from experiment.desk.link import Link
-    from experiment.session.visit import told
+    from experiment.session.visit import BETWEEN, told
 
     with closing(Link(path, console)) as link:
         console.wake = link.wake
         try:
             footer = once(console)
+        except PauseAsked:
+            console.ended(f"{BETWEEN} The same command goes on with it.", 0)
+            return
         except PalpateError as error:
             console.ended(str(error), error.exit_code)
             raise

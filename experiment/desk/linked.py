@@ -76,7 +76,6 @@ class LinkedConsole:
         self._alone_s = alone_s
         self._changed = threading.Condition()
         self._session: Attended | None = None
-        self._begun = False
         self._asked = 0
         self._chosen: str | None = None
         self._picked: str | None = None
@@ -91,11 +90,6 @@ class LinkedConsole:
         self._ignored = ""
         self.wake: Callable[[], None] = lambda: None
         """Called when there is something new to tell."""
-
-    @property
-    def begun(self) -> bool:
-        """Whether a session has been under way."""
-        return self._begun
 
     # What the link asks, from its thread.
 
@@ -258,8 +252,10 @@ class LinkedConsole:
     def attend(self, session: Attended | None) -> None:
         with self._changed:
             self._session = session
-            if session is not None:
-                self._pausing, self._begun = None, True
+            asked = self._pausing is not None
+        if session is not None and asked:
+            # While the devices were opened.
+            session.pause()
         self.wake()
 
     def at(self, *, step: str, steps: Sequence[str]) -> None:
@@ -278,6 +274,7 @@ class LinkedConsole:
         self._now(state="paused", pause_until_ns=wall_ns() + left_ns)
         try:
             with self._open("break", why, ()), self._changed:
+                self._check(attended=True)
                 while (left_ns := until_ns - clock.now_ns()) > 0:
                     self._changed.wait(left_ns / 1e9)
                     self._check(attended=True)
@@ -343,20 +340,24 @@ class LinkedConsole:
             return told
 
     def goes_on(self, *, why: str) -> bool:
-        with self._changed:
-            pausing, self._pausing = self._pausing, None
-        if isinstance(pausing, Stop):
-            return False
-        minutes = pausing.minutes if isinstance(pausing, Pause) else None
-        until_ns = None if minutes is None else wall_ns() + int(minutes * 60e9)
-        self._now(state="paused", lay_out="", trial=None, pause_until_ns=until_ns)
         choices = (Choice(key=ENTER, words="go on with the session"), Choice(key=STOP, words="end for today"))
-        try:
-            return self._put("continue", why, choices) == ENTER
-        except PauseAsked:
-            return False
-        finally:
-            self._now(state="preparing", pause_until_ns=None)
+        until_ns = None
+        while True:
+            with self._changed:
+                pausing, self._pausing = self._pausing, None
+            if isinstance(pausing, Stop):
+                return False
+            if isinstance(pausing, Pause) and pausing.minutes is not None:
+                until_ns = wall_ns() + int(pausing.minutes * 60e9)
+            self._now(state="paused", lay_out="", trial=None, pause_until_ns=until_ns)
+            try:
+                return self._put("continue", why, choices) == ENTER
+            except PauseAsked:
+                # A pause is paused already; a break begins its countdown.
+                if self._pausing is None:
+                    return False
+            finally:
+                self._now(state="preparing", pause_until_ns=None)
 
     def ended(self, words: str, exit_code: int) -> None:
         """Tell that the process ends."""
@@ -382,6 +383,8 @@ class LinkedConsole:
     def _put(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> str:
         """Ask, and return what was chosen. Raises `PauseAsked`."""
         with self._open(kind, text, choices), self._changed:
+            # It may have been asked for before the question was.
+            self._check(attended=True)
             while self._chosen is None:
                 self._check(attended=self._changed.wait(self._alone_s) or bool(self._consoles))
             return self._chosen

@@ -14,6 +14,7 @@ from typing import Literal
 from experiment.apparatus import opening
 from experiment.clock import Clock, day
 from experiment.desk import interrupts
+from experiment.desk.port import BY_EXPERIMENTER
 from experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
@@ -246,7 +247,7 @@ class _Session:
             if event not in (Event.BROKEN_OFF, Event.LOST):
                 self._follow(Event.STEPPED)
             if event is Event.PAUSE:
-                return "by the experimenter"
+                return BY_EXPERIMENTER
             self._follow(event)
             if event is Event.LOST and (pause := self._wait_for_tracker()):
                 return pause

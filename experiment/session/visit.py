@@ -9,15 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from experiment.desk.port import DEBRIEFING, Console
-from experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
+from experiment.errors import ActuatorError, AudioError, PalpateError, PauseAsked, TrackerError
 from experiment.records.entries import Footer
+
+BETWEEN = "The visit is paused; no session is under way."
+"""What is said of a pause at a question before a session, or in the break."""
 
 
 def walk(*, console: Console, tasks: Sequence[str], run: Callable[[str], Footer]) -> Footer:
     """Run a participant's tasks, one at least, and return the footer of the last one begun.
 
     A task that paused goes on as soon as the experimenter wants it to, and so does one whose device failed. Raises
-    `PalpateError` if it does not.
+    `PalpateError` if it does not: `PauseAsked` if no session was under way.
     """
     for task in tasks:
         footer = _task(console, task, run)
@@ -30,6 +33,10 @@ def _task(console: Console, task: str, run: Callable[[str], Footer]) -> Footer:
     while True:
         try:
             footer = run(task)
+        except PauseAsked:
+            if not console.goes_on(why=BETWEEN):
+                raise
+            continue
         except (TrackerError, ActuatorError, AudioError) as error:
             if not console.goes_on(why=_sentence(error)):
                 raise

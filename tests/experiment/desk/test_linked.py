@@ -251,6 +251,29 @@ def test_a_pause_goes_on_when_wanted_a_stop_does_not(bench: Bench) -> None:
         bench.linked.attend(bench.attending)
 
 
+def test_a_break_asked_for_while_it_is_paused_begins_its_countdown_and_ends_nothing(bench: Bench) -> None:
+    bench.linked.attend(None)
+    asked = bench.asks(lambda: bench.linked.goes_on(why="It paused."))
+    first = bench.question("continue")
+    assert shown(bench.linked).pause_until_ns is None
+    assert bench.do(Pause(minutes=5))[0]
+    ends_s = time.monotonic() + 10
+    while (again := shown(bench.linked)).question in (None, first) and time.monotonic() < ends_s:
+        time.sleep(0.01)
+    assert again.pause_until_ns is not None
+    bench.press("continue", "enter")
+    assert asked.result(10)
+
+
+def test_a_pause_asked_for_while_devices_are_opened_is_not_forgotten(bench: Bench) -> None:
+    bench.linked.attend(None)
+    assert bench.do(Pause())[0]
+    bench.linked.attend(bench.attending)
+    assert bench.attending.pauses == 1
+    with pytest.raises(PauseAsked):
+        bench.linked.rest(why="")
+
+
 def test_a_break_ends_by_itself_and_can_be_stopped(bench: Bench) -> None:
     clock = MonotonicClock()
     soon = bench.asks(lambda: bench.linked.wait(why="Break.", until_ns=clock.now_ns() + 50_000_000, clock=clock))

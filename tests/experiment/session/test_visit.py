@@ -7,7 +7,7 @@ from collections import deque
 import pytest
 
 from experiment.clock import ManualClock
-from experiment.errors import PalpateError, RosterError, TrackerError
+from experiment.errors import PalpateError, PauseAsked, RosterError, TrackerError
 from experiment.records.entries import Footer
 from experiment.session.visit import told, visit_steps, walk
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
@@ -50,6 +50,7 @@ class Sessions:
         ([True], [PAUSED, COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
         ([False], [PAUSED], ["a"], PAUSED),
         ([True, False], [COMPLETE, PAUSED, PAUSED], ["a", "b", "b"], PAUSED),
+        ([True], [PauseAsked("in the break"), COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
         ([True], [TrackerError("tracker: gone"), COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
     ],
 )
