@@ -180,7 +180,7 @@ def rechained(journal: bytes, head: Path, draws: random.Random) -> bytes:
 COMMANDS = (
     *("check", "power", "plan", "rehearse", "seal", "doctor", "calibrate", "record", "validate", "spectrum"),
     *("enrol", "consent", "schedule", "run", "journal", "withdraw", "build", "analyse", "export", "audit"),
-    *("anchor", "verify", "import-counts", "numerics", "devices", "x", ""),
+    *("anchor", "verify", "import-counts", "numerics", "devices", "new", "screen", "status", "x", ""),
 )
 OPTIONS = (
     *("--participant", "--seed", "--dataset", "--out", "--json", "--rig", "--task", "--recordings", "--studies"),
@@ -202,7 +202,7 @@ def arguments(draws: random.Random) -> list[str]:
     """A command line that starts nothing long: the slow commands lack what they need, by an option that nobody has."""
     command = draws.choice(COMMANDS)
     some = [draws.choice(draws.choice((OPTIONS, VALUES))) for _ in range(draws.randrange(6))]
-    if command in ("numerics", "devices", "rehearse", "record", "plan", "validate", "doctor", "calibrate", "run"):
+    if command in ("numerics", "devices", "rehearse", "record", "plan", "validate", "doctor", "calibrate", "run", "new"):
         some.append("--no-such-option")
     if command == "power":
         some += ["--studies", "0"]
@@ -227,6 +227,8 @@ def tried(kind: Kind, number: int, bench: Path) -> tuple[list[str], dict[str, by
     command = kind.reading(file)
     if kind.name in ("protocol", "journal or its head") and number % 3 == 0:
         command.append("--json")
+    if kind.name == "protocol" and number % 3 == 1:
+        command += ["--html", "page.html"]
     return command, kept
 
 
