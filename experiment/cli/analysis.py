@@ -3,13 +3,16 @@
 import re
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, ProtocolFile
 from experiment.errors import Interrupted, PalpateError, PowerError
+
+if TYPE_CHECKING:
+    from experiment.dataset.status import Status
 
 commands = options.room()
 
@@ -232,10 +235,7 @@ def import_counts(
 
 @commands.command(epilog="Example: palpate status participants/study --figure flow.pdf")
 def status(
-    study: Annotated[
-        Path,
-        typer.Argument(metavar="STUDY", help="Folder of a study's dataset, or a protocol file for the default one."),
-    ],
+    study: options.StudyPlace,
     figure: Annotated[
         Path | None, typer.Option("--figure", help="Draw the flow of participants too, as .svg, .png or .pdf.")
     ] = None,
@@ -246,33 +246,13 @@ def status(
     The order of a participant's tasks is not shown before their first session has begun. Nothing is changed. The exit
     code is 1 if anything speaks against the evidence.
     """
-    from dataclasses import replace
-
     from analysis.documents import drawing
-    from analysis.reading import dataset as reading
     from experiment import storage
-    from experiment.clock import day, wall_ns
-    from experiment.dataset import build
-    from experiment.dataset import status as statuses
 
     drawn = {".svg": drawing.svg, ".png": drawing.png, ".pdf": drawing.pdf}
     if figure is not None and figure.suffix.lower() not in drawn:
         raise PalpateError(f"--figure {figure}: got the suffix '{figure.suffix}'; allowed: .svg, .png, .pdf; give one")
-    found = statuses.status(study, day(wall_ns()))
-    done = {one.participant for one in found.those("done")}
-    if found.doubts:
-        found = replace(found, excluded=None)
-    elif done:
-        try:
-            build.check_tables(found.root)
-            whole = [
-                one for one in reading.read(found.root).exclusions if one.trial is None and one.participant in done
-            ]
-            found = replace(found, excluded={one.participant: one.reason for one in whole})
-        except PalpateError as error:
-            found = replace(
-                found, excluded=None, reminders=(*found.reminders, f"Who is excluded is not known: {error}")
-            )
+    found = status_of(study)
     if figure is not None:
         aside, stages = found.flow()
         flow = drawing.flow(found.heading, f"Flow of participants on {found.day}: {found.title}", aside, stages)
@@ -282,6 +262,30 @@ def status(
     else:
         typer.echo(f"{found.text()}\n\nFigure: {figure}" if figure else found.text())
     raise typer.Exit(1 if found.doubts else 0)
+
+
+def status_of(study: Path) -> "Status":
+    """Return how far a study is, with who is excluded by its rules where its tables can tell."""
+    from dataclasses import replace
+
+    from analysis.reading import dataset as reading
+    from experiment.clock import day, wall_ns
+    from experiment.dataset import build
+    from experiment.dataset import status as statuses
+
+    found = statuses.status(study, day(wall_ns()))
+    done = {one.participant for one in found.those("done")}
+    if found.doubts:
+        return replace(found, excluded=None)
+    if not done:
+        return found
+    try:
+        build.check_tables(found.root)
+        whole = [one for one in reading.read(found.root).exclusions if one.trial is None and one.participant in done]
+    except PalpateError as error:
+        told = f"Who is excluded is not known: {error}"
+        return replace(found, excluded=None, reminders=(*found.reminders, told))
+    return replace(found, excluded={one.participant: one.reason for one in whole})
 
 
 def tell_analysis(

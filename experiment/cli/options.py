@@ -36,6 +36,10 @@ Participant = Annotated[str, typer.Option("--participant", "-p", help="Label of 
 StudyFolder = Annotated[
     Path | None, typer.Option("--dataset", help="Folder of the study's dataset [default: participants/STUDY].")
 ]
+StudyPlace = Annotated[
+    Path,
+    typer.Argument(metavar="STUDY", help="Folder of a study's dataset, or a protocol file for the default one."),
+]
 LARGEST_SEED = 2**63 - 1
 """The largest whole number that the files of a study may hold."""
 

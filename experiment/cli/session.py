@@ -102,10 +102,10 @@ def run(
         return _run(protocol_file, rig, participant, task, dataset, recordings, console)
 
     if session_at is not None:
-        from experiment.cli import screen
+        from experiment.cli import desk
 
         view = _first_view(protocol, participant or "01", "PRACTICE" if practice else "")
-        with screen.beside(session_at, protocol_file, rig) as opened:
+        with desk.beside(session_at, protocol_file, rig) as opened:
             _listen(session_at, _linked(protocol, view, screen=opened), once)
     elif served:
         _attend(folder, participant or "01", by)

@@ -1,4 +1,4 @@
-"""The command that shows a session on the participant's screen, and how a session starts it."""
+"""The commands that show: the desk's first page, and the participant's screen with how a session starts it."""
 
 import subprocess
 import sys
@@ -11,8 +11,48 @@ import typer
 
 from experiment.cli import options
 from experiment.cli.options import Participant, ProtocolFile, StudyFolder
+from experiment.errors import LinkError
 
 commands = options.room()
+
+
+@commands.command(epilog="Example: palpate desk study.toml --rig our-rig.toml")
+def desk(
+    study: options.StudyPlace,
+    rig: Annotated[
+        Path | None, typer.Option("--rig", help="Rig file of this laboratory, for the sessions that are begun here.")
+    ] = None,
+    dataset: StudyFolder = None,
+    by: Annotated[
+        str, typer.Option("--by", metavar="LABEL", help="Who sits at the console: a label for the record, no name.")
+    ] = "console",
+) -> None:
+    """Open the desk of a study, from which sessions are begun.
+
+    It shows who is done, under way and due, what comes next, and what is to be done.
+
+    With the study's protocol file and --rig, Enter begins or resumes the session of the participant who is chosen, and
+    the desk comes back after it. Without, the page only shows. What is concealed stays so.
+    """
+    from experiment.cli.analysis import status_of
+    from experiment.desk.console.study import StudyPage
+
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise LinkError("the desk needs a terminal; palpate status prints the same as lines of text")
+    place = dataset or study
+    refuses = (
+        "To begin sessions here, open the desk with the study's protocol file and --rig."
+        if rig is None or not study.is_file()
+        else ""
+    )
+    status_of(place)
+    while (label := StudyPage(lambda: status_of(place), refuses=refuses).run()) is not None:
+        run = ["run", str(study), "--participant", label, "--rig", str(rig), "--by", by]
+        ended = subprocess.run(  # noqa: S603
+            [sys.executable, "-m", "experiment", *run, *(("--dataset", str(dataset)) if dataset else ())], check=False
+        )
+        if ended.returncode:
+            typer.prompt("Enter goes back to the study", default="", show_default=False, prompt_suffix=". ")
 
 
 @commands.command(epilog="Example: palpate screen study.toml --participant 01 --rig our-rig.toml")
