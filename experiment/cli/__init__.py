@@ -32,6 +32,7 @@ COMMANDS = {
     "Run sessions": {
         "enrol": ("laboratory", "Enrol the next participant of a study."),
         "consent": ("laboratory", "Record the consent of an enrolled participant."),
+        "person": ("laboratory", "Keep who a participant is, outside of every dataset."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),
         "run": ("session", "Run one session with a participant, or the rest of one."),
         "desk": ("desk", "Open the desk of a study, from which sessions are begun."),

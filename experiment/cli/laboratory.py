@@ -78,6 +78,46 @@ def consent(
     typer.echo(f"Participant {participant} {done}: {path}")
 
 
+@commands.command(epilog="Example: palpate person study.toml -p 01 --name 'A. Name' --contact 'a phone number'")
+def person(
+    protocol_file: ProtocolFile,
+    participant: Participant,
+    name: Annotated[str | None, typer.Option("--name", help="Their name, as it is asked for at the panel.")] = None,
+    contact: Annotated[str | None, typer.Option("--contact", help="How they are reached.")] = None,
+    forget: Annotated[bool, typer.Option("--forget", help="Delete what is known of them.")] = False,
+) -> None:
+    """Keep who a participant is, outside of every dataset.
+
+    A study needs no names. Where a lab wants them, they stand in one file of yours that only you may read, and no
+    dataset, journal or table holds any. `palpate run` asks for the person at the panel by the name that stands there,
+    and `palpate withdraw` deletes it. Without options it is printed.
+    """
+    from experiment.protocol import files
+    from experiment.study import people
+
+    protocol = files.load(protocol_file)
+    before = people.known(protocol).get(participant)
+    if forget and (name is not None or contact is not None):
+        raise RosterError("got --forget with --name or --contact; allowed: one of them")
+    if forget:
+        known = people.forget(protocol, participant)
+        typer.echo(f"Participant {participant}: {'what was known is deleted' if known else 'nothing was known'}.")
+    elif name is None and contact is None:
+        told = f"{before.name or 'no name'}, {before.contact or 'no contact'}" if before else "nothing is known"
+        typer.echo(f"Participant {participant}: {told} ({people.place(protocol)})")
+    else:
+        old = before or people.Person()
+        try:
+            new = people.Person(
+                name=old.name if name is None else name, contact=old.contact if contact is None else contact
+            )
+        except ValueError:
+            raise RosterError(
+                "got a name or a contact that is no line of text; allowed: one line of visible text"
+            ) from None
+        typer.echo(f"Participant {participant} is kept in {people.keep(protocol, participant, new)}")
+
+
 @commands.command(epilog="Example: palpate schedule protocols/okamoto2012.toml --participant 03 --seed 1")
 def schedule(
     protocol_file: ProtocolFile,
@@ -242,7 +282,8 @@ def withdraw(
     """
     from experiment.dataset import beliefs
     from experiment.dataset import build as datasets
-    from experiment.study import enrolment
+    from experiment.protocol import files
+    from experiment.study import enrolment, people
 
     if yes and not erase:
         raise RosterError("got --yes without --erase; allowed: both, or neither; nothing is asked without --erase")
@@ -250,6 +291,8 @@ def withdraw(
         _confirm_erasure(participant, *enrolment.held(protocol_file, participant, root=dataset))
     path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
     typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")
+    if people.forget(files.load(protocol_file), participant):
+        typer.echo("Who they were is deleted from the file of names.")
     if erase:
         typer.echo(
             f"What stays in {path.parent}: their label, the day of consent, and the withdrawal with its reason.\n"

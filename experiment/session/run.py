@@ -27,7 +27,7 @@ from experiment.session import runner, scene
 from experiment.session.laboratory import header, open_laboratory
 from experiment.session.visit import visit_steps, walk
 from experiment.settings.characters import quoted
-from experiment.study import enrolment, roster
+from experiment.study import enrolment, people, roster
 from experiment.study.allocation import Allocation, allocated, find
 
 if TYPE_CHECKING:
@@ -234,7 +234,9 @@ class _Visit:
         done = [task for task in self.allocation.tasks if _is_complete(self.root, who, task)]
         consent = f"Consent is of {self.consent_on}. " if self.consent_on else ""
         so_far = f"Complete so far: {', '.join(done)}." if done else "No task is complete yet."
-        text = f"Is the person at the panel participant {who}? {consent}{so_far}"
+        kept = people.known(self.protocol).get(who)
+        name = f", {kept.name}" if kept is not None and kept.name else ""
+        text = f"Is the person at the panel participant {who}{name}? {consent}{so_far}"
         if not self.console.agree(text=text, yes="yes, go on", no="no, leave"):
             raise SessionError(
                 f"the person at the panel is not participant {who}; nothing was begun; look up their label, and give "

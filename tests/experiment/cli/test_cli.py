@@ -406,6 +406,24 @@ class TestALaboratorysStudy:
         assert palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")[0] == 0
         assert "participant 01 withdrew (asked to stop)" in self.run(palpate, protocol, rig)[2]
 
+    def test_a_name_stands_in_no_dataset_and_goes_with_the_withdrawal(
+        self, palpate: Palpate, protocol: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "mine"))
+        root = protocol.with_name("dataset")
+        self.seal(palpate, protocol)
+        self.enrol(palpate, protocol)
+        assert palpate("person", protocol, "-p", "01", "--name", "Zoë Quux")[0] == 0
+        assert palpate("person", protocol, "-p", "01", "--contact", "room 7")[0] == 0
+        assert "Zoë Quux, room 7" in palpate("person", protocol, "-p", "01")[1]
+        code, out, _ = palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")
+        assert (code, "Who they were is deleted" in out) == (0, True)
+        assert "nothing is known" in palpate("person", protocol, "-p", "01")[1]
+        holding = [path for path in tmp_path.rglob("*") if path.is_file() and b"Quux" in path.read_bytes()]
+        assert holding == []
+        assert palpate("person", protocol, "-p", "01", "--name", "a\nb")[0] == 2
+        assert palpate("person", protocol, "-p", "01", "--forget", "--name", "a")[0] == 2
+
     @pytest.mark.parametrize("meanwhile", ["_wait_for_break", "open_laboratory"])
     def test_who_withdraws_before_the_session_begins_is_not_run(
         self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch, meanwhile: str
