@@ -1,7 +1,10 @@
 """The command that runs a session: on lines of text, or in a process of its own with a console beside it."""
 
+import os
+import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -108,6 +111,7 @@ def run(
         with desk.beside(session_at, protocol_file, rig) as opened:
             _listen(session_at, _linked(protocol, view, screen=opened), once)
     elif served:
+        threading.Thread(target=_end_with, args=(os.getppid(),), name="server", daemon=True).start()
         _attend(folder, participant or "01", by)
     elif serve is not None:
         _serve(serve, port)
@@ -225,6 +229,13 @@ def _serve(host: str, port: int) -> None:
     except ImportError as error:
         raise LinkError(f"a console in a browser needs {error.name}; install palpate with its extra 'serve'") from error
     serve.served([sys.executable, "-m", "experiment", *sys.argv[1:], "--served"], host=host, port=port).serve()
+
+
+def _end_with(server: int) -> None:
+    """End this process, as a closed terminal would, once the server that started it is gone."""
+    while os.getppid() == server:
+        time.sleep(1.0)
+    os.kill(os.getpid(), signal.SIGHUP)
 
 
 def _begin(path: Path) -> "subprocess.Popen[bytes]":

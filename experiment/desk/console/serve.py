@@ -40,7 +40,8 @@ class Served(Server):
 
     def __init__(self, command: Sequence[str], *, host: str, port: int, secret: str) -> None:
         """Serve at an address and a port of this machine."""
-        super().__init__(shlex.join(command), host=host, port=port, title="palpate")
+        # No shell stays between, so that the console knows by its parent whether the server is there.
+        super().__init__(f"exec {shlex.join(command)}", host=host, port=port, title="palpate")
         self._secret = secret
 
     @property
