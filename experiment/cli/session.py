@@ -180,7 +180,7 @@ def _linked(protocol: "Protocol", view: "View", *, screen: bool) -> "LinkedConso
     from experiment.desk import prompts
     from experiment.desk.linked import LinkedConsole
 
-    return LinkedConsole(view, answerable=prompts.answerable(protocol.masker), screen=screen)
+    return LinkedConsole(view, theirs=prompts.theirs(protocol), screen=screen)
 
 
 def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"]) -> None:

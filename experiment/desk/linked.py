@@ -37,6 +37,7 @@ from experiment.desk.messages import (
     Write,
 )
 from experiment.desk.port import BY_EXPERIMENTER, DEBRIEFING, RESTS, Attended, Corrected, Noted, Remark, Repeated
+from experiment.desk.prompts import NOTHING, Theirs
 from experiment.errors import PalpateError, PauseAsked
 from experiment.settings import characters
 
@@ -64,13 +65,10 @@ Kind = Literal[
 class LinkedConsole:
     """Implements `Console` and the link's `SessionEnd`."""
 
-    def __init__(
-        self, view: View, *, answerable: frozenset[str] = frozenset(), screen: bool = False, alone_s: float = ALONE_S
-    ) -> None:
+    def __init__(self, view: View, *, theirs: Theirs = NOTHING, screen: bool = False, alone_s: float = ALONE_S) -> None:
         """Begin with `view`, which says what does not change: the study and who takes part.
 
-        The participant may answer questions of the kinds `answerable`; `screen` says that the rig has a screen for
-        that.
+        `theirs` is what the participant has at their screen, and `screen` says that the rig has one.
         """
         self._view = view
         self._alone_s = alone_s
@@ -81,7 +79,7 @@ class LinkedConsole:
         self._picked: str | None = None
         self._repeated: Repeated | None = None
         self._consoles = 0
-        self._answerable = answerable
+        self._theirs = theirs
         self._screen = screen
         self._screens = 0
         self._prompts = [Prompt()]
@@ -113,7 +111,7 @@ class LinkedConsole:
     def _prompt(self, view: View) -> Prompt:
         """Return what the participant's screen shows, with a number that changes when its look does."""
         last = self._prompts[-1]
-        new = prompts.prompt(view, self._answerable)
+        new = prompts.prompt(view, self._theirs)
         if new.show != "wait" or last.show == "wait":
             self._waits_ns = None
         else:
@@ -190,7 +188,7 @@ class LinkedConsole:
             return False, "The participant's screen may not ask for that."
         with self._changed:
             asked = self._view.question
-            if asked is not None and asked.number == deed.question and asked.kind not in self._answerable:
+            if asked is not None and asked.number == deed.question and asked.kind not in self._theirs.answerable:
                 return False, "The participant does not answer this question at the screen."
             return self._choose(deed)
 

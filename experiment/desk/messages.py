@@ -164,15 +164,17 @@ Show = Literal["wait", "instructions", "masker", "rest", "ready", "answer", "bre
 class Prompt(Message):
     """What the participant's screen shows. Nothing in it depends on what is presented.
 
-    `number` is unlike that of a prompt that looks otherwise. `text` is the protocol's instruction. The participant may
-    answer `question` with `keys`, those of its choices. `pace` is that of the last step. A break lasts until
-    `until_ns`, in nanoseconds of the system's clock. `label` is PRACTICE or PILOT, and empty in a study.
+    `number` is unlike that of a prompt that looks otherwise. `text` is the protocol's instruction, and `answers` what
+    may be said in any trial. The participant may answer `question` with `keys`, those of its choices. `pace` is that of
+    the last step. A break lasts until `until_ns`, in nanoseconds of the system's clock. `label` is PRACTICE or PILOT,
+    and empty in a study.
     """
 
     kind: Literal["prompt"] = "prompt"
     number: int = 0
     show: Show = "wait"
     text: str = ""
+    answers: tuple[str, ...] = ()
     question: int | None = None
     keys: tuple[str, ...] = ()
     pace: Pace | None = None

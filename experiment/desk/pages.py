@@ -112,7 +112,7 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
         case "ready":
             return words.ready
         case "answer":
-            return words.answer
+            return "\n".join((words.answer, *prompt.answers))
         case "break":
             return words.pause
         case "thanks":

@@ -7,10 +7,11 @@ looked at.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import get_args
 
 from experiment.desk.messages import ENTER, Gauges, Label, Prompt, Show, View
-from experiment.protocol.models import Masker
+from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
 
 KEYS = (LOUDER_KEY, SOFTER_KEY, ENTER)
@@ -41,9 +42,26 @@ IN_STATE: dict[str, Show] = {
 """What is shown in this state while nothing is asked; in any other the participant waits."""
 
 
-def answerable(masker: Masker) -> frozenset[str]:
-    """Return the kinds of question that the participant may answer at the screen: no trial is, they answer aloud."""
-    return frozenset({"level"} if masker.level_set_by == "participant" else ())
+@dataclass(frozen=True)
+class Theirs:
+    """What a protocol leaves to the participant at their screen, the same in every trial.
+
+    They may answer questions of the kinds `answerable`: no trial, since they answer that aloud. `answers` are shown
+    while they do; there are none unless the protocol shows them.
+    """
+
+    answerable: frozenset[str] = frozenset()
+    answers: tuple[str, ...] = ()
+
+
+NOTHING = Theirs()
+"""The participant only reads."""
+
+
+def theirs(protocol: Protocol) -> Theirs:
+    """Return what a protocol leaves to the participant."""
+    answers = (material.spoken[0] for material in protocol.materials if protocol.answers.on_screen)
+    return Theirs(frozenset({"level"} if protocol.masker.level_set_by == "participant" else ()), tuple(answers))
 
 
 def _loudest(gauges: Gauges | None) -> bool:
@@ -52,7 +70,7 @@ def _loudest(gauges: Gauges | None) -> bool:
     return gauges.masker_db_a >= gauges.masker_limit_db_a
 
 
-def prompt(view: View, answerable: frozenset[str]) -> Prompt:
+def prompt(view: View, theirs: Theirs) -> Prompt:
     """Return what the participant's screen shows, with the number 0."""
     asked = view.question
     show = IN_STATE.get(view.state, "wait") if asked is None else AT_QUESTION[asked.kind]
@@ -60,14 +78,15 @@ def prompt(view: View, answerable: frozenset[str]) -> Prompt:
         # A fault ended it; the experimenter sees to it, and the session goes on.
         show = "wait"
     gauges = view.gauges
-    theirs = asked if asked is not None and asked.kind in answerable else None
-    offered = {choice.key for choice in theirs.choices} if theirs is not None else set()
+    own = asked if asked is not None and asked.kind in theirs.answerable else None
+    offered = {choice.key for choice in own.choices} if own is not None else set()
     if _loudest(gauges):
         offered.discard(LOUDER_KEY)
     return Prompt(
         show=show,
         text=view.instruction if show == "instructions" else "",
-        question=theirs.number if theirs is not None else None,
+        answers=theirs.answers if show == "answer" else (),
+        question=own.number if own is not None else None,
         keys=tuple(key for key in KEYS if key in offered),
         pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
         until_ns=view.pause_until_ns if show == "break" else None,

@@ -45,13 +45,15 @@ def canonical(protocol: Protocol) -> bytes:
 
 
 def _document(protocol: Protocol) -> dict[str, Any]:
-    """Return every field, defaults included, but for a key that is younger than format 2 and is not stated.
+    """Return every field, defaults included, but for keys that are younger than format 2 and are not stated.
 
     Without it the seals that were given before hold on.
     """
     document = protocol.model_dump(mode="json")
     if document["consent"]["kept_months"] is None:
         del document["consent"]["kept_months"]
+    if not document["answers"]["on_screen"]:
+        del document["answers"]["on_screen"]
     return document
 
 

@@ -289,12 +289,14 @@ class Answers(Confined):
 
     Attributes:
         mode: the participant says the answer, and the experimenter keys it.
+        on_screen: the participant's screen, where there is one, shows what may be answered, in the materials' order.
         no_answer_key: the key for a trial without an answer.
         redo_key: the key that has the trial done again, at the end of its block.
         pause_key: the key that pauses the session.
     """
 
     mode: Literal["oral"]
+    on_screen: bool = False
     no_answer_key: Key
     redo_key: Key
     pause_key: Key

@@ -312,6 +312,7 @@ criterion = "The participant does not hear the panel."    # what must hold at th
 
 [answers]
 mode = "oral"                          # the participant says the answer, and the experimenter types its key
+on_screen = false                      # true: the participant's screen shows what may be answered
 no_answer_key = $no_answer                    # the participant said nothing
 redo_key = $redo                         # do the trial again, at the end of its block
 pause_key = $pause                        # pause the session

@@ -421,6 +421,8 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
         f"[{answers.pause_key}] pause.",
         indent="    ",
     )
+    if answers.on_screen:
+        yield Said("Where the rig has a screen for the participant, it shows these answers while they answer.")
     yield Said(
         "A trial whose stimulus may have been felt, and which has no confirmed answer, is repeated at the end of its "
         "block, whatever the cause: the key, a pause, a rule below, or a fault of the rig. In a task whose order is "

@@ -27,6 +27,7 @@ from experiment.desk.messages import (
     View,
     Write,
 )
+from experiment.desk.prompts import Theirs
 from tests.experiment.desk.attended import Recorded
 
 SCREEN = Hello(role="screen", by="the participant's screen")
@@ -41,7 +42,7 @@ def session() -> Recorded:
 
 @pytest.fixture
 def desk(session: Recorded) -> LinkedConsole:
-    made = LinkedConsole(View(study="study", participant="01"), answerable=frozenset({"level"}), screen=True)
+    made = LinkedConsole(View(study="study", participant="01"), theirs=Theirs(frozenset({"level"})), screen=True)
     made.came(1, 0)
     made.attend(session)
     return made

@@ -7,17 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.desk.messages import ENTER, Choice, Ended, Gauges, Prompt, Question, View, line
-from experiment.desk.prompts import AT_QUESTION, answerable, prompt
-from experiment.protocol.models import Masker
+from experiment.desk.prompts import AT_QUESTION, Theirs, prompt, theirs
+from experiment.protocol.models import Protocol
 from tests.experiment.desk.views import KINDS, MARK, views
+from tests.experiment.protocol.small import changed, document
 
-THEIRS = frozenset({"level"})
+THEIRS = Theirs(frozenset({"level"}), ("felt", "cork"))
 LEVEL = (Choice(key="+", words="louder"), Choice(key="-", words="softer"), Choice(key=ENTER, words="keep"))
 
 
 @given(view=views, kinds=st.frozensets(st.sampled_from(KINDS)))
 def test_nothing_that_is_presented_reaches_the_screen(view: View, kinds: frozenset[str]) -> None:
-    assert MARK.encode() not in line(prompt(view, kinds))
+    assert MARK.encode() not in line(prompt(view, Theirs(kinds)))
 
 
 @given(view=views, other=views, kinds=st.frozensets(st.sampled_from(KINDS)))
@@ -36,14 +37,14 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: froz
     if ended is not None and other.ended is not None:
         ended = other.ended.model_copy(update={"exit_code": ended.exit_code})
     exchanged = other.model_copy(update={**matters, "question": question, "gauges": gauges, "ended": ended})
-    assert prompt(exchanged, kinds) == prompt(view, kinds)
+    assert prompt(exchanged, Theirs(kinds)) == prompt(view, Theirs(kinds))
 
 
 @given(view=views, kinds=st.frozensets(st.sampled_from(KINDS)))
 def test_the_participant_has_three_keys_and_those_only_for_their_own_questions(
     view: View, kinds: frozenset[str]
 ) -> None:
-    shown = prompt(view, kinds)
+    shown = prompt(view, Theirs(kinds))
     assert set(shown.keys) <= {"+", "-", ENTER}
     if view.question is None or view.question.kind not in kinds:
         assert (shown.question, shown.keys) == (None, ())
@@ -106,5 +107,16 @@ def test_a_masker_at_its_limit_offers_no_more(
 
 @pytest.mark.parametrize(("by", "kinds"), [("participant", {"level"}), ("experimenter", set())])
 def test_the_protocol_says_who_sets_the_masker(by: str, kinds: set[str]) -> None:
-    masker = Masker.model_validate({"noise": "pink", "level_set_by": by, "criterion": "Nothing is heard."})
-    assert answerable(masker) == kinds
+    study = Protocol.model_validate(changed(document(), ("masker", "level_set_by"), by))
+    assert theirs(study) == Theirs(frozenset(kinds))
+
+
+def test_answers_are_shown_only_where_the_protocol_says_so_and_only_while_one_is_wanted() -> None:
+    study = Protocol.model_validate(changed(document(), ("answers", "on_screen"), True))
+    said = tuple(material.spoken[0] for material in study.materials)
+    assert theirs(study).answers == said
+    for kind in KINDS:
+        asked = Question.model_validate({"number": 3, "kind": kind, "text": "", "choices": ()})
+        shown = prompt(View(question=asked), theirs(study))
+        assert shown.answers == (said if kind in ("answer", "confirm") else ())
+    assert prompt(View(state="armed"), theirs(study)).answers == ()
