@@ -37,6 +37,7 @@ class ScreenKeys(Confined):
     Attributes:
         louder: makes the masker louder.
         softer: makes it softer.
+        probe: plays what the masker is to hide, where the protocol has a probe.
         done: says that the masker is loud enough.
     """
 
@@ -44,6 +45,7 @@ class ScreenKeys(Confined):
 
     louder: KeyName = "up"
     softer: KeyName = "down"
+    probe: KeyName = "right"
     done: KeyName = "return"
 
 
@@ -56,6 +58,7 @@ class ScreenWords(Confined):
         set_for_you: while the experimenter does.
         louder: what the key does.
         softer: what the key does.
+        probe: what the key does.
         inaudible: that the level is right.
         loudest: that it is at its limit.
         rest: while the tracker is zeroed.
@@ -75,6 +78,7 @@ class ScreenWords(Confined):
     set_for_you: Line = "The noise hides the sound of the panel. Say when you no longer hear the panel."
     louder: Line = "louder"
     softer: Line = "softer"
+    probe: Line = "let the panel vibrate"
     inaudible: Line = "I no longer hear it"
     loudest: Line = "It is as loud as it may be."
     rest: Line = "Rest your foot still on the panel."

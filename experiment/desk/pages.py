@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
 from experiment.desk.messages import ENTER, Prompt
 from experiment.errors import DisplayError
-from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
+from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY, SOFTER_KEY
 from experiment.settings import characters
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def page(prompt: Prompt | None, settings: ScreenRig, now_ns: int) -> Page:
 def chosen(prompt: Prompt | None, key: str, settings: ScreenRig) -> str | None:
     """Return what a key of the participant chooses of a prompt that is shown; None where it chooses nothing."""
     keys = settings.keys or ScreenKeys()
-    means = {keys.louder: LOUDER_KEY, keys.softer: SOFTER_KEY, keys.done: ENTER}.get(key)
+    means = {keys.louder: LOUDER_KEY, keys.softer: SOFTER_KEY, keys.probe: PROBE_KEY, keys.done: ENTER}.get(key)
     return means if prompt is not None and prompt.question is not None and means in prompt.keys else None
 
 
@@ -129,6 +129,8 @@ def _keys(prompt: Prompt, settings: ScreenRig) -> Iterator[tuple[str, str]]:
         yield "", words.loudest
     if SOFTER_KEY in prompt.keys:
         yield _cap(keys.softer), words.softer
+    if PROBE_KEY in prompt.keys:
+        yield _cap(keys.probe), words.probe
     if ENTER in prompt.keys:
         yield _cap(keys.done), words.inaudible
 

@@ -12,9 +12,9 @@ from typing import get_args
 
 from experiment.desk.messages import ENTER, Gauges, Label, Prompt, Show, View
 from experiment.protocol.models import Protocol
-from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
+from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY, SOFTER_KEY
 
-KEYS = (LOUDER_KEY, SOFTER_KEY, ENTER)
+KEYS = (LOUDER_KEY, SOFTER_KEY, PROBE_KEY, ENTER)
 """The participant has these keys and no others."""
 
 AT_QUESTION: dict[str, Show] = {

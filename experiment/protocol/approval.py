@@ -52,6 +52,8 @@ def _document(protocol: Protocol) -> dict[str, Any]:
     document = protocol.model_dump(mode="json")
     if document["consent"]["kept_months"] is None:
         del document["consent"]["kept_months"]
+    if document["masker"]["probe"] is None:
+        del document["masker"]["probe"]
     if not document["answers"]["on_screen"]:
         del document["answers"]["on_screen"]
     return document

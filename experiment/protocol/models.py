@@ -109,6 +109,18 @@ class Exposure(Confined):
     session_min: Annotated[float, Field(gt=0, le=240)]
 
 
+class Probe(Confined):
+    """A stimulus that the panel plays, whenever it is asked for, while the masker's level is chosen.
+
+    Attributes:
+        material: whose vibration it is; only a task with virtual stimuli plays it.
+        speed_mm_s: the foot's speed that it is made for.
+    """
+
+    material: Name
+    speed_mm_s: Annotated[float, Field(gt=0, le=1000)]
+
+
 class Masker(Confined):
     """Noise on the headphones that hides the sound of the stimuli.
 
@@ -116,11 +128,13 @@ class Masker(Confined):
         noise: the noise's colour.
         level_set_by: who sets its level.
         criterion: what must hold at the level that is chosen.
+        probe: what can be played meanwhile, so that there is something to hide.
     """
 
     noise: Literal["pink", "white"]
     level_set_by: Literal["participant", "experimenter"]
     criterion: Text
+    probe: Probe | None = None
 
 
 class Material(Confined):

@@ -392,6 +392,12 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
     )
     yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
     yield Quoted(masker.criterion)
+    if (probe := masker.probe) is not None:
+        yield Said(
+            f"While the level is set, the panel vibrates as {named(probe.material)} does under a foot at "
+            f"{number(probe.speed_mm_s)} mm/s whenever a key asks for it, in tasks with virtual stimuli. Each time is "
+            "on record and counts as a stimulus."
+        )
 
 
 def _limits(protocol: Protocol) -> Iterator[Block]:

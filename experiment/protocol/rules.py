@@ -18,7 +18,7 @@ from experiment.storage import Place
 MAX_COUNTERBALANCED = 6
 """Tasks that may be counterbalanced; more have over 720 orders, and no study balances those."""
 
-LOUDER_KEY, SOFTER_KEY = "+", "-"
+LOUDER_KEY, SOFTER_KEY, PROBE_KEY = "+", "-", "p"
 """Keys of the masker's level."""
 
 MISSING = ("n/a", "N/A", "NA", "NaN", "nan", "None", "NULL", "null")
@@ -143,6 +143,9 @@ def protocol(table: Table) -> Iterator[Broken]:
     yield from _participants(table)
     yield from _planned_tasks(table)
     yield from _limits(table)
+    probed = _table(_table(table, "masker"), "probe").get("material")
+    if probed is not None and probed not in (ids := [one.get("id") for _, one in _tables(table, "materials")]):
+        yield Broken(("masker", "probe", "material"), f"one of the materials: {', '.join(map(str, ids))}")
     tasks = _tables(table, "tasks")
     if _table(table, "task_order").get("kind") == "counterbalanced" and len(tasks) > MAX_COUNTERBALANCED:
         allowed = f"fixed, or at most {MAX_COUNTERBALANCED} tasks: the orders of {len(tasks)} cannot be balanced"

@@ -32,6 +32,15 @@ class Zeroed(Entry):
     samples: int
 
 
+class Probed(Entry):
+    """The probe of the masker is played: on record before it can be felt, as made for a foot at `speed_mm_s`."""
+
+    kind: Literal["probed"] = "probed"
+    material: str
+    speed_mm_s: float
+    stimulus: Stimulus
+
+
 class Link(Record):
     """Frames of the tracker between arming and contact; `received` counts those up to contact."""
 

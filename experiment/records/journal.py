@@ -41,13 +41,14 @@ from experiment.records.entries import (
     Visited,
     Withdrawal,
 )
-from experiment.records.footstep import BrokenOff, FootStep, Zeroed
+from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
 
 AnyEntry = Annotated[
     Header
     | TrackerOpened
     | Zeroed
     | MaskerSet
+    | Probed
     | Exposure
     | Phase
     | Armed

@@ -22,8 +22,9 @@ from experiment.records.entries import (
     Visited,
     Withdrawal,
 )
-from experiment.records.footstep import BrokenOff, FootStep
+from experiment.records.footstep import BrokenOff, FootStep, Probed
 from experiment.records.journal import AnyEntry
+from experiment.records.stimulus import Stimulus
 
 
 @dataclass(frozen=True)
@@ -35,7 +36,7 @@ class Progress:
     attempt are given of what was armed without its end on disk (`armed`), and of a step on disk without its answer
     (`unanswered`). `footer` is the last one, if the session has ended since it was last resumed. `masker_db_a` is the
     level chosen last, dB(A). `visited` are the steps of the visit that are on record beside the trials. `stimuli` were
-    played in steps on record, `vibration_s` together, s.
+    played in steps and probes on record, `vibration_s` together, s.
     """
 
     header: Header
@@ -82,11 +83,9 @@ class Progress:
             attempts = {**self.attempts, entry.trial: entry.attempt}
             return replace(done, attempts=attempts, armed=(entry.trial, entry.attempt), unanswered=None)
         if isinstance(entry, FootStep):
-            ended = replace(done, armed=None, unanswered=(entry.trial, entry.attempt))
-            if entry.stimulus is None:
-                return ended
-            lasted_s = entry.stimulus.samples / entry.stimulus.rate_hz
-            return replace(ended, stimuli=self.stimuli + 1, vibration_s=self.vibration_s + lasted_s)
+            return replace(done, armed=None, unanswered=(entry.trial, entry.attempt))._felt(entry.stimulus)
+        if isinstance(entry, Probed):
+            return done._felt(entry.stimulus)
         if isinstance(entry, BrokenOff):
             ended = replace(done, armed=None)
             return ended._later(entry.trial) if entry.felt else ended
@@ -104,6 +103,12 @@ class Progress:
         if isinstance(entry, MaskerSet) and entry.level_db_a is not None:
             return replace(done, masker_db_a=entry.level_db_a)
         return done
+
+    def _felt(self, stimulus: Stimulus | None) -> Progress:
+        if stimulus is None:
+            return self
+        lasted_s = stimulus.samples / stimulus.rate_hz
+        return replace(self, stimuli=self.stimuli + 1, vibration_s=self.vibration_s + lasted_s)
 
     def _without(self, trial: int) -> Progress:
         return replace(self, said=tuple(one for one in self.said if one[0] != trial))

@@ -24,7 +24,7 @@ from experiment.records.entries import (
     Visited,
     Withdrawal,
 )
-from experiment.records.footstep import BrokenOff, FootStep, Zeroed
+from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
 from experiment.records.stimulus import Onset, Stimulus
@@ -83,6 +83,10 @@ def _said(entry: AnyEntry) -> str:
         case MaskerSet():
             level = "silent" if entry.level_db_a is None else f"at {entry.level_db_a:.0f} dB(A)"
             return f"the masker is {level}; {entry.dose:.1%} of the dose for 24 hours is used up"
+        case Probed():
+            return (
+                f"probe of the masker: {entry.material} at {entry.speed_mm_s:g} mm/s, {_played(entry.stimulus, None)}"
+            )
         case Exposure():
             dose = "" if entry.dose is None else f"; {entry.dose:.1%} of the masker's dose for 24 hours is used up"
             return f"so far {entry.stimuli} stimuli were played, {entry.vibration_s:.1f} s together{dose}"

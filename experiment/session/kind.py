@@ -133,6 +133,11 @@ class Kind(Protocol):
         """Return what is measured now; it may be called from any thread."""
         ...
 
+    @property
+    def probe(self) -> Callable[[], None] | None:
+        """What plays the masker's probe once, after it is on record; None where the protocol or the task has none."""
+        ...
+
     def reconnect(self, timeout_s: float) -> None:
         """Wait until the device that fell silent is back. Raises `TrackerStopped` if it is not back in time."""
         ...

@@ -21,7 +21,7 @@ from experiment.clock import Clock, day
 from experiment.desk.port import Console
 from experiment.errors import DoseUsedUp
 from experiment.protocol.models import Protocol
-from experiment.protocol.rules import LOUDER_KEY, SOFTER_KEY
+from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY, SOFTER_KEY
 from experiment.records.entries import MaskerSet
 from experiment.session import scene
 
@@ -45,10 +45,10 @@ class Masking:
         self._lock = threading.Lock()
         self._silenced = self._used_up = False
 
-    def choose(self, criterion: str, begin_db_a: float | None) -> None:
+    def choose(self, criterion: str, begin_db_a: float | None, probe: Callable[[], None] | None = None) -> None:
         """Start the noise at `begin_db_a`, or at the first level if None, and have it set until `criterion` holds.
 
-        A masker that is silent for good is left as it is.
+        `probe` plays what is to be hidden, None where nothing can. A masker that is silent for good is left as it is.
         """
         with self._lock:
             if not self._silenced:
@@ -59,9 +59,11 @@ class Masking:
                 level_db_a=level_db_a if level_db_a is not None else FIRST_DB_A,
                 limit_db_a=self._masker.limit_db_a,
                 criterion=criterion,
-                keys=KEYS,
+                keys=KEYS if probe is None else KEYS | {PROBE_KEY: "play the probe"},
             )
-            if not self.change(key):
+            if key == PROBE_KEY and probe is not None:
+                probe()
+            elif not self.change(key):
                 return
 
     def change(self, key: str) -> bool:

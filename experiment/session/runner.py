@@ -216,7 +216,8 @@ class _Session:
         try:
             self._begin(contents)
             if self._masking is not None and self._log.done.remaining and not self._exposed.over():
-                self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a)
+                probe = self._attempts.kind.probe
+                self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a, probe)
             self._attempts.remarks.note_ignored()
             pause = self._trials()
         except (ScreenGone, PauseAsked) as why:

@@ -14,7 +14,7 @@ from experiment.errors import DatasetError
 from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.records.entries import MaskerSet, Redo
-from experiment.records.footstep import FootStep, Zeroed
+from experiment.records.footstep import FootStep, Probed, Zeroed
 from experiment.rehearsal import session, study
 from experiment.rehearsal.footstep.panel import CardPanel
 from experiment.rehearsal.wires.sound_card import WiredCard
@@ -27,6 +27,7 @@ def short(tmp_path: Path) -> Path:
     for pattern, value in (("repetitions", "1"), ("min_s", "0"), ("max_s", "0.01"), ("break_min_s", "0")):
         text = re.sub(rf"(?m)^{pattern} = \S+", f"{pattern} = {value}", text)
     text = text.replace("limit = 36", "limit = 4")
+    text = text.replace("[masker]\n", '[masker]\nprobe = { material = "aluminum foil", speed_mm_s = 200 }\n')
     path = tmp_path / "short.toml"
     path.write_text(text, "utf-8")
     return path
@@ -81,6 +82,7 @@ def test_a_session_runs_in_real_time_on_a_sound_card_of_its_own(tmp_path: Path) 
         for before, row in pairwise(rows):
             # After a stimulus that was not delivered nobody answered.
             assert float(row["dead_time"]) > 0 if before["counted"] == "1" else row["dead_time"] == "n/a"
+    assert [entry.material for entry in entries if isinstance(entry, Probed)] == ["aluminum foil"]
     levels = [entry.level_db_a for entry in entries if isinstance(entry, MaskerSet)]
     assert levels[0] == 50.0
     assert levels[-1] is None

@@ -39,6 +39,7 @@ PROMPTS: dict[str, Prompt] = {
     "instructions in Japanese": Prompt(show="instructions", text="四種類の円筒を、何度でも自由に踏んでください。" * 4),
     "masker": MASKER,
     "masker at its limit": MASKER.model_copy(update={"keys": ("-", ENTER)}),
+    "masker with a probe": MASKER.model_copy(update={"keys": ("+", "-", "p", ENTER)}),
     "masker, by the experimenter": Prompt(show="masker"),
     "rest": Prompt(show="rest", label="PRACTICE"),
     "ready": Prompt(show="ready"),

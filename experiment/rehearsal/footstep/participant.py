@@ -38,7 +38,7 @@ from experiment.clock import Clock
 from experiment.desk.port import Attended, Console, Remark
 from experiment.errors import SessionError, SynthesisError, TrackerError
 from experiment.protocol.models import Protocol
-from experiment.protocol.rules import LOUDER_KEY
+from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY
 from experiment.rehearsal.footstep.foot import Foot, Hesitation
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
 from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
@@ -254,6 +254,7 @@ class SimulatedParticipant:
         self._attempt = 0
         self._lands_later = False
         self._rested = 0
+        self._probed = False
 
     def _rng(self, *keys: int) -> np.random.Generator:
         return np.random.default_rng([*self.entropy, *keys])
@@ -290,9 +291,12 @@ class SimulatedParticipant:
         level_db_a: float,
         limit_db_a: float,
         criterion: str,
-        keys: dict[str, str],  # noqa: ARG002
+        keys: dict[str, str],
     ) -> str:
         self.show(f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
+        if PROBE_KEY in keys and not self._probed:
+            self._probed = True
+            return PROBE_KEY
         return LOUDER_KEY if level_db_a < min(MASKED_DB_A, limit_db_a) else ""
 
     def rest(self, *, why: str) -> None:
@@ -419,7 +423,7 @@ class Practised:
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         asked = {"level_db_a": level_db_a, "limit_db_a": limit_db_a}
         wanted = self.participant.level(**asked, criterion=criterion, keys=keys)
-        self._tell("louder" if wanted else "I no longer hear it")
+        self._tell({LOUDER_KEY: "louder", PROBE_KEY: "let me feel it"}.get(wanted, "I no longer hear it"))
         return self.desk.level(**asked, criterion=criterion, keys=keys)
 
     def rest(self, *, why: str) -> None:

@@ -22,7 +22,7 @@ from experiment.desk.port import Console
 from experiment.errors import RecordingError, TrackerError
 from experiment.protocol.models import ExclusionRule, Protocol
 from experiment.records.entries import Header, PlannedTrial, Trace, TrackerOpened
-from experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock, Zeroed
+from experiment.records.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
@@ -38,6 +38,8 @@ CLOCKS_PART_US = 10e6
 CLOCKS_DRIFT = 0.01
 """And by this part of the time passed: the largest drift that clock_map.py believes, twice a ceramic resonator's."""
 
+PROBE_TAKES_NS = 200_000_000
+"""From a probe that is asked for until it sounds at the latest, ns: one block of any audio device, and its latency."""
 
 TRACE_US = 50_000
 """The trace has a point for so long, microseconds."""
@@ -252,6 +254,27 @@ class Footsteps:
             delivered=self._delivered,
             lamps=(self._tracker_lamp(),),
         )
+
+    @property
+    def probe(self) -> Callable[[], None] | None:
+        """What plays the masker's probe; None without one, or without an actuator."""
+        return None if self._protocol.masker.probe is None or self._watch.sounder is None else self._play_probe
+
+    def _play_probe(self) -> None:
+        probe, sounder = self._protocol.masker.probe, self._watch.sounder
+        if probe is None or sounder is None:
+            raise RuntimeError("no probe is played where there is none")
+        if over := self._limits.over():
+            self._console.show(f"{over}. Nothing more will be felt.")
+            return
+        played = sounder.actuator.prepare(sounder.materials[probe.material].at(probe.speed_mm_s))
+        stimulus = played.on_record()
+        self._log.write(Probed(material=probe.material, speed_mm_s=probe.speed_mm_s, stimulus=stimulus))
+        began_ns = self._clock.now_ns()
+        sounder.actuator.landed(began_ns)
+        # Nothing else may be asked of the actuator before this has ended.
+        self._clock.sleep_ns(PROBE_TAKES_NS + stimulus.samples * 10**9 // stimulus.rate_hz)
+        self._console.show("The probe was played.")
 
     def _tracker_lamp(self) -> Lamp:
         counts = self._devices.tracker.counts

@@ -78,8 +78,9 @@ def others(annotation: Any, value: Any) -> tuple[Any, ...]:
     raise NotImplementedError(f"{annotation} holding {value!r}")
 
 
-FULL = Protocol.model_validate(changed(document(), ("consent", "kept_months"), 18))
-"""The small protocol with the one key of numbers that it leaves out."""
+KEPT = changed(document(), ("consent", "kept_months"), 18)
+FULL = Protocol.model_validate(changed(KEPT, ("masker", "probe"), {"material": "felt", "speed_mm_s": 200.0}))
+"""The small protocol with the keys that it leaves out and that have no value of their own then."""
 
 CASES = [(path, value, other) for path, kind, value in fields(FULL) for other in others(kind, value)]
 

@@ -194,7 +194,7 @@ class ScriptedConsole:
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         key = self.levels.popleft()
-        assert key == "." or key in keys
+        assert key == "." or key in keys, f"{key} is not offered"
         return key.rstrip(".")
 
     def rest(self, *, why: str) -> None:

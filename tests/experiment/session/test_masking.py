@@ -12,9 +12,11 @@ from experiment import storage
 from experiment.apparatus.ports import MaskerExposure
 from experiment.clock import ManualClock
 from experiment.errors import DoseUsedUp
-from experiment.protocol.models import Protocol
+from experiment.protocol.models import Probe, Protocol
 from experiment.records import journal
 from experiment.records.entries import Footer, MaskerSet
+from experiment.records.footstep import Probed
+from experiment.records.progress import progress
 from experiment.session.masker import FIRST_DB_A, STEP_DB, Masking
 from tests.experiment.session.bench import Bench, bench, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
@@ -140,6 +142,60 @@ def test_a_dose_that_is_used_up_between_trials_pauses_the_session(protocol: Prot
     footer = one.run(protocol, header("real"), tmp_path)
     assert (footer.reason, footer.answered) == ("paused", 2)
     assert footer.detail == "the masker's dose for 24 hours is used up (1.00 of 1); continue a day later"
+
+
+def probed(protocol: Protocol) -> Protocol:
+    probe = Probe(material="aluminum foil", speed_mm_s=210.0)
+    return protocol.model_copy(update={"masker": protocol.masker.model_copy(update={"probe": probe})})
+
+
+def test_a_probe_is_on_record_before_it_sounds_and_counts_as_a_stimulus(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = masked(bench("cpc"), "+pp.")
+    path = storage.journal_path(tmp_path, "01", "virtual")
+    sounded, on_record = one.actuator.landed, []
+
+    def landed(contact_ns: int) -> None:
+        on_record.append(journal.read(path).entries[-1].kind)
+        sounded(contact_ns)
+
+    monkeypatch.setattr(one.actuator, "landed", landed)
+    footer = one.run(probed(protocol), header("virtual"), tmp_path)
+    assert footer.reason == "complete"
+    assert on_record[:2] == ["probed", "probed"]
+    assert one.rendered[:2] == [("aluminum foil", 210.0)] * 2
+    entries = journal.read(path).entries
+    probes = [entry for entry in entries if isinstance(entry, Probed)]
+    assert [(entry.material, entry.stimulus.samples) for entry in probes] == [("aluminum foil", 2500)] * 2
+    done = progress(entries)
+    assert (done.stimuli, done.vibration_s) == (2 + 3, 5 * 2500 / one.actuator.rate_hz)
+
+
+@pytest.mark.parametrize(("stated", "task"), [(False, "virtual"), (True, "real")])
+def test_there_is_no_probe_without_the_protocols_word_or_an_actuator(
+    protocol: Protocol, tmp_path: Path, stated: bool, task: str
+) -> None:
+    one = masked(bench("cpc"), "p.")
+    with pytest.raises(AssertionError, match="p is not offered"):
+        one.run(probed(protocol) if stated else protocol, header(task), tmp_path)
+
+
+def test_no_probe_is_felt_once_the_time_is_over(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = masked(bench("cpc"), "")
+    pressed = iter("p.")
+
+    def late(**_: object) -> str:
+        one.clock.sleep_ns(2 * 3600 * 10**9)
+        return next(pressed).replace(".", "")
+
+    monkeypatch.setattr(one.console, "level", late)
+    footer = one.run(probed(protocol), header("virtual"), tmp_path)
+    assert footer.reason == "paused"
+    entries = journal.read(storage.journal_path(tmp_path, "01", "virtual")).entries
+    assert not [entry for entry in entries if isinstance(entry, Probed)]
 
 
 def test_other_keys_are_not_the_maskers() -> None:
