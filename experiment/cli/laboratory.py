@@ -249,6 +249,9 @@ def rehearse(
 )
 def journal(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Journal of a session (.jsonl).")],
+    trial: Annotated[
+        int | None, typer.Option("--trial", min=1, help="Only what the journal has of this trial.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Verify a journal and print it as text."""
@@ -257,10 +260,14 @@ def journal(
 
     contents = journals.read(file)
     if as_json:
-        entries = [{"t_ns": line.t_ns, **line.entry.model_dump(mode="json")} for line in contents.lines]
+        entries = [
+            {"t_ns": line.t_ns, **line.entry.model_dump(mode="json")}
+            for line in contents.lines
+            if trial is None or getattr(line.entry, "trial", None) == trial
+        ]
         options.put({"file": str(file), "torn_bytes": len(contents.torn), "entries": entries})
     else:
-        typer.echo(transcript.text(contents))
+        typer.echo(transcript.text(contents, trial))
 
 
 @commands.command(epilog="Example: palpate withdraw study.toml --participant 01 --reason 'asked to stop'")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import textwrap
 
 from experiment.clock import utc
+from experiment.errors import JournalError
 from experiment.records.entries import (
     Answer,
     Armed,
@@ -40,8 +41,11 @@ INDENT = " " * 14
 """Stands where the time of an entry stands, in each further line of it."""
 
 
-def text(contents: Contents) -> str:
-    """Return a verified journal as text: what the session is, each entry with its time, and what remains."""
+def text(contents: Contents, trial: int | None = None) -> str:
+    """Return a verified journal as text: what the session is, each entry with its time, and what remains.
+
+    With a `trial` the entries are those of it alone. Raises `JournalError` if the session has no such trial.
+    """
     header = contents.header
     zero_ns = contents.lines[0].t_ns
     done = progress(contents.entries)
@@ -57,6 +61,10 @@ def text(contents: Contents) -> str:
     # There is an exposure every few seconds; the last one tells what the others told.
     last = max((n for n, entry in enumerate(contents.entries) if isinstance(entry, Exposure)), default=0)
     told = [line for n, line in enumerate(contents.lines) if n and (n == last or not isinstance(line.entry, Exposure))]
+    if trial is not None:
+        if trial not in {planned.trial for planned in header.order}:
+            raise JournalError(f"trial {trial}: this session has none; allowed: 1 to {len(header.order)}; give another")
+        told = [line for line in contents.lines if getattr(line.entry, "trial", None) == trial]
     lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_said(line.entry)}" for line in told]
     lines += [
         "",

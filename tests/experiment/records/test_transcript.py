@@ -51,6 +51,17 @@ def told(folder: Path, *entries: Entry) -> str:
     return transcript.text(journal.read(path))
 
 
+def test_one_trial_can_be_told_alone(tmp_path: Path) -> None:
+    told(tmp_path, step(1, 1), Phase(state="paused"), step(2, 1))
+    contents = journal.read(tmp_path / "sub-01_task-virtual_journal.jsonl")
+    alone = transcript.text(contents, 2)
+    assert "trial 2.1: foil" in alone
+    assert "trial 1.1" not in alone
+    assert "paused" not in alone
+    with pytest.raises(JournalError, match="trial 3: this session has none; allowed: 1 to 2"):
+        transcript.text(contents, 3)
+
+
 def stepped(stimulus: Stimulus | None, onset: Onset | None) -> FootStep:
     return step(1, 1).model_copy(update={"stimulus": stimulus, "onset": onset})
 
