@@ -132,7 +132,7 @@ else:
 REAL_TIME = 1
 """The lowest of the real-time priorities; what the session must never hold up is one higher."""
 
-LEAST_NICE = -20
+LEAST_NICE, FAVOURED_NICE = -20, -10
 
 TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
 """Parameters of glibc's `mallopt`."""
@@ -191,6 +191,15 @@ def joining() -> Callable[[], None]:
     return join
 
 
+def favour() -> None:
+    """Have the calling thread, and what it starts from now on, wait less for other work, where the system allows that.
+
+    For what a person waits for; what a session must not hold up is `raised`.
+    """
+    if sys.platform == "linux":
+        _be_less_nice(os.getpriority(os.PRIO_PROCESS, 0), FAVOURED_NICE)
+
+
 @contextmanager
 def undisturbed() -> Iterator[None]:
     """Collect nothing until the end of what must not wait; what would have been freed is freed soon after."""
@@ -237,14 +246,19 @@ if sys.platform == "linux":
                 pass
             else:
                 return "real time"
-        for less_nice in sorted({LEAST_NICE, _least_nice()}):
+        less_nice = _be_less_nice(nice, LEAST_NICE)
+        return f"ordinary: {_MORE}" if less_nice is None else f"nice {less_nice}: {_MORE}"
+
+    def _be_less_nice(nice: int, wanted: int) -> int | None:
+        """Return the niceness that the thread has instead of `nice`: the wanted one, or as near as is allowed."""
+        for less_nice in sorted({wanted, max(wanted, _least_nice())}):
             if less_nice < nice:
                 try:
                     os.setpriority(os.PRIO_PROCESS, 0, less_nice)
                 except PermissionError:
                     continue
-                return f"nice {less_nice}: {_MORE}"
-        return f"ordinary: {_MORE}"
+                return less_nice
+        return None
 
     def _lower(policy: int, parameters: os.sched_param, nice: int) -> None:
         """Restore policy and niceness: what was taken may be given back without any right."""

@@ -15,6 +15,7 @@ from textual.app import App, ComposeResult
 from textual.message import Message
 from textual.widget import Widget
 
+from experiment.apparatus import host
 from experiment.desk.console import forms, picture
 from experiment.desk.console.panes import STYLE, Board
 from experiment.desk.console.picture import COMMANDS, PRESSES, keycap
@@ -78,6 +79,7 @@ def attend(path: Path, hello: Hello) -> Left:
     Raises `LinkError` if no session listens there, or if it speaks another version's messages, and whatever ended a
     console that is at fault itself; the session goes on in any case.
     """
+    host.favour()
     with connected(path, hello) as line:
         console = Console(line)
         # A terminal that is closed ends the console at once: there is nothing to restore, and nothing to save.

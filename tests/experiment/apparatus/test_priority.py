@@ -209,3 +209,20 @@ def test_where_no_step_above_is_allowed_it_runs_beside_the_session(
 def test_beside_an_ordinary_session_a_thread_stays_ordinary() -> None:
     before = os.sched_getscheduler(0), 0
     assert in_a_thread(host.joining()) == before
+
+
+def test_what_a_person_waits_for_is_less_nice_where_that_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(os, "setpriority", lambda _which, _who, nice: asked.append(nice))
+    host.favour()
+    assert asked == [host.FAVOURED_NICE]
+    monkeypatch.setattr(os, "getpriority", lambda *_: host.LEAST_NICE)
+    host.favour()
+    assert asked == [host.FAVOURED_NICE], "what is less nice already stays so"
+
+
+def test_without_the_right_a_console_works_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = standing()
+    monkeypatch.setattr(os, "setpriority", refuse)
+    host.favour()
+    assert standing() == before
