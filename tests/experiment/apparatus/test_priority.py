@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -91,6 +92,7 @@ def test_linear_algebra_stays_in_the_thread_that_asks() -> None:
     def threads() -> list[int]:
         return [library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"]
 
+    np.dot(np.ones(2), np.ones(2))
     with threadpool_limits(2, user_api="blas"):
         before = threads()
         with host.raised():
