@@ -52,6 +52,8 @@ def _document(protocol: Protocol) -> dict[str, Any]:
     document = protocol.model_dump(mode="json")
     if document["consent"]["kept_months"] is None:
         del document["consent"]["kept_months"]
+    if not document["answers"]["microphone"]:
+        del document["answers"]["microphone"]
     return document
 
 
