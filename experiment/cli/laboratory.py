@@ -55,8 +55,8 @@ def consent(
     protocol_file: ProtocolFile,
     participant: Participant,
     consent_on: Annotated[
-        date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
-    ],
+        date | None, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
+    ] = None,
     dataset: StudyFolder = None,
     correct: Annotated[
         bool, typer.Option("--correct", help="Correct the day on record, which stays in the roster.")
@@ -64,15 +64,28 @@ def consent(
     reason: Annotated[
         str | None, typer.Option("--reason", help="Why it is corrected: one line that names no person.")
     ] = None,
+    voices: Annotated[
+        bool | None, typer.Option("--voices/--no-voices", help="Whether the sound of their answers may be kept.")
+    ] = None,
 ) -> None:
     """Record the consent of an enrolled participant.
 
-    With --correct and --reason another day takes the place of the one on record, which stays in the roster.
+    With --correct and --reason another day takes the place of the one on record, which stays in the roster. In a study
+    that keeps the sound of spoken answers, --voices records that a participant agrees to that, and --no-voices that
+    they do not: what was kept of it is then deleted. Copies and backups have to be deleted by hand.
     """
     from experiment.study import enrolment
 
     if correct != (reason is not None):
         raise RosterError("got one of --correct and --reason; allowed: both or neither; say why the day is corrected")
+    if consent_on is None and voices is None:
+        raise RosterError("got no --consent-on; allowed: the day, or --voices or --no-voices; give one of them")
+    if voices is not None:
+        path = enrolment.voices(protocol_file, participant, voices, root=dataset)
+        agreed = "agrees" if voices else "does not agree"
+        typer.echo(f"Participant {participant} {agreed} that the sound of their answers is kept: {path}")
+    if consent_on is None:
+        return
     path = enrolment.consent(protocol_file, participant, consent_on, root=dataset, correction=reason)
     done = "has consented" if reason is None else f"consented on {consent_on}, as corrected"
     typer.echo(f"Participant {participant} {done}: {path}")

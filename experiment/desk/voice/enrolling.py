@@ -151,7 +151,7 @@ def load(file: Path | None, answers: Mapping[str, str]) -> dict[str, list[Take]]
             if str(kept["format"]) != FORMAT or kept["said"].tolist() != [list(pair) for pair in answers.items()]:
                 return None
             takes = {answer: [kept[f"{i}.{n}"] for n in range(TAKES)] for i, answer in enumerate(answers)}
-    except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
         return None
     return takes if not unlike(takes) else None
 
