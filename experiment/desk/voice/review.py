@@ -171,8 +171,12 @@ def agreement(pairs: Sequence[tuple[str | None, str | None]], protocol: Protocol
         return Agreement(len(pairs), alike, None, None, None)
     from statsmodels.stats.inter_rater import cohens_kappa
 
-    found = cohens_kappa(table)
-    return Agreement(len(pairs), alike, float(found.kappa), float(found.kappa_low), min(float(found.kappa_upp), 1.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = cohens_kappa(table)
+    kappa, low, high = (float(each) for each in (found.kappa, found.kappa_low, found.kappa_upp))
+    if not np.isfinite([kappa, low, high]).all():
+        return Agreement(len(pairs), alike, None, None, None)
+    return Agreement(len(pairs), alike, kappa, max(low, -1.0), min(high, 1.0))
 
 
 def play(file: Path, player: str | None) -> None:
