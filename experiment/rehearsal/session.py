@@ -113,7 +113,7 @@ def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: C
             asked = asked.model_copy(update={"session_id": asked.rehearsed_id(job.control)})
         else:
             protocol = _without_waiting(protocol)
-        return runner.run(
+        footer = runner.run(
             protocol=protocol,
             header=asked,
             devices=devices,
@@ -122,6 +122,11 @@ def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: C
             last=desk is not None and task_id == job.tasks[-1],
             keeps_voices=protocol.consent.voice_recordings,
         )
+    if footer.reason == "complete" and task_id == job.tasks[-1] and protocol.answers.microphone:
+        from experiment.desk.voice import enrolling
+
+        enrolling.forget(enrolling.place(job.dataset, job.participant))
+    return footer
 
 
 def _without_waiting(protocol: Protocol) -> Protocol:

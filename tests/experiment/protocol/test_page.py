@@ -81,7 +81,7 @@ def others(annotation: Any, value: Any) -> tuple[Any, ...]:
 FULL = Protocol.model_validate(
     changed(changed(document(), ("consent", "kept_months"), 18), ("answers", "microphone"), True)
 )
-"""The small protocol with the one key of numbers that it leaves out, and a microphone, without which no voice is kept."""
+"""The small protocol with the one key of numbers that it leaves out, and a microphone, which keeping voices needs."""
 
 CASES = [(path, value, other) for path, kind, value in fields(FULL) for other in others(kind, value)]
 
