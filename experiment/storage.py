@@ -301,6 +301,11 @@ def journal_path(dataset: Path, participant: str, task: str) -> Path:
     return participant_folder(dataset, participant) / f"sub-{participant}_task-{task}_journal.jsonl"
 
 
+def voices_folder(dataset: Path, participant: str) -> Path:
+    """Return where the sound of a participant's answers is kept, where it is: among what nobody else is given."""
+    return participant_folder(dataset, participant) / "voices"
+
+
 def withdrawal_path(dataset: Path, participant: str) -> Path:
     """Return where the withdrawal of a participant without a journal is kept inside a dataset."""
     return participant_folder(dataset, participant) / f"sub-{participant}_withdrawn.json"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Accelerometer, Actuator, Tracker
+from experiment.apparatus.ports import Accelerometer, Actuator, Microphone, Tracker
 from experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, AudioRig, Rig, response_table
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock
@@ -89,6 +89,7 @@ def _stream(audio: AudioRig, ceilings: list[float], clock: Clock, device: str | 
         block=audio.block,
         inputs=audio.channels.inputs,
         ceilings=tuple(ceilings),
+        sent=audio.channels.headphones[0] - 1 if audio.channels.microphone is not None else None,
     )
     return AudioStream(settings, clock)
 
@@ -120,6 +121,14 @@ def open_masker(
 
     channels = audio_of(rig).channels.headphones
     return AudioMasker(stream, noise, channels=channels, clock=clock, dose_before=dose_before)
+
+
+def open_microphone(rig: Rig, *, stream: AudioStream) -> Microphone | None:
+    """Return the rig's microphone, an input of the session's stream; None where the rig has none."""
+    from experiment.apparatus.audio.microphone import AudioMicrophone
+
+    audio = audio_of(rig)
+    return AudioMicrophone(stream, audio) if audio.channels.microphone is not None else None
 
 
 def simulated_only(rig: Rig, key: str) -> str:

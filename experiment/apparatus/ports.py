@@ -169,6 +169,49 @@ class Masker(Protocol):
         ...
 
 
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What the microphone heard, and what the headphones were sent at the same moments.
+
+    Attributes:
+        microphone, played: 1 being full scale, float32, shape (n,) both.
+        begins_ns: when the first sample arrived at the microphone, session time.
+    """
+
+    microphone: NDArray[np.float32]
+    played: NDArray[np.float32]
+    begins_ns: int
+
+
+@dataclass(frozen=True)
+class Loudness:
+    """How loud a microphone was: rms below full scale, dB, and whether a sample was at or beyond full scale."""
+
+    rms_db: float
+    clipped: bool
+
+
+class Microphone(Protocol):
+    """What hears the participant, beside what the headphones play; it keeps the last seconds."""
+
+    @property
+    def rate_hz(self) -> int:
+        """Samples a second."""
+        ...
+
+    def heard(self, *, from_ns: int, until_ns: int) -> Recorded:
+        """Return what was heard between two session times, once it has been; of what is long ago the last that is kept.
+
+        Raises:
+            AudioError: the device has stopped.
+        """
+        ...
+
+    def loudness(self) -> Loudness:
+        """Return how loud it was in the last moments. Raises `AudioError` as `heard`."""
+        ...
+
+
 @dataclass(frozen=True)
 class Window:
     """A take as the accelerometer heard it.

@@ -196,7 +196,7 @@ class AudioChannels(Confined):
     Attributes:
         headphones: outputs that play the masker, at most 8.
         actuator: the output that plays the stimulus.
-        microphone: an input.
+        microphone: the input that hears the participant, where a protocol has answers listened to.
         loopback: the input that hears what the actuator's amplifier is given: a cable from its output, or a divider
             behind it.
     """

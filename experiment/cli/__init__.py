@@ -39,6 +39,7 @@ COMMANDS = {
         "screen": ("desk", "Open the participant's screen of a session."),
         "status": ("analysis", "Say how far a study is, and what is to be done next."),
         "journal": ("laboratory", "Verify a journal and print it as text."),
+        "answers": ("laboratory", "Have a second person listen to spoken answers."),
         "withdraw": ("laboratory", "Record that a participant withdrew."),
         "build": ("laboratory", "Rebuild a dataset's tables from its journals."),
         "anchor": ("laboratory", "Anchor a dataset in a register outside of it."),

@@ -12,6 +12,18 @@ from experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyF
 from experiment.errors import RosterError
 
 commands = options.room()
+answers = typer.Typer(
+    rich_markup_mode=None,
+    help="Have a second person listen to spoken answers.",
+    epilog="Example: palpate answers review participants/study --by B",
+)
+commands.add_typer(answers, name="answers")
+
+
+@answers.callback()
+def _answers() -> None:
+    """Have a second person listen to spoken answers."""
+
 
 Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")]
 
@@ -55,8 +67,8 @@ def consent(
     protocol_file: ProtocolFile,
     participant: Participant,
     consent_on: Annotated[
-        date, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
-    ],
+        date | None, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
+    ] = None,
     dataset: StudyFolder = None,
     correct: Annotated[
         bool, typer.Option("--correct", help="Correct the day on record, which stays in the roster.")
@@ -64,15 +76,28 @@ def consent(
     reason: Annotated[
         str | None, typer.Option("--reason", help="Why it is corrected: one line that names no person.")
     ] = None,
+    voices: Annotated[
+        bool | None, typer.Option("--voices/--no-voices", help="Whether the sound of their answers may be kept.")
+    ] = None,
 ) -> None:
     """Record the consent of an enrolled participant.
 
-    With --correct and --reason another day takes the place of the one on record, which stays in the roster.
+    With --correct and --reason another day takes the place of the one on record, which stays in the roster. In a study
+    that keeps the sound of spoken answers, --voices records that a participant agrees to that, and --no-voices that
+    they do not: what was kept of it is then deleted. Copies and backups have to be deleted by hand.
     """
     from experiment.study import enrolment
 
     if correct != (reason is not None):
         raise RosterError("got one of --correct and --reason; allowed: both or neither; say why the day is corrected")
+    if consent_on is None and voices is None:
+        raise RosterError("got no --consent-on; allowed: the day, or --voices or --no-voices; give one of them")
+    if voices is not None:
+        path = enrolment.voices(protocol_file, participant, voices, root=dataset)
+        agreed = "agrees" if voices else "does not agree"
+        typer.echo(f"Participant {participant} {agreed} that the sound of their answers is kept: {path}")
+    if consent_on is None:
+        return
     path = enrolment.consent(protocol_file, participant, consent_on, root=dataset, correction=reason)
     done = "has consented" if reason is None else f"consented on {consent_on}, as corrected"
     typer.echo(f"Participant {participant} {done}: {path}")
@@ -398,3 +423,80 @@ def verify(
         found = [f"  {words[one.word]}  {one.item}: {one.text}" for one in report.findings]
         typer.echo("\n".join([report.title, *found, *report.verdict]))
     raise typer.Exit(1 if report.refused else 0)
+
+
+@answers.command("review", epilog="Example: palpate answers review participants/study --by B --player aplay")
+def review(
+    dataset: Dataset,
+    by: Annotated[
+        str, typer.Option("--by", metavar="LABEL", help="Who listens: a label for the record, no name.")
+    ] = "B",
+    share: Annotated[
+        float, typer.Option("--share", min=0, max=1, help="Share of the answers without a flag that is listened to.")
+    ] = 0.1,
+    seed: Seed = 1,
+    player: Annotated[
+        str | None,
+        typer.Option("--player", metavar="COMMAND", help="What plays a WAV file [default: this machine's output]."),
+    ] = None,
+    paths: Annotated[bool, typer.Option("--paths", help="Play nothing: print the path of each sound.")] = False,
+    only_list: Annotated[
+        bool, typer.Option("--list", help="Print the paths of what is left to review, and end.")
+    ] = False,
+    as_json: Annotated[bool, typer.Option("--json", help="Ask nothing: print how far both agree, as JSON.")] = False,
+) -> None:
+    """Have a second person listen to spoken answers, and say how far both agree.
+
+    Played are the answers on which key and proposal differ, those of which nothing or hardly anything was proposed, and
+    a share of the others, in random order. Neither what was presented, nor what was keyed or proposed, is shown. What
+    the second rater says is kept beside the sounds; the first answers stay as they are. To go on later, run the same
+    command again. Cohen's kappa is told of the share that was drawn by chance, and of the flagged answers, apart.
+    """
+    from dataclasses import asdict
+
+    from experiment.desk.voice import review as reviews
+    from experiment.protocol import files
+    from experiment.storage import protocol_path
+
+    protocol = files.load_kept(protocol_path(dataset))
+    found, known = reviews.utterances(dataset, share=share, seed=seed), reviews.rated(dataset, by)
+    left = [one for one in found if one.sha256 not in known]
+    if only_list:
+        for one in left:
+            typer.echo(str(one.file))
+        return
+    keys = {material.key: material.id for material in protocol.materials}
+    others = {
+        protocol.answers.no_answer_key: "no answer",
+        next(key for key in "?!.:" if key not in keys): "cannot be understood",
+        protocol.answers.redo_key: "play it again",
+        protocol.answers.pause_key: "go on later",
+    }
+    _, unclear, again, stop = others
+    offered = "  ".join(f"[{key}] {words}" for key, words in (keys | others).items())
+    asked = [] if as_json else left
+    for number, one in enumerate(asked, start=1):
+        typed = again
+        while typed == again or typed not in keys | others:
+            if typed == again:
+                typer.echo(f"Answer {number} of {len(left)}{f': {one.file}' if paths else ''}")
+                if not paths:
+                    reviews.play(one.file, player)
+            try:
+                typed = input(f"{offered}\nKey: ").strip().lower()
+            except EOFError:
+                typed = stop
+        if typed == stop:
+            break
+        known[one.sha256] = reviews.put_on_record(one, by=by, answered=keys.get(typed), clear=typed != unclear)
+    told = {}
+    for what, flagged in (("drawn by chance", False), ("flagged", True)):
+        both = [(one.first, known[one.sha256]) for one in found if bool(one.flagged) is flagged and one.sha256 in known]
+        told[what] = reviews.agreement([(first, second.answered) for first, second in both if second.clear], protocol)
+    if as_json:
+        options.put({"by": by, "left": len(left), "agreement": {what: asdict(one) for what, one in told.items()}})
+        return
+    typer.echo(f"Second rater {by}: {len(found) - sum(one.sha256 in known for one in found)} of {len(found)} are left.")
+    for what, agreed in told.items():
+        typer.echo(f"Answers {what}: {agreed.told}.")
+    typer.echo("Those drawn by chance tell of the study; flagged ones are harder than most.")

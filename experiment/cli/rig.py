@@ -114,7 +114,7 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
     from experiment.rehearsal.footstep.foot import Foot
     from experiment.rehearsal.footstep.panel import Panel
     from experiment.rehearsal.wires.serial_line import SerialLine
-    from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+    from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 
     line = opened.enter_context(SerialLine())
     foot = Foot(line, rig.tracker, real_time=True)
@@ -126,14 +126,12 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
         address = panel.address
     if rig.audio is None:
         return SimulatedPorts(port=line.url, address=address)
-    channels = rig.audio.channels
-    card = SoundCard(rate_hz=rig.audio.rate_hz, block=rig.audio.block, inputs=channels.inputs, outputs=channels.outputs)
-    opened.callback(card.close)
+    card, heard = opened.enter_context(WiredCard(rig)), rig.audio.channels.microphone is not None
 
     def wire() -> None:
-        if channels.loopback is not None:
-            card.disconnect(channels.loopback)
-            card.connect(channels.actuator, channels.loopback)
+        card.wire()
+        if heard:
+            card.mouth()
 
     return SimulatedPorts(port=line.url, address=address, device=DEVICE, wire=wire)
 

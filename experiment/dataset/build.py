@@ -21,7 +21,7 @@ from experiment.dataset.beliefs import Believed, believed, collected
 from experiment.errors import DatasetError, PalpateError
 from experiment.protocol.models import Protocol, Task
 from experiment.records import journal
-from experiment.records.entries import Answer, Correction, MaskerSet, Purpose, Redo, TrackerOpened
+from experiment.records.entries import Answer, Correction, MaskerSet, Purpose, Redo, Spoken, TrackerOpened
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.stimulus import Onset
@@ -237,6 +237,7 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
     answers: dict[tuple[int, int], Answer] = {}
     corrections: dict[tuple[int, int], Correction] = {}
     redone: dict[tuple[int, int], str] = {}
+    spoken: dict[tuple[int, int], Spoken] = {}
     masker: dict[str, object] = {}
     maskers: dict[tuple[int, int], dict[str, object]] = {}
     for entry in session.contents.entries:
@@ -250,6 +251,8 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
             corrections[entry.trial, entry.attempt] = entry
         elif isinstance(entry, Redo):
             redone[entry.trial, entry.attempt] = entry.reason
+        elif isinstance(entry, Spoken):
+            spoken[entry.trial, entry.attempt] = entry
     rows: list[dict[str, object]] = []
     for placed in session.steps:
         step = placed.step
@@ -280,9 +283,29 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
                 **({"corrected_from": answer.answered or NO_ANSWER} if answer and correction else {}),
                 **maskers[attempt],
                 **_timing_s(step, onset),
+                **(_said(answer, spoken[attempt]) if answer and attempt in spoken else {}),
             }
         )
     return rows
+
+
+def _said(answer: Answer, spoken: Spoken) -> dict[str, object]:
+    """Return what a microphone adds to an answer, by column; the voice ends the response time only if it is its own."""
+    known = spoken.onset_s is not None
+    own = known and spoken.proposed is not None and spoken.proposed == answer.answered
+    times_s = {
+        **({"response_time": spoken.onset_s} if own else {}),
+        "voice_onset": spoken.onset_s,
+        "choice_time": answer.response_time_s,
+        "confirmation_time": answer.confirmed_s,
+    }
+    return {
+        "response_end": "voice" if own else "choice",
+        **{column: None if s is None else round(s, 6) for column, s in times_s.items()},
+        "voice_proposed": spoken.proposed,
+        "voice_agreement": round(spoken.agreement, 3) if known else None,
+        "voice_lead": round(spoken.lead, 3) if known else None,
+    }
 
 
 def _timing_s(step: FootStep | BrokenOff, onset: Onset | None) -> dict[str, object]:

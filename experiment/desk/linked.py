@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Literal
 
 from experiment.clock import Clock, monotonic_ns, wall_ns
 from experiment.desk import prompts
@@ -23,6 +22,7 @@ from experiment.desk.messages import (
     Ended,
     Gauges,
     Hello,
+    Kind,
     Lamp,
     Message,
     Pause,
@@ -36,7 +36,17 @@ from experiment.desk.messages import (
     View,
     Write,
 )
-from experiment.desk.port import BY_EXPERIMENTER, DEBRIEFING, RESTS, Attended, Corrected, Noted, Remark, Repeated
+from experiment.desk.port import (
+    BY_EXPERIMENTER,
+    DEBRIEFING,
+    RESTS,
+    WITHOUT,
+    Attended,
+    Corrected,
+    Noted,
+    Remark,
+    Repeated,
+)
 from experiment.desk.prompts import NOTHING, Theirs
 from experiment.errors import PalpateError, PauseAsked
 from experiment.settings import characters
@@ -56,10 +66,6 @@ PROMPTS = 20
 
 STOP = "s"
 """The key that ends the process of a session that paused."""
-
-Kind = Literal[
-    "agree", "write", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "break", "continue"
-]
 
 
 class LinkedConsole:
@@ -296,6 +302,11 @@ class LinkedConsole:
         key = self._put("level", text, choices)
         return "" if key == ENTER else key
 
+    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
+        asked = f"Take {take} of {takes}: ask for '{words}'. Press the key, then the participant says it."
+        without = Choice(key=WITHOUT, words="go on without the microphone")
+        return self._put("say", f"{why} {asked}".strip(), (Choice(key=ENTER, words="listen now"), without)) == ENTER
+
     def rest(self, *, why: str) -> None:
         text = RESTS.partition(" Then press")[0]
         self._put("rest", f"{why} {text}".strip(), (Choice(key=ENTER, words="the foot rests on the bare panel"),))
@@ -306,7 +317,7 @@ class LinkedConsole:
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> None:  # noqa: ARG002
         self._watched()
-        self._now(state="armed", trial=trial, attempt=attempt)
+        self._now(state="armed", trial=trial, attempt=attempt, heard="")
 
     def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
         self.show(f"Trial {trial}, attempt {attempt}: {reason}; nothing was played. It is armed again.")
@@ -320,13 +331,16 @@ class LinkedConsole:
         chosen = self._put("answer", "What did the participant say?", choices)
         return self._take_repeated() or chosen
 
+    def heard(self, *, words: str) -> None:
+        self._now(heard=words)
+
     def confirm(self, *, key: str, meaning: str) -> bool:  # noqa: ARG002
         choices = (Choice(key=ENTER, words="confirm"), Choice(key=ESCAPE, words="choose again"))
         return self._put("confirm", meaning, choices) == ENTER
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:
         self.show(f"Trial {trial}: the answer is on disk: {answer or 'no answer'}.")
-        self._now(lay_out="")
+        self._now(lay_out="", heard="")
 
     def debrief(self) -> None:
         self._now(trial=None, step=DEBRIEFING)

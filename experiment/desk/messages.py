@@ -44,6 +44,23 @@ class Choice(Message):
     answer: bool = False
 
 
+Kind = Literal[
+    "agree",
+    "write",
+    "familiarise",
+    "level",
+    "say",
+    "rest",
+    "place",
+    "answer",
+    "confirm",
+    "debrief",
+    "break",
+    "continue",
+]
+"""What may be asked."""
+
+
 class Question(Message):
     """What is asked now. `number` is unlike that of any other question; an answer to another one is refused.
 
@@ -52,9 +69,7 @@ class Question(Message):
     """
 
     number: int
-    kind: Literal[
-        "agree", "write", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "break", "continue"
-    ]
+    kind: Kind
     text: str
     choices: tuple[Choice, ...]
 
@@ -130,7 +145,8 @@ class View(Message):
 
     `step` is where the visit stands, one of `steps`. `trial` and `attempt` are under way. `lay_out` is what to lay out,
     in tasks with real objects. `instruction` is what the participant is told while the materials are handled.
-    in tasks with real objects. `answers` are those that a trial of this task may have, once one was asked for.
+    `heard` is what the microphone proposes as the answer. `answers` are those that a trial of this task may have, once
+    one was asked for.
     `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
     """
 
@@ -146,6 +162,7 @@ class View(Message):
     lay_out: str = ""
     instruction: str = ""
     answers: tuple[Choice, ...] = ()
+    heard: str = ""
     standing: Standing = Standing()
     question: Question | None = None
     pause_until_ns: int | None = None

@@ -110,6 +110,13 @@ class Console(Rester, Protocol):
         """Return one of `keys`, to change the masker's level, or "" to keep it because `criterion` holds."""
         ...
 
+    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
+        """Return whether the participant now says `words`, as take `take` of `takes`, to compare answers with.
+
+        False goes on without a microphone. `why` says why the take before could not be used.
+        """
+        ...
+
     def place(self, *, trial: int, material: str) -> None:
         """Return when the real object has been laid out."""
         ...
@@ -124,6 +131,10 @@ class Console(Rester, Protocol):
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         """Wait for a key of `answers` or `others` (key -> what it stands for), or a remark, and return it."""
+        ...
+
+    def heard(self, *, words: str) -> None:
+        """Show what the microphone seems to have heard, which decides nothing; it may be called from any thread."""
         ...
 
     def confirm(self, *, key: str, meaning: str) -> bool:
@@ -145,6 +156,9 @@ class Console(Rester, Protocol):
 
 BY_EXPERIMENTER = "by the experimenter"
 """Why a session pauses that was asked to."""
+
+WITHOUT = "x"
+"""The key that goes on without a microphone."""
 
 DEBRIEFING = "debriefing"
 """The last step of a visit."""

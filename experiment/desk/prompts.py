@@ -22,6 +22,7 @@ AT_QUESTION: dict[str, Show] = {
     "write": "wait",
     "familiarise": "instructions",
     "level": "masker",
+    "say": "wait",
     "rest": "rest",
     "place": "wait",
     "answer": "answer",

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
-from experiment.desk.port import RESTS, Attended, Corrected, Noted, Remark, Repeated
+from experiment.desk.port import RESTS, WITHOUT, Attended, Corrected, Noted, Remark, Repeated
 from experiment.errors import ScreenGone
 from experiment.settings import characters
 
@@ -164,6 +164,16 @@ class TerminalConsole(_Lines):
             self.show(f"'{key}' does not change the level; press one of {' '.join(keys)}, or Enter")
         return key
 
+    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
+        if why:
+            self.show(why)
+        asked = f"{self._heading}  Take {take} of {takes}: ask for '{words}'. Press Enter, then the participant says it"
+        while typed := self._ask(f"{asked}; or type {WITHOUT} to go on without the microphone: ").strip().lower():
+            if typed == WITHOUT:
+                return False
+            self._refuse(typed, f"is no key; press Enter, or type {WITHOUT}")
+        return True
+
     def rest(self, *, why: str) -> None:
         if why:
             self.show(why)
@@ -192,6 +202,9 @@ class TerminalConsole(_Lines):
             if (key := typed.lower()) in keys:
                 return key
             self._refuse(typed, f"is no key; type one of {' '.join(keys)}, or {REMARKS}")
+
+    def heard(self, *, words: str) -> None:
+        self.show(f"{words}; type what the participant said")
 
     def confirm(self, *, key: str, meaning: str) -> bool:
         # Not Enter: a key that somebody leans on repeats.

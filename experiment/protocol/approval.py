@@ -56,6 +56,8 @@ def _document(protocol: Protocol) -> dict[str, Any]:
         del document["masker"]["probe"]
     if not document["answers"]["on_screen"]:
         del document["answers"]["on_screen"]
+    if not document["answers"]["microphone"]:
+        del document["answers"]["microphone"]
     return document
 
 

@@ -70,7 +70,7 @@ class Consent(Confined):
     Attributes:
         required: whether a participant's consent must be on record before a session.
         statement: what participants are told and agree to.
-        voice_recordings: whether answers are recorded; `palpate run` still refuses true.
+        voice_recordings: whether the sound of spoken answers is kept, of participants who agree to that.
         kept_months: how long a participant's data are kept after their last session; `palpate status` tells when they
             are due to be deleted.
     """
@@ -307,6 +307,8 @@ class Answers(Confined):
         no_answer_key: the key for a trial without an answer.
         redo_key: the key that has the trial done again, at the end of its block.
         pause_key: the key that pauses the session.
+        microphone: whether a microphone listens, which tells when the voice began and proposes the answer; the
+            experimenter's key decides.
     """
 
     mode: Literal["oral"]
@@ -314,6 +316,7 @@ class Answers(Confined):
     no_answer_key: Key
     redo_key: Key
     pause_key: Key
+    microphone: bool = False
 
 
 class ExclusionRule(Confined):

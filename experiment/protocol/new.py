@@ -289,7 +289,7 @@ statement = \"""
 Taking part is voluntary. You may stop at any moment, without giving a reason. You step with one foot, in a sock, on \\
 a panel that vibrates or on an object that lies under it, while headphones play noise whose volume you set yourself. \\
 We keep the movement of the foot, what was presented and what you answered, under a number and without your name.\"""
-voice_recordings = false               # the experimenter types what was said
+voice_recordings = false               # true keeps the sound of spoken answers, of participants who agree to that
 kept_months = 120                      # how long data are kept after a participant's last session, then deleted by hand
 
 [duration]
@@ -316,6 +316,7 @@ on_screen = false                      # true: the participant's screen shows wh
 no_answer_key = $no_answer                    # the participant said nothing
 redo_key = $redo                         # do the trial again, at the end of its block
 pause_key = $pause                        # pause the session
+microphone = false                     # true: a microphone hears when the voice begins, and proposes the answer
 
 [footstep.synthesis]
 # Of which recordings of the real materials the vibration is made (`palpate record`).

@@ -262,10 +262,7 @@ def _recorded(protocol: Protocol) -> Iterator[Block]:
         "experimenter keyed and when, its corrections, keys that were pressed too early, and every pause and "
         "repetition with its reason. The experimenter can add notes, which are kept with the trial."
     )
-    if protocol.consent.voice_recordings:
-        yield Said("Spoken answers are recorded as sound, to which participants consent.")
-    else:
-        yield Said("No voice is recorded.")
+    yield from _voices(protocol)
     if protocol.consent.kept_months is None:
         yield Said("The protocol does not state how long data are kept.")
     else:
@@ -274,6 +271,25 @@ def _recorded(protocol: Protocol) -> Iterator[Block]:
             f"A participant's data are kept for {kept} after their last session. Then they are to be deleted, by hand; "
             "palpate tells the laboratory when."
         )
+
+
+def _voices(protocol: Protocol) -> Iterator[Block]:
+    if not protocol.answers.microphone:
+        yield Said("No microphone listens, and no voice is recorded.")
+        return
+    yield Said(
+        "A microphone listens from the familiarisation on. Recorded of each answer are the time at which the voice "
+        "began, which answer it resembles most, and how much. Before the trials each participant says every answer "
+        "twice, to compare with; what is computed from that, which is no sound, is deleted after the visit."
+    )
+    if protocol.consent.voice_recordings:
+        yield Said(
+            "The sound of each answer is kept if the participant agrees to that; whoever does not agree takes part all "
+            "the same. It is kept apart from what is shared, for the laboratory alone, so that a second person can "
+            "listen to what was said. Whoever takes the agreement back has it deleted."
+        )
+    else:
+        yield Said("No sound is kept.")
 
 
 def _procedure(protocol: Protocol) -> Iterator[Block]:
@@ -429,6 +445,10 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
     )
     if answers.on_screen:
         yield Said("Where the rig has a screen for the participant, it shows these answers while they answer.")
+    if answers.microphone:
+        yield Said(
+            "Beside the keys the experimenter sees which answer the microphone seems to have heard. The key decides."
+        )
     yield Said(
         "A trial whose stimulus may have been felt, and which has no confirmed answer, is repeated at the end of its "
         "block, whatever the cause: the key, a pause, a rule below, or a fault of the rig. In a task whose order is "

@@ -130,7 +130,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     another, whatever its case, blanks and alphabet (of names and phrases: nor by accents, 1 or I for l, or 0 for O),
     and no phrase like the id of another material.
 
-    The keys `+` and `-` set the masker's level and stand for nothing else. No task has more participants than the
+    `consent.voice_recordings` needs `answers.microphone`. The keys `+` and `-` set the masker's level and stand for
+    nothing else. No task has more participants than the
     study, and the largest has as many. The tests of `analysis` name tasks of the protocol. A familiarisation is shorter
     than `exposure.session_min`. An order `max-run` is of no more than 400 trials. `answers-below` is at most the trials
     of the shortest task, and `speed-above` is greater than `speed-below`. At most 6 tasks are counterbalanced.
@@ -140,6 +141,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     yield from _unique(_tables(table, "exclusion"), "exclusion", "id")
     yield from _keys(table)
     yield from _spoken(table)
+    if _table(table, "consent").get("voice_recordings") is True and not _table(table, "answers").get("microphone"):
+        yield Broken(("answers", "microphone"), "true: consent.voice_recordings keeps what it hears")
     yield from _participants(table)
     yield from _planned_tasks(table)
     yield from _limits(table)

@@ -161,7 +161,7 @@ class Answer(Entry):
     """A confirmed answer: one of those that the kind of trial allows, or None where the participant gave none.
 
     `response_time_s` is from the moment from which it could be given to the choice of its key, `confirmed_s` to the
-    confirmation.
+    confirmation. When the voice began is in `Spoken`, which may follow later: no key waits for it.
     """
 
     kind: Literal["answer"] = "answer"
@@ -172,6 +172,32 @@ class Answer(Entry):
     key: str
     response_time_s: float
     confirmed_s: float
+
+
+class Spoken(Entry):
+    """What the microphone heard until the answer to an attempt was chosen; it decided nothing.
+
+    `onset_s` is from the moment from which an answer could be given to where the voice began, None where nobody was
+    heard. `proposed` is the answer that was proposed, None if what was said was taken for none; `agreement` and `lead`
+    are those of `desk.voice.hearing.Heard`. `sound` is the file that was kept of it, beside the journal, with its
+    SHA-256; None if protocol or participant keeps none. `problem` says why nothing could be heard.
+    """
+
+    kind: Literal["spoken"] = "spoken"
+    trial: int
+    attempt: int
+    onset_s: float | None
+    proposed: str | None
+    agreement: float
+    lead: float
+    sound: Annotated[str, Field(pattern=r"^[0-9A-Za-z_-]+\.wav$")] | None = None
+    sound_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
+    problem: str = ""
+
+    @property
+    def rejected(self) -> bool:
+        """Whether somebody spoke, and it was taken for no answer."""
+        return self.onset_s is not None and self.proposed is None
 
 
 class Correction(Entry):

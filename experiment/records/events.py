@@ -20,7 +20,11 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
     },
     "presented": {"Description": "Material presented."},
     "answered": {"Description": f"Material the participant named; {NO_ANSWER} where none was named."},
-    "response_time": {"Description": "From contact to the choice of the answer. n/a where no clock ran.", "Units": "s"},
+    "response_time": {
+        "Description": "From contact to the choice of the answer, or, where response_end says so, to the voice. n/a "
+        "where no clock ran.",
+        "Units": "s",
+    },
     "foot_speed": {"Description": "10 mm divided by the time from 20 mm to 10 mm above the panel.", "Units": "mm/s"},
     "frames_lost": {"Description": "Tracker frames lost or damaged between arming and contact."},
     "floored_bins": {"Description": "Bins of the synthesised spectrum floored at zero. n/a without synthesis."},
@@ -50,6 +54,28 @@ FURTHER_COLUMNS: dict[str, dict[str, object]] = {
     "corrected_from": {
         "Description": "Answer that was confirmed first, where the experimenter corrected it. n/a where it stands."
     },
+    "response_end": {
+        "Description": "What ends response_time, in a session with a microphone.",
+        "Levels": {
+            "voice": "where the voice began, for what was heard is the answer that the experimenter confirmed",
+            "choice": "where the experimenter chose the key",
+        },
+    },
+    "voice_onset": {
+        "Description": "From contact to where the voice began. n/a where nobody was heard, or no microphone listened.",
+        "Units": "s",
+    },
+    "choice_time": {"Description": "From contact to the choice of the key that was confirmed.", "Units": "s"},
+    "confirmation_time": {"Description": "From contact to the confirmation of that choice.", "Units": "s"},
+    "voice_proposed": {
+        "Description": "Answer that the microphone proposed to the experimenter, who decided. n/a where it was none of "
+        "those that the participant had said before."
+    },
+    "voice_agreement": {
+        "Description": "How near what was heard is to that answer as the participant said it before: 1 as near as "
+        "another take of it, 0 as far as another answer."
+    },
+    "voice_lead": {"Description": "How much farther the next answer was, in the same unit."},
     "masker_level": {"Description": "Level of the masker in this attempt. n/a for silence.", "Units": "dB(A)"},
     "prediction_error": {
         "Description": "Contact as predicted last before the onset could no longer be moved, minus actual contact. n/a "

@@ -37,6 +37,7 @@ from experiment.records.entries import (
     Redo,
     Resumed,
     Shown,
+    Spoken,
     TrackerOpened,
     Visited,
     Withdrawal,
@@ -55,6 +56,7 @@ AnyEntry = Annotated[
     | FootStep
     | BrokenOff
     | Answer
+    | Spoken
     | Correction
     | Note
     | Commanded

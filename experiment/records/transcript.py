@@ -21,6 +21,7 @@ from experiment.records.entries import (
     Redo,
     Resumed,
     Shown,
+    Spoken,
     TrackerOpened,
     Visited,
     Withdrawal,
@@ -116,6 +117,8 @@ def _said(entry: AnyEntry) -> str:
             return f"{said}{_dead(entry.dead_time_ms)}"
         case Answer():
             return f"trial {entry.trial}.{entry.attempt}: {_answered(entry)} after {entry.response_time_s:.2f} s"
+        case Spoken():
+            return f"trial {entry.trial}.{entry.attempt}: {_heard(entry)}"
         case Correction():
             answer = entry.answered or "no answer"
             return f"trial {entry.trial}.{entry.attempt}: the answer was corrected to {answer}: {entry.reason}"
@@ -145,6 +148,16 @@ def _said(entry: AnyEntry) -> str:
 
 def _answered(entry: Answer) -> str:
     return f"answered {entry.answered}" if entry.answered else "no answer was given"
+
+
+def _heard(entry: Spoken) -> str:
+    if entry.problem:
+        return f"nothing could be heard: {entry.problem}"
+    if entry.onset_s is None:
+        return "the microphone heard nobody"
+    what = f"and {entry.proposed} was proposed" if entry.proposed else "and it was taken for no answer"
+    kept = "; its sound is kept" if entry.sound else ""
+    return f"the voice began after {entry.onset_s:.2f} s, {what}, agreement {entry.agreement:.2f}{kept}"
 
 
 def _torn(torn: str) -> str:

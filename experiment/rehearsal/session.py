@@ -6,21 +6,19 @@ The session is the real one; the simulated world stands at the far ends of its p
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from multiprocessing import connection
 from pathlib import Path
 
 import numpy as np
 
 from experiment import storage
+from experiment.apparatus import host
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.tracker.clock_map import ClockMap
@@ -35,6 +33,7 @@ from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
 from experiment.rehearsal.footstep.participant import Practised, SimulatedParticipant, Tick
 from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from experiment.rehearsal.voice import Speaker
 from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from experiment.session import runner, scene
@@ -114,14 +113,20 @@ def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: C
             asked = asked.model_copy(update={"session_id": asked.rehearsed_id(job.control)})
         else:
             protocol = _without_waiting(protocol)
-        return runner.run(
+        footer = runner.run(
             protocol=protocol,
             header=asked,
             devices=devices,
             rig_file=rig_file,
             dataset=job.dataset,
             last=desk is not None and task_id == job.tasks[-1],
+            keeps_voices=protocol.consent.voice_recordings,
         )
+    if footer.reason == "complete" and task_id == job.tasks[-1] and protocol.answers.microphone:
+        from experiment.desk.voice import enrolling
+
+        enrolling.forget(enrolling.place(job.dataset, job.participant))
+    return footer
 
 
 def _without_waiting(protocol: Protocol) -> Protocol:
@@ -152,14 +157,20 @@ class SimulatedEnds:
         self.real_time = self.job.real_time
         self._card: WiredCard | None = None
         self._panel: Panel | CardPanel | None = None
+        self._speaker: Speaker | None = None
 
     def sound_device(self, opened: ExitStack) -> str:
         self._card = opened.enter_context(WiredCard(self.rig))
         return DEVICE
 
     def wire_sound(self) -> None:
-        if self._card is not None:
-            self._card.wire()
+        if self._card is None:
+            return
+        self._card.wire()
+        if self.protocol.answers.microphone and self.rig.audio and self.rig.audio.channels.microphone is not None:
+            self._speaker = Speaker(
+                self._card.mouth(), rate_hz=self.rig.audio.rate_hz, entropy=(self.job.seed, int(self.job.participant))
+            )
 
     def panel(self, opened: ExitStack) -> str | None:
         if self._card is not None and self.rig.actuator.driver == "audio":
@@ -202,6 +213,7 @@ class SimulatedEnds:
             real_time=self.real_time,
             tick=self.tick,
             screen=self.screen,
+            speaker=self._speaker,
         )
         return participant if self.desk is None else Practised(desk=self.desk, participant=participant)
 
@@ -232,7 +244,7 @@ def rehearse_at_once(todo: Sequence[Job], jobs: int, tick: Tick) -> None:
     with _noted() as interrupts:
         with ProcessPoolExecutor(jobs, mp_context=context, initializer=_share, initargs=(queue,)) as pool:
             try:
-                with _held_back():
+                with host.held_back():
                     futures: set[Future[None]] = {pool.submit(_rehearse_shared, job) for job in todo}
                 while futures:
                     done, futures = wait(futures, timeout=0.1, return_when=FIRST_EXCEPTION)
@@ -252,19 +264,6 @@ def rehearse_at_once(todo: Sequence[Job], jobs: int, tick: Tick) -> None:
 def _end_at(interrupts: Sequence[int]) -> None:
     if interrupts:
         raise Interrupted("the rehearsal was interrupted; the same command goes on with it")
-
-
-@contextmanager
-def _held_back() -> Iterator[None]:
-    """Keep Ctrl-C, which reaches every process of a terminal, from those that begin here before they can ignore it."""
-    if sys.platform == "win32":
-        yield
-        return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager
@@ -292,14 +291,7 @@ def _share(queue: multiprocessing.SimpleQueue[None]) -> None:
     _queue = queue
     # The keyboard interrupts the parent alone; a worker ends with it, however that ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-
-
-def _end_with(sentinel: int) -> None:
-    connection.wait([sentinel])
-    os._exit(1)
+    host.end_with_parent()
 
 
 def _rehearse_shared(job: Job) -> None:

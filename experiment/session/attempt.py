@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from experiment.apparatus.ports import Masker
+from experiment.apparatus.ports import Masker, Microphone
 from experiment.clock import Clock
 from experiment.desk import interrupts
 from experiment.desk.port import Console, Remark, Repeated
@@ -21,7 +21,10 @@ from experiment.session.masker import KEYS, Masking
 from experiment.session.remarks import Remarks
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
     from experiment.apparatus.audio.stream import AudioStream
+    from experiment.desk.voice.ear import Ear
 
 
 class State(StrEnum):
@@ -87,7 +90,8 @@ class Devices:
     """The opened parts of a session; `masker`, and the `stream` that it plays on, are None if the rig has no sound.
 
     `kind` are the devices of the task's kind of trial. A session waits `reconnect_s` for a device that fell silent,
-    then pauses. `priority` is that of its threads in words, and is empty in simulated time.
+    then pauses. `priority` is that of its threads in words, and is empty in simulated time. `microphone` hears answers,
+    and `computing` computes what it heard; both are None where nobody listens.
     """
 
     kind: KindDevices
@@ -97,6 +101,8 @@ class Devices:
     reconnect_s: float
     stream: AudioStream | None = None
     priority: str = ""
+    microphone: Microphone | None = None
+    computing: Executor | None = None
 
 
 class Attempts:
@@ -111,8 +117,10 @@ class Attempts:
         log: Log,
         masking: Masking | None,
         limits: Limits,
+        ear: Ear | None = None,
     ) -> None:
-        """Set up before the first attempt; `masking` is None for a session without a masker."""
+        """Set up before the first attempt; `masking` and `ear` are None for a session without masker or microphone."""
+        self._ear = ear
         self._spoken = protocol.answers
         self._console, self._clock = devices.console, devices.clock
         self._log = log
@@ -173,7 +181,13 @@ class Attempts:
             self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=seen.repeat, put_off=True))
             self._console.show(f"Trial {planned.trial} is repeated at the end of its block: {seen.repeat}.")
             return Event.REDONE
-        return self._ask(planned, attempt, seen.answerable_ns)
+        if self._ear is None:
+            return self._ask(planned, attempt, seen.answerable_ns)
+        self._ear.listen(planned.trial, attempt, seen.answerable_ns)
+        try:
+            return self._ask(planned, attempt, seen.answerable_ns)
+        finally:
+            self._ear.stop()
 
     @property
     def outage(self) -> str:
@@ -237,6 +251,8 @@ class Attempts:
                 confirmed_s=(self._answered_ns - answerable_ns) / 1e9,
             )
         )
+        if self._ear is not None:
+            self._ear.answered(chosen_ns)
         console.confirmed(trial=planned.trial, answer=answered)
         return Event.ANSWERED
 

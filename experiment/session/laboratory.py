@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import secrets
 from collections.abc import Iterator
+from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from experiment import __version__, storage
-from experiment.apparatus import host
+from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.ports import Microphone
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock, utc
 from experiment.protocol import approval
@@ -72,6 +74,17 @@ def open_laboratory(
         console = ends.console()
         if priority:
             console.show(f"Priority: {priority}.")
+        microphone: Microphone | None = None
+        computing: Executor | None = None
+        if protocol.answers.microphone:
+            if sound is not None:
+                microphone = opening.open_microphone(rig, stream=sound.stream)
+            if microphone is None:
+                console.show("The rig names no microphone (audio.channels.microphone): no answer is proposed.")
+            else:
+                from experiment.desk.voice import ear
+
+                computing = opened.enter_context(ear.computing())
         yield Devices(
             kind=kind,
             console=console,
@@ -80,6 +93,8 @@ def open_laboratory(
             stream=sound.stream if sound is not None else None,
             reconnect_s=ends.reconnect_s,
             priority=priority,
+            microphone=microphone,
+            computing=computing,
         )
 
 

@@ -17,6 +17,7 @@ from experiment.settings import characters
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
+    from experiment.desk.voice.ear import Ear
     from experiment.session.exposure import Exposed
     from experiment.session.masker import Masking
 
@@ -130,6 +131,7 @@ class Attendance:
         exposed: Exposed,
         masking: Masking | None,
         stream: AudioStream | None,
+        ear: Ear | None,
         log: Log,
         clock: Clock,
         folder: Path,
@@ -140,6 +142,7 @@ class Attendance:
         self._exposed = exposed
         self._masking = masking
         self._stream = stream
+        self._ear = ear
         self._log = log
         self._clock = clock
         self._folder = folder
@@ -160,7 +163,7 @@ class Attendance:
             last=measured.last,
             pace=measured.pace,
             delivered=measured.delivered,
-            lamps=(*measured.lamps, *self._audio(), self._disk()),
+            lamps=(*measured.lamps, *self._audio(), *self._microphone(), self._disk()),
         )
 
     def standing(self) -> Standing:
@@ -192,6 +195,9 @@ class Attendance:
             return ()
         marked, gaps = self._stream.xruns, self._stream.gaps
         return (Lamp(name="audio", good=not gaps, words=f"{gaps} gaps, {marked} late blocks"),)
+
+    def _microphone(self) -> tuple[Lamp, ...]:
+        return () if self._ear is None else (self._ear.lamp(),)
 
     def _disk(self) -> Lamp:
         try:

@@ -84,10 +84,6 @@ def run(
     """
     clock = MonotonicClock()
     protocol = files.load(protocol_file)
-    if protocol.consent.voice_recordings:
-        raise SessionError(
-            f"{protocol_file}: got consent.voice_recordings = true; allowed: false; palpate cannot record voices yet"
-        )
     today = day(clock.now_ns())
     seal = approval.verify(protocol_file, protocol, today)
     console.show(
@@ -98,6 +94,7 @@ def run(
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or enrolment.default_root(protocol)
     _ask_consent(root, protocol_file, protocol, participant, console)
+    _ask_voices(root, protocol_file, protocol, participant, console)
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)
     rig = rigs.load(rig_file)
     anchored_in = _anchored_in(rig, rig_file)
@@ -189,6 +186,8 @@ class _Visit:
                 with journal.locked(storage.journal_path(root, participant, task_id).parent, participant):
                     pass
                 self._identify()
+            # Nobody who withdrew in the meantime is begun with.
+            enrolled = self._admitted()
             asked = header(
                 protocol=protocol,
                 rig=rig,
@@ -198,8 +197,7 @@ class _Visit:
                 seed=self.seed,
                 recordings=used,
                 purpose=self.purpose,
-                # Nobody who withdrew in the meantime is begun with.
-                roster_sha256=self._admitted().lines.end.last,
+                roster_sha256=enrolled.lines.end.last,
                 clock=clock,
             )
             try:
@@ -211,6 +209,7 @@ class _Visit:
                     dataset=root,
                     identity=self._identity,
                     last=task_id == tasks[-1],
+                    keeps_voices=protocol.consent.voice_recordings and enrolled.voices.get(participant, False),
                 )
             except (PalpateError, KeyboardInterrupt) as ended:
                 # No device is kept, and no priority, while files are written.
@@ -221,6 +220,10 @@ class _Visit:
                 except PalpateError as unbuilt:
                     ended.add_note(f"the dataset could not be brought up to date either: {unbuilt}")
                 raise
+        if footer.reason == "complete" and task_id == tasks[-1] and protocol.answers.microphone:
+            from experiment.desk.voice import enrolling
+
+            enrolling.forget(enrolling.place(root, participant))
         build.build(root)
         if not _anchor(root, self.anchored_in, console) and footer.reason == "complete":
             console.show("This session was complete already; nothing was added to it.")
@@ -256,6 +259,17 @@ def _ask_consent(root: Path, protocol_file: Path, protocol: Protocol, participan
     text = f"No consent of participant {participant} is on record. Did they read the consent text and sign today?"
     if console.agree(text=text, yes="yes, record today's consent", no="no, leave"):
         enrolment.consent(protocol_file, participant, day(wall_ns()), root=root)
+
+
+def _ask_voices(root: Path, protocol_file: Path, protocol: Protocol, participant: str, console: Console) -> None:
+    """Have it recorded whether the sound of a participant's answers may be kept, where nobody has said so."""
+    known = roster.Roster.load(storage.roster_path(root))
+    admitted = participant in known.consent_on and participant not in known.withdrawn
+    if not protocol.consent.voice_recordings or not admitted or participant in known.voices:
+        return
+    text = f"Does participant {participant} agree that the sound of their answers is kept? They take part either way."
+    agreed = console.agree(text=text, yes="yes, it may be kept", no="no, nothing is kept")
+    enrolment.voices(protocol_file, participant, agreed, root=root)
 
 
 def _admitted(root: Path, protocol_file: Path, protocol: Protocol, participant: str, clock: Clock) -> roster.Roster:

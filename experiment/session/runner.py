@@ -9,7 +9,7 @@ from collections import Counter
 from contextlib import closing, suppress
 from datetime import date
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from experiment.apparatus import opening
 from experiment.clock import Clock, day
@@ -25,8 +25,11 @@ from experiment.session.attempt import Attempts, Devices, Event, State, follow
 from experiment.session.exposure import Exposed, spent_ns
 from experiment.session.masker import Masking
 from experiment.session.remarks import Attendance
-from experiment.storage import foot_path, journal_path, rig_path, roster_path
+from experiment.storage import foot_path, journal_path, rig_path, roster_path, voices_folder
 from experiment.study.roster import Roster
+
+if TYPE_CHECKING:
+    from experiment.desk.voice.ear import Ear
 
 MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
@@ -44,10 +47,12 @@ def run(
     dataset: Path,
     identity: Visited | None = None,
     last: bool = False,
+    keeps_voices: bool = False,
 ) -> Footer:
     """Run a session, or the rest of one, and return the footer that ended it.
 
     `identity` is what was asked before it, and goes on record; the `last` session of a visit ends with its debriefing.
+    Where a microphone listens, `keeps_voices` has the sound of answers kept.
     If a journal exists, its own header rules and must be of the same session; a session that is complete is not
     touched. The rig's file is kept beside the journal.
 
@@ -77,6 +82,8 @@ def run(
                 folder=path.parent,
                 identity=identity,
                 last=last,
+                voices=voices_folder(dataset, header.participant) if keeps_voices else None,
+                takes_file=enrolling_file(dataset, header.participant, devices),
             )
             with closing(session):
                 return session.run(contents)
@@ -110,6 +117,31 @@ def _onward(done: Progress, stopped_on: date) -> str:
         f"This session goes on from {stopped_on}: {len(done.answered)} of {len(done.header.order)} trials are answered"
     )
     return f"{told}; {named} again at the end of {'their' if others else 'its'} block." if again else f"{told}."
+
+
+def enrolling_file(dataset: Path, participant: str, devices: Devices) -> Path | None:
+    """Return where what the participant said is kept during the visit; None where no microphone listens."""
+    if devices.microphone is None:
+        return None
+    from experiment.desk.voice import enrolling
+
+    return enrolling.place(dataset, participant)
+
+
+def _ear(devices: Devices, log: SessionLog, voices: Path | None) -> Ear | None:
+    if devices.microphone is None or devices.computing is None:
+        return None
+    from experiment.desk.voice.ear import Ear
+
+    return Ear(
+        microphone=devices.microphone,
+        computing=devices.computing,
+        console=devices.console,
+        clock=devices.clock,
+        write=log.write,
+        task=log.done.header.task,
+        voices=voices,
+    )
 
 
 class SessionLog:
@@ -165,6 +197,8 @@ class _Session:
         folder: Path,
         identity: Visited | None,
         last: bool,
+        voices: Path | None,
+        takes_file: Path | None,
     ) -> None:
         self._protocol = protocol
         self._identity = identity
@@ -183,6 +217,8 @@ class _Session:
             clock=devices.clock,
             log=log,
         )
+        self._takes_file = takes_file
+        self._ear = _ear(devices, log, voices)
         self._attempts = Attempts(
             protocol=protocol,
             header=log.done.header,
@@ -190,6 +226,7 @@ class _Session:
             log=log,
             masking=self._masking,
             limits=self._exposed,
+            ear=self._ear,
         )
         self._attendance = Attendance(
             remarks=self._attempts.remarks,
@@ -197,6 +234,7 @@ class _Session:
             exposed=self._exposed,
             masking=self._masking,
             stream=devices.stream,
+            ear=self._ear,
             log=log,
             clock=devices.clock,
             folder=folder,
@@ -219,6 +257,7 @@ class _Session:
                 probe = self._attempts.kind.probe
                 self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a, probe)
             self._attempts.remarks.note_ignored()
+            self._enrol()
             pause = self._trials()
         except (ScreenGone, PauseAsked) as why:
             pause = str(why)
@@ -236,6 +275,29 @@ class _Session:
     def close(self) -> None:
         """Leave nothing that watches it."""
         self._exposed.close()
+        if self._ear is not None:
+            self._ear.close()
+
+    def _enrol(self) -> None:
+        """Have the participant say the answers, to compare with, where a microphone listens and trials remain."""
+        devices, ear = self._devices, self._ear
+        if ear is None or devices.microphone is None or devices.computing is None or not self._log.done.remaining:
+            return
+        if self._exposed.over():
+            return
+        from experiment.desk.voice.enrolling import Enroller
+
+        ear.enrolment, how = Enroller(
+            answers={material.id: material.spoken[0] for material in self._protocol.materials},
+            microphone=devices.microphone,
+            computing=devices.computing,
+            console=devices.console,
+            clock=devices.clock,
+            file=self._takes_file,
+        ).enrol()
+        told = f"the microphone {'proposes answers' if ear.enrolment else 'proposes nothing'}: {how}"
+        self._log.write(Phase(state="enrolled", detail=told))
+        devices.console.show(f"{told[:1].upper()}{told[1:]}.")
 
     def _trials(self) -> str:
         """Run attempt after attempt until every trial is answered; return why the session pauses, or nothing."""
@@ -298,6 +360,8 @@ class _Session:
             # Whoever writes beside this thread has written when these return.
             self._attempts.remarks.close()
             self._exposed.close()
+            if self._ear is not None:
+                self._ear.close()
             # After an interrupt in the middle of a write only a new reading of the journal may add to it.
             accepts = self._log.accepts
             if self._masking is not None:

@@ -173,6 +173,29 @@ def consent(
     return path
 
 
+def voices(protocol_file: Path, participant: str, agreed: bool, *, root: Path | None) -> Path:
+    """Record whether the sound of a participant's answers may be kept, and return the roster's file.
+
+    If it may not, what was kept of it is deleted. Raises `RosterError` if the protocol keeps none, or the participant
+    is not enrolled or has withdrawn, and `SessionLocked` if a session of theirs is running.
+    """
+    if not files.load(protocol_file).consent.voice_recordings:
+        raise RosterError(
+            f"{protocol_file}: got consent.voice_recordings = false; allowed: true; this study keeps no sound, and "
+            "asks nobody"
+        )
+    root = _begun(protocol_file, root)
+    path = storage.roster_path(root)
+    known = Roster.continued(path)
+    known.check_enrolled(participant)
+    with journal.locked(storage.participant_folder(root, participant), participant):
+        known.keep_voices(participant, agreed, day(wall_ns()))
+        kept = storage.voices_folder(root, participant)
+        if not agreed and kept.exists():
+            storage.remove(kept)
+    return path
+
+
 def withdraw(
     protocol_file: Path,
     participant: str,

@@ -92,6 +92,15 @@ class Erased(Entry):
     participant: str
 
 
+class Voices(Entry):
+    """A participant agreed that the sound of their answers is kept, or did not; the last such line holds."""
+
+    kind: Literal["voices"] = "voices"
+    participant: str
+    agreed: bool
+    told_on: date
+
+
 class Revealed(Entry):
     """The concealed order of what a participant does was shown; the label need not be enrolled."""
 
@@ -101,7 +110,8 @@ class Revealed(Entry):
 
 
 AnyEntry = Annotated[
-    First | Enrolled | Replacing | Consented | Corrected | Withdrawn | Erased | Revealed, Field(discriminator="kind")
+    First | Enrolled | Replacing | Consented | Corrected | Voices | Withdrawn | Erased | Revealed,
+    Field(discriminator="kind"),
 ]
 _ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
 
@@ -112,9 +122,10 @@ class Roster:
 
     `consent_on` holds each participant's day of consent, or None without consent, in the order of enrolment;
     `withdrawn` holds the reasons of those who withdrew, `erased` those whose data were deleted, and `revealed` the days
-    on which a concealed order was first shown. `takes` names, for each who came after the planned ones, the participant
-    whose place they took. `seed_sha256` is the hash of the study's seed with its salt, as the first participant's line
-    has it; None in a study that began before such lines. `now_ns` tells the time of a new line.
+    on which a concealed order was first shown. `voices` tells, of each who was asked, whether the sound of their
+    answers may be kept. `takes` names, for each who came after the planned ones, the participant whose place they took.
+    `seed_sha256` is the hash of the study's seed with its salt, as the first participant's line has it; None in a study
+    that began before such lines. `now_ns` tells the time of a new line.
     """
 
     path: Path
@@ -123,6 +134,7 @@ class Roster:
     erased: set[str] = field(default_factory=set)
     revealed: dict[str, date] = field(default_factory=dict)
     takes: dict[str, str] = field(default_factory=dict)
+    voices: dict[str, bool] = field(default_factory=dict)
     seed_sha256: str | None = None
     lines: Chain = chain.EMPTY
     now_ns: Callable[[], int] = field(default=wall_ns, repr=False, compare=False)
@@ -187,6 +199,13 @@ class Roster:
         Raises `RosterError` if there is no consent to correct, or if the reason is no line of text.
         """
         self._append(Corrected, participant=participant, consent_on=consent_on, reason=reason)
+
+    def keep_voices(self, participant: str, agreed: bool, today: date) -> None:
+        """Record whether the sound of a participant's answers may be kept from now on.
+
+        Raises `RosterError` if the participant is not enrolled, or has withdrawn.
+        """
+        self._append(Voices, participant=participant, agreed=agreed, told_on=today)
 
     def withdraw(self, participant: str, reason: str) -> None:
         """Record that a participant withdrew; the reason is one line that names no person and no state of health.
@@ -258,6 +277,7 @@ class Roster:
             self.lines = chain.read(self.path, RosterError)
         self.consent_on, self.withdrawn = latest.consent_on, latest.withdrawn
         self.erased, self.revealed, self.takes = latest.erased, latest.revealed, latest.takes
+        self.voices = latest.voices
         self.seed_sha256 = latest.seed_sha256
 
     @contextmanager
@@ -302,6 +322,9 @@ class Roster:
         known = self.consent_on[participant]
         if isinstance(entry, Withdrawn):
             self.withdrawn[participant] = entry.reason
+            return
+        if isinstance(entry, Voices):
+            self.voices[participant] = entry.agreed
             return
         if isinstance(entry, Consented) and known is not None:
             raise RosterError(

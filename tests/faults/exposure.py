@@ -272,6 +272,12 @@ class Dawdler:
         self._machine.go(2.0)
         return self._presses.pop() if self._presses else ""
 
+    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
+        raise AssertionError(words)
+
+    def heard(self, *, words: str) -> None:
+        raise AssertionError(words)
+
     def place(self, *, trial: int, material: str) -> None:
         self._machine.go(self._dice.choice([1.0, 30.0, 900.0]))
 

@@ -100,7 +100,8 @@ class Loop:
 class Layout:
     """What a mixer is made for: channels, the frames of the largest block, the longest stimulus and the input kept.
 
-    `ceilings` are the largest magnitudes of a sample of each output channel, 1.0 being full scale.
+    `ceilings` are the largest magnitudes of a sample of each output channel, 1.0 being full scale. What leaves
+    on the output channel `sent`, from 0, is kept as well; None for none.
     """
 
     outputs: int
@@ -109,6 +110,7 @@ class Layout:
     stimulus_frames: int
     kept_frames: int
     ceilings: tuple[float, ...]
+    sent: int | None = None
 
 
 class Mixer:
@@ -131,6 +133,7 @@ class Mixer:
         """Frames that are made at a time."""
         self._slots = [Slot(layout.stimulus_frames) for _ in range(SLOTS)]
         self._kept = np.zeros((layout.kept_frames, layout.inputs), np.float32)
+        self._sent = np.zeros(layout.kept_frames if layout.sent is not None else 0, np.float32)
         self._ceilings = np.array(layout.ceilings, np.float32)
         self._floors = -self._ceilings
         self._before = np.zeros((layout.block, layout.outputs), np.float32)
@@ -199,19 +202,26 @@ class Mixer:
 
     def kept(self, frame: int, frames: int) -> Block:
         """Return what the inputs heard from a frame on, shape (frames, inputs); `AudioError` unless all is kept."""
+        return self._taken(self._kept, frame, frames)
+
+    def sent(self, frame: int, frames: int) -> Block:
+        """Return what left on the output that is kept, from a frame on, shape (frames,); `AudioError` as `kept`."""
+        return self._taken(self._sent, frame, frames)
+
+    def _taken(self, ring: Block, frame: int, frames: int) -> Block:
         if frame < 0 or frames < 0 or frame + frames > self.frame:
             raise AudioError(
-                f"audio: got a request for input up to frame {frame + frames}; allowed: up to {self.frame}"
+                f"audio: got a request for sound up to frame {frame + frames}; allowed: up to {self.frame}"
             )
-        taken = self._kept[np.arange(frame, frame + frames) % len(self._kept)]
+        taken = ring[np.arange(frame, frame + frames) % max(len(ring), 1)] if frames else ring[:0]
         # The block under way may be overwriting what lies a whole ring behind it.
-        oldest = self.frame + self.layout.block - len(self._kept)
+        oldest = self.frame + self.layout.block - len(ring)
         if frame < oldest:
-            raise AudioError(f"audio: got a request for input from frame {frame}; allowed: from {oldest}; ask sooner")
+            raise AudioError(f"audio: got a request for sound from frame {frame}; allowed: from {oldest}; ask sooner")
         return taken
 
     def _fill(self, outputs: Block, inputs: Block, first: int) -> None:
-        self._keep(inputs, first)
+        _keep(self._kept, inputs, first)
         outputs.fill(0)
         if self.loop is not None:
             self._play_loop(self.loop, outputs, first)
@@ -221,13 +231,8 @@ class Mixer:
             if slot.playing is not None:
                 self._play(slot, slot.playing, outputs, first)
         self._limit(outputs)
-
-    def _keep(self, inputs: Block, first: int) -> None:
-        ring = self._kept
-        at = first % len(ring)
-        until_end = min(len(inputs), len(ring) - at)
-        ring[at : at + until_end] = inputs[:until_end]
-        ring[: len(inputs) - until_end] = inputs[until_end:]
+        if self.layout.sent is not None:
+            _keep(self._sent, outputs[:, self.layout.sent], first)
 
     def _start(self, slot: Slot, first: int, end: int) -> None:
         try:
@@ -293,3 +298,11 @@ class Mixer:
         np.clip(outputs, self._floors, self._ceilings, out=outputs)
         np.not_equal(before, outputs, out=changed)
         self.limited += int(np.count_nonzero(changed))
+
+
+def _keep(ring: Block, block: Block, first: int) -> None:
+    """Put a block, whose first frame is `first`, at its place in a ring."""
+    at = first % len(ring)
+    until_end = min(len(block), len(ring) - at)
+    ring[at : at + until_end] = block[:until_end]
+    ring[: len(block) - until_end] = block[until_end:]

@@ -278,7 +278,7 @@ class StreamSettings:
     """How a stream is opened: a device by PortAudio's names, its input channels, and an output for each ceiling.
 
     A ceiling is the largest magnitude of a sample, 1.0 being full scale. `block` is in frames; with JACK it is the
-    server's period, or a buffer more stands between.
+    server's period, or a buffer more stands between. Of the output `sent`, from 0, what leaves is kept; None for none.
     """
 
     host_api: str
@@ -287,6 +287,7 @@ class StreamSettings:
     block: int
     inputs: int
     ceilings: tuple[float, ...]
+    sent: int | None = None
 
 
 @dataclass(frozen=True)
@@ -324,6 +325,7 @@ class AudioStream:
                 stimulus_frames=round(STIMULUS_S * settings.rate_hz),
                 kept_frames=round(KEPT_S * settings.rate_hz),
                 ceilings=settings.ceilings,
+                sent=settings.sent,
             )
         )
         self._timeline = Timeline(rate_hz=settings.rate_hz, block=settings.block)
@@ -425,6 +427,11 @@ class AudioStream:
         """Return what the inputs heard, once they have: shape (frames, inputs); `AudioError` if that cannot be had."""
         self.wait(frame + frames)
         return self._mixer.kept(frame, frames)
+
+    def sent(self, frame: int, frames: int) -> Block:
+        """Return what left on the output that is kept, once it has, shape (frames,); `AudioError` as `kept`."""
+        self.wait(frame + frames)
+        return self._mixer.sent(frame, frames)
 
     def wait(self, frame: int) -> None:
         """Wait until every frame before `frame` has been made; `AudioError` if the stream has stopped."""

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus.audio import calibration as audio_calibration
+from experiment.apparatus.audio import microphone as microphones
 from experiment.apparatus.audio.stream import AudioStream, StreamHealth
 from experiment.apparatus.doctor.checks import Check, judged, refused, unchecked
 from experiment.apparatus.ports import Tracker
@@ -226,6 +227,22 @@ def health(since: StreamHealth, until: StreamHealth, audio: AudioRig, *, exact: 
             "(worst)",
             allowed=f"median at most {quarter_ms:.2f} ms, a quarter of a block",
             remedy="close other programs, or let this user run with real-time priority",
+        ),
+    )
+
+
+def microphone(stream: AudioStream, audio: AudioRig) -> tuple[Check, ...]:
+    """Return whether the microphone hears anything, and not too much; nothing where the rig has none."""
+    if audio.channels.microphone is None:
+        return ()
+    loud = microphones.AudioMicrophone(stream, audio).loudness()
+    return (
+        judged(
+            "microphone",
+            not microphones.objection(loud),
+            f"{loud.rms_db:.0f} dB of full scale{', clipped' if loud.clipped else ''}",
+            allowed=f"above {microphones.SILENT_DB:g} dB, and nothing clipped",
+            remedy="see to its cable, its supply and its level, and to audio.channels.microphone in the rig file",
         ),
     )
 

@@ -166,6 +166,7 @@ def _stream(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock, st
     yield from _tracker(rig, ends, clock)
     try:
         yield from devices.steady(stream, settings, since=since, exact=rig.rig.simulated)
+        yield from devices.microphone(stream, settings)
         yield from devices.loopback(stream, settings)
     except AudioError as error:
         yield refused(name, error)

@@ -254,7 +254,7 @@ class Board(Vertical):
         self._count(view)
         self._places.light(now)
         self._text.display = self._keys.display = not form
-        pane["asked"].show(picture.asked, question, now, view.lay_out)
+        pane["asked"].show(picture.asked, question, now, view.lay_out, view.heard)
         pane["offered"].show(picture.offered, question.choices if question is not None else (), roomy)
         pane["lines"].show(picture.lines, view.lines)
         pane["commands"].show(picture.commands, wide)
@@ -267,7 +267,7 @@ class Board(Vertical):
             pane["left"].show(picture.left, picture.time_left(gauges.left_s))
             pane["trace"].show(picture.trace, gauges.trace, gauges.trace_unit, side - 4, 4 if roomy else 2)
             pane["gauges"].show(picture.gauges, gauges.model_copy(update={"trace": (), "left_s": 0.0}), roomy)
-        fitted = (question, view.lines, view.lay_out, now, form, self.app.size)
+        fitted = (question, view.lines, view.lay_out, view.heard, now, form, self.app.size)
         if fitted != self._fitted:
             self._fitted = fitted
             self.call_after_refresh(self._fit)

@@ -65,6 +65,7 @@ ASKED = {
     "write": Phase("WRITE", 0, ORANGE),
     "familiarise": Phase("FAMILIARISE", 0, ORANGE),
     "level": Phase("MASKER", 0, ORANGE),
+    "say": Phase("SAY", 0, ORANGE),
     "rest": Phase("REST FOOT", 0, ORANGE),
     "place": Phase("LAY OUT", 0, ORANGE),
     "answer": Phase("ANSWER", 3, VIOLET),
@@ -186,8 +187,8 @@ def _cap(key: str) -> Text:
     return Text(f" {keycap(key)} ", style=Style.parse(f"bold #000000 on {PLAIN}") + Style(meta={PRESSES: key}))
 
 
-def asked(question: Question | None, now: Phase, lay_out: str) -> Text:
-    """Return what is asked, or that nothing is."""
+def asked(question: Question | None, now: Phase, lay_out: str, heard: str) -> Text:
+    """Return what is asked, or that nothing is, and what the microphone proposes."""
     told = Text()
     if lay_out and (question is None or question.kind != "place"):
         told.append(f"Laid out: {lay_out}\n", style=DIM)
@@ -195,7 +196,8 @@ def asked(question: Question | None, now: Phase, lay_out: str) -> Text:
         return told.append(now.says, style=DIM)
     big = question.kind in ("place", "confirm", "answer")
     told.append("Confirm: " if question.kind == "confirm" else "", style=DIM)
-    return told.append(question.text, style=f"bold {PLAIN}" if big else PLAIN)
+    told.append(question.text, style=f"bold {PLAIN}" if big else PLAIN)
+    return told.append(f"\n{heard}" if heard and question.kind in ("answer", "confirm") else "", style=YELLOW)
 
 
 def trace(values: tuple[float, ...], unit: str, width: int, rows: int) -> Text:

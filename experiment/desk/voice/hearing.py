@@ -57,12 +57,14 @@ class Heard:
         proposed: the answer; None where nobody spoke, no utterance is an answer, or two are different ones.
         agreement: of the nearest answer, from 0 (as far as another answer) to 1 (as near as a take of it).
         lead: how much further the next answer is, in the same unit.
+        until_s: when the last utterance ended, s after the first sample; None where nobody spoke.
     """
 
     onset_s: float | None
     proposed: str | None
     agreement: float
     lead: float
+    until_s: float | None = None
 
 
 SILENCE = Heard(None, None, 0.0, 0.0)
@@ -107,6 +109,14 @@ def take(
     return cepstra(samples[utterances[0].begins[0] : utterances[0].end])
 
 
+def ended_s(
+    microphone: Samples, played: Samples, *, rate_hz: int, answerable_s: float, background: Background
+) -> float | None:
+    """Return when the last utterance ended, s after the first sample; None where nobody spoke. Arguments as `take`."""
+    _, utterances, begin_s, _ = _utterances(microphone, played, rate_hz, answerable_s, background)
+    return begin_s + utterances[-1].end / RATE_HZ if utterances else None
+
+
 def hear(
     microphone: Samples,
     played: Samples,
@@ -127,14 +137,25 @@ def hear(
     if not utterances:
         return SILENCE
     longest = round(_LONGEST * max(len(one) for one in enrolment.takes)) * HOP
+    until_s = begin_s + utterances[-1].end / RATE_HZ
     found = [_matched(samples, each, longest, enrolment, quiet) for each in utterances]
     answers = [one for one in found if one[0].agreement >= AGREES]
     if not answers:
         nearest = max((matched for matched, _ in found), key=lambda one: one.agreement)
-        return Heard(begin_s + utterances[0].begins[0] / RATE_HZ, None, nearest.agreement, nearest.lead)
+        return Heard(begin_s + utterances[0].begins[0] / RATE_HZ, None, nearest.agreement, nearest.lead, until_s)
     matched, begin = answers[0]
     alone = all(other.answer == matched.answer for other, _ in answers)
-    return Heard(begin_s + begin / RATE_HZ, matched.answer if alone else None, matched.agreement, matched.lead)
+    proposed = matched.answer if alone else None
+    return Heard(begin_s + begin / RATE_HZ, proposed, matched.agreement, matched.lead, until_s)
+
+
+def without_masker(
+    microphone: Samples, played: Samples, *, rate_hz: int, background: Background
+) -> NDArray[np.float64]:
+    """Return what the microphone heard but for the masker, at `RATE_HZ`, for somebody to listen to, shape (m,)."""
+    _alike(microphone, played)
+    heard, masker = (banded(each, rate_hz=rate_hz) for each in (microphone, played))
+    return cancelled(heard, masker, background.taps)
 
 
 def _matched(

@@ -70,7 +70,7 @@ class Match:
 def enrolled(takes: Mapping[str, Sequence[Take]]) -> Enrolment:
     """Return a participant's enrolment from two takes or more of each answer, of two answers or more.
 
-    Raises `VoiceError` for fewer, and where a take is nearest to one of another answer.
+    Raises `VoiceError` for fewer, and where a take is nearest to one of another answer, as `unlike` says.
     """
     few = [answer for answer, said in takes.items() if len(said) < _TAKES]
     if few or len(takes) < 2:
@@ -78,13 +78,9 @@ def enrolled(takes: Mapping[str, Sequence[Take]]) -> Enrolment:
             f"enrolment: got {len(takes)} answers, and too few takes of {few}; allowed: two answers or more, each said "
             "twice or more; have them said again"
         )
-    answers = tuple(answer for answer, said in takes.items() for _ in said)
-    every = tuple(take for said in takes.values() for take in said)
-    apart = np.array([_rests(take, every)[0] for take in every])
+    answers, every, apart = _apart(takes)
     same = np.array(answers)[:, None] == np.array(answers)
-    np.fill_diagonal(apart, np.inf)
-    mistaken = {answers[i]: answers[j] for i, j in enumerate(np.argmin(apart, axis=1)) if not same[i, j]}
-    if mistaken:
+    if mistaken := _mistaken(answers, apart):
         raise VoiceError(
             "enrolment: got "
             + ", ".join(f"a take of {one!r} that is nearest to one of {other!r}" for one, other in mistaken.items())
@@ -92,6 +88,28 @@ def enrolled(takes: Mapping[str, Sequence[Take]]) -> Enrolment:
         )
     own = float(np.mean(apart[same & np.isfinite(apart)]))
     return Enrolment(answers, every, own, float(np.mean(apart[~same])))
+
+
+def unlike(takes: Mapping[str, Sequence[Take]]) -> dict[str, str]:
+    """Return each answer of which a take is nearest to one of another answer, with that other one."""
+    answers, _, apart = _apart(takes)
+    return _mistaken(answers, apart)
+
+
+def _mistaken(answers: tuple[str, ...], apart: NDArray[np.float64]) -> dict[str, str]:
+    nearest = (answers[j] for j in np.argmin(apart, axis=1))
+    return {one: other for one, other in zip(answers, nearest, strict=True) if one != other}
+
+
+def _apart(
+    takes: Mapping[str, Sequence[Take]],
+) -> tuple[tuple[str, ...], tuple[Take, ...], NDArray[np.float64]]:
+    """Return the answer of every take, the takes, and how far they are apart, inf from themselves, (takes, takes)."""
+    answers = tuple(answer for answer, said in takes.items() for _ in said)
+    every = tuple(take for said in takes.values() for take in said)
+    apart = np.array([_rests(take, every)[0] for take in every])
+    np.fill_diagonal(apart, np.inf)
+    return answers, every, apart
 
 
 def match(utterance: Take, enrolment: Enrolment, begins: Sequence[int] = (0,)) -> Match:

@@ -42,6 +42,7 @@ from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY
 from experiment.rehearsal.footstep.foot import Foot, Hesitation
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
 from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from experiment.rehearsal.voice import Speaker
 from experiment.synthesis.spectra import spectrum
 
 NOTICEABLE = 10 ** (2.5 / 20)
@@ -219,6 +220,12 @@ MASKED_DB_A = 60.0
 READY_S = (0.3, 1.2)
 """From arming to the beginning of a step, s."""
 
+HEARS_S = 0.9
+"""From the end of a spoken answer to its key, s: the experimenter listens, and looks at what is proposed."""
+
+BEFORE_SAID_S = 0.4
+"""From the experimenter's key to a word that was asked for, s."""
+
 SPEAKS_LOG_S = (0.3, 0.3)
 """From contact to the keyed answer: mean and standard deviation of the logarithm of seconds; median 1.3 s."""
 
@@ -230,7 +237,8 @@ class SimulatedParticipant:
     `who` are label of the participant and id of the task, and `entropy` names the random draws. `foot` and `panel` are
     at the devices' ends of the ports; `panel` is None where the task has no actuator. The foot's device was powered at
     the session time `powered_ns`, when its clock showed zero, and streams by the clock if `real_time`. Thinking and
-    speaking let the time of the session's `clock` pass. `tick` is called after each confirmed answer; `screen` shows
+    speaking let the time of the session's `clock` pass. A `speaker` says the answers into a microphone, None where none
+    listens. `tick` is called after each confirmed answer; `screen` shows
     what the experimenter would see.
     """
 
@@ -246,6 +254,7 @@ class SimulatedParticipant:
     real_time: bool
     tick: Tick
     screen: Console | None
+    speaker: Speaker | None = None
 
     def __post_init__(self) -> None:
         self._observer = Observer(self.materials, tuple(m.id for m in self.protocol.materials), rng=self._rng(0))
@@ -255,6 +264,8 @@ class SimulatedParticipant:
         self._lands_later = False
         self._rested = 0
         self._probed = False
+        self._words = {material.id: material.spoken[0] for material in self.protocol.materials}
+        self._spoken_ns = 0
 
     def _rng(self, *keys: int) -> np.random.Generator:
         return np.random.default_rng([*self.entropy, *keys])
@@ -298,6 +309,16 @@ class SimulatedParticipant:
             self._probed = True
             return PROBE_KEY
         return LOUDER_KEY if level_db_a < min(MASKED_DB_A, limit_db_a) else ""
+
+    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
+        self.show(f"Take {take} of {takes}: '{words}'{f' ({why})' if why else ''}")
+        if self.speaker is None:
+            return False
+        self.speaker.say(words, BEFORE_SAID_S)
+        return True
+
+    def heard(self, *, words: str) -> None:
+        self.show(words)
 
     def rest(self, *, why: str) -> None:
         self._rested = self._rested + 1 if why else 1
@@ -362,10 +383,14 @@ class SimulatedParticipant:
         self.foot.finish()
         spoken_ns = self.powered_ns + int(self.foot.true_contact_us * 1e3) + int(rng.lognormal(*SPEAKS_LOG_S) * 1e9)
         self.clock.sleep_ns(spoken_ns - self.clock.now_ns())
+        if self.speaker is not None:
+            self._spoken_ns = self.clock.now_ns() + int(self.speaker.say(self._words[answer]) * 1e9)
         return answer
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str:  # noqa: ARG002
         answer = self.says(trial)
+        if self.speaker is not None:
+            self.clock.sleep_ns(self._spoken_ns + int(HEARS_S * 1e9) - self.clock.now_ns())
         return next(material.key for material in self.protocol.materials if material.id == answer)
 
     def confirm(self, *, key: str, meaning: str) -> bool:  # noqa: ARG002
@@ -425,6 +450,13 @@ class Practised:
         wanted = self.participant.level(**asked, criterion=criterion, keys=keys)
         self._tell({LOUDER_KEY: "louder", PROBE_KEY: "let me feel it"}.get(wanted, "I no longer hear it"))
         return self.desk.level(**asked, criterion=criterion, keys=keys)
+
+    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
+        said = self.desk.say(words=words, take=take, takes=takes, why=why)
+        return said and self.participant.say(words=words, take=take, takes=takes, why=why)
+
+    def heard(self, *, words: str) -> None:
+        self.desk.heard(words=words)
 
     def rest(self, *, why: str) -> None:
         self.desk.rest(why=why)

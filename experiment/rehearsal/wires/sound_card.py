@@ -26,6 +26,7 @@ from experiment.apparatus.rig import Rig
 from experiment.errors import AudioError
 from experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
 from experiment.rehearsal.wires.listener import Tap
+from experiment.rehearsal.wires.mouth import Mouth, Samples, leak
 
 HOST_API = "JACK Audio Connection Kit"
 """Where PortAudio has the simulated card; tests that open a stream without a rig file need it."""
@@ -101,6 +102,12 @@ class SoundCard:
         """
         with host.elsewhere():
             return Tap(self.name, self._port("out", output).name, seconds=seconds)
+
+    def mouth(self, headphones: int, microphone: int, response: Samples) -> Mouth:
+        """Put a mouth before an input of the session's stream; headphones on an output leak. Raises `AudioError`."""
+        with host.elsewhere():
+            ports = {"headphones": self._port("out", headphones).name, "microphone": self._port("in", microphone).name}
+            return Mouth(self.name, **ports, response=response)
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -222,7 +229,7 @@ class WiredCard:
     def __init__(self, rig: Rig) -> None:
         """Start the card of a simulated rig with an audio device. Raises `AudioError` where JACK does not run."""
         audio = opening.audio_of(rig)
-        self._actuator, self._channels = rig.actuator, audio.channels
+        self._actuator, self._channels, self._rate_hz = rig.actuator, audio.channels, audio.rate_hz
         with ExitStack() as opened:
             channels = audio.channels
             self.card = SoundCard(
@@ -242,6 +249,15 @@ class WiredCard:
         panel = CardPanel(self.card.tap(self._channels.actuator, seconds=LONGEST_S), self._actuator)
         self._opened.callback(panel.close)
         return panel
+
+    def mouth(self) -> Mouth:
+        """Return the mouth before the rig's microphone, in a room that is heard from now on. Raises `AudioError`."""
+        headphones, microphone = self._channels.headphones[0], self._channels.microphone
+        if microphone is None:
+            raise AudioError("simulated sound card: got no audio.channels.microphone; allowed: an input; name it")
+        mouth = self.card.mouth(headphones, microphone, leak(rate_hz=self._rate_hz))
+        self._opened.callback(mouth.close)
+        return mouth
 
     def connect_loopback(self) -> None:
         """Lay the loopback's cable, where the rig has one."""

@@ -86,6 +86,7 @@ def make_study(
     enrolled: int = 2,
     sessions: int = 2,
     kept_months: int | None = None,
+    voices: bool = False,
 ) -> MadeStudy:
     """Make a study in a folder; the first `sessions` participants do their first task."""
     folder.mkdir(parents=True)
@@ -94,6 +95,11 @@ def make_study(
     changed = {"repetitions = 10": "repetitions = 1", "limit = 36": "limit = 4", "min_s = 180": f"min_s = {min_s}"}
     if kept_months is not None:
         changed["voice_recordings = false"] = f"kept_months = {kept_months}"
+    if voices:
+        changed |= {
+            "voice_recordings = false": "voice_recordings = true",
+            'mode = "oral"': 'mode = "oral"\nmicrophone = true',
+        }
     for old, new in ({'id = "okamoto2012"': f'id = "{study}"'} | changed).items():
         assert old in text
         text = text.replace(old, new)

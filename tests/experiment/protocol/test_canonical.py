@@ -45,7 +45,7 @@ def test_form_is_that_of_rfc_8785() -> None:
         assert sha256(study) == hashlib.sha256(expected.encode()).hexdigest()
 
 
-YOUNGER = (("consent", "kept_months"), ("answers", "on_screen"), ("masker", "probe"))
+YOUNGER = (("consent", "kept_months"), ("answers", "on_screen"), ("masker", "probe"), ("answers", "microphone"))
 """Keys that are younger than format 2, and are left out where they are not stated."""
 
 
@@ -53,7 +53,7 @@ def stated() -> Protocol:
     """With all of them."""
     tables = changed(document(), ("consent", "kept_months"), 18)
     probe = {"material": tables["materials"][0]["id"], "speed_mm_s": 200.0}
-    tables = changed(tables, ("masker", "probe"), probe)
+    tables = changed(changed(tables, ("masker", "probe"), probe), ("answers", "microphone"), True)
     return Protocol.model_validate(changed(tables, ("answers", "on_screen"), True))
 
 

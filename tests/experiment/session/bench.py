@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from experiment import storage
-from experiment.apparatus.ports import Masker
+from experiment.apparatus.ports import Masker, Microphone
 from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.apparatus.tracker.frames import Samples
 from experiment.apparatus.tracker.gate import Scrutiny
@@ -89,6 +90,9 @@ class Bench:
     priority: str = ""
     zeroed: ZeroedTracker | None = None
     foreign: GuardedTracker | None = None
+    microphone: Microphone | None = None
+    computing: Executor | None = None
+    keeps_voices: bool = False
 
     def materials(self, protocol: Protocol) -> dict[str, Basis]:
         silent = {m.id: given([0.0], material=m.id).basis for m in protocol.materials}
@@ -110,9 +114,18 @@ class Bench:
             masker=self.masker,
             reconnect_s=300.0,
             priority=self.priority,
+            microphone=self.microphone,
+            computing=self.computing,
         )
         rig_file = shipped("rigs/rehearsal.toml")
-        return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=dataset)
+        return runner.run(
+            protocol=protocol,
+            header=asked,
+            devices=devices,
+            rig_file=rig_file,
+            dataset=dataset,
+            keeps_voices=self.keeps_voices,
+        )
 
 
 def in_pieces(step: Samples) -> list[Samples]:

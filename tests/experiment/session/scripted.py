@@ -164,6 +164,10 @@ class ScriptedConsole:
         """What was typed before each question; before those that follow, nothing."""
         self.familiarised = 0
         self.attended: list[Attended | None] = []
+        self.said: list[tuple[str, int, str]] = []
+        """What the participant was asked to say, as which take, and why again."""
+        self.goes_with_microphone = True
+        self.proposed: list[str] = []
         self.rested: list[str] = []
         """Why the foot was asked to rest, each time."""
 
@@ -196,6 +200,13 @@ class ScriptedConsole:
         key = self.levels.popleft()
         assert key == "." or key in keys, f"{key} is not offered"
         return key.rstrip(".")
+
+    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
+        self.said.append((words, take, why))
+        return self.goes_with_microphone
+
+    def heard(self, *, words: str) -> None:
+        self.proposed.append(words)
 
     def rest(self, *, why: str) -> None:
         self.rested.append(why)

@@ -1,0 +1,162 @@
+"""Has a participant say every answer twice, to compare with, and keeps what is computed of that for the visit.
+
+What is kept are cepstra, never a sound, in a file that its owner alone may open, outside of every dataset. A session
+that goes on after a kill, and the next task of the visit, find it there; the end of the visit deletes it.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping, Sequence
+from concurrent.futures import BrokenExecutor, Executor
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from experiment import storage
+from experiment.apparatus.ports import Microphone
+from experiment.clock import Clock, wall_ns
+from experiment.desk import link
+from experiment.desk.port import Console
+from experiment.desk.voice import ear, hearing
+from experiment.desk.voice.hearing import BEFORE_S, LISTENED_S
+from experiment.desk.voice.matching import Enrolment, Take, enrolled, unlike
+from experiment.errors import LinkError, VoiceError
+
+TAKES = 2
+"""Of each answer: fewer do not say how far apart they are."""
+
+MOST_ROUNDS = 4
+"""So often at most unlike takes are taken again; then the session goes on without the microphone."""
+
+WAITS_S = 6.0
+"""For an answer that was announced so long, s."""
+
+HOLDS_S = 12 * 3600.0
+"""No visit is longer: what was kept before is of another one, s."""
+
+FORMAT = "palpate voice 1"
+
+
+@dataclass(frozen=True)
+class Enroller:
+    """Who is enrolled, and with what; `answers` are what is said for each answer, and `file` keeps what is computed."""
+
+    answers: Mapping[str, str]
+    microphone: Microphone
+    computing: Executor
+    console: Console
+    clock: Clock
+    file: Path | None
+
+    def enrol(self) -> tuple[Enrolment | None, str]:
+        """Return the enrolment, None to go on without the microphone, and in words how that came about.
+
+        Raises `PalpateError` if the device has stopped, or the experimenter has the session pause.
+        """
+        if kept := load(self.file, self.answers):
+            return enrolled(kept), "what the participant said earlier in this visit is compared with"
+        takes: dict[str, list[Take]] = {}
+        due, again = tuple(self.answers), 0
+        while again < MOST_ROUNDS:
+            takes |= {answer: [] for answer in due}
+            for number in range(1, TAKES + 1):
+                for answer in due:
+                    try:
+                        take = self._take(answer, number)
+                    except (BrokenExecutor, TimeoutError) as error:
+                        return None, f"nothing can be computed ({error or type(error).__name__})"
+                    if take is None:
+                        return None, "the experimenter goes on without it"
+                    takes[answer].append(take)
+            wrong = unlike(takes)
+            if not wrong:
+                save(self.file, self.answers, takes)
+                return enrolled(takes), f"the participant said each of {len(takes)} answers {TAKES} times"
+            due, again = tuple(answer for answer in takes if answer in {*wrong, *wrong.values()}), again + 1
+            pairs = "; ".join(f"'{self.answers[a]}' sounded more like '{self.answers[b]}'" for a, b in wrong.items())
+            self.console.show(f"Takes are unlike: {pairs}. These answers are said again, as in a trial.")
+        return None, f"takes of one answer were unlike {MOST_ROUNDS} times"
+
+    def _take(self, answer: str, number: int) -> Take | None:
+        """Return a take of an answer, asked for until there is one; None if it is not to be asked for."""
+        why = ""
+        while self.console.say(words=self.answers[answer], take=number, takes=TAKES, why=why):
+            try:
+                return self._said()
+            except VoiceError as error:
+                why = _reason(error)
+        return None
+
+    def _said(self) -> Take:
+        """Return what is said from now on, once it is over. Raises `VoiceError`."""
+        microphone, begun_ns = self.microphone, self.clock.now_ns()
+        rate_hz = microphone.rate_hz
+        before = microphone.heard(from_ns=begun_ns - int(LISTENED_S * 1e9), until_ns=begun_ns)
+        samples = before.microphone, before.played
+        background = self.computing.submit(hearing.listen, *samples, rate_hz=rate_hz).result(ear.PATIENCE_S)
+        from_ns = begun_ns - int((BEFORE_S + ear.BEYOND_S) * 1e9)
+        while True:
+            self.clock.sleep_ns(int(ear.LOOK_S * 1e9))
+            now_ns = self.clock.now_ns()
+            recorded = microphone.heard(from_ns=from_ns, until_ns=now_ns)
+            samples, lasts_s = (recorded.microphone, recorded.played), len(recorded.microphone) / rate_hz
+            answerable_s = (begun_ns - recorded.begins_ns) / 1e9
+            ended = self.computing.submit(
+                hearing.ended_s, *samples, rate_hz=rate_hz, answerable_s=answerable_s, background=background
+            )
+            ended_s = ended.result(ear.PATIENCE_S)
+            over = now_ns - begun_ns > WAITS_S * 1e9
+            if over or (ended_s is not None and lasts_s - ended_s > ear.SETTLED_S):
+                taken = self.computing.submit(
+                    hearing.take, *samples, rate_hz=rate_hz, answerable_s=answerable_s, background=background
+                )
+                return taken.result(ear.PATIENCE_S)
+
+
+def _reason(error: VoiceError) -> str:
+    said = str(error).removeprefix("enrolment: ")
+    return f"{said[:1].upper()}{said[1:]}."
+
+
+def place(dataset: Path, participant: str) -> Path | None:
+    """Return where a participant's takes are kept during a visit; None where the system has no such place."""
+    try:
+        return link.place(dataset, participant).with_suffix(".voice")
+    except LinkError:
+        return None
+
+
+def save(file: Path | None, answers: Mapping[str, str], takes: Mapping[str, Sequence[Take]]) -> None:
+    """Keep takes of answers, each with what is said for it; where that is not possible they are asked for again."""
+    if file is None:
+        return
+    made = io.BytesIO()
+    said = np.array([[answer, answers[answer]] for answer in takes])
+    arrays = {f"{i}.{n}": take for i, every in enumerate(takes.values()) for n, take in enumerate(every)}
+    np.savez(made, format=np.array(FORMAT), said=said, **arrays)  # type: ignore[arg-type]
+    with suppress(OSError):
+        ear.keep(file, made.getvalue())
+
+
+def load(file: Path | None, answers: Mapping[str, str]) -> dict[str, list[Take]] | None:
+    """Return the takes that are kept of these answers; None without any, of other answers, or of another visit."""
+    try:
+        if file is None or not 0 <= wall_ns() / 1e9 - file.stat().st_mtime < HOLDS_S:
+            return None
+        with np.load(io.BytesIO(storage.read_bytes(file)), allow_pickle=False) as kept:
+            if str(kept["format"]) != FORMAT or kept["said"].tolist() != [list(pair) for pair in answers.items()]:
+                return None
+            takes = {answer: [kept[f"{i}.{n}"] for n in range(TAKES)] for i, answer in enumerate(answers)}
+    except (OSError, EOFError, ValueError, KeyError, zipfile.BadZipFile):
+        return None
+    return takes if not unlike(takes) else None
+
+
+def forget(file: Path | None) -> None:
+    """Delete what is kept, at the end of a visit."""
+    if file is not None:
+        file.unlink(missing_ok=True)

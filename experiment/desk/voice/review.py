@@ -1,0 +1,202 @@
+"""A second rater listens to kept answers, blind to what was presented, keyed and proposed; how far both agree.
+
+Looked at is every answer on which key and proposal differ, of which nothing was proposed or hardly one answer more than
+another, and a share of the others that is drawn by chance. What the second rater says stands beside the sounds, in a
+file that only grows; the first answers stay as they are.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import wave
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from experiment import storage
+from experiment.clock import utc, wall_ns
+from experiment.dataset import build
+from experiment.errors import AudioError, DatasetError
+from experiment.protocol.models import Protocol
+from experiment.records import journal
+from experiment.records.entries import Answer, Correction, Record, Redo, Spoken, Utc
+
+LOG = "second-rater.log"
+"""Where a participant's second answers stand, beside the sounds, with which they are deleted."""
+
+LOW_LEAD = 0.2
+"""A proposal that leads by less is flagged, in units of agreement: a fifth of how far answers are apart; ours."""
+
+
+class Second(Record):
+    """What a second rater said that an utterance is: an answer, none (`answered` None), or nothing that is `clear`."""
+
+    by: str
+    rated_utc: Utc
+    sound_sha256: str
+    answered: str | None
+    clear: bool
+
+
+@dataclass(frozen=True)
+class Utterance:
+    """One answer whose sound was kept: the `first` answer is the experimenter's, as corrected; None for no answer.
+
+    `flagged` says why it is looked at in any case, and is empty for one that is drawn by chance.
+    """
+
+    file: Path
+    sha256: str
+    first: str | None
+    flagged: str
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How far two raters agree on `pairs` answers, `alike` of them; Cohen's kappa with its 95 % interval.
+
+    J. Cohen, Educational and Psychological Measurement 20 (1960) 37-46; the interval is that of J. L. Fleiss, J. Cohen
+    and B. S. Everitt, Psychological Bulletin 72 (1969) 323-327, as statsmodels computes it. None where both raters
+    gave one and the same answer throughout, or there are no pairs: then kappa is not defined.
+    """
+
+    pairs: int
+    alike: int
+    kappa: float | None
+    low: float | None
+    high: float | None
+
+    @property
+    def told(self) -> str:
+        """It in words."""
+        if self.kappa is None:
+            return f"{self.alike} of {self.pairs} alike; kappa is not defined for them"
+        return (
+            f"{self.alike} of {self.pairs} alike; kappa {self.kappa:.2f}, 95 % from {self.low:.2f} to {self.high:.2f}"
+        )
+
+
+def flag(spoken: Spoken, answered: str | None) -> str:
+    """Return why an answer is to be listened to again, given what was keyed for it; empty if nothing speaks for it."""
+    if spoken.onset_s is None:
+        return "nobody was heard" if answered is not None else ""
+    if spoken.proposed is None:
+        return "nothing was proposed"
+    if spoken.proposed != answered:
+        return "another answer was proposed"
+    return "another answer was nearly as near" if spoken.lead < LOW_LEAD else ""
+
+
+def utterances(root: Path, *, share: float, seed: int) -> tuple[Utterance, ...]:
+    """Return what is to be listened to in a dataset, in an order that says nothing of it.
+
+    Of the answers that are not flagged a `share` from 0 to 1 is drawn; one that was drawn with a seed stays drawn.
+    Raises what `build.check_tables` raises, and `DatasetError` for a sound that is not the one on record.
+    """
+    dataset = build.check_tables(root)
+    withdrawn = dataset.roster.withdrawn if dataset.roster is not None else {}
+    found: list[tuple[str, Utterance]] = []
+    for path, header in dataset.sessions:
+        if header.participant in withdrawn:
+            continue
+        for one in _kept(path, storage.voices_folder(root, header.participant)):
+            drawn = hashlib.sha256(f"{seed} {one.sha256}".encode()).hexdigest()
+            if one.flagged or int(drawn[:8], 16) < share * 2**32:
+                found.append((drawn, one))
+    return tuple(one for _, one in sorted(found, key=lambda pair: pair[0]))
+
+
+def _kept(path: Path, folder: Path) -> Iterator[Utterance]:
+    """Yield the utterances of a session whose answers count and whose sound is still there."""
+    answers: dict[tuple[int, int], str | None] = {}
+    spoken: dict[tuple[int, int], Spoken] = {}
+    for entry in journal.read(path).entries:
+        if isinstance(entry, Answer | Correction):
+            answers[entry.trial, entry.attempt] = entry.answered
+        elif isinstance(entry, Spoken):
+            spoken[entry.trial, entry.attempt] = entry
+        elif isinstance(entry, Redo):
+            answers.pop((entry.trial, entry.attempt), None)
+    for attempt, answered in answers.items():
+        said = spoken.get(attempt)
+        if said is None or said.sound is None or said.sound_sha256 is None or not (folder / said.sound).exists():
+            continue
+        file = folder / said.sound
+        if hashlib.sha256(storage.read_bytes(file)).hexdigest() != said.sound_sha256:
+            raise DatasetError(
+                f"{file}: is not the sound that the journal names; restore it from a backup, or delete it"
+            )
+        yield Utterance(file, said.sound_sha256, answered, flag(said, answered))
+
+
+def rated(root: Path, by: str) -> dict[str, Second]:
+    """Return what a second rater said so far, by the hash of the sound, the last of several. Raises `DatasetError`."""
+    found: dict[str, Second] = {}
+    for log in sorted((root / "sourcedata").glob(f"sub-*/voices/{LOG}")):
+        try:
+            lines = [Second.model_validate_json(line) for line in storage.read_bytes(log).splitlines() if line]
+        except (OSError, ValidationError) as error:
+            raise DatasetError(f"{log}: cannot be read as second answers; restore it from a backup") from error
+        found |= {line.sound_sha256: line for line in lines if line.by == by}
+    return found
+
+
+def put_on_record(one: Utterance, *, by: str, answered: str | None, clear: bool) -> Second:
+    """Append what a second rater said of an utterance, on disk when this returns. Raises `DatasetError`."""
+    second = Second(by=by, rated_utc=utc(wall_ns()), sound_sha256=one.sha256, answered=answered, clear=clear)
+    log = one.file.with_name(LOG)
+    try:
+        with os.fdopen(os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab") as file:
+            file.write(second.model_dump_json().encode() + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise DatasetError(f"{log}: cannot be written ({error.strerror}); make room, then do it again") from error
+    return second
+
+
+def agreement(pairs: Sequence[tuple[str | None, str | None]], protocol: Protocol) -> Agreement:
+    """Return how far first and second answers agree; a pair is one of each, None for no answer."""
+    categories = (*(material.id for material in protocol.materials), None)
+    table = np.zeros((len(categories), len(categories)))
+    for first, second in pairs:
+        table[categories.index(first), categories.index(second)] += 1
+    alike = int(np.trace(table))
+    if not pairs or np.max(np.diag(table)) == len(pairs):
+        return Agreement(len(pairs), alike, None, None, None)
+    from statsmodels.stats.inter_rater import cohens_kappa
+
+    with np.errstate(divide="ignore", invalid="ignore"):
+        found = cohens_kappa(table)
+    kappa, low, high = (float(each) for each in (found.kappa, found.kappa_low, found.kappa_upp))
+    if not np.isfinite([kappa, low, high]).all():
+        return Agreement(len(pairs), alike, None, None, None)
+    return Agreement(len(pairs), alike, kappa, max(low, -1.0), min(high, 1.0))
+
+
+def play(file: Path, player: str | None) -> None:
+    """Play a sound to its end by a command, or on this machine's default output. Raises `AudioError`."""
+    remedy = "name another with --player, or have paths printed with --paths"
+    if player is not None:
+        try:
+            done = subprocess.run([*player.split(), str(file)], capture_output=True, check=False)  # noqa: S603
+        except OSError as error:
+            raise AudioError(f"player '{player}': {error.strerror}; {remedy}") from error
+        if done.returncode:
+            raise AudioError(f"player '{player}': ended with {done.returncode}; {remedy}")
+        return
+    from experiment.apparatus.audio.stream import library
+
+    sounddevice = library()
+    with wave.open(str(file)) as sound:
+        rate_hz, samples = sound.getframerate(), np.frombuffer(sound.readframes(sound.getnframes()), "<i2")
+    try:
+        # A voice before a microphone is soft; whoever listens hears every one as loud.
+        sounddevice.play(samples / max(2.0 * float(np.max(np.abs(samples), initial=0)), 1.0), rate_hz, blocking=True)
+    except (sounddevice.PortAudioError, ValueError) as error:
+        raise AudioError(f"this machine's default output: {error}; {remedy}") from error

@@ -1,0 +1,166 @@
+"""REHEARSAL: a participant's mouth before the microphone of the simulated sound card, from a process of its own.
+
+The microphone hears what the mouth says, the quiet of a room, and what the headphones leak: the output that they hang
+on, through an impulse response. As the listener's, this process takes no turn at the session's interpreter; the session
+writes samples to it over a socket.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections import deque
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.errors import AudioError
+from experiment.rehearsal.wires.listener import PATIENCE_S
+
+CLIENT = "mouth"
+"""The mouth, as JACK names it."""
+
+QUIET = 2e-4
+"""Rms of the room's own noise, full scale being 1: 48 dB below a simulated voice; ours."""
+
+LEAK, LEAK_S = 0.05, 0.02
+"""Of the headphones' samples that much reaches the microphone, within so long, s; ours."""
+
+LARGEST_BLOCK = 1024
+"""Of the server, frames."""
+
+ROUND = 1 << 17
+"""Samples after which the room's noise is the same again."""
+
+_SPEAKING = b"speaking\n"
+
+Samples = NDArray[np.float32]
+
+
+def leak(*, rate_hz: int) -> Samples:
+    """Return a simulated way from headphones to microphone, an impulse response that falls by 60 dB, shape (n,)."""
+    n = round(LEAK_S * rate_hz)
+    wave = np.random.default_rng(1).normal(size=n) * 10 ** (-3 * np.arange(n) / n)
+    return np.asarray(LEAK * wave / np.sqrt(np.sum(wave**2)), np.float32)
+
+
+class Mouth:
+    """Speaks into one input of the simulated card."""
+
+    def __init__(self, server: str, *, headphones: str, microphone: str, response: Samples) -> None:
+        """Stand between two ports of a running JACK server, by name, from now on; `response` is the leak's, (n,).
+
+        Raises `AudioError` if the server has ended, or there is no such port.
+        """
+        command = [sys.executable, "-m", "experiment.rehearsal.wires.mouth", server, headphones, microphone]
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            ours.settimeout(PATIENCE_S)
+            self._line = ours.makefile("rwb")
+            self._process = subprocess.Popen(  # noqa: S603
+                command,
+                cwd=Path(__file__).parents[3],
+                stdin=theirs.fileno(),
+                stdout=theirs.fileno(),
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        try:
+            self.say(response)
+            told = self._line.readline()
+        except OSError as error:
+            told = str(error).encode()
+        if told != _SPEAKING:
+            self._process.kill()
+            self.close()
+            raise AudioError(
+                f"simulated sound card: its mouth does not speak ({told.decode('utf-8', 'replace')[:200]})"
+            )
+
+    def say(self, samples: Samples) -> None:
+        """Say samples, 1 being full scale, shape (n,), after what is said already; return at once."""
+        self._line.write(b"%d\n" % samples.size + np.asarray(samples, "<f4").tobytes())
+        self._line.flush()
+
+    def close(self) -> None:
+        """Fall silent."""
+        with suppress(OSError):  # The mouth has gone.
+            self._line.close()
+        try:
+            self._process.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:  # The server stands still.
+            self._process.kill()
+            self._process.wait()
+
+
+class Room:
+    """What the microphone hears, block by block."""
+
+    def __init__(self, response: Samples) -> None:
+        self._transform = 1 << (response.size + LARGEST_BLOCK - 1).bit_length()
+        self._response = np.fft.rfft(response, self._transform)
+        self._played = np.zeros(self._transform, np.float32)
+        self._quiet = np.random.default_rng(2).normal(scale=QUIET, size=ROUND + LARGEST_BLOCK)
+        self._frame = 0
+        self.said: deque[Samples] = deque()
+        self._saying, self._at = np.zeros(0, np.float32), 0
+
+    def fill(self, played: Samples, heard: Samples) -> None:
+        """Fill the next block of the microphone, shape (n,), while the headphones play theirs."""
+        n = len(heard)
+        self._played = np.concatenate([self._played[n:], played])
+        heard[:] = np.fft.irfft(np.fft.rfft(self._played) * self._response, self._transform)[-n:]
+        heard += self._quiet[self._frame % ROUND :][:n]
+        self._frame += n
+        done = 0
+        while done < n:
+            if self._at == self._saying.size:
+                if not self.said:
+                    return
+                self._saying, self._at = self.said.popleft(), 0
+            part = self._saying[self._at : self._at + n - done]
+            heard[done : done + part.size] += part
+            done, self._at = done + part.size, self._at + part.size
+
+
+def _read(said: BinaryIO) -> Samples | None:
+    """Return the next samples to say; None where nobody asks for more."""
+    count = said.readline()
+    return np.frombuffer(said.read(4 * int(count)), "<f4").astype(np.float32) if count else None
+
+
+def speak(server: str, headphones: str, microphone: str, said: BinaryIO, told: BinaryIO) -> None:
+    """Say what is asked for until the process that asks has gone."""
+    response = _read(said)
+    if response is None:
+        return
+    try:
+        import jack
+
+        client: Any = jack.Client(CLIENT, servername=server, no_start_server=True)
+        room = Room(response)
+        entry, out = client.inports.register("in"), client.outports.register("out")
+        client.set_process_callback(lambda _frames: room.fill(entry.get_array(), out.get_array()))
+        client.set_shutdown_callback(lambda *_: os._exit(1))
+        with client:
+            client.connect(headphones, entry)
+            client.connect(out, microphone)
+            told.write(_SPEAKING)
+            told.flush()
+            while (samples := _read(said)) is not None:
+                room.said.append(samples)
+    except Exception as error:
+        told.write(f"{error}\n".encode())
+        raise
+
+
+if __name__ == "__main__":
+    # JACK's library may print messages of its own; they must not reach the line.
+    with os.fdopen(os.dup(1), "wb") as line:
+        os.dup2(2, 1)
+        speak(sys.argv[1], sys.argv[2], sys.argv[3], sys.stdin.buffer, line)

@@ -1,0 +1,56 @@
+"""Who agrees that the sound of their answers is kept: on the roster, taken back, and asked for by nobody else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from experiment import storage
+from experiment.dataset.verify import verify
+from experiment.desk.voice import ear
+from experiment.errors import RosterError
+from experiment.study import enrolment
+from experiment.study.roster import Roster
+from tests.conftest import Palpate
+from tests.experiment.dataset.studies import MadeStudy, make_study
+
+
+@pytest.fixture
+def study(tmp_path: Path) -> MadeStudy:
+    return make_study(tmp_path / "study", enrolled=2, sessions=1, voices=True)
+
+
+def known(study: MadeStudy) -> dict[str, bool]:
+    return Roster.load(storage.roster_path(study.root)).voices
+
+
+def test_the_last_word_of_a_participant_holds_and_no_deletes(study: MadeStudy, palpate: Palpate) -> None:
+    assert known(study) == {}
+    call = ("consent", study.file, "--participant", "01", "--dataset", study.root)
+    assert palpate(*call, "--voices")[:2] == (
+        0,
+        f"Participant 01 agrees that the sound of their answers is kept: {storage.roster_path(study.root)}\n",
+    )
+    sound = storage.voices_folder(study.root, "01") / "task-real_trial-001_attempt-1.wav"
+    ear.keep(sound, b"sound")
+    assert palpate(*call, "--no-voices")[0] == 0
+    assert known(study) == {"01": False}
+    assert not sound.parent.exists()
+    assert verify(study.root).refused == 0
+
+
+def test_nobody_is_asked_who_is_not_enrolled_or_has_withdrawn(study: MadeStudy) -> None:
+    with pytest.raises(RosterError, match=r"participant '07' is not enrolled"):
+        enrolment.voices(study.file, "07", True, root=study.root)
+    enrolment.withdraw(study.file, "02", "asked to stop", root=study.root, rebuild=lambda root: None)
+    with pytest.raises(RosterError, match=r"participant 02 has withdrawn already"):
+        enrolment.voices(study.file, "02", True, root=study.root)
+
+
+def test_a_study_that_keeps_no_sound_asks_nobody(tmp_path: Path, palpate: Palpate) -> None:
+    study = make_study(tmp_path / "study", enrolled=1, sessions=0)
+    with pytest.raises(RosterError, match=r"got consent.voice_recordings = false; allowed: true"):
+        enrolment.voices(study.file, "01", True, root=study.root)
+    code, _, err = palpate("consent", study.file, "--participant", "01", "--dataset", study.root)
+    assert (code, "got no --consent-on; allowed: the day, or --voices or --no-voices" in err) == (2, True)
