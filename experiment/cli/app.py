@@ -127,7 +127,12 @@ def _run() -> None:
 
 
 def _was_interrupted(error: Exception) -> bool:
-    """Return whether pydantic, which was making a model at that moment, turned Ctrl-C into an error of its own."""
+    """Return whether a library that was loading, or pydantic making a model, turned Ctrl-C into an error of its own."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            return True
+        cause = cause.__cause__
     return type(error).__name__ == "SchemaError" and "KeyboardInterrupt" in str(error)
 
 

@@ -94,6 +94,27 @@ __main__.main()
     assert (done.returncode, done.stderr.count("\n")) == (130, 1), done.stderr
 
 
+def test_an_interrupt_while_an_extension_loads_is_told_as_one(repository_root: Path) -> None:
+    """What C++ does with an exception in its initialisation: an ImportError, with the interrupt as its cause."""
+    code = """
+import sys
+from experiment import __main__
+from experiment.cli import app
+sys.argv = ["palpate", "check"]
+def main():
+    try:
+        raise KeyboardInterrupt
+    except KeyboardInterrupt as interrupt:
+        raise ImportError("initialization failed") from interrupt
+app.app = main
+__main__.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=repository_root, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (130, 1), done.stderr
+
+
 def test_an_interrupt_in_a_callback_is_not_lost(repository_root: Path) -> None:
     """Importing ends in such callbacks, from which nothing can be raised: the command went on to its end."""
     code = """
