@@ -51,8 +51,8 @@ FURTHER_COLUMNS: dict[str, dict[str, object]] = {
         "Description": "Answer that was confirmed first, where the experimenter corrected it. n/a where it stands."
     },
     "response_end": {
-        "Description": "What ends response_time in a session with a microphone: the voice takes the place of the choice "
-        "where it is known to be the answer's.",
+        "Description": "What ends response_time in a session with a microphone, where the voice may take the place of "
+        "the choice.",
         "Levels": {
             "voice": "where the voice began, for what was heard is the answer that the experimenter confirmed",
             "choice": "where the experimenter chose the key",
