@@ -454,6 +454,8 @@ def review(
     """
     from dataclasses import asdict
 
+    from experiment.dataset.beliefs import origin_of
+    from experiment.dataset.bids import LABELS
     from experiment.desk.voice import review as reviews
     from experiment.protocol import files
     from experiment.storage import protocol_path
@@ -465,6 +467,9 @@ def review(
         for one in left:
             typer.echo(str(one.file))
         return
+    origin = origin_of(dataset)
+    if not as_json and (label := next((text for one, text in LABELS.items() if one == origin), "")):
+        typer.echo(label)
     keys = {material.key: material.id for material in protocol.materials}
     others = {
         protocol.answers.no_answer_key: "no answer",
@@ -485,6 +490,7 @@ def review(
             try:
                 typed = input(f"{offered}\nKey: ").strip().lower()
             except EOFError:
+                typer.echo()
                 typed = stop
         if typed == stop:
             break
@@ -494,7 +500,14 @@ def review(
         both = [(one.first, known[one.sha256]) for one in found if bool(one.flagged) is flagged and one.sha256 in known]
         told[what] = reviews.agreement([(first, second.answered) for first, second in both if second.clear], protocol)
     if as_json:
-        options.put({"by": by, "left": len(left), "agreement": {what: asdict(one) for what, one in told.items()}})
+        options.put(
+            {
+                "origin": origin,
+                "by": by,
+                "left": len(left),
+                "agreement": {what: asdict(one) for what, one in told.items()},
+            }
+        )
         return
     typer.echo(f"Second rater {by}: {len(found) - sum(one.sha256 in known for one in found)} of {len(found)} are left.")
     for what, agreed in told.items():

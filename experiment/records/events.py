@@ -20,11 +20,7 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
     },
     "presented": {"Description": "Material presented."},
     "answered": {"Description": f"Material the participant named; {NO_ANSWER} where none was named."},
-    "response_time": {
-        "Description": "From contact to the choice of the answer, or, where response_end says so, to the voice. n/a "
-        "where no clock ran.",
-        "Units": "s",
-    },
+    "response_time": {"Description": "From contact to the choice of the answer. n/a where no clock ran.", "Units": "s"},
     "foot_speed": {"Description": "10 mm divided by the time from 20 mm to 10 mm above the panel.", "Units": "mm/s"},
     "frames_lost": {"Description": "Tracker frames lost or damaged between arming and contact."},
     "floored_bins": {"Description": "Bins of the synthesised spectrum floored at zero. n/a without synthesis."},
@@ -55,7 +51,8 @@ FURTHER_COLUMNS: dict[str, dict[str, object]] = {
         "Description": "Answer that was confirmed first, where the experimenter corrected it. n/a where it stands."
     },
     "response_end": {
-        "Description": "What ends response_time, in a session with a microphone.",
+        "Description": "What ends response_time in a session with a microphone, where the voice may take the place of "
+        "the choice.",
         "Levels": {
             "voice": "where the voice began, for what was heard is the answer that the experimenter confirmed",
             "choice": "where the experimenter chose the key",

@@ -206,6 +206,10 @@ class Mixer:
 
     def sent(self, frame: int, frames: int) -> Block:
         """Return what left on the output that is kept, from a frame on, shape (frames,); `AudioError` as `kept`."""
+        if self.layout.sent is None:
+            raise AudioError(
+                "audio: got a request for what was sent; allowed: where an output is kept; open it with one"
+            )
         return self._taken(self._sent, frame, frames)
 
     def _taken(self, ring: Block, frame: int, frames: int) -> Block:
@@ -213,7 +217,7 @@ class Mixer:
             raise AudioError(
                 f"audio: got a request for sound up to frame {frame + frames}; allowed: up to {self.frame}"
             )
-        taken = ring[np.arange(frame, frame + frames) % max(len(ring), 1)] if frames else ring[:0]
+        taken = ring[np.arange(frame, frame + frames) % len(ring)]
         # The block under way may be overwriting what lies a whole ring behind it.
         oldest = self.frame + self.layout.block - len(ring)
         if frame < oldest:

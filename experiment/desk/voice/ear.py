@@ -168,15 +168,15 @@ class Ear:
         try:
             loud = self._microphone.loudness()
         except PalpateError as error:
-            return Lamp(name="microphone", good=False, words=str(error))
+            return Lamp(name="mic", good=False, words=str(error))
         now_ns = self._clock.now_ns()
         if loud.clipped:
             self._clipped_ns = now_ns
         recent = self._clipped_ns is not None and now_ns - self._clipped_ns < CLIPPED_S * 1e9
         words = self._problem or objection(loud) or ("clipped a moment ago: turn its level down" if recent else "")
         if words or self.enrolment is not None:
-            return Lamp(name="microphone", good=not words, words=words or f"{loud.rms_db:.0f} dB of full scale")
-        return Lamp(name="microphone", good=None, words=f"{loud.rms_db:.0f} dB of full scale; it proposes nothing")
+            return Lamp(name="mic", good=not words, words=words or f"{loud.rms_db:.0f} dB of full scale")
+        return Lamp(name="mic", good=None, words=f"{loud.rms_db:.0f} dB of full scale; it proposes nothing")
 
     def _follow(self, one: _Attempt, before: threading.Thread | None) -> None:
         if before is not None:

@@ -7,13 +7,16 @@ from pathlib import Path
 import pytest
 
 from experiment import storage
+from experiment.clock import ManualClock
 from experiment.dataset.verify import verify
 from experiment.desk.voice import ear
 from experiment.errors import RosterError
+from experiment.session import run
 from experiment.study import enrolment
 from experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.experiment.session.scripted import ScriptedConsole
 
 
 @pytest.fixture
@@ -54,3 +57,23 @@ def test_a_study_that_keeps_no_sound_asks_nobody(tmp_path: Path, palpate: Palpat
         enrolment.voices(study.file, "01", True, root=study.root)
     code, _, err = palpate("consent", study.file, "--participant", "01", "--dataset", study.root)
     assert (code, "got no --consent-on; allowed: the day, or --voices or --no-voices" in err) == (2, True)
+
+
+class Answers(ScriptedConsole):
+    """Says yes or no, as scripted, and keeps what it was asked."""
+
+    def __init__(self, *answers: bool) -> None:
+        super().__init__(ManualClock(0), "")
+        self.answers, self.asked = list(answers), list[str]()
+
+    def agree(self, *, text: str, yes: str, no: str) -> bool:
+        self.asked.append(text)
+        return self.answers.pop(0)
+
+
+def test_a_visit_asks_once_and_nobody_who_may_not_be_run(study: MadeStudy) -> None:
+    console = Answers(True, False)
+    for who in ("01", "02", "01", "02", "07"):
+        run._ask_voices(study.root, study.file, study.protocol, who, console)
+    assert known(study) == {"01": True, "02": False}
+    assert [text.partition(" agree")[0] for text in console.asked] == ["Does participant 01", "Does participant 02"]

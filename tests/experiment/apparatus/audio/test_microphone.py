@@ -85,7 +85,7 @@ def test_what_is_too_long_ago_is_left_out_and_what_never_comes_is_an_error() -> 
 def test_a_stream_that_keeps_nothing_of_what_it_sends_cannot_be_asked() -> None:
     mixer = Mixer(Layout(1, 1, BLOCK, 10, 1000, (1.0,)))
     mixer.fill(np.empty((BLOCK, 1), np.float32), np.zeros((BLOCK, 1), np.float32))
-    with pytest.raises(AudioError, match=r"got a request for sound from frame 0; allowed: from"):
+    with pytest.raises(AudioError, match=r"got a request for what was sent; allowed: where"):
         mixer.sent(0, 10)
 
 

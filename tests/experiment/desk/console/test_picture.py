@@ -65,3 +65,12 @@ def test_the_time_that_is_left_is_told_in_words(left_s: float, words: str) -> No
 )
 def test_a_break_is_counted_in_minutes_and_seconds(left_s: float, shown: str) -> None:
     assert picture.countdown(left_s) == shown
+
+
+def test_what_was_heard_stands_under_the_question_of_an_answer_alone() -> None:
+    heard = "heard: aluminum foil (0.92)"
+    for kind, shown in (("answer", True), ("confirm", True), ("place", False), ("say", False)):
+        asked = Question(number=1, kind=kind, text="What did they say?", choices=())
+        text = picture.asked(asked, picture.ASKED[kind], "", heard).plain
+        assert (text.split("\n")[-1] == heard) is shown
+    assert heard not in picture.asked(None, picture.STATES["armed"], "", heard).plain
