@@ -411,7 +411,7 @@ def _eventful(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Swit
             phase = RETURNING
         else:
             phase = FREE
-            x = 0.0 if of.decay_per_s == 0 or not block.clamps else x
+            x, u = released(block, x, u)
         done += taken
         rest -= taken
         switches.append(Switch(kind, done, since, x, u))
@@ -473,12 +473,20 @@ def release_after(block: Block, x: float, u: float, *, within_s: float = inf) ->
         if push > 0:
             return inf
         high = max(2 * low, 1 / (a + sqrt(b)) if a or b else abs(u / push))
-        while falling(high)[0] > 0:
+        while falling(high)[0] >= 0:
             high *= 2
     high = min(high, within_s)
     if falling(high)[0] >= 0:
         return inf
     return falls_through_zero(falling, low, high)
+
+
+def released(block: Block, x: float, u: float) -> tuple[float, float]:
+    """Return penetration and rate at a release, where one follows from the other: from the one that has more digits."""
+    a2, b = 2 * block.normal.decay_per_s, block.normal.stiffness_per_s2
+    if not block.clamps or a2 == 0:
+        return 0.0, u
+    return (x, -b * x / a2) if a2 * a2 > b else (-a2 * u / b, u)
 
 
 def touch(block: Block, x: float, u: float) -> tuple[float, float, float]:

@@ -104,13 +104,13 @@ def carry(of: Oscillator, t_s: float) -> Carry:
         return _series(a, b, t_s)
     if d < 0:
         left, angle = exp(-a * t_s), root * t_s
+        half, odd = sin(angle / 2), left * sin(angle) / root
+        # 1 - exp(-at) cos(wt) - a s, which may be small again after a whole turn.
+        changed = -expm1(-a * t_s) + 2 * left * half * half - a * odd
         if size < SMALL:
-            odd, half = left * sin(angle) / root, sin(angle / 2)
-            changed = -expm1(-a * t_s) + 2 * left * half * half - a * odd
             return Carry(1.0, -changed, -changed - 2 * a * odd, odd, changed / b, b * odd)
-        even, odd = left * cos(angle), left * sin(angle) / root
-        of_y = even + a * odd
-        return Carry(0.0, of_y, even - a * odd, odd, (1 - of_y) / b, b * odd)
+        even = left * cos(angle)
+        return Carry(0.0, even + a * odd, even - a * odd, odd, changed / b, b * odd)
     apart, slow, fast = 2 * root * t_s, of.slow_per_s * t_s, of.fast_per_s * t_s
     if slow < 0.3 and apart < (0.05 if size < SMALL else 0.3):
         return _series(a, b, t_s)
