@@ -83,8 +83,8 @@ def waveform(
     """
     if not (2 * surface.attack_hz < rate_hz < inf):
         raise SynthesisError(
-            f"rate: got {rate_hz} Hz for {surface.name}, which vibrates at {surface.attack_hz:g} Hz; allowed: "
-            "more than twice that, and finite; take a device with a higher rate, or leave the surface out"
+            f"rate: got {rate_hz} Hz for {surface.name}, which vibrates at {surface.attack_hz:g} Hz; allowed: more "
+            "than twice that, and finite; take a device with a higher rate, or leave the surface out"
         )
     length = log(1 / FADED) / surface.decay_per_s if length_s is None else length_s
     if not 0 < length < inf:
