@@ -96,10 +96,9 @@ class Block:
 
     @cached_property
     def ready(self) -> tuple[float, float, float, float, bool, Carry, Carry]:
-        """2 a, b and the push along the normal; the push along the face; `clamps`; what a nominal step does to both."""
-        of = self.normal
-        carried = carry(of, self.nominal_s), carry(self.along, self.nominal_s)
-        return 2 * of.decay_per_s, of.stiffness_per_s2, of.push_m_s2, self.along.push_m_s2, self.clamps, *carried
+        """`pulls`, the pushes along normal and face, `clamps`, and what a nominal step does to both."""
+        carried = carry(self.normal, self.nominal_s), carry(self.along, self.nominal_s)
+        return *self.pulls, self.normal.push_m_s2, self.along.push_m_s2, self.clamps, *carried
 
     @cached_property
     def half_turn_s(self) -> float:
@@ -109,7 +108,19 @@ class Block:
     @cached_property
     def clamps(self) -> bool:
         """Whether the force ends before the hand has left; where there is no force at all, it ends at the face."""
-        return self.law == "clamped" and (self.normal.decay_per_s > 0 or self.normal.stiffness_per_s2 > 0)
+        return self.law == "clamped" and any(self.pulls)
+
+    @cached_property
+    def held(self) -> bool:
+        """Whether the block does not give way."""
+        return self.mass_kg[0] == inf
+
+    @cached_property
+    def pulls(self) -> Pair:
+        """K / M and C / M along the normal; K and C of a block that is held, where only their ratio counts."""
+        if self.held:
+            return self.stiffness_n_m[0], self.damping_n_s_m[0]
+        return self.normal.stiffness_per_s2, 2 * self.normal.decay_per_s
 
     def force_at(self, at: Motion) -> Pair:
         """Return -F (6), which pushes the hand out of the block and back along its face, N."""
@@ -171,7 +182,7 @@ def advance(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Switch
     """
     phase, x, u, y, v, since, owed = at
     if phase and dt_s < block.half_turn_s:
-        a2, b, push, beside, clamps, normal, along = block.ready
+        b, a2, push, beside, clamps, normal, along = block.ready
         if dt_s != block.nominal_s:
             normal, along = carry(block.normal, dt_s), carry(block.along, dt_s)
         # `moved`, written out: a call costs as much as the arithmetic.
@@ -425,8 +436,9 @@ def _eventful(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Swit
 
 
 def pull_m_s2(block: Block, x: float, u: float) -> float:
-    """Return (K r + C dr/dt) / M along the normal: what the clamped law wants above zero."""
-    return block.normal.stiffness_per_s2 * x + 2 * block.normal.decay_per_s * u
+    """Return (K r + C dr/dt) / M along the normal, what the clamped law wants above zero; without M if it is held."""
+    b, a2 = block.pulls
+    return b * x + a2 * u
 
 
 def deepest_after(of: Oscillator, x: float, u: float) -> float:
@@ -446,6 +458,9 @@ def release_after(block: Block, x: float, u: float, *, within_s: float = inf) ->
     """
     of = block.normal
     a, b, push, slow = of.decay_per_s, of.stiffness_per_s2, of.push_m_s2, of.slow_per_s
+    if block.held and block.clamps:
+        stiffness, _ = block.pulls
+        return pull_m_s2(block, x, u) / (-stiffness * u) if u < 0 < stiffness else inf
     held = push - b * x
     pull = held - 2 * a * u
     if push == 0:
@@ -454,7 +469,7 @@ def release_after(block: Block, x: float, u: float, *, within_s: float = inf) ->
         return first_zero(of, value=x, drift=u + a * x, slow_part=u + of.fast_per_s * x)
     if block.clamps:
         jerk = -b * u - 2 * a * pull
-        slope = -jerk or -b * pull
+        slope = -jerk or b * pull
         turns = first_zero(of, value=jerk, drift=-b * pull - a * jerk, slow_part=slow * slow * (held - slow * u))
     else:
         slope = u or pull
@@ -483,10 +498,10 @@ def release_after(block: Block, x: float, u: float, *, within_s: float = inf) ->
 
 def released(block: Block, x: float, u: float) -> tuple[float, float]:
     """Return penetration and rate at a release, where one follows from the other: from the one that has more digits."""
-    a2, b = 2 * block.normal.decay_per_s, block.normal.stiffness_per_s2
+    b, a2 = block.pulls
     if not block.clamps or a2 == 0:
         return 0.0, u
-    return (x, -b * x / a2) if a2 * a2 > b else (-a2 * u / b, u)
+    return (x, -b * x / a2) if a2 * a2 > b and not block.held else (-a2 * u / b, u)
 
 
 def touch(block: Block, x: float, u: float) -> tuple[float, float, float]:

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, inf, isfinite, sqrt
+from math import ceil, inf, isfinite, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis import contact
+from experiment.synthesis import contact, stability
 from experiment.synthesis.contact import FREE, Block, Law, Motion, Switch
 from experiment.synthesis.oscillator import Oscillator, carry, moved
 from experiment.synthesis.steppers import EXACT, stepper
@@ -166,8 +166,8 @@ def _condition(of: Collision, by: float) -> float:
             is_, up, down = (getattr(one, quantity) for one in (here, above, below))
             if (up is None) != (is_ is None) or (down is None) != (is_ is None):
                 return inf
-            if is_:
-                sums[quantity] += abs(up - down) / is_ / (2 * by)
+            if up and down:
+                sums[quantity] += abs(log(up / down)) / (2 * by)
     return max(sums.values())
 
 
@@ -307,3 +307,95 @@ def energies_j(of: Collision, course: Course) -> NDArray[np.float64]:
     """
     spring = of.stiffness_n_m * np.maximum(course.deep_m, 0.0) ** 2 / 2
     return of.mass_kg * course.deep_m_s**2 / 2 + spring - of.force_n * course.deep_m
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What `palpate tap contact` says of an impact: by which method, at which rate, stable or not.
+
+    `h_w` is the step times w = sqrt(K / M), `limit_h_w` the largest stable one, None where every step is stable.
+    `condition` is the condition number, None where the outcome changes its kind within a rounding.
+    """
+
+    of: Collision
+    method: str
+    rate_hz: float
+    impact: Impact
+    stable: bool
+    h_w: float
+    limit_h_w: float | None
+    condition: float | None
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the same for JSON; a quantity that is not defined is null, and `why` says why."""
+        of, made = self.of, self.impact
+        return {
+            "stiffness_n_m": of.stiffness_n_m,
+            "damping_n_s_m": of.damping_n_s_m,
+            "mass_kg": of.mass_kg,
+            "speed_m_s": of.speed_m_s,
+            "force_n": of.force_n,
+            "law": of.law,
+            "method": self.method,
+            "rate_hz": self.rate_hz,
+            "damping_ratio": of.damping_ratio,
+            **{name: getattr(made, name) for name in QUANTITIES},
+            "why": " ".join(made.why) or None,
+            "condition": self.condition,
+            "stable": self.stable,
+            "h_w": self.h_w,
+            "limit_h_w": self.limit_h_w,
+        }
+
+    def text(self) -> str:
+        """Return the same for a reader, in a few lines."""
+        of, made = self.of, self.impact
+        ratio = "no spring" if of.damping_ratio is None else f"damping ratio {of.damping_ratio:.4g}"
+        lines = [
+            f"{of.mass_kg:g} kg meets {of.stiffness_n_m:g} N/m and {of.damping_n_s_m:g} N s/m at {of.speed_m_s:g} m/s "
+            f"under {of.force_n:g} N: {ratio}, law '{of.law}', method '{self.method}' at {self.rate_hz:g} Hz",
+        ]
+        for name, shown, unit in (
+            ("release_s", "release", "s after the touch"),
+            ("rebound_m_s", "rebound", "m/s"),
+            ("penetration_m", "penetration", "m at most"),
+            ("peak_s", "peak", "s after the touch"),
+            ("dissipated_j", "dissipated", "J in the damper"),
+            ("left_in_spring_j", "left in spring", "J at the release"),
+        ):
+            value = getattr(made, name)
+            lines.append(f"  {shown:15} {'not defined' if value is None else f'{value:.12g} {unit}'}")
+        lines += [f"  {sentence}" for sentence in made.why]
+        known = "not finite" if self.condition is None else f"{self.condition:.3g}"
+        lines.append(f"  condition number {known}: relative errors of the input grow by it")
+        bound = "every step is" if self.limit_h_w is None else f"up to {self.limit_h_w:.4g} is"
+        verdict = "stable" if self.stable else "NOT STABLE"
+        lines.append(f"  the method is {verdict} in this contact: h w = {self.h_w:.4g}, {bound} stable")
+        return "\n".join(lines)
+
+
+def answer(of: Collision, *, method: str = EXACT, rate_hz: float) -> Answer:
+    """Return what comes of an impact by a method, and whether it is stable at this rate.
+
+    The exact stepper's error does not depend on the step, so it goes from touch to release in one. Errors are those of
+    `in_steps`.
+    """
+    stepper(method)
+    if not 0 < rate_hz < inf:
+        raise SynthesisError(f"rate: got {rate_hz:g} Hz; allowed: a finite number above zero; correct it")
+    made = closed_form(of) if method == EXACT else in_steps(of, method=method, rate_hz=rate_hz).impact
+    case = {"stiffness_n_m": of.stiffness_n_m, "damping_n_s_m": of.damping_n_s_m, "mass_kg": of.mass_kg}
+    most = inf
+    if of.damping_ratio is not None:
+        most = stability.limit(method, damping_ratio=of.damping_ratio)
+    number = condition(of)
+    return Answer(
+        of,
+        method,
+        rate_hz,
+        made,
+        stability.stable(method, **case, step_s=1 / rate_hz),
+        of.frequency_rad_s / rate_hz,
+        most if most < inf else None,
+        number if number < inf else None,
+    )

@@ -1,0 +1,85 @@
+"""The figures of contact: one impact by every method, and error against run time for each stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from analysis.documents.drawing import COLOURS, STYLE, pdf, png, svg
+from analysis.numerics.contact import SERVO_S
+from experiment.errors import SynthesisError
+from experiment.synthesis.impact import Collision, Course, closed_form, in_steps
+from experiment.synthesis.steppers import EXACT, STEPPERS
+
+KINDS: dict[str, Callable[[Figure], bytes]] = {".svg": svg, ".png": png, ".pdf": pdf}
+"""What a figure can be written as."""
+
+COLOUR = {**dict(zip([name for name in STEPPERS if name != EXACT], COLOURS, strict=True)), EXACT: "#000000"}
+MARKER = dict(zip(STEPPERS, ("o", "^", "s", "D", "v", "P", "*"), strict=True))
+"""Of each method."""
+
+FINE = 400
+"""Points by which the exact motion is drawn."""
+
+
+def course(of: Collision, *, rate_hz: float) -> Figure:
+    """Return the plot of an impact: r, dr/dt and force over time, by every method in steps of a rate, Hz.
+
+    The exact motion is a line, with dots at its samples. Methods that leave the picture are cut off, and a method that
+    needs too many steps is named as left out.
+    """
+    exact = closed_form(of)
+    lasts = exact.release_s or 4 * (exact.peak_s or 5 / rate_hz)
+    fine = in_steps(of, rate_hz=FINE / lasts)
+    panels: tuple[tuple[str, float, Callable[[Course], NDArray[np.float64]]], ...] = (
+        ("penetration r (mm)", 1e3, lambda one: one.deep_m),
+        ("rate dr/dt (m/s)", 1.0, lambda one: one.deep_m_s),
+        ("force (N)", 1.0, lambda one: one.force_n),
+    )
+    with mpl.rc_context(STYLE):
+        drawn = Figure(figsize=(8.4, 7.2), layout="constrained")
+        axes: list[Axes] = list(drawn.subplots(3, 1, sharex=True))
+        for place, (label, unit, of_course) in zip(axes, panels, strict=True):
+            values = of_course(fine) * unit
+            place.plot(fine.times_s * 1e3, values, color=COLOUR[EXACT], linewidth=1.6, label="exact", zorder=1)
+            low, high = float(values.min()), float(values.max())
+            room = 0.6 * max(high - low, 1e-12)
+            place.set_ylim(low - room, high + room)
+            place.set_ylabel(label, fontsize=9)
+            place.axhline(0.0, color="#d5d9de", linewidth=0.8, zorder=0)
+        left_out = []
+        for name in STEPPERS:
+            try:
+                made = in_steps(of, method=name, rate_hz=rate_hz)
+            except SynthesisError:
+                left_out.append(name)
+                continue
+            _steps(axes, made, name, [(unit, of_course) for _, unit, of_course in panels])
+        axes[0].set_xlim(-0.05 * lasts * 1e3, 1e3 * max(1.25 * lasts, 1.5 / rate_hz))
+        axes[-1].set_xlabel("time since the touch (ms)", fontsize=9)
+        drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
+        title = (
+            f"{of.mass_kg:g} kg at {of.speed_m_s:g} m/s on {of.stiffness_n_m:g} N/m and {of.damping_n_s_m:g} N s/m"
+            + (f" under {of.force_n:g} N" if of.force_n else "")
+            + f", law '{of.law}', steps of {1e6 / rate_hz:.4g} µs"
+        )
+        if left_out:
+            title += f"\nleft out, for they need too many steps: {', '.join(left_out)}"
+        axes[0].set_title(title, fontsize=9, loc="left")
+    return drawn
+
+
+def _steps(axes: Sequence[Axes], made: Course, name: str, panels: Sequence[tuple[float, Any]]) -> None:
+    style: Any = {"color": COLOUR[name], "marker": MARKER[name], "markersize": 4, "linewidth": 0.9}
+    if name == EXACT:
+        style |= {"linestyle": "none"}
+    for place, (unit, of_course) in zip(axes, panels, strict=True):
+        values = np.clip(of_course(made) * unit, -1e9, 1e9)
+        label = f"{name}, at its samples" if name == EXACT else name
+        place.plot(made.times_s * 1e3, values, label=label, **style)
