@@ -9,11 +9,12 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from analysis.documents.drawing import COLOURS, STYLE, pdf, png, svg
 from analysis.numerics import contact
-from analysis.numerics.numerics import LABEL, Measured
+from analysis.numerics.numerics import Measured
 from experiment.errors import SynthesisError
 from experiment.synthesis.impact import Collision, Course, closed_form, in_steps
 from experiment.synthesis.steppers import EXACT, STEPPERS
@@ -113,7 +114,7 @@ def diagrams(rows: Sequence[Measured]) -> Figure:
     down = -(-(len(stiffnesses) + 1) // 3)
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(8.4, 0.6 + 3.0 * down), layout="constrained")
-        drawn.suptitle(f"{LABEL}: error of the rebound against run time of one impact", fontsize=10, fontweight="bold")
+        drawn.suptitle("SIMULATED impacts: error of the rebound against run time", fontsize=10, fontweight="bold")
         axes: list[Axes] = list(np.ravel(drawn.subplots(down, 3, squeeze=False, sharey=True)))
         for place, (stiffness, mass) in zip(axes, stiffnesses, strict=False):
             here = [one for one in rows if one.given["stiffness_n_m"] == stiffness]
@@ -126,7 +127,12 @@ def diagrams(rows: Sequence[Measured]) -> Figure:
             place.set_title(f"{stiffness:g} N/m, {mass:g} kg", fontsize=9)
             place.tick_params(labelsize=8)
             place.grid(visible=True, color="#d5d9de", linewidth=0.6)
-            place.set_xlabel("median run time (s)", fontsize=8)
+            place.set_xlabel("median run time", fontsize=8)
+            place.xaxis.set_major_locator(LogLocator(numticks=4))
+            place.xaxis.set_major_formatter(FuncFormatter(lambda s, _: f"{s * 1e3:g} ms"))
+            place.yaxis.set_major_formatter(FuncFormatter(lambda error, _: f"{error:g}"))
+            for axis in (place.xaxis, place.yaxis):
+                axis.set_minor_formatter(NullFormatter())
         axes[0].set_ylabel("relative error", fontsize=9)
         handles, labels = axes[0].get_legend_handles_labels()
         for place in axes[len(stiffnesses) :]:

@@ -195,8 +195,8 @@ def advance(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Switch
                 before, after = b * u + a2 * (push - b * x - a2 * u), b * u1 + a2 * (push - end)
             else:
                 end, before, after = x1, u, u1
-            # With half a period or less ahead, what has not fallen to zero at the end has a minimum between, or none.
-            if end > 0 and not before < 0 < after:
+            # Half a period ahead, what is above zero was below it only if it had a minimum; a held block has none.
+            if end > 0 and (block.held or not before < 0 < after):
                 kept, of_y, of_speed, s, w, pull = along
                 wanted = dt_s - owed
                 total = since + wanted
@@ -286,6 +286,7 @@ def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, ad
         _placed(hand_m)
         raise SynthesisError(f"hand: got a step to {hand_m} m in {dt_s:g} s; allowed: a finite speed; check the times")
     now_s, force_x, force_y = state.time_s + dt_s, 0.0, 0.0
+    change_x, change_y = moving[0] - state.hand_m_s[0], moving[1] - state.hand_m_s[1]
     after: list[Motion | Left] = []
     switches: list[tuple[int, Switch]] = []
     for i, (block, was) in enumerate(zip(blocks, state.blocks, strict=True)):
@@ -295,8 +296,12 @@ def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, ad
             if ahead <= 0 and block.normal.push_m_s2 == 0 == block.along.push_m_s2:
                 after.append(was)
                 continue
-        at = _joined(block, was, state) if isinstance(was, Left) else was
-        at, began = _turned(block, at, state.hand_m_s, moving)
+            at = _joined(block, was, state)
+        else:
+            at = was
+        began: tuple[Switch, ...] = ()
+        if change_x or change_y:
+            at, began = _turned(block, at, change_x * into_x + change_y * into_y, change_y * into_x - change_x * into_y)
         at, seen = advance(block, at, dt_s)
         if began or seen:
             switches += [(i, one) for one in (*began, *seen)]
@@ -304,7 +309,9 @@ def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, ad
             out, back = block.force_at(at)
             force_x -= out * into_x - back * into_y
             force_y -= out * into_y + back * into_x
-        after.append(_parted(block, at, hand_m, moving, now_s) if not at.phase and at.deep_m <= 0 else at)
+            after.append(at)
+        else:
+            after.append(_parted(block, at, hand_m, moving, now_s) if at.deep_m <= 0 else at)
     return Stepped(State(now_s, hand_m, moving, tuple(after)), (force_x, force_y), tuple(switches))
 
 
@@ -365,20 +372,19 @@ def _parted(block: Block, at: Motion, hand_m: Pair, hand_m_s: Pair, now_s: float
     return Left(deep - at.deep_m, along - at.along_m, deep_m_s - at.deep_m_s, along_m_s - at.along_m_s, now_s)
 
 
-def _turned(block: Block, at: Motion, was_m_s: Pair, is_m_s: Pair) -> tuple[Motion, tuple[Switch, ...]]:
+def _turned(block: Block, at: Motion, faster_m_s: float, aside_m_s: float) -> tuple[Motion, tuple[Switch, ...]]:
     """Return the motion when the hand's velocity has changed, which the force of the damper follows at once."""
-    if was_m_s == is_m_s:
-        return at, ()
-    more, beside = _beside(block, (is_m_s[0] - was_m_s[0], is_m_s[1] - was_m_s[1]))
-    x, u = at.deep_m, at.deep_m_s + more
+    phase, x, u, y, v, since, owed = at
+    u, v = u + faster_m_s, v + aside_m_s
     touches = x > 0 and (not block.clamps or pull_m_s2(block, x, u) > 0)
-    if at.phase and (touches or (x == 0 and u > 0)):
-        return at._replace(deep_m_s=u, along_m_s=at.along_m_s + beside), ()
-    if not at.phase and not touches:
-        return at._replace(deep_m_s=u, along_m_s=at.along_m_s + beside), ()
+    if phase:
+        if touches or (x == 0 and u > 0):
+            return Motion(phase, x, u, y, v, since, owed), ()
+        return Motion(FREE, x, u, 0.0, v), (Switch("release", 0.0, since, x, u),)
+    if not touches:
+        return Motion(phase, x, u, y, v, since, owed), ()
     # The path along the face begins anew, and so does the time since the last switch.
-    switch = Switch("touch" if touches else "release", 0.0, at.since_s, x, u)
-    return Motion(ENTERING if touches else FREE, x, u, 0.0, at.along_m_s + beside), (switch,)
+    return Motion(ENTERING, x, u, 0.0, v), (Switch("touch", 0.0, since, x, u),)
 
 
 def _beside(block: Block, vector: Pair) -> Pair:

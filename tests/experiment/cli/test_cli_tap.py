@@ -78,7 +78,7 @@ def test_what_is_no_impact_is_refused(arguments: list[str], words: str) -> None:
 def test_a_stiffness_with_a_unit_is_refused() -> None:
     made = CliRunner().invoke(app, [*IMPACT, "--stiffness", "4500N"])
     assert made.exit_code == 2
-    assert "4500N" in made.output
+    assert "--stiffness" in made.output
 
 
 def test_recordings_are_fitted(tmp_path: Path) -> None:

@@ -30,10 +30,8 @@ class Exact:
             root = mp.sqrt(mp.mpc(d))
             up, down = mp.exp((root - a) * t), mp.exp((-root - a) * t)
             s, left = mp.re((up - down) / (2 * root)), mp.re(((a + root) * up - (a - root) * down) / (2 * root))
-        if b:
-            w = (1 - left) / b
-        else:
-            w = (t - (1 - mp.exp(-2 * a * t)) / (2 * a)) / (2 * a) if a else t * t / 2
+        free = (t - (1 - mp.exp(-2 * a * t)) / (2 * a)) / (2 * a) if a else t * t / 2
+        w = (1 - left) / b if b else free
         return self.v * s + self.p * w, self.v * (left - 2 * a * s) + self.p * s
 
     def falls(self, t: Any) -> Any:

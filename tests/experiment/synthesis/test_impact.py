@@ -1,4 +1,4 @@
-"""One impact: against the closed form as printed in the issue's terms, and against extended precision under any force."""
+"""One impact: against its closed form, and against extended precision under any force."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_an_impact_is_right_to_its_digits(of: Collision) -> None:
 
 @pytest.mark.parametrize("ratio", [0.0, 0.05, 0.5, 0.95])
 def test_the_closed_form_is_the_printed_one(ratio: float) -> None:
-    """Release after 2 phi / (w sin phi) at v exp(-2 z phi / sin phi): `issue 17`, "Figures to reach"."""
+    """Release after 2 phi / (w sin phi) at v exp(-2 z phi / sin phi), by hand from dr/dt and K r + C dr/dt."""
     k, m, v = 4500.0, 0.1, 0.2
     made, phi = closed_form(Collision(k, 2 * ratio * sqrt(k * m), m, v)), acos(ratio)
     assert made.release_s == pytest.approx(2 * phi / (sqrt(k / m) * sin(phi)), rel=1e-14)

@@ -1,4 +1,4 @@
-"""Limits of stability from print and by simulation, and passivity against Colgate and Schenkel's condition as it stands."""
+"""Limits of stability from print and by simulation, and passivity against Colgate and Schenkel's condition."""
 
 from __future__ import annotations
 
@@ -79,7 +79,9 @@ def test_the_damping_needed_is_that_of_the_condition(k: float, c: float, delay: 
 def test_the_largest_passive_stiffness_needs_just_the_damping_there_is(b: float, c: float, delay: float) -> None:
     most = stability.largest_passive_n_m(device_damping_n_s_m=b, damping_n_s_m=c, period_s=4e-4, delay_s=delay)
     if most == 0:
-        assert stability.needed_damping_n_s_m(stiffness_n_m=0.0, damping_n_s_m=c, period_s=4e-4, delay_s=delay) > b
+        assert stability.needed_damping_n_s_m(stiffness_n_m=0.0, damping_n_s_m=c, period_s=4e-4, delay_s=delay) > b * (
+            1 - 1e-9
+        )
     else:
         needed = stability.needed_damping_n_s_m(stiffness_n_m=most, damping_n_s_m=c, period_s=4e-4, delay_s=delay)
         assert needed == pytest.approx(b, rel=1e-6)

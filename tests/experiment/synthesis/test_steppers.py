@@ -1,4 +1,4 @@
-"""The other steppers: their orders on smooth ground, their first order through a switch, and scipy as a second opinion."""
+"""The other steppers: their orders on smooth ground, their first order through a switch, and scipy beside them."""
 
 from __future__ import annotations
 
