@@ -138,7 +138,7 @@ def test_a_mass_that_is_let_go_and_pressed_back_touches_again_before_it_has_left
 def test_a_chain_of_bounces_in_one_step_is_that_of_many() -> None:
     block = Block((4500.0, 0.0), (0.5, 0.0), (0.1, 0.1), force_n=(1.0, 0.0))
     one, seen = advance(block, Motion(FREE, 0.0, 0.2), 0.3)
-    many, rest = Motion(FREE, 0.0, 0.2), []
+    many, rest = Motion(FREE, 0.0, 0.2), list[contact.Switch]()
     for _ in range(300):
         many, more = advance(block, many, 0.001)
         rest += more

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import inf, pi, sqrt
 
 import numpy as np
@@ -88,14 +89,14 @@ def test_the_largest_passive_stiffness_needs_just_the_damping_there_is(b: float,
 
 
 def test_rate_mass_and_device_set_the_largest_stiffness() -> None:
-    given_: dict[str, float] = {"rate_hz": 2500.0, "mass_kg": 0.1, "damping_n_s_m": 1.0}
-    made = stability.allowed(**given_, device_damping_n_s_m=5.0)
+    servo = partial(stability.allowed, rate_hz=2500.0, mass_kg=0.1, damping_n_s_m=1.0)
+    made = servo(device_damping_n_s_m=5.0)
     assert made.stiffness_n_m == pytest.approx((5 - 1) * 2 / 4e-4, rel=1e-9)
     assert "the device's own damping sets it" in made.text
-    by_stepper = stability.allowed(**given_, device_damping_n_s_m=1e6, method="semi-implicit euler")
+    by_stepper = servo(device_damping_n_s_m=1e6, method="semi-implicit euler")
     assert by_stepper.stiffness_n_m == pytest.approx(4 * 0.1 * 2500**2 - 2 * 2500 * 1.0, rel=1e-6)
     assert "the stepper sets it" in by_stepper.text
-    none = stability.allowed(**given_, device_damping_n_s_m=0.5)
+    none = servo(device_damping_n_s_m=0.5)
     assert none.stiffness_n_m == 0
     assert "No stiffness is allowed" in none.text
 
