@@ -36,7 +36,7 @@ PHASES = (0.0, 0.13, 0.37, 0.59, 0.83)
 CLAIMED, CLAIMED_ENERGY = 1e-11, 1e-13
 """Relative errors that the exact stepper claims, and the energy that it may create, as a part of what there is."""
 
-MOST = 20_000
+MOST = 5_000
 """Steps after which a mass that is not released counts as stuck."""
 
 
