@@ -63,7 +63,7 @@ def course(of: Collision, *, rate_hz: float) -> Figure:
                 left_out.append(name)
                 continue
             _steps(axes, made, name, [(unit, of_course) for _, unit, of_course in panels])
-        axes[0].set_xlim(-0.05 * lasts * 1e3, 1e3 * max(1.25 * lasts, 1.5 / rate_hz))
+        axes[0].set_xlim(-0.05 * lasts * 1e3, 1e3 * max(1.1 * lasts, 1.5 / rate_hz))
         axes[-1].set_xlabel("time since the touch (ms)", fontsize=9)
         drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
         title = (
@@ -79,6 +79,9 @@ def course(of: Collision, *, rate_hz: float) -> Figure:
 
 def _steps(axes: Sequence[Axes], made: Course, name: str, panels: Sequence[tuple[float, Any]]) -> None:
     style: Any = {"color": COLOUR[name], "marker": MARKER[name], "markersize": 4, "linewidth": 0.9}
+    # Markers of many samples would hide the lines: about thirty are drawn, those of each method at other samples.
+    apart = max(1, made.times_s.size // 30)
+    style["markevery"] = (list(STEPPERS).index(name) * apart // len(STEPPERS), apart)
     if name == EXACT:
         style |= {"linestyle": "none"}
     for place, (unit, of_course) in zip(axes, panels, strict=True):

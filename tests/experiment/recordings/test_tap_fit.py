@@ -13,7 +13,6 @@ from experiment.recordings.readers import Recording
 from experiment.recordings.tap_fit import Tapped, clipped_samples, of_file, of_taps, read_taps, ring
 
 RATE_HZ = 50_000.0
-SHOCKS = Path(__file__).parents[4] / "shared" / "recordings"
 
 
 def made(samples: NDArray[np.float64], name: str = "made.wav") -> Recording:
@@ -85,9 +84,8 @@ def test_what_does_not_ring_in_one_mode_is_called_a_misfit(samples: NDArray[np.f
     assert "MISFIT" in found.text()
 
 
-@pytest.mark.skipif(not SHOCKS.exists(), reason="the real recordings are not beside the repository")
-def test_real_shocks_ring_at_802_hz_and_decay_faster_with_every_shock() -> None:
-    found = [of_file(SHOCKS / f"shock_ring_a{n}.txt") for n in (0, 7, 23)]
+def test_real_shocks_ring_at_802_hz_and_decay_faster_with_every_shock(real_recordings: Path) -> None:
+    found = [of_file(real_recordings / f"shock_ring_a{n}.txt") for n in (0, 7, 23)]
     decays = [one.decay_per_s or 0.0 for one in found]
     for one in found:
         assert 801 <= (one.f_hz or 0) <= 803
