@@ -122,13 +122,19 @@ class Block:
             return self.stiffness_n_m[0], self.damping_n_s_m[0]
         return self.normal.stiffness_per_s2, 2 * self.normal.decay_per_s
 
+    @cached_property
+    def diagonals(self) -> tuple[float, float, float, float]:
+        """K and C along the normal, then along the face, N/m and N s/m."""
+        return self.stiffness_n_m[0], self.damping_n_s_m[0], self.stiffness_n_m[1], self.damping_n_s_m[1]
+
     def force_at(self, at: Motion) -> Pair:
         """Return -F (6), which pushes the hand out of the block and back along its face, N."""
-        if not at.phase:
+        phase, deep, rate, along, aside, _, _ = at
+        if not phase:
             return 0.0, 0.0
-        out = self.stiffness_n_m[0] * at.deep_m + self.damping_n_s_m[0] * at.deep_m_s
-        back = self.stiffness_n_m[1] * at.along_m + self.damping_n_s_m[1] * at.along_m_s
-        return (max(out, 0.0) if self.clamps else out), back
+        k, c, k_along, c_along = self.diagonals
+        out = k * deep + c * rate
+        return (0.0 if out < 0 and self.clamps else out), k_along * along + c_along * aside
 
     def _axis(self, i: int) -> Oscillator:
         return oscillator(
@@ -287,6 +293,7 @@ def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, ad
         raise SynthesisError(f"hand: got a step to {hand_m} m in {dt_s:g} s; allowed: a finite speed; check the times")
     now_s, force_x, force_y = state.time_s + dt_s, 0.0, 0.0
     change_x, change_y = moving[0] - state.hand_m_s[0], moving[1] - state.hand_m_s[1]
+    turned = bool(change_x or change_y)
     after: list[Motion | Left] = []
     switches: list[tuple[int, Switch]] = []
     for i, (block, was) in enumerate(zip(blocks, state.blocks, strict=True)):
@@ -300,8 +307,14 @@ def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, ad
         else:
             at = was
         began: tuple[Switch, ...] = ()
-        if change_x or change_y:
-            at, began = _turned(block, at, change_x * into_x + change_y * into_y, change_y * into_x - change_x * into_y)
+        if turned:
+            phase, deep, rate, along, aside, since, owed = at
+            rate += change_x * into_x + change_y * into_y
+            aside += change_y * into_x - change_x * into_y
+            at = Motion(phase, deep, rate, along, aside, since, owed)
+            b, a2 = block.pulls
+            if not (phase and deep > 0 and b * deep + a2 * rate > 0):
+                at, began = _turned(block, at)
         at, seen = advance(block, at, dt_s)
         if began or seen:
             switches += [(i, one) for one in (*began, *seen)]
@@ -372,19 +385,16 @@ def _parted(block: Block, at: Motion, hand_m: Pair, hand_m_s: Pair, now_s: float
     return Left(deep - at.deep_m, along - at.along_m, deep_m_s - at.deep_m_s, along_m_s - at.along_m_s, now_s)
 
 
-def _turned(block: Block, at: Motion, faster_m_s: float, aside_m_s: float) -> tuple[Motion, tuple[Switch, ...]]:
-    """Return the motion when the hand's velocity has changed, which the force of the damper follows at once."""
-    phase, x, u, y, v, since, owed = at
-    u, v = u + faster_m_s, v + aside_m_s
+def _turned(block: Block, at: Motion) -> tuple[Motion, tuple[Switch, ...]]:
+    """Return the motion after the hand's velocity has changed, which the force of the damper follows at once."""
+    phase, x, u, _, v, since, _ = at
     touches = x > 0 and (not block.clamps or pull_m_s2(block, x, u) > 0)
-    if phase:
-        if touches or (x == 0 and u > 0):
-            return Motion(phase, x, u, y, v, since, owed), ()
+    if phase and not touches and not (x == 0 and u > 0):
         return Motion(FREE, x, u, 0.0, v), (Switch("release", 0.0, since, x, u),)
-    if not touches:
-        return Motion(phase, x, u, y, v, since, owed), ()
-    # The path along the face begins anew, and so does the time since the last switch.
-    return Motion(ENTERING, x, u, 0.0, v), (Switch("touch", 0.0, since, x, u),)
+    if touches and not phase:
+        # The path along the face begins anew, and so does the time since the last switch.
+        return Motion(ENTERING, x, u, 0.0, v), (Switch("touch", 0.0, since, x, u),)
+    return at, ()
 
 
 def _beside(block: Block, vector: Pair) -> Pair:
@@ -405,35 +415,33 @@ def _eventful(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Swit
     done, rest = 0.0, dt_s
     switches: list[Switch] = []
     while True:
-        kind: Kind = "touch"
+        x_then = u_then = 0.0
         if phase == FREE:
             after, x_then, u_then = touch(block, x, u)
-        else:
-            kind, after = "release", release_after(block, x, u, within_s=rest)
-            if phase == ENTERING and (turned := deepest_after(of, x, u)) <= after:
-                kind, after = "deepest", turned
-        taken = min(after, rest)
-        if phase == FREE:
+            taken = min(after, rest)
             x, u = x + taken * (u + of.push_m_s2 * taken / 2), u + of.push_m_s2 * taken
             v += beside.push_m_s2 * taken
         else:
+            after = release_after(block, x, u, within_s=rest)
+            taken = min(after, rest)
+            if phase == ENTERING and (turned := deepest_after(of, x, u)) <= taken:
+                phase = RETURNING
+                deepest = moved(of, carry(of, turned), x, u)
+                switches.append(Switch("deepest", done + turned, _added(since, owed, turned)[0], *deepest))
             x, u = moved(of, carry(of, taken), x, u)
             y, v = moved(beside, carry(beside, taken), y, v)
         since, owed = _added(since, owed, taken)
         if after > rest:
             return Motion(phase, x, u, y, v, since, owed), tuple(switches)
-        if kind == "touch":
+        if phase == FREE:
             phase, x, u, y = ENTERING, x_then, u_then, 0.0
-        elif kind == "deepest":
-            phase = RETURNING
         else:
             phase = FREE
             x, u = released(block, x, u)
         done += taken
         rest -= taken
-        switches.append(Switch(kind, done, since, x, u))
-        if kind != "deepest":
-            since = owed = 0.0
+        switches.append(Switch("touch" if phase else "release", done, since, x, u))
+        since = owed = 0.0
         if len(switches) > MOST_SWITCHES:
             raise SynthesisError(
                 f"step: got {dt_s:g} s with more than {MOST_SWITCHES} touches and releases; allowed: fewer; take "

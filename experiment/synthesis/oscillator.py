@@ -99,6 +99,8 @@ def oscillator(*, stiffness_n_m: float, damping_n_s_m: float, mass_kg: float, fo
 def carry(of: Oscillator, t_s: float) -> Carry:
     """Return what a time of zero or more, s, does to an oscillator; each of its numbers keeps its digits."""
     a, b, d, root = of.decay_per_s, of.stiffness_per_s2, of.split_per_s2, of.root_per_s
+    if a == b == 0:
+        return Carry(1.0, 0.0, 0.0, t_s, t_s * t_s / 2, 0.0)
     size = 2 * a * t_s + b * t_s * t_s
     if size < SLOW:
         return _series(a, b, t_s)
