@@ -1,11 +1,11 @@
-"""Error against run time of synthesis, resampling, frequency shaping and noise, and whether everything holds."""
+"""Error against run time of synthesis, resampling, shaping, noise and contact, and whether everything holds."""
 
 from __future__ import annotations
 
 import platform
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from importlib import metadata
 from typing import Any
@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from analysis.numerics import cases, oracle
+from analysis.numerics import cases, contact, oracle
 from analysis.numerics.cases import PRINTED_SUM, WAYS, Outcome, Way, settle
 from analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S, Colour, noise
 from experiment.synthesis.shaping import Response, shape
 from experiment.synthesis.spectra import bin_frequencies_hz, grid, inverse, inverse_on
+from experiment.synthesis.steppers import EXACT, STEPPERS
 from experiment.synthesis.waveforms import transform_error
 
 LABEL = "SIMULATED spectra"
@@ -34,7 +35,8 @@ class Extent:
     """How much to measure, for recordings of `lengths` samples, and for how long.
 
     A printed sum of more than `most_terms` is not measured. A response table has `table_sizes` frequencies and
-    `table_levels` drive levels. Resampling is compared with the sum taken term by term at so many `places`.
+    `table_levels` drive levels. Resampling is compared with the sum taken term by term at so many `places`. Each of the
+    `diagrams`, stiffness and mass, is gone through in so many steps a contact (`contact_steps`).
     """
 
     lengths: tuple[int, ...]
@@ -46,6 +48,8 @@ class Extent:
     budget_s: float
     least_repeats: int
     places: int
+    diagrams: tuple[tuple[float, float], ...]
+    contact_steps: tuple[int, ...]
 
     @property
     def usual(self) -> int:
@@ -68,6 +72,8 @@ FULL = Extent(
     budget_s=0.2,
     least_repeats=5,
     places=200,
+    diagrams=contact.DIAGRAMS,
+    contact_steps=(2, 8, 32, 128, 512),
 )
 QUICK = replace(
     FULL,
@@ -77,6 +83,7 @@ QUICK = replace(
     table_levels=(3, 7),
     noise_s=(0.1, 0.5, 2.0),
     budget_s=0.05,
+    contact_steps=(2, 8, 32, 128),
 )
 
 
@@ -94,7 +101,8 @@ class Measured:
     """One point: the run time and the error (relative, or in dB for noise) of one way to compute something.
 
     `way` is one curve of the plot, `given` the sizes by the name of a quantity with its unit. `claimed` is the bound
-    that the way states on its error; the last two are the time and the memory of its preparation, where it has one.
+    that the way states on its error; then come the time and the memory of its preparation, where it has one, and errors
+    of other quantities by their names.
     """
 
     subject: str
@@ -105,6 +113,7 @@ class Measured:
     claimed: float | None = None
     prepared_s: float | None = None
     memory_bytes: int | None = None
+    others: dict[str, float] = field(default_factory=dict)
 
     @property
     def holds(self) -> bool:
@@ -142,7 +151,7 @@ Measurement = Callable[[], Measured]
 
 def measurements(extent: Extent) -> list[Measurement]:
     """Return everything to measure, in the order of the tables."""
-    return [*synthesis(extent, WAYS), *resampling(extent), *shaping(extent), *noises(extent)]
+    return [*synthesis(extent, WAYS), *resampling(extent), *shaping(extent), *noises(extent), *contacts(extent)]
 
 
 @lru_cache(maxsize=8)
@@ -190,6 +199,19 @@ def shaping(extent: Extent) -> list[Measurement]:
 def noises(extent: Extent) -> list[Measurement]:
     """Return the measurements of noise, by its length."""
     return [partial(_noise, colour, seconds, extent) for colour in DB_PER_OCTAVE for seconds in extent.noise_s]
+
+
+def contacts(extent: Extent) -> list[Measurement]:
+    """Return the measurements of one impact by each stepper, for each diagram, and at the servo's own step."""
+    return [
+        partial(_contact, method, stiffness, mass, step_s, extent)
+        for stiffness, mass in extent.diagrams
+        for method in STEPPERS
+        for step_s in (
+            *(contact.contact_s(stiffness=stiffness, mass=mass) / n for n in extent.contact_steps),
+            contact.SERVO_S,
+        )
+    ]
 
 
 def _synthesis(way: Way, samples: int, rate_hz: int, v: float, extent: Extent) -> Measured:
@@ -277,6 +299,20 @@ def _noise(colour: Colour, seconds: float, extent: Extent) -> Measured:
     )
 
 
+def _contact(method: str, stiffness: float, mass: float, step_s: float, extent: Extent) -> Measured:
+    found = contact.worst(method, stiffness=stiffness, mass=mass, step_s=step_s)
+    run_ = contact.run_once(method, stiffness=stiffness, mass=mass, step_s=step_s)
+    return Measured(
+        subject="contact",
+        way=method,
+        given={"stiffness_n_m": stiffness, "mass_kg": mass, "step_s": step_s},
+        timed=timed(run_, budget_s=extent.budget_s / 10, least_repeats=3),
+        error=found["rebound"],
+        claimed=contact.CLAIMED if method == EXACT else None,
+        others={f"{name}_error": found[name] for name in ("release", "penetration", "energy")},
+    )
+
+
 def _timed(call: Callable[[], object], extent: Extent) -> Timed:
     return timed(call, budget_s=extent.budget_s, least_repeats=extent.least_repeats)
 
@@ -323,7 +359,7 @@ def run(
     extent: Extent, *, total: Callable[[int], None] = lambda _: None, tick: Callable[[], None] = lambda: None
 ) -> Numerics:
     """Measure everything and settle every case; `total` is told the number of steps, `tick` is called after each."""
-    wanted, extremes = measurements(extent), cases.cases()
+    wanted, extremes = measurements(extent), [*cases.cases(), *contact.cases()]
     total(len(wanted) + len(extremes))
     measured, outcomes = [], []
     for measure in wanted:

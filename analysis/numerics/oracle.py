@@ -157,3 +157,34 @@ def _inverse(coefficients: Extended, places: Fraction) -> Extended:
     padded[q : coefficients.size * q : q] = coefficients[1:] / 2
     samples: Extended = fft.dct(padded, type=3)[: ceil(places - Fraction(1, 2))]
     return samples
+
+
+@dataclass(frozen=True)
+class ExactImpact:
+    """A mass thrown back by a spring and a damper whose force never pulls: s, m/s and m; what is left of its energy."""
+
+    release_s: np.longdouble
+    rebound_m_s: np.longdouble
+    penetration_m: np.longdouble
+    kept: np.longdouble
+
+
+def impact(*, stiffness: float, damping_ratio: float, mass: float, speed: float) -> ExactImpact:
+    """Return the closed form of an impact, N/m, kg and m/s; C is the float64 that is nearest to 2 z sqrt(K M).
+
+    With phi = acos z and w = sqrt(K / M), release is at 2 phi / (w sin phi), and the rebound v exp(-2 z phi / sin phi);
+    above critical damping phi = acosh z, and its hyperbolic sine. The deepest place is at half that time, by dr/dt = 0.
+    """
+    k, m, v = np.longdouble(stiffness), np.longdouble(mass), np.longdouble(speed)
+    w = np.sqrt(k / m)
+    z = np.longdouble(2 * damping_ratio * float(np.sqrt(stiffness * mass))) / (2 * np.sqrt(k * m))
+    one = np.longdouble(1)
+    if z < one:
+        turned = np.arccos(z) / np.sqrt((one - z) * (one + z))
+    elif z > one:
+        turned = np.arccosh(z) / np.sqrt((z - one) * (z + one))
+    else:
+        turned = one
+    rebound = v * np.exp(-2 * z * turned)
+    kept = (rebound / v) ** 2 * (1 + 4 * z * z)
+    return ExactImpact(2 * turned / w, rebound, v / w * np.exp(-z * turned), kept)

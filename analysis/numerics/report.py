@@ -19,14 +19,17 @@ from analysis.documents.drawing import STYLE, colour, marker, png, svg
 from analysis.documents.output import check, publish
 from analysis.documents.tables import WIDTH, Section, Table, comma_separated, markdown
 from analysis.documents.tables import text as section_text
+from analysis.numerics import contact, contact_report
 from analysis.numerics.cases import Outcome
 from analysis.numerics.numerics import BETWEEN_MM_S, LABEL, OUTPUT_RATE_HZ, Measured, Numerics, usual_length
 from experiment.errors import DatasetError
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
+from experiment.synthesis.stability import of_the_paper
 
 FILES = (
-    *(f"{slug}.csv" for slug in ("synthesis", "resampling", "shaping", "noise", "cases")),
+    *(f"{slug}.csv" for slug in ("synthesis", "resampling", "shaping", "noise", "contact", "cases")),
     *(f"numerics.{kind}" for kind in ("md", "svg", "png")),
+    *(f"contact.{kind}" for kind in ("svg", "png")),
 )
 """The files that `write` writes."""
 
@@ -35,6 +38,7 @@ TITLES = {
     "resampling": "Resampling of a recording",
     "shaping": "Frequency shaping: the inverse (7) of a response",
     "noise": "Noise of the masker",
+    "contact": "Contact with a virtual block: equations (4) and (5) of Wellman and Howe",
 }
 SAYS = {
     "synthesis": "The error is the rms of the difference from the oracle, divided by the rms of the exact stimulus. "
@@ -46,6 +50,10 @@ SAYS = {
     "a table, and no bound is claimed.",
     "noise": "The error is the largest deviation, in dB, of an octave band from 31.5 Hz to 16 kHz from its colour, "
     "relative to the band at 1 kHz. It is bounded for noise of half a second or longer.",
+    "contact": "A mass is thrown back by a block with a damping ratio of "
+    f"{contact.DAMPING_RATIO:g}. The error is that of the speed of rebound, relative to the closed form in extended "
+    "precision, the largest over the phase of the touch within a step; 1 is all of it, and stands for no release too. "
+    "The time is that of the whole impact.",
 }
 HEADS = {
     "samples": "N",
@@ -55,6 +63,12 @@ HEADS = {
     "drive_levels": "drive levels",
     "bins": "bins",
     "length_s": "length (s)",
+    "stiffness_n_m": "K (N/m)",
+    "mass_kg": "M (kg)",
+    "step_s": "step (s)",
+    "release_error": "of release",
+    "penetration_error": "of penetration",
+    "energy_error": "of energy",
 }
 
 
@@ -96,8 +110,9 @@ def write(result: Numerics, out: Path) -> tuple[Path, ...]:
     files = {f"{part.slug}.csv": comma_separated(part, LABEL).encode() for part in parts}
     page = [f"**{LABEL}**\n", *(markdown(part, "") for part in parts), result.verdict, ""]
     files["numerics.md"] = "\n".join(page).encode()
-    drawn = figure(result)
+    drawn, diagrams = figure(result), contact_report.diagrams(_subject(result, "contact"))
     files["numerics.svg"], files["numerics.png"] = svg(drawn), png(drawn)
+    files["contact.svg"], files["contact.png"] = svg(diagrams), png(diagrams)
     return publish(out, files, LABEL, "numerics")
 
 
@@ -118,6 +133,10 @@ def usual(rows: list[Measured]) -> list[Measured]:
     return [one for one in rows if one.given == wanted]
 
 
+def _subject(result: Numerics, subject: str) -> list[Measured]:
+    return [one for one in result.measured if one.subject == subject]
+
+
 def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
     paragraphs = [SAYS[subject]]
     if subject == "synthesis":
@@ -133,6 +152,11 @@ def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
         size = "N = {samples:g} at {output_rate_hz:g} Hz, {speed_mm_s:g} mm/s".format(**shown[0].given)
         brief = (_table(f"{size} (all {len(rows)} rows: --out)", shown, given=False),)
         tables = [_table(size, shown, given=False), replace(tables[0], title="Every size, rate and speed")]
+    if subject == "contact":
+        paragraphs += [contact_report.orders(rows), of_the_paper()]
+        shown = [one for one in rows if one.given["step_s"] == contact.SERVO_S]
+        title = f"At the servo's step of {contact.SERVO_S * 1e6:g} µs (all {len(rows)} rows: --out)"
+        brief = (_table(title, shown, given=True),)
     records = tuple(_record(one) for one in rows)
     return Section(subject, TITLES[subject], tuple(paragraphs), tuple(tables), records, brief)
 
@@ -142,16 +166,19 @@ def _table(title: str, rows: list[Measured], *, given: bool) -> Table:
     prepared = any(one.prepared_s is not None for one in rows)
     unit = "error (dB)" if rows[0].subject == "noise" else "error"
     claims = any(one.claimed is not None for one in rows)
+    others = tuple(rows[0].others)
     header = ["way", *(HEADS[name] for name in sizes), "median time", unit, *(["claimed"] * claims)]
+    header += [HEADS[name] for name in others]
     header += ["prepared in", "memory"] * prepared
     kibibytes = ["-" if one.memory_bytes is None else f"{one.memory_bytes / 1024:.0f} KiB" for one in rows]
     cells = [
         [
             one.way,
-            *(f"{one.given[name]:g}" for name in sizes),
+            *(f"{one.given[name]:.3g}" if name == "step_s" else f"{one.given[name]:g}" for name in sizes),
             time_text(one.timed.median_s),
             _error(one, one.error),
             *([_error(one, one.claimed)] * claims),
+            *(_error(one, one.others[name]) for name in others),
             *([time_text(one.prepared_s), held] * prepared),
         ]
         for one, held in zip(rows, kibibytes, strict=True)
@@ -177,6 +204,7 @@ def _record(one: Measured) -> dict[str, object]:
         "repeats": one.timed.repeats,
         "error": one.error,
         "claimed_error": one.claimed,
+        **one.others,
         "holds": one.holds,
         "prepared_s": one.prepared_s,
         "memory_bytes": one.memory_bytes,
@@ -223,7 +251,7 @@ def figure(result: Numerics) -> Figure:
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(8.4, 7.4))
         drawn.suptitle(f"{LABEL}: error against median run time", fontsize=10, fontweight="bold", y=0.985)
-        synthesis = [one for one in result.measured if one.subject == "synthesis"]
+        synthesis = _subject(result, "synthesis")
         above = drawn.add_gridspec(1, 1, left=0.09, right=0.985, top=0.9, bottom=0.47)
         _synthesis(drawn.add_subplot(above[0]), synthesis)
         below = drawn.add_gridspec(1, 3, left=0.09, right=0.985, top=0.36, bottom=0.075, wspace=0.34)

@@ -28,6 +28,7 @@ COMMANDS = {
         "record": ("recordings", "Record a protocol's materials and the bare panel."),
         "validate": ("recordings", "Validate the synthesis on recordings, as published."),
         "spectrum": ("recordings", "Print and plot the spectrum of a recording."),
+        "tap": ("tap", "Fit recorded taps, and compute an impact on a virtual block."),
     },
     "Run sessions": {
         "enrol": ("laboratory", "Enrol the next participant of a study."),

@@ -180,7 +180,7 @@ def rechained(journal: bytes, head: Path, draws: random.Random) -> bytes:
 COMMANDS = (
     *("check", "power", "plan", "rehearse", "seal", "doctor", "calibrate", "record", "validate", "spectrum"),
     *("enrol", "consent", "schedule", "run", "journal", "withdraw", "build", "analyse", "export", "audit"),
-    *("anchor", "verify", "import-counts", "numerics", "devices", "new", "screen", "status", "x", ""),
+    *("anchor", "verify", "import-counts", "numerics", "devices", "new", "screen", "status", "tap", "x", ""),
 )
 OPTIONS = (
     *("--participant", "--seed", "--dataset", "--out", "--json", "--rig", "--task", "--recordings", "--studies"),

@@ -22,6 +22,9 @@ NAMES = {
     "resampling.csv",
     "shaping.csv",
     "noise.csv",
+    "contact.csv",
+    "contact.png",
+    "contact.svg",
     "cases.csv",
     "numerics.md",
     "numerics.png",
@@ -125,7 +128,7 @@ def test_what_a_terminal_shows(result: Numerics) -> None:
 def test_json_has_every_row(result: Numerics) -> None:
     document = json.loads(json.dumps(report.as_dict(result), allow_nan=False))
     assert (document["failed"], document["label"]) == (result.failed, "SIMULATED spectra")
-    rows = sum(len(document[slug]) for slug in ("synthesis", "resampling", "shaping", "noise"))
+    rows = sum(len(document[slug]) for slug in ("synthesis", "resampling", "shaping", "noise", "contact"))
     assert rows == len(result.measured)
     assert len(document["cases"]) == len(result.outcomes)
     assert float(document["software"]["oracle_epsilon"]) > 0

@@ -24,6 +24,8 @@ TINY = Extent(
     budget_s=0.0,
     least_repeats=1,
     places=40,
+    diagrams=((4.5e3, 0.1),),
+    contact_steps=(8, 16, 32),
 )
 
 

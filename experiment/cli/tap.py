@@ -1,0 +1,107 @@
+"""The commands of taps: what recordings of them hold, and what an impact on a virtual block comes to."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from experiment.cli import options
+from experiment.cli.options import Json
+from experiment.errors import PalpateError
+
+commands = options.room()
+tap = typer.Typer(
+    rich_markup_mode=None,
+    help="Fit recorded taps, and compute an impact on a virtual block.",
+    epilog="Example: palpate tap fit recording.txt",
+)
+commands.add_typer(tap, name="tap")
+
+
+@tap.command("fit", epilog="Example: palpate tap fit tap-1.txt tap-2.txt --taps taps.csv")
+def fit(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RECORDING...", help="WAV files, text files with a time column, or LabVIEW files (.lvm)."
+        ),
+    ],
+    channel: Annotated[str | None, typer.Option("--channel", help="Name or number (from 1) of the channel.")] = None,
+    taps: Annotated[
+        Path | None,
+        typer.Option("--taps", help="CSV file with the columns file,surface,stiffness_n_m,speed_m_s, for L, D and f."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Fit a decaying sinusoid to each recorded tap.
+
+    Frequency f, decay B and peak are fitted from the largest sample on; clipped samples are left out and told. With
+    --taps, L and D of each surface and the exponential of f over stiffness are derived as Wellman and Howe do. A
+    recording that does not ring in a single mode is called a misfit; the exit code is 1 then.
+    """
+    from dataclasses import asdict
+
+    from experiment.recordings import tap_fit
+
+    table = tap_fit.read_taps(taps) if taps is not None else None
+    rings = [tap_fit.of_file(path, channel=channel) for path in recordings]
+    made = tap_fit.of_taps(rings, table) if table is not None else None
+    if as_json:
+        options.put({"recordings": [asdict(one) for one in rings], "set": asdict(made) if made else None})
+    else:
+        typer.echo("\n".join([*(one.text() for one in rings), *([made.text()] if made else [])]))
+    if any(one.misfit for one in rings):
+        raise typer.Exit(1)
+
+
+@tap.command(
+    "contact", epilog="Example: palpate tap contact --stiffness 2500 --damping 10 --mass 0.1 --speed 0.2 --plot tap.svg"
+)
+def contact(
+    stiffness: Annotated[float, typer.Option("--stiffness", help="Stiffness K of the block, N/m.")],
+    damping: Annotated[float, typer.Option("--damping", help="Damping C of the block, N s/m.")],
+    mass: Annotated[float, typer.Option("--mass", help="Mass M that meets the block, kg.")],
+    speed: Annotated[float, typer.Option("--speed", help="Speed at which it meets the block, m/s.")],
+    force: Annotated[
+        float, typer.Option("--force", help="Constant force that presses the mass into the block, N; below 0 it pulls.")
+    ] = 0.0,
+    law: Annotated[
+        str, typer.Option("--law", help="clamped: the force never pulls; printed: it pulls until r = 0.")
+    ] = "clamped",
+    method: Annotated[
+        str,
+        typer.Option(
+            "--method",
+            help="exact; or for comparison euler, semi-implicit euler, rk4, implicit midpoint, exponential, "
+            "rk4 with events.",
+        ),
+    ] = "exact",
+    rate: Annotated[float, typer.Option("--rate", help="Rate of the servo, Hz.")] = 2500.0,
+    plot: Annotated[
+        Path | None,
+        typer.Option("--plot", help="File for a plot of r, dr/dt and force by every method (.svg, .png or .pdf)."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Compute one impact of a mass on a virtual block.
+
+    The mass meets the block at r = 0. Release, rebound, largest penetration and energies are printed, or why there are
+    none; whether the method is stable at this rate; and the condition number, by which errors of the input grow.
+    """
+    from analysis.numerics import contact_report
+    from experiment import storage
+    from experiment.synthesis import impact
+
+    if law not in ("clamped", "printed"):
+        raise PalpateError(f"--law: got {law!r}; allowed: clamped, printed; choose one of them")
+    drawn = contact_report.KINDS
+    if plot is not None and plot.suffix.lower() not in drawn:
+        raise PalpateError(f"--plot {plot}: got the suffix '{plot.suffix}'; allowed: {', '.join(drawn)}; give one")
+    of = impact.Collision(stiffness, damping, mass, speed, force, "printed" if law == "printed" else "clamped")
+    made = impact.answer(of, method=method, rate_hz=rate)
+    if plot is not None:
+        storage.write_bytes(plot, drawn[plot.suffix.lower()](contact_report.course(of, rate_hz=rate)))
+    if as_json:
+        options.put({**made.as_dict(), "plot": str(plot) if plot else None})
+    else:
+        typer.echo(made.text() + (f"\nPlot: {plot}" if plot else ""))

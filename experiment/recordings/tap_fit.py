@@ -1,0 +1,367 @@
+"""One decaying sinusoid, fitted to the ring of a recorded tap: f, B and the peak, for `palpate tap fit`.
+
+The model is equation (2) of Wellman and Howe with a phase, and a baseline that may drift, since a recorder's does:
+
+    y(t) = exp(-B t) (s sin(2 pi f t) + c cos(2 pi f t)) + d + e t
+
+It is fitted by least squares from the largest sample on to where the envelope has fallen to `UNTIL`. Samples that the
+recorder has clipped are left out, and told. What rings in more than one mode, or in none, is called a misfit.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from io import StringIO
+from math import isfinite, log, pi
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft, optimize
+
+from experiment import storage
+from experiment.errors import RecordingError
+from experiment.recordings.readers import Recording, read
+from experiment.synthesis.tap import Exponential, Scaling, frequency_curve, scaling
+
+UNTIL = 0.25
+"""Part of the envelope at which the fit ends: -12 dB. Ours: by then the shock's other modes are small beside it, and
+the frequency of what rings has not yet gone far."""
+
+LEAST_R2 = 0.9
+"""Below this share of the variance the recording is a misfit. Ours."""
+
+FEWEST_PERIODS, FEWEST_SAMPLES = 3.0, 24
+"""What a window holds at least: fewer do not tell a frequency from a drift."""
+
+CLIPPED_RUN, CLIPPED_EDGE = 3, 2e-3
+"""A recorder clips where so many samples in a row are the very largest, and one beside them is off by such a part."""
+
+COLUMNS = ("file", "surface", "stiffness_n_m", "speed_m_s")
+
+
+@dataclass(frozen=True)
+class Ring:
+    """The ring of one recording; what was not fitted is None, and `misfit` says why.
+
+    `peak` is the envelope at the largest sample, `recorded_peak` that sample's magnitude, both in the file's `unit`.
+    `f_drift_hz` is f in the second half of the window less that in the first; `baseline_drift` is e, a second's worth.
+    """
+
+    file: str
+    channel: str
+    unit: str
+    rate_hz: float
+    recorded_peak: float
+    clipped_samples: int
+    clipped_at: tuple[float, ...]
+    window_s: tuple[float, float] | None = None
+    f_hz: float | None = None
+    decay_per_s: float | None = None
+    peak: float | None = None
+    baseline: float | None = None
+    baseline_drift: float | None = None
+    f_drift_hz: float | None = None
+    r2: float | None = None
+    misfit: str = ""
+
+    def text(self) -> str:
+        """Return the fit in a few lines."""
+        unit = f" {self.unit}" if self.unit else ""
+        lines = [f"{self.file}: {self.channel}, {self.rate_hz:.6g} Hz"]
+        if self.misfit:
+            lines.append(f"  MISFIT: {self.misfit}")
+        else:
+            assert self.window_s is not None  # noqa: S101
+            begins, ends = self.window_s
+            drift = "is too short to tell" if self.f_drift_hz is None else f"{self.f_drift_hz:+.2f} Hz"
+            lines += [
+                f"  f {self.f_hz:.2f} Hz, B {self.decay_per_s:.2f} /s, peak {self.peak:.4g}{unit}, R2 {self.r2:.4f}",
+                f"  from {begins:.5g} to {ends:.5g} s; drift of f from the first half to the second {drift}, of the "
+                f"baseline {self.baseline_drift:+.3g}{unit} a second",
+            ]
+        if self.clipped_samples:
+            levels = " and ".join(f"{level:.4g}" for level in self.clipped_at)
+            lines.append(
+                f"  The peaks are clipped: {self.clipped_samples} samples at {levels}{unit} are left out, and the true "
+                "peak is above that."
+            )
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class _Fit:
+    f_hz: float
+    decay_per_s: float
+    envelope: float
+    baseline: float
+    baseline_drift: float
+    r2: float
+
+
+def of_file(path: Path, *, channel: str | None = None) -> Ring:
+    """Return the fit of one channel of a file. Raises `RecordingError` as `readers.read` does."""
+    return ring(read(path, channel=channel))
+
+
+def ring(recording: Recording) -> Ring:
+    """Return the fit of the ring of a recording, or why there is none."""
+    y, rate = recording.samples, recording.rate_hz
+    clipped = clipped_samples(y)
+    quiet = float(np.median(y))
+    largest = int(np.argmax(np.abs(y - quiet)))
+    known = Ring(
+        file=recording.file,
+        channel=recording.channel,
+        unit=recording.unit,
+        rate_hz=rate,
+        recorded_peak=float(np.abs(y[largest])),
+        clipped_samples=int(np.count_nonzero(clipped)),
+        clipped_at=tuple(sorted(set(y[clipped].tolist()))),
+    )
+
+    def misfit(why: str) -> Ring:
+        return Ring(**{**asdict(known), "misfit": why})
+
+    tail, kept = y[largest:], ~clipped[largest:]
+    if tail.size < FEWEST_SAMPLES:
+        return misfit(
+            f"{tail.size} samples follow the largest one, and {FEWEST_SAMPLES} are needed. Record on after the tap."
+        )
+    if not np.abs(tail - quiet).max() > 1e-12 * max(np.abs(y).max(), 1e-300):
+        return misfit("nothing moves. Check the sensor and the channel.")
+    fit = _fitted(tail, kept, rate, *_guess(tail, kept, rate))
+    if fit is None:
+        return misfit(_NO_MODE)
+    size = tail.size
+    for _ in range(3):
+        wanted = round(rate * max(log(1 / UNTIL) / fit.decay_per_s, FEWEST_PERIODS / fit.f_hz))
+        size = min(max(wanted, FEWEST_SAMPLES), tail.size)
+        again = _fitted(tail[:size], kept[:size], rate, fit.f_hz, fit.decay_per_s)
+        if again is None:
+            return misfit(_NO_MODE)
+        fit = again
+    if fit.r2 < LEAST_R2:
+        return misfit(
+            f"the best decaying sinusoid, at {fit.f_hz:.4g} Hz, explains {max(fit.r2, 0):.0%} of the variance, and "
+            f"{LEAST_R2:.0%} are needed. {_NO_MODE}"
+        )
+    if size * fit.f_hz / rate < FEWEST_PERIODS - 0.5:
+        return misfit(f"{size * fit.f_hz / rate:.1f} periods fit into the ring, and {FEWEST_PERIODS:g} are needed.")
+    half = size // 2
+    halves = [
+        _fitted(tail[part], kept[part], rate, fit.f_hz, fit.decay_per_s) for part in (slice(half), slice(half, size))
+    ]
+    early, late = (one.f_hz if one else float("nan") for one in halves)
+    return Ring(
+        **{
+            **asdict(known),
+            "window_s": (largest / rate, (largest + size) / rate),
+            "f_hz": fit.f_hz,
+            "decay_per_s": fit.decay_per_s,
+            "peak": fit.envelope,
+            "baseline": fit.baseline,
+            "baseline_drift": fit.baseline_drift,
+            "f_drift_hz": late - early if isfinite(late - early) else None,
+            "r2": fit.r2,
+        }
+    )
+
+
+_NO_MODE = "There is no single mode that rings and dies away: look at it with `palpate spectrum`."
+
+
+def clipped_samples(samples: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which samples a recorder has clipped, shape (n,), in the shape of those that came in.
+
+    They are runs of `CLIPPED_RUN` or more at the largest or the smallest value, into or out of which there is a step:
+    the top of a slow wave is flat as well, and its steps are those of the converter. Where one run was clipped, every
+    sample at that value was.
+    """
+    found = np.zeros(samples.size, dtype=np.bool_)
+    spread = float(np.ptp(samples))
+    for level in (samples.max(), samples.min()):
+        at = samples == level
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], at, [False]]).astype(np.int8)))
+        for begins, ends in edges.reshape(-1, 2).tolist():
+            beside = [samples[i] for i in (begins - 1, ends) if 0 <= i < samples.size]
+            steps = [abs(value - level) for value in beside]
+            if ends - begins >= CLIPPED_RUN and steps and max(steps) > CLIPPED_EDGE * spread:
+                found |= at
+                break
+    return found
+
+
+def _guess(tail: NDArray[np.float64], kept: NDArray[np.bool_], rate: float) -> tuple[float, float]:
+    """Return a frequency from the spectrum, Hz, and a decay from the energy of the first and the second half, 1/s."""
+    swing = np.where(kept, tail - tail[kept].mean(), 0.0)
+    amplitudes = np.abs(fft.rfft(swing, 4 * swing.size))
+    f = max(int(np.argmax(amplitudes)), 1) * rate / (4 * swing.size)
+    half = swing.size // 2
+    early, late = float(np.sum(swing[:half] ** 2)), float(np.sum(swing[half : 2 * half] ** 2))
+    decay = log(early / late) * rate / (2 * half) if 0 < late < early else rate / swing.size
+    return f, max(decay, rate / (10 * swing.size))
+
+
+def _fitted(
+    samples: NDArray[np.float64], kept: NDArray[np.bool_], rate: float, f_hz: float, decay_per_s: float
+) -> _Fit | None:
+    """Return the best fit near a frequency and a decay; None where it does not ring, or does not die away."""
+    t = np.arange(samples.size) / rate
+    wanted, times = samples[kept], t[kept]
+    if wanted.size < FEWEST_SAMPLES // 2:
+        return None
+
+    def solved(shape: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        f, decay = shape
+        envelope = np.exp(np.clip(-decay * times, -700.0, 50.0))
+        terms = np.stack(
+            [
+                envelope * np.sin(2 * pi * f * times),
+                envelope * np.cos(2 * pi * f * times),
+                np.ones_like(times),
+                times * rate / samples.size,
+            ],
+            axis=1,
+        )
+        weights = np.linalg.lstsq(terms, wanted, rcond=None)[0]
+        return weights, terms @ weights - wanted
+
+    found = optimize.least_squares(
+        lambda shape: solved(shape)[1], (f_hz, decay_per_s), x_scale=(max(f_hz, 1e-9), max(decay_per_s, 1e-9))
+    )
+    f, decay = found.x.tolist()
+    weights, residual = solved(found.x)
+    variance = float(np.sum((wanted - wanted.mean()) ** 2))
+    if not (0 < f < rate / 2 and decay > 0 and variance > 0):
+        return None
+    return _Fit(
+        f_hz=f,
+        decay_per_s=decay,
+        envelope=float(np.hypot(weights[0], weights[1])),
+        baseline=float(weights[2]),
+        baseline_drift=float(weights[3]) * rate / samples.size,
+        r2=1 - float(np.sum(residual**2)) / variance,
+    )
+
+
+@dataclass(frozen=True)
+class TapSet:
+    """Taps at several speeds: L and D of each surface, in the order of the table, and f over stiffness.
+
+    `unscaled` holds a sentence for each surface without L and D; `curve` is None where `no_curve` says why.
+    """
+
+    surfaces: tuple[str, ...]
+    stiffness_n_m: tuple[float, ...]
+    f_hz: tuple[float, ...]
+    scalings: tuple[Scaling | None, ...]
+    unscaled: tuple[str, ...]
+    curve: Exponential | None
+    no_curve: str
+
+    def text(self) -> str:
+        """Return the same for a reader."""
+        lines = ["Amplitude A = L D V, L being that at 0.2 m/s:"]
+        for name, made in zip(self.surfaces, self.scalings, strict=True):
+            if made:
+                worst = max(map(abs, made.misfits))
+                lines.append(
+                    f"  {name}: L {made.amplitude:.4g}, D {made.per_speed_s_m:.4g} s/m, off by up to {worst:.1%} of L"
+                )
+        lines += [f"  {sentence}" for sentence in self.unscaled]
+        if self.curve is None:
+            return "\n".join([*lines, self.no_curve])
+        lines.append(
+            f"Frequency over stiffness: f = {self.curve.at_zero_hz:.4g} Hz exp(K / {self.curve.per_n_m:.4g} N/m), "
+            f"R2 of ln f {self.curve.r2:.3f}"
+        )
+        for name, k, f in zip(self.surfaces, self.stiffness_n_m, self.f_hz, strict=True):
+            fitted = self.curve.at(k)
+            lines.append(f"  {name}: {k:g} N/m, {f:.4g} Hz, fitted {fitted:.4g} Hz ({fitted / f - 1:+.0%})")
+        return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class Tapped:
+    """A row of the table of taps: which surface, N/m, was tapped how fast, m/s, in which file."""
+
+    file: str
+    surface: str
+    stiffness_n_m: float
+    speed_m_s: float
+
+
+def read_taps(path: Path) -> tuple[Tapped, ...]:
+    """Return the table of taps: a CSV file with the columns `COLUMNS`; files are named as they are beside the table.
+
+    Raises `RecordingError` for a table that cannot be read, other columns, or numbers that are not above zero.
+    """
+    try:
+        text = storage.read_bytes(path).decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path}: cannot be read ({error}); allowed: a CSV file; name another file") from error
+    rows = list(csv.DictReader(StringIO(text)))
+    if not rows or set(rows[0]) != set(COLUMNS):
+        raise RecordingError(
+            f"{path}: got the columns {', '.join(map(str, rows[0])) if rows else '(none)'}; allowed: "
+            f"{', '.join(COLUMNS)}, with a row for each recording; correct the heading"
+        )
+    taps = []
+    for line, row in enumerate(rows, start=2):
+        try:
+            stiffness, speed = float(row["stiffness_n_m"] or ""), float(row["speed_m_s"] or "")
+        except (TypeError, ValueError):
+            stiffness = speed = float("nan")
+        if not (0 < stiffness < float("inf") and 0 < speed < float("inf")):
+            raise RecordingError(
+                f"{path}: line {line}: got {row['stiffness_n_m']!r} N/m and {row['speed_m_s']!r} m/s; allowed: finite "
+                "numbers above zero; correct the line"
+            )
+        taps.append(Tapped(row["file"], row["surface"], stiffness, speed))
+    return tuple(taps)
+
+
+def of_taps(rings: Sequence[Ring], taps: Sequence[Tapped]) -> TapSet:
+    """Return L, D and the curve of frequency over stiffness from the fits, as the paper derives them.
+
+    Raises `RecordingError` for a recording that the table does not name, or a surface with two stiffnesses.
+    """
+    by_name = {Path(one.file).name: one for one in taps}
+    found: dict[str, list[tuple[Tapped, Ring]]] = {}
+    for one in rings:
+        tap = by_name.get(Path(one.file).name)
+        if tap is None:
+            raise RecordingError(f"{one.file}: the table of taps does not name it; add a line for it")
+        group = found.setdefault(tap.surface, [])
+        if group and group[0][0].stiffness_n_m != tap.stiffness_n_m:
+            raise RecordingError(
+                f"{one.file}: got {tap.stiffness_n_m:g} N/m for {tap.surface}, and {group[0][0].stiffness_n_m:g} N/m "
+                "before; allowed: one stiffness for a surface; correct the table"
+            )
+        if not one.misfit:
+            group.append((tap, one))
+    whole = {name: group for name, group in found.items() if group}
+    scalings: list[Scaling | None] = []
+    unscaled = [f"{name}: no recording of it was fitted." for name in found if name not in whole]
+    for name, group in whole.items():
+        speeds, peaks = [tap.speed_m_s for tap, _ in group], [one.peak or 0.0 for _, one in group]
+        if len(set(speeds)) < 2:
+            unscaled.append(f"{name}: L and D take two speeds or more; tap on it at another one.")
+            scalings.append(None)
+        else:
+            scalings.append(scaling(speeds, peaks))
+    stiffness = tuple(group[0][0].stiffness_n_m for group in whole.values())
+    f_hz = tuple(float(np.median([one.f_hz or 0.0 for _, one in group])) for group in whole.values())
+    enough = len(set(stiffness)) >= 2
+    return TapSet(
+        surfaces=tuple(whole),
+        stiffness_n_m=stiffness,
+        f_hz=f_hz,
+        scalings=tuple(scalings),
+        unscaled=tuple(unscaled),
+        curve=frequency_curve(stiffness, f_hz) if enough else None,
+        no_curve="" if enough else "A curve of frequency over stiffness takes surfaces of two stiffnesses or more.",
+    )

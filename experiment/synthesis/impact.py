@@ -1,0 +1,401 @@
+"""One impact: a mass meets a block's spring and damper at a speed, and is thrown back; in closed form, or in steps.
+
+The mass starts at r = 0. A constant force may press it into the block, or pull it away. The closed form goes from touch
+to release in one step (`contact`). Without a force, with a damping ratio z = C / (2 sqrt(K M)) below 1 and phi = acos
+z, it is, for the clamped law, release after 2 phi / (w sin phi) at v exp(-2 z phi / sin phi), where w = sqrt(K / M).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import ceil, inf, isfinite, log, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.errors import SynthesisError
+from experiment.synthesis import contact, stability
+from experiment.synthesis.contact import FREE, Block, Law, Motion, Switch
+from experiment.synthesis.oscillator import Oscillator, carry, moved
+from experiment.synthesis.steppers import EXACT, stepper
+
+MOST_STEPS = 200_000
+"""Steps of one impact beyond which it is refused, or taken in fewer by the exact stepper, whose error they leave."""
+
+NEARLY_CRITICAL = 1e-3
+"""How near to 1 a damping ratio is called nearly critical under the printed law."""
+
+QUANTITIES = ("release_s", "rebound_m_s", "penetration_m", "peak_s", "dissipated_j", "left_in_spring_j")
+
+
+@dataclass(frozen=True)
+class Collision:
+    """What meets what: N/m, N s/m, kg, m/s, N (positive presses the mass into the block), and the law.
+
+    Raises `SynthesisError` unless K and C are zero or more, M and the speed are above zero, and all are finite.
+    """
+
+    stiffness_n_m: float
+    damping_n_s_m: float
+    mass_kg: float
+    speed_m_s: float
+    force_n: float = 0.0
+    law: Law = "clamped"
+
+    def __post_init__(self) -> None:
+        """Refuse what is no impact."""
+        if not 0 < self.mass_kg < inf:
+            raise SynthesisError(f"mass: got {self.mass_kg:g} kg; allowed: a finite number above zero; correct it")
+        if not 0 < self.speed_m_s < inf:
+            raise SynthesisError(f"speed: got {self.speed_m_s:g} m/s; allowed: a finite number above zero; correct it")
+        _ = self.block
+
+    @cached_property
+    def block(self) -> Block:
+        """The block, whose other axis has neither spring nor damper."""
+        return self.stepped_block(0.0)
+
+    def stepped_block(self, nominal_s: float) -> Block:
+        """Return the block, prepared for steps of this length, s."""
+        return Block(
+            (self.stiffness_n_m, 0.0),
+            (self.damping_n_s_m, 0.0),
+            (self.mass_kg, self.mass_kg),
+            law=self.law,
+            force_n=(self.force_n, 0.0),
+            nominal_s=nominal_s,
+        )
+
+    @property
+    def frequency_rad_s(self) -> float:
+        """w = sqrt(K / M)."""
+        return sqrt(self.block.normal.stiffness_per_s2)
+
+    @property
+    def damping_ratio(self) -> float | None:
+        """z = C / (2 sqrt(K M)); None without a spring."""
+        of = self.block.normal
+        return of.decay_per_s / sqrt(of.stiffness_per_s2) if of.stiffness_per_s2 else None
+
+    @property
+    def nearly_critical(self) -> bool:
+        """Whether the release hangs on the last digits of the damping: see `NEARLY_CRITICAL`."""
+        of = self.block.normal
+        if self.law != "printed" or of.split_per_s2 >= 0:
+            return False
+        return -of.split_per_s2 < 2 * NEARLY_CRITICAL * of.stiffness_per_s2
+
+
+@dataclass(frozen=True)
+class Impact:
+    """What came of it. A quantity is None where it is not defined, and `why` says why in words.
+
+    `release_s` and `peak_s` are counted from the touch, `rebound_m_s` is a magnitude, `penetration_m` the largest,
+    which without a release may be approached and never reached (`peak_s` is None then). Energies are up to the release.
+    """
+
+    release_s: float | None
+    rebound_m_s: float | None
+    penetration_m: float | None
+    peak_s: float | None
+    dissipated_j: float | None
+    left_in_spring_j: float | None
+    why: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Course:
+    """An impact in steps: its outcome, and at each step the time, s, r, m, dr/dt, m/s, and the force, N, all (n,)."""
+
+    impact: Impact
+    times_s: NDArray[np.float64]
+    deep_m: NDArray[np.float64]
+    deep_m_s: NDArray[np.float64]
+    force_n: NDArray[np.float64]
+
+
+def closed_form(of: Collision) -> Impact:
+    """Return the exact outcome."""
+    axis, block, v = of.block.normal, of.block, of.speed_m_s
+    release, peak = contact.release_after(block, 0.0, v), contact.deepest_after(axis, 0.0, v)
+    if release == inf:
+        penetration = moved(axis, carry(axis, peak), 0.0, v)[0] if peak < inf else _approached(of)
+        return Impact(None, None, penetration, peak if peak < inf else None, None, None, _never(of, penetration, peak))
+    x, u = contact.released(block, *moved(axis, carry(axis, release), 0.0, v))
+    peak = min(peak, release)
+    deepest, _ = moved(axis, carry(axis, peak), 0.0, v)
+    lost = dissipated_j(of, release)
+    if 4 * axis.decay_per_s**2 < axis.stiffness_per_s2 and abs(axis.push_m_s2) > of.frequency_rad_s * v:
+        x, u = _by_balance(of, lost)
+    why: tuple[str, ...] = (_NEARLY_CRITICAL,) if of.nearly_critical else ()
+    rebound: float | None = abs(u)
+    if of.nearly_critical and abs(u) < 1e-290:
+        rebound, why = None, (*why, "rebound_m_s: it is below 1e-290 m/s, too small for a number.")
+    return Impact(release, rebound, deepest, peak, lost, of.stiffness_n_m * x * x / 2, why)
+
+
+_NEARLY_CRITICAL = (
+    f"The damping is within {NEARLY_CRITICAL:g} of critical, where release under the printed law is ill-conditioned: "
+    "it hangs on the last digits of K, C and M, and comes late."
+)
+
+
+def condition(of: Collision) -> float:
+    """Return the condition number of release time, rebound and penetration, whichever is largest; infinity at an edge.
+
+    It is the sum, over K, C, M, speed and force, of the relative change of a result by a relative change of the input.
+    """
+    least = 1e-5
+    while True:
+        worst = _condition(of, least)
+        if worst < inf or least < 1e-9:
+            return worst
+        least /= 100
+
+
+def _condition(of: Collision, by: float) -> float:
+    sums = dict.fromkeys(QUANTITIES[:3], 0.0)
+    here = closed_form(of)
+    for name in ("stiffness_n_m", "damping_n_s_m", "mass_kg", "speed_m_s", "force_n"):
+        value = getattr(of, name)
+        if value == 0:
+            continue
+        above, below = (closed_form(replace(of, **{name: value * factor})) for factor in (1 + by, 1 - by))
+        for quantity in sums:
+            is_, up, down = (getattr(one, quantity) for one in (here, above, below))
+            if (up is None) != (is_ is None) or (down is None) != (is_ is None):
+                return inf
+            if up and down:
+                sums[quantity] += abs(log(up / down)) / (2 * by)
+    return max(sums.values())
+
+
+def _by_balance(of: Collision, lost_j: float) -> tuple[float, float]:
+    """Return penetration and rate at a release from the energy, and from K r + C dr/dt = 0, or r = 0.
+
+    A strong force moves the mass at many times the speeds of touch and release, which have lost digits by then.
+    """
+    axis = of.block.normal
+    lag = 2 * axis.decay_per_s / axis.stiffness_per_s2 if of.block.clamps else 0.0
+    energy = of.speed_m_s**2 - 2 * lost_j / of.mass_kg
+    of_square, half = 1 + axis.stiffness_per_s2 * lag * lag, axis.push_m_s2 * lag
+    root = sqrt(max(half * half + of_square * energy, 0.0))
+    speed = (half + root) / of_square if half > 0 else energy / (root - half) if root > half else 0.0
+    return lag * speed, -speed
+
+
+def dissipated_j(of: Collision, until_s: float) -> float:
+    """Return the energy that the damper takes from the touch until `until_s`, J, with its digits.
+
+    C times the integral of (dr/dt)^2 is summed at Gauss's 48 points while fewer than 10 rates of decay and one turn go
+    by; later the damper has most of the energy, and has the balance of what is left.
+    """
+    axis, v = of.block.normal, of.speed_m_s
+    if of.damping_n_s_m == 0:
+        return 0.0
+    rate = axis.fast_per_s or axis.decay_per_s
+    if rate * until_s < 10 and axis.root_per_s * until_s < 10:
+        nodes, weights = np.polynomial.legendre.leggauss(48)
+        times = (until_s * (nodes + 1) / 2).tolist()
+        squares = [moved(axis, carry(axis, t), 0.0, v)[1] ** 2 for t in times]
+        return float(of.damping_n_s_m * until_s / 2 * np.dot(weights, squares))
+    x, u = moved(axis, carry(axis, until_s), 0.0, v)
+    return balance_j(of, x, u)
+
+
+def balance_j(of: Collision, x: float, u: float) -> float:
+    """Return what is lost of the energy that a mass brought, at penetration x, m, and rate u, m/s, J."""
+    kept = of.mass_kg * u * u + of.stiffness_n_m * x * x
+    return (of.mass_kg * of.speed_m_s**2 - kept) / 2 + of.force_n * x
+
+
+def in_steps(of: Collision, *, method: str = EXACT, rate_hz: float, phase: float = 0.0) -> Course:
+    """Return the same by one of `steppers.STEPPERS`, in steps of 1 / `rate_hz`, to the release or where there is none.
+
+    `phase` is how far into its first step the mass touches, as a part of the step. Where nothing is released, the
+    course goes on for four times as long as the mass takes to its deepest place. Raises `SynthesisError` for a rate
+    that is not above zero and finite, an unknown method, or more than `MOST_STEPS` steps of a method other than the
+    exact one.
+    """
+    if not 0 < rate_hz < inf:
+        raise SynthesisError(f"rate: got {rate_hz:g} Hz; allowed: a finite number above zero; correct it")
+    if not 0 <= phase < 1:
+        raise SynthesisError(f"phase: got {phase:g}; allowed: 0 to below 1; correct it")
+    once, dt = stepper(method), 1 / rate_hz
+    exact = closed_form(of)
+    longest = 4 * (exact.release_s or exact.peak_s or _settles_s(of.block.normal))
+    if longest / dt + 4 > MOST_STEPS:
+        if method != EXACT:
+            raise SynthesisError(
+                f"rate: got {rate_hz:g} Hz for a contact of {longest / 4:.3g} s; allowed: up to "
+                f"{MOST_STEPS / longest:.3g} Hz there; choose a lower rate"
+            )
+        dt = longest / MOST_STEPS
+    block, steps = of.stepped_block(dt), ceil(longest / dt) + 4
+    # A free mass flies on a parabola: begun a part of a step earlier, so that it is at the face at the speed asked for.
+    push, early = block.normal.push_m_s2, phase * dt
+    at = Motion(FREE, -early * (of.speed_m_s - push * early / 2), of.speed_m_s - push * early)
+    rows, seen = [(at, 0.0)], list[Switch]()
+    for _ in range(steps):
+        at, switches = once(block, at, dt)
+        seen += switches
+        rows.append((at, block.force_at(at)[0]))
+        if (switches and switches[-1].kind == "release") or not (isfinite(at.deep_m) and isfinite(at.deep_m_s)):
+            break
+    deep, speed, force = np.array([(one.deep_m, one.deep_m_s, force) for one, force in rows], dtype=np.float64).T
+    times = np.arange(len(rows), dtype=np.float64) * dt - early
+    return Course(_outcome(of, exact, method, seen, steps * dt), times, deep, speed, force)
+
+
+def _outcome(of: Collision, exact: Impact, method: str, seen: list[Switch], lasted_s: float) -> Impact:
+    released = next((one for one in seen if one.kind == "release"), None)
+    deepest = next((one for one in seen if one.kind == "deepest"), None)
+    penetration, peak = (deepest.deep_m, deepest.since_s) if deepest else (None, None)
+    if deepest is None and exact.peak_s is None:
+        penetration = exact.penetration_m
+    if released is None:
+        why = exact.why
+        if exact.release_s is not None:
+            why = (f"'{method}' does not release the mass within {lasted_s:.3g} s at this rate.",)
+        return Impact(None, None, penetration, peak, None, None, why)
+    x, u = released.deep_m, released.deep_m_s
+    lost = dissipated_j(of, released.since_s) if method == EXACT else balance_j(of, x, u)
+    why = exact.why if exact.release_s is not None else ("By its error, the method releases what is never released.",)
+    rebound = None if exact.release_s is not None and exact.rebound_m_s is None else abs(u)
+    return Impact(released.since_s, rebound, penetration, peak, lost, of.stiffness_n_m * x * x / 2, why)
+
+
+def _settles_s(axis: Oscillator) -> float:
+    """Return a time in which what has no deepest place shows where it goes."""
+    rate = axis.decay_per_s or sqrt(axis.stiffness_per_s2)
+    return 5 / rate if rate else 1.0
+
+
+def _approached(of: Collision) -> float | None:
+    """Return the penetration that a mass approaches and never reaches; None where it goes on without an end."""
+    if of.stiffness_n_m:
+        return of.force_n / of.stiffness_n_m
+    return of.mass_kg * of.speed_m_s / of.damping_n_s_m if of.damping_n_s_m and of.force_n == 0 else None
+
+
+def _never(of: Collision, penetration: float | None, peak: float) -> tuple[str, ...]:
+    """Return why there is no release, and what else is not defined for that reason."""
+    nothing = "release_s, rebound_m_s, dissipated_j and left_in_spring_j: "
+    if of.force_n > 0 and of.stiffness_n_m:
+        why = "the force holds the mass in the block, where it comes to rest at F / K."
+        if of.damping_n_s_m == 0:
+            why = "the force holds the mass in the block, where it swings about F / K."
+    elif of.force_n > 0:
+        why = "there is no spring, and the force drives the mass on into the block."
+    elif of.stiffness_n_m == 0:
+        why = "there is no spring, and nothing throws the mass back."
+    else:
+        why = "the damping is critical or above, and the printed law brings the mass back to r = 0 in no finite time."
+    deep: tuple[str, ...] = ()
+    if penetration is None:
+        deep = ("penetration_m and peak_s: the mass goes deeper without an end.",)
+    elif peak == inf:
+        deep = ("peak_s: the largest penetration is approached and never reached.",)
+    return (nothing + why, *deep)
+
+
+def energies_j(of: Collision, course: Course) -> NDArray[np.float64]:
+    """Return the energy of a mass and its spring at each step, without the work of the force, J, shape (n,).
+
+    Outside of the block the spring holds none; between release and face it keeps what it was left with.
+    """
+    spring = of.stiffness_n_m * np.maximum(course.deep_m, 0.0) ** 2 / 2
+    return of.mass_kg * course.deep_m_s**2 / 2 + spring - of.force_n * course.deep_m
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What `palpate tap contact` says of an impact: by which method, at which rate, stable or not.
+
+    `h_w` is the step times w = sqrt(K / M), `limit_h_w` the largest stable one, None where every step is stable.
+    `condition` is the condition number, None where the outcome changes its kind within a rounding.
+    """
+
+    of: Collision
+    method: str
+    rate_hz: float
+    impact: Impact
+    stable: bool
+    h_w: float
+    limit_h_w: float | None
+    condition: float | None
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the same for JSON; a quantity that is not defined is null, and `why` says why."""
+        of, made = self.of, self.impact
+        return {
+            "stiffness_n_m": of.stiffness_n_m,
+            "damping_n_s_m": of.damping_n_s_m,
+            "mass_kg": of.mass_kg,
+            "speed_m_s": of.speed_m_s,
+            "force_n": of.force_n,
+            "law": of.law,
+            "method": self.method,
+            "rate_hz": self.rate_hz,
+            "damping_ratio": of.damping_ratio,
+            **{name: getattr(made, name) for name in QUANTITIES},
+            "why": " ".join(made.why) or None,
+            "condition": self.condition,
+            "stable": self.stable,
+            "h_w": self.h_w,
+            "limit_h_w": self.limit_h_w,
+        }
+
+    def text(self) -> str:
+        """Return the same for a reader, in a few lines."""
+        of, made = self.of, self.impact
+        ratio = "no spring" if of.damping_ratio is None else f"damping ratio {of.damping_ratio:.4g}"
+        lines = [
+            f"{of.mass_kg:g} kg meets {of.stiffness_n_m:g} N/m and {of.damping_n_s_m:g} N s/m at {of.speed_m_s:g} m/s "
+            f"under {of.force_n:g} N: {ratio}, law '{of.law}', method '{self.method}' at {self.rate_hz:g} Hz",
+        ]
+        for name, shown, unit in (
+            ("release_s", "release", "s after the touch"),
+            ("rebound_m_s", "rebound", "m/s"),
+            ("penetration_m", "penetration", "m at most"),
+            ("peak_s", "peak", "s after the touch"),
+            ("dissipated_j", "dissipated", "J in the damper"),
+            ("left_in_spring_j", "left in spring", "J at the release"),
+        ):
+            value = getattr(made, name)
+            lines.append(f"  {shown:15} {'not defined' if value is None else f'{value:.12g} {unit}'}")
+        lines += [f"  {sentence}" for sentence in made.why]
+        known = "not finite" if self.condition is None else f"{self.condition:.3g}"
+        lines.append(f"  condition number {known}: relative errors of the input grow by it")
+        bound = "every step is" if self.limit_h_w is None else f"up to {self.limit_h_w:.4g} is"
+        verdict = "stable" if self.stable else "NOT STABLE"
+        lines.append(f"  the method is {verdict} in this contact: h w = {self.h_w:.4g}, {bound} stable")
+        return "\n".join(lines)
+
+
+def answer(of: Collision, *, method: str = EXACT, rate_hz: float) -> Answer:
+    """Return what comes of an impact by a method, and whether it is stable at this rate.
+
+    The exact stepper's error does not depend on the step, so it goes from touch to release in one. Errors are those of
+    `in_steps`.
+    """
+    stepper(method)
+    if not 0 < rate_hz < inf:
+        raise SynthesisError(f"rate: got {rate_hz:g} Hz; allowed: a finite number above zero; correct it")
+    made = closed_form(of) if method == EXACT else in_steps(of, method=method, rate_hz=rate_hz).impact
+    case = {"stiffness_n_m": of.stiffness_n_m, "damping_n_s_m": of.damping_n_s_m, "mass_kg": of.mass_kg}
+    most = inf
+    if of.damping_ratio is not None:
+        most = stability.limit(method, damping_ratio=of.damping_ratio)
+    number = condition(of)
+    return Answer(
+        of,
+        method,
+        rate_hz,
+        made,
+        stability.stable(method, **case, step_s=1 / rate_hz),
+        of.frequency_rad_s / rate_hz,
+        most if most < inf else None,
+        number if number < inf else None,
+    )

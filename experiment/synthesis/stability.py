@@ -1,0 +1,241 @@
+"""How stiff a block may be: stability of the steppers, and passivity of a force that a servo holds between samples.
+
+In contact a stepper multiplies (r, h dr/dt) by one matrix a step, its amplification matrix. It is stable while no
+eigenvalue of it is larger than 1. All matrices are written in K h^2 / M and C h / M, h being the step.
+
+Passivity is another matter: a force that is held for a period T, and comes late, gives energy to the hand whichever way
+it was computed. A sampled wall H(z) in front of a device with the damping b is passive where, for 0 < w <= pi / T,
+
+    b > (T / 2) / (1 - cos w T) Re{(1 - exp(-j w T)) H(exp(j w T))}
+
+(Colgate and Schenkel, "Passivity of a class of sampled-data systems: application to haptic interfaces", Journal of
+Robotic Systems 14, 1997). For a spring and a damper by backward difference, H = (K + C (1 - 1/z) / T) exp(-j w d) with
+a delay d, the right side is
+
+    (K T / 2) sin((1/2 + n) q) / sin(q / 2) - C cos((1 + n) q),    q = w T, n = d / T
+
+which without delay is largest at q = pi: b > K T / 2 + |C|. The wall is held: a block that gives way asks for less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import inf, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.errors import SynthesisError
+from experiment.synthesis.oscillator import carry, oscillator
+from experiment.synthesis.steppers import EXACT, stepper
+
+UNSTABLE = 1e-14
+"""By how much the largest eigenvalue may be above 1 by rounding."""
+
+PAPER_RATE_HZ, PAPER_STIFFNESS_N_M, PAPER_DAMPING_N_S_M = 2500.0, 2500.0, 100.0
+"""The servo and the block of Wellman and Howe's virtual task; the paper prints no mass, and N/m/s for the damping."""
+
+
+class Matrix(NamedTuple):
+    """A matrix of two rows: (r, h dr/dt) after a step from those before it."""
+
+    rr: float
+    ru: float
+    ur: float
+    uu: float
+
+    @property
+    def radius(self) -> float:
+        """The magnitude of its largest eigenvalue."""
+        half, det = (self.rr + self.uu) / 2, self.rr * self.uu - self.ru * self.ur
+        inside = ((self.rr - self.uu) / 2) ** 2 + self.ru * self.ur
+        return abs(half) + sqrt(inside) if inside >= 0 else sqrt(max(det, 0.0))
+
+
+def amplification(method: str, *, stiffness: float, damping: float) -> Matrix:
+    """Return a stepper's amplification matrix at K h^2 / M and C h / M.
+
+    Raises `SynthesisError` for an unknown method.
+    """
+    stepper(method)
+    k, c = stiffness, damping
+    if method == "euler":
+        return Matrix(1.0, 1.0, -k, 1 - c)
+    if method == "semi-implicit euler":
+        return Matrix(1 - k, 1 - c, -k, 1 - c)
+    if method == "implicit midpoint":
+        under = 1 + c / 2 + k / 4
+        return Matrix((1 + c / 2 - k / 4) / under, 1 / under, -k / under, (1 - c / 2 - k / 4) / under)
+    if method.startswith("rk4"):
+        one = np.array([[0.0, 1.0], [-k, -c]])
+        powers = np.eye(2) + one @ (np.eye(2) + one / 2 @ (np.eye(2) + one / 3 @ (np.eye(2) + one / 4)))
+        return Matrix(*powers.ravel().tolist())
+    by = carry(oscillator(stiffness_n_m=k, damping_n_s_m=c, mass_kg=1.0), 1.0)
+    return Matrix(by.kept + by.of_y, by.s_s, -by.pull_per_s, by.kept + by.of_speed)
+
+
+def stable(method: str, *, stiffness_n_m: float, damping_n_s_m: float, mass_kg: float, step_s: float) -> bool:
+    """Return whether a stepper is stable in contact, at this length of its step."""
+    size = step_s * step_s / mass_kg
+    if method in (EXACT, "exponential", "implicit midpoint"):
+        # Every eigenvalue is exp of, or a Cayley transform of, what has no positive real part.
+        return True
+    matrix = amplification(method, stiffness=stiffness_n_m * size, damping=damping_n_s_m * step_s / mass_kg)
+    return matrix.radius <= 1 + UNSTABLE
+
+
+def limit(method: str, *, damping_ratio: float) -> float:
+    """Return the largest stable h w, w = sqrt(K / M); infinity where every step is stable, 0 where none is.
+
+    The first unstable step of a rising series is bisected. Raises `SynthesisError` for an unknown method or a damping
+    ratio that is not finite and zero or more.
+    """
+    stepper(method)
+    if not 0 <= damping_ratio < inf:
+        raise SynthesisError(f"damping ratio: got {damping_ratio}; allowed: finite, zero or more; correct it")
+
+    def holds(h_w: float) -> bool:
+        damping = 2 * damping_ratio * h_w
+        return stable(method, stiffness_n_m=h_w * h_w, damping_n_s_m=damping, mass_kg=1.0, step_s=1.0)
+
+    fast = max(damping_ratio + sqrt(max(damping_ratio**2 - 1, 0.0)), 1.0)
+    return _last(holds, 1e-5 / fast, 1e3 / fast)
+
+
+def largest_stable_n_m(method: str, *, damping_n_s_m: float, mass_kg: float, rate_hz: float) -> float:
+    """Return the largest stiffness at which a stepper is stable, N/m; infinity where all are, 0 where none is."""
+
+    def holds(stiffness_n_m: float) -> bool:
+        return stable(
+            method, stiffness_n_m=stiffness_n_m, damping_n_s_m=damping_n_s_m, mass_kg=mass_kg, step_s=1 / rate_hz
+        )
+
+    unit = mass_kg * rate_hz**2
+    return _last(holds, 1e-9 * unit, 1e3 * unit)
+
+
+def needed_damping_n_s_m(*, stiffness_n_m: float, damping_n_s_m: float, period_s: float, delay_s: float = 0.0) -> float:
+    """Return the physical damping b that a device needs for a sampled wall to be passive, N s/m (see the module).
+
+    Raises `SynthesisError` unless K, C and the delay are finite and zero or more, and the period is above zero.
+    """
+    _sampled(stiffness_n_m, damping_n_s_m, period_s, delay_s)
+    if delay_s == 0:
+        return stiffness_n_m * period_s / 2 + damping_n_s_m
+    n = delay_s / period_s
+    spring, damper = _bounds(n)
+    return float(np.max(stiffness_n_m * period_s / 2 * spring - damping_n_s_m * damper))
+
+
+def largest_passive_n_m(
+    *, device_damping_n_s_m: float, damping_n_s_m: float, period_s: float, delay_s: float = 0.0
+) -> float:
+    """Return the largest passive stiffness for a device with this physical damping, N/m; 0 where there is none."""
+    _sampled(device_damping_n_s_m, damping_n_s_m, period_s, delay_s)
+    spring, damper = _bounds(delay_s / period_s)
+    spare = device_damping_n_s_m + damping_n_s_m * damper
+    if np.any(spare < 0):
+        return 0.0
+    return float(np.min(spare[spring > 0] / (period_s / 2 * spring[spring > 0])))
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """The largest stiffness that a rate, a mass and a device allow, N/m, and what sets it."""
+
+    stiffness_n_m: float
+    stepper_n_m: float
+    passive_n_m: float
+
+    @property
+    def text(self) -> str:
+        """The same in a sentence."""
+        if self.stiffness_n_m == 0:
+            return "No stiffness is allowed: the damping alone is more than the device or the stepper bears."
+        by = "the device's own damping" if self.passive_n_m <= self.stepper_n_m else "the stepper"
+        return f"A stiffness up to {self.stiffness_n_m:.4g} N/m is allowed; {by} sets it."
+
+
+def allowed(
+    *,
+    rate_hz: float,
+    mass_kg: float,
+    damping_n_s_m: float,
+    device_damping_n_s_m: float,
+    delay_s: float = 0.0,
+    method: str = EXACT,
+) -> Allowed:
+    """Return the largest stiffness for a servo of this rate, Hz, whose forces arrive `delay_s` late, s.
+
+    The block has the mass, kg, and the damping, N s/m; the device has a physical damping, N s/m. Raises
+    `SynthesisError` for an unknown method, a rate or a mass that is not above zero and finite, or what
+    `needed_damping_n_s_m` refuses.
+    """
+    if not 0 < rate_hz < inf or not mass_kg > 0:
+        raise SynthesisError(
+            f"servo: got {rate_hz:g} Hz and {mass_kg:g} kg; allowed: a finite rate and a mass above zero; correct them"
+        )
+    passive = largest_passive_n_m(
+        device_damping_n_s_m=device_damping_n_s_m,
+        damping_n_s_m=damping_n_s_m,
+        period_s=1 / rate_hz,
+        delay_s=delay_s,
+    )
+    by_stepper = inf
+    if mass_kg < inf:
+        by_stepper = largest_stable_n_m(method, damping_n_s_m=damping_n_s_m, mass_kg=mass_kg, rate_hz=rate_hz)
+    return Allowed(min(passive, by_stepper), by_stepper, passive)
+
+
+def of_the_paper() -> str:
+    """Return the verdict on the paper's block, 2500 N/m and 100 N s/m at 2.5 kHz, in whole sentences."""
+    period = 1 / PAPER_RATE_HZ
+    needed = needed_damping_n_s_m(stiffness_n_m=PAPER_STIFFNESS_N_M, damping_n_s_m=PAPER_DAMPING_N_S_M, period_s=period)
+    late = needed_damping_n_s_m(
+        stiffness_n_m=PAPER_STIFFNESS_N_M, damping_n_s_m=PAPER_DAMPING_N_S_M, period_s=period, delay_s=period
+    )
+    lightest = PAPER_DAMPING_N_S_M * period / 2
+    return (
+        f"The paper's block of {PAPER_STIFFNESS_N_M:g} N/m and {PAPER_DAMPING_N_S_M:g} N s/m at "
+        f"{PAPER_RATE_HZ:g} Hz is passive only in front of a device with {needed:.4g} N s/m of its own "
+        f"({late:.4g} N s/m if the force comes a period late). A direct drive that was built for little friction has "
+        "far less, so passivity does not explain why it was stable; the fingers that held it, and the mass of the "
+        "block, which the paper does not print, may. The damper asks for nearly all of it: the spring alone would need "
+        f"{PAPER_STIFFNESS_N_M * period / 2:g} N s/m. By explicit Euler the block itself would be unstable below a "
+        f"mass of about {lightest:.3g} kg."
+    )
+
+
+def _last(holds: Callable[[float], bool], first: float, last: float) -> float:
+    """Return where a rising series first ceases to hold, bisected; infinity if it never does, 0 if it never did."""
+    good = 0.0
+    for bad in np.geomspace(first, last, 400).tolist():
+        if not holds(bad):
+            break
+        good = bad
+    else:
+        return inf
+    if not good:
+        return 0.0
+    while bad - good > 1e-12 * bad:
+        middle = (good + bad) / 2
+        good, bad = (middle, bad) if holds(middle) else (good, middle)
+    return float(good)
+
+
+def _bounds(periods: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what multiplies K T / 2 and -C over 0 < q <= pi, for a delay of so many periods."""
+    q = np.linspace(0.0, pi, 4096 * (2 + int(periods)) + 1)
+    q[0] = 1e-9
+    return np.sin((0.5 + periods) * q) / np.sin(q / 2), np.cos((1 + periods) * q)
+
+
+def _sampled(stiffness_n_m: float, damping_n_s_m: float, period_s: float, delay_s: float) -> None:
+    given = (stiffness_n_m, damping_n_s_m, delay_s)
+    if not (all(0 <= value < inf for value in given) and 0 < period_s < inf):
+        raise SynthesisError(
+            f"wall: got {stiffness_n_m:g}, {damping_n_s_m:g} N s/m, a period of {period_s:g} s and a delay of "
+            f"{delay_s:g} s; allowed: finite numbers of zero or more, and a period above zero; correct them"
+        )

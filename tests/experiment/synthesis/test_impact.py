@@ -1,0 +1,175 @@
+"""One impact: against its closed form, and against extended precision under any force."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import acos, exp, pi, sin, sqrt
+from typing import Any
+
+import mpmath as mp
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from experiment.errors import SynthesisError
+from experiment.synthesis.impact import Collision, answer, closed_form, condition, in_steps
+from experiment.synthesis.steppers import STEPPERS
+from tests.experiment.synthesis.collisions import Exact
+from tests.experiment.synthesis.test_oscillator import RATIOS
+
+CLAIMED = 1e-11
+
+
+@st.composite
+def collisions(draw: st.DrawFn) -> Collision:
+    k = draw(
+        st.one_of(st.just(0.0), st.floats(-2.0, 9.0).map(lambda x: 10**x), st.floats(0.0, 9.0).map(lambda x: 10**x))
+    )
+    m, v = 10 ** draw(st.floats(-6.0, 0.0)), 10 ** draw(st.floats(-3.0, 0.5))
+    c = 2 * draw(RATIOS) * sqrt(k * m) if k else draw(st.sampled_from([0.0, 1e-3, 0.1, 100.0]))
+    size = v * (sqrt(k * m) + c + 1e-9)
+    force = size * draw(st.sampled_from([0.0, 1.0, -1.0])) * 10 ** draw(st.floats(-6.0, 4.0))
+    return Collision(k, c, m, v, force, draw(st.sampled_from(["clamped", "printed"])))
+
+
+@given(of=collisions())
+@settings(max_examples=60)
+def test_an_impact_is_right_to_its_digits(of: Collision) -> None:
+    made, exact = closed_form(of), Exact(of)
+    if made.release_s is None:
+        assert made.why
+        slowest = of.frequency_rad_s or of.block.normal.decay_per_s or 1.0
+        for n in range(1, 60):
+            assert exact.falls(mp.mpf(20) / slowest * n / 60) > -(mp.mpf(10) ** -25)
+        return
+    for n in range(1, 40):
+        assert exact.falls(mp.mpf(made.release_s) * n / 41) > 0
+    number = max(1.0, condition(of))
+    assume(number < 1e3)
+    wanted = exact.release(made.release_s)
+    assert wanted is not None
+    x, u = exact.motion(wanted)
+    assert abs(made.release_s / wanted - 1) <= CLAIMED * number
+    if made.rebound_m_s is not None and abs(u) > 1e-30 * of.speed_m_s:
+        assert abs(made.rebound_m_s / abs(u) - 1) <= CLAIMED * number
+    assert made.penetration_m is not None
+    assert made.peak_s is not None
+    assert abs(made.penetration_m / exact.motion(mp.mpf(made.peak_s))[0] - 1) <= CLAIMED * number
+    assert made.left_in_spring_j == pytest.approx(float(exact.k * x * x / 2 if not exact.printed else 0), rel=1e-9)
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.05, 0.5, 0.95])
+def test_the_closed_form_is_the_printed_one(ratio: float) -> None:
+    """Release after 2 phi / (w sin phi) at v exp(-2 z phi / sin phi), by hand from dr/dt and K r + C dr/dt."""
+    k, m, v = 4500.0, 0.1, 0.2
+    made, phi = closed_form(Collision(k, 2 * ratio * sqrt(k * m), m, v)), acos(ratio)
+    assert made.release_s == pytest.approx(2 * phi / (sqrt(k / m) * sin(phi)), rel=1e-14)
+    assert made.rebound_m_s == pytest.approx(v * exp(-2 * ratio * phi / sin(phi)), rel=1e-14)
+
+
+def test_critical_damping_is_no_edge() -> None:
+    made = closed_form(Collision(2500.0, 100.0, 1.0, 0.2))
+    assert made.release_s == pytest.approx(2 / 50, rel=1e-15)
+    assert made.rebound_m_s == pytest.approx(0.2 * exp(-2), rel=1e-15)
+    beside = closed_form(Collision(2500.0, 100.0 * (1 + 2**-50), 1.0, 0.2))
+    assert beside.release_s == pytest.approx(2 / 50, rel=1e-14)
+
+
+def test_the_energy_is_all_there() -> None:
+    for of in (
+        Collision(4500.0, 1e-6, 0.1, 0.2),
+        Collision(4500.0, 10.0, 0.1, 0.2),
+        Collision(4500.0, 300.0, 0.1, 0.2),
+        Collision(4500.0, 1.0, 0.1, 0.2, -5.0),
+    ):
+        made = closed_form(of)
+        assert made.dissipated_j is not None
+        assert made.left_in_spring_j is not None
+        assert made.rebound_m_s is not None
+        exact = Exact(of)
+        lost = mp.mpf(of.damping_n_s_m) * mp.quad(
+            lambda t, exact=exact: exact.motion(t)[1] ** 2, mp.linspace(0, mp.mpf(made.release_s), 9)
+        )
+        assert made.dissipated_j == pytest.approx(float(lost), rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("of", "words", "penetration"),
+    [
+        (Collision(2500.0, 100.0, 1.0, 0.2, law="printed"), "critical or above", 0.2 / 50 * exp(-1)),
+        (Collision(0.0, 2.0, 1.0, 0.2), "nothing throws the mass back", 0.1),
+        (Collision(0.0, 0.0, 1.0, 0.2), "goes deeper without an end", None),
+        (Collision(0.0, 2.0, 1.0, 0.2, 1.0), "drives the mass on into the block", None),
+        (Collision(2500.0, 100.0, 1.0, 0.2, 50.0), "comes to rest at F / K", None),
+    ],
+)
+def test_what_is_never_released_is_null_and_says_why(of: Collision, words: str, penetration: float | None) -> None:
+    made = closed_form(of)
+    assert (made.release_s, made.rebound_m_s, made.dissipated_j, made.left_in_spring_j) == (None, None, None, None)
+    assert words in " ".join(made.why)
+    if penetration is not None:
+        assert made.penetration_m == pytest.approx(penetration, rel=1e-14)
+
+
+def test_nearly_critical_damping_under_the_printed_law_is_said_and_right() -> None:
+    of = Collision(2500.0, 99.99, 1.0, 0.2, law="printed")
+    made = closed_form(of)
+    assert "ill-conditioned" in " ".join(made.why)
+    assert made.release_s == pytest.approx(float(Exact(of).release(made.release_s or 0.0)), rel=1e-13)
+    assert condition(of) > 1e5
+    assert closed_form(replace(of, damping_n_s_m=100.0 * (1 - 1e-9))).rebound_m_s is None
+
+
+@pytest.mark.parametrize("method", list(STEPPERS))
+def test_every_method_comes_to_the_exact_outcome(method: str) -> None:
+    of = Collision(4500.0, 8.0, 0.1, 0.2)
+    exact, made = closed_form(of), in_steps(of, method=method, rate_hz=1e5, phase=0.3)
+    for name in ("release_s", "rebound_m_s", "penetration_m", "peak_s", "dissipated_j"):
+        assert getattr(made.impact, name) == pytest.approx(getattr(exact, name), rel=5e-3), name
+    assert np.all(np.diff(made.times_s) > 0)
+    assert made.force_n.max() < 8.0
+
+
+@given(rate=st.floats(0.0, 5.0), phase=st.floats(0.0, 0.999), ratio=st.floats(0.0, 5.0))
+@settings(max_examples=40)
+def test_the_exact_stepper_does_not_depend_on_its_steps(rate: float, phase: float, ratio: float) -> None:
+    of = Collision(4500.0, 2 * ratio * sqrt(450.0), 0.1, 0.2)
+    exact, made = closed_form(of), in_steps(of, rate_hz=10**rate, phase=phase).impact
+    for name in ("release_s", "rebound_m_s", "penetration_m"):
+        assert getattr(made, name) == pytest.approx(getattr(exact, name), rel=CLAIMED), name
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"mass_kg": -1.0}, "mass: got -1 kg"),
+        ({"speed_m_s": 0.0}, "speed: got 0 m/s"),
+        ({"stiffness_n_m": float("nan")}, "stiffness: got nan N/m"),
+        ({"force_n": float("inf")}, "force: got inf N"),
+    ],
+)
+def test_what_is_no_impact_is_refused(change: dict[str, Any], words: str) -> None:
+    with pytest.raises(SynthesisError, match=words):
+        replace(Collision(4500.0, 8.0, 0.1, 0.2), **change)
+
+
+def test_a_rate_or_method_that_is_none_is_refused() -> None:
+    of = Collision(4500.0, 8.0, 0.1, 0.2)
+    with pytest.raises(SynthesisError, match="rate: got 0 Hz"):
+        answer(of, rate_hz=0.0)
+    with pytest.raises(SynthesisError, match="method: got 'rk5'; allowed: euler, semi-implicit euler, rk4"):
+        answer(of, method="rk5", rate_hz=2500.0)
+    with pytest.raises(SynthesisError, match="choose a lower rate"):
+        answer(of, method="rk4", rate_hz=1e9)
+
+
+def test_an_answer_says_whether_its_method_is_stable() -> None:
+    of = Collision(1e9, 0.0, 1e-6, 0.2)
+    assert not answer(of, method="euler", rate_hz=2500.0).stable
+    made = answer(of, rate_hz=2500.0)
+    assert made.stable
+    assert made.limit_h_w is None
+    assert made.impact.release_s == pytest.approx(pi * sqrt(1e-6 / 1e9), rel=1e-15)
+    assert "every step is stable" in made.text()
+    assert made.as_dict()["why"] is None

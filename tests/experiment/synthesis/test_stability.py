@@ -1,0 +1,116 @@
+"""Limits of stability from print and by simulation, and passivity against Colgate and Schenkel's condition."""
+
+from __future__ import annotations
+
+from functools import partial
+from math import inf, pi, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from analysis.numerics import contact as simulated
+from experiment.errors import SynthesisError
+from experiment.synthesis import stability
+from experiment.synthesis.contact import RETURNING, Block, Motion
+from experiment.synthesis.steppers import STEPPERS
+
+
+@pytest.mark.parametrize("ratio", [0.01, 0.1, 0.7, 1.0, 1.5, 4.0])
+def test_limits_are_those_of_the_textbooks(ratio: float) -> None:
+    """Euler: 2 z, or 2 / (z + sqrt(z^2 - 1)); semi-implicit: 2 (sqrt(1 + z^2) - z), by the Jury criterion by hand."""
+    euler = 2 * ratio if ratio <= 1 else 2 / (ratio + sqrt(ratio**2 - 1))
+    assert stability.limit("euler", damping_ratio=ratio) == pytest.approx(euler, rel=1e-6)
+    semi = 2 * (sqrt(1 + ratio**2) - ratio)
+    assert stability.limit("semi-implicit euler", damping_ratio=ratio) == pytest.approx(semi, rel=1e-6)
+
+
+def test_rk4_has_its_known_limits() -> None:
+    """On the imaginary axis 2 sqrt(2), on the real axis 2.785293563405282 (Hairer and Wanner)."""
+    assert stability.limit("rk4", damping_ratio=0.0) == pytest.approx(2 * sqrt(2), rel=1e-6)
+    assert stability.limit("rk4", damping_ratio=1.0) == pytest.approx(2.785293563405282, rel=1e-6)
+    assert stability.limit("euler", damping_ratio=0.0) == 0.0
+
+
+@pytest.mark.parametrize("method", ["implicit midpoint", "exponential", "exact"])
+def test_some_methods_have_none(method: str) -> None:
+    assert all(stability.limit(method, damping_ratio=z) == inf for z in (0.0, 0.3, 1.0, 5.0))
+    for h_w, z in ((1e-3, 0.1), (3.0, 0.0), (1e3, 2.0)):
+        matrix = stability.amplification(method, stiffness=h_w**2, damping=2 * z * h_w)
+        assert matrix.radius <= 1 + 1e-12
+
+
+@pytest.mark.parametrize("method", list(STEPPERS))
+def test_amplification_matrices_are_those_of_the_steps(method: str) -> None:
+    """One step of each method from (r, dr/dt) about F / K, as a matrix in (r, h dr/dt)."""
+    k, c, h = 900.0, 7.0, 0.01
+    block = Block((k, 0.0), (c, 0.0), (1.0, 1.0), law="printed", force_n=(k, 0.0))
+    columns = []
+    for x, u in ((1e-3, 0.0), (0.0, 1e-3 / h)):
+        at, _ = STEPPERS[method](block, Motion(RETURNING, 1.0 + x, u), h)
+        columns.append(((at.deep_m - 1.0) / 1e-3, at.deep_m_s * h / 1e-3))
+    found = np.array(columns).T.ravel()
+    np.testing.assert_allclose(stability.amplification(method, stiffness=k * h * h, damping=c * h), found, atol=1e-9)
+
+
+@pytest.mark.parametrize("method", ["semi-implicit euler", "rk4", "implicit midpoint", "exact"])
+def test_limits_hold_in_simulation(method: str) -> None:
+    assert simulated._limit(method)[0]
+
+
+def colgate(k: float, c: float, period: float, delay: float) -> float:
+    """b > (T / 2) / (1 - cos w T) Re{(1 - exp(-j w T)) H(exp(j w T))}, as printed, on a fine grid."""
+    w = np.linspace(1e-6, 1.0, 200_001) * pi / period
+    late = np.exp(-1j * w * period)
+    h = (k + c * (1 - late) / period) * np.exp(-1j * w * delay)
+    return float(np.max(period / 2 / (1 - np.cos(w * period)) * np.real((1 - late) * h)))
+
+
+@pytest.mark.parametrize("delay", [0.0, 1e-4, 4e-4, 1e-3])
+@pytest.mark.parametrize(("k", "c"), [(2500.0, 100.0), (2500.0, 0.0), (1e5, 1.0)])
+def test_the_damping_needed_is_that_of_the_condition(k: float, c: float, delay: float) -> None:
+    needed = stability.needed_damping_n_s_m(stiffness_n_m=k, damping_n_s_m=c, period_s=4e-4, delay_s=delay)
+    assert needed == pytest.approx(colgate(k, c, 4e-4, delay), rel=1e-5)
+    if not delay:
+        assert needed == k * 4e-4 / 2 + c
+
+
+@given(b=st.floats(0.1, 50.0), c=st.floats(0.0, 10.0), delay=st.sampled_from([0.0, 4e-4, 1e-3]))
+def test_the_largest_passive_stiffness_needs_just_the_damping_there_is(b: float, c: float, delay: float) -> None:
+    most = stability.largest_passive_n_m(device_damping_n_s_m=b, damping_n_s_m=c, period_s=4e-4, delay_s=delay)
+    if most == 0:
+        assert stability.needed_damping_n_s_m(stiffness_n_m=0.0, damping_n_s_m=c, period_s=4e-4, delay_s=delay) > b * (
+            1 - 1e-9
+        )
+    else:
+        needed = stability.needed_damping_n_s_m(stiffness_n_m=most, damping_n_s_m=c, period_s=4e-4, delay_s=delay)
+        assert needed == pytest.approx(b, rel=1e-6)
+
+
+def test_rate_mass_and_device_set_the_largest_stiffness() -> None:
+    servo = partial(stability.allowed, rate_hz=2500.0, mass_kg=0.1, damping_n_s_m=1.0)
+    made = servo(device_damping_n_s_m=5.0)
+    assert made.stiffness_n_m == pytest.approx((5 - 1) * 2 / 4e-4, rel=1e-9)
+    assert "the device's own damping sets it" in made.text
+    by_stepper = servo(device_damping_n_s_m=1e6, method="semi-implicit euler")
+    assert by_stepper.stiffness_n_m == pytest.approx(4 * 0.1 * 2500**2 - 2 * 2500 * 1.0, rel=1e-6)
+    assert "the stepper sets it" in by_stepper.text
+    none = servo(device_damping_n_s_m=0.5)
+    assert none.stiffness_n_m == 0
+    assert "No stiffness is allowed" in none.text
+
+
+def test_the_paper_is_judged() -> None:
+    told = stability.of_the_paper()
+    assert "100.5 N s/m of its own" in told
+    assert "0.5 N s/m" in told
+
+
+def test_what_is_no_servo_is_refused() -> None:
+    with pytest.raises(SynthesisError, match="wall: got"):
+        stability.needed_damping_n_s_m(stiffness_n_m=-1.0, damping_n_s_m=0.0, period_s=1.0)
+    with pytest.raises(SynthesisError, match="servo: got 0 Hz"):
+        stability.allowed(rate_hz=0.0, mass_kg=1.0, damping_n_s_m=0.0, device_damping_n_s_m=1.0)
+    with pytest.raises(SynthesisError, match="damping ratio: got -1"):
+        stability.limit("rk4", damping_ratio=-1.0)
