@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TypeVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from analysis.identification import maps
 from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
 from analysis.identification.maps import Choice, Mantel, Scaling
-from analysis.statistics.exact import NotDefined
+from analysis.statistics.exact import NotDefined, mean
 from analysis.statistics.inference import (
     CONFIDENCE,
     RESAMPLES,
@@ -130,12 +131,12 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
             if not trials:
                 cells.append(Cell(presented, answered, 0, 0, None, None, None, "nobody was presented this material"))
                 continue
-            values = np.array([float(ratio) for ratio in matrix.ratios(i, j).values()])
+            values = list(matrix.ratios(i, j).values())
             drawn, statement = None, ""
             try:
-                if values.size not in draws:
-                    draws[values.size] = resamples(values.size, RESAMPLES, rng)
-                drawn = mean_interval(values, draws[values.size])
+                if len(values) not in draws:
+                    draws[len(values)] = resamples(len(values), RESAMPLES, rng)
+                drawn = mean_interval(values, draws[len(values)])
             except NotDefined as reason:
                 statement = str(reason)
             exact = wilson(count, trials), clopper_pearson(count, trials)
@@ -155,23 +156,24 @@ def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
     trials = matrix.trials.sum(axis=1)
     right = np.trace(matrix.counts[:, :, :-1], axis1=1, axis2=2)
     count = len(matrix.materials)
-    shares = right / trials
+    shares = [Fraction(n, total) for n, total in zip(right.tolist(), trials.tolist(), strict=True)]
     known = {
         label: corrected(n, total)
         for label, n, total in zip(matrix.participants, right.tolist(), trials.tolist(), strict=True)
         if total > 1
     }
+    proportion = float(mean(shares))
     said, value, interval = "", None, None
     try:
-        value = d_prime(float(shares.mean()), count)
-        drawn = mean_interval(shares, resamples(shares.size, RESAMPLES, rng))
+        value = d_prime(proportion, count)
+        drawn = mean_interval(shares, resamples(len(shares), RESAMPLES, rng))
         interval = ConfidenceInterval(d_prime(drawn.low, count), d_prime(drawn.high, count), CONFIDENCE)
     except NotDefined as reason:
         said = str(reason)
     values = {share: d_prime(share, count) for share in set(known.values())}
     by_participant = {label: values[share] for label, share in known.items()}
     moved = tuple(label for label, n, total in zip(matrix.participants, right, trials, strict=True) if n in (0, total))
-    return Detection(count, float(shares.mean()), value, interval, by_participant, moved, said)
+    return Detection(count, proportion, value, interval, by_participant, moved, said)
 
 
 def _choice(matrix: Confusion, rng: np.random.Generator) -> ChoiceIntervals:
