@@ -132,7 +132,7 @@ def _bids(study: Study) -> dict[str, bytes]:
 def _counts(results: Results) -> Section:
     keys = ("task", "participant", "presented", "answered", "count", "trials")
     records = tuple(
-        dict(zip(keys, (task.task.id, who, presented, answered or NO_ANSWER, count, total), strict=True))
+        dict(zip(keys, (task.task.id, f"sub-{who}", presented, answered or NO_ANSWER, count, total), strict=True))
         for task in results.tasks
         for who, presented, answered, count, total in task.confusion.cells()
     )

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from analysis.reading.study import Study
 from analysis.statistics.exact import NotDefined
 
-TRIAL, FASTER, RESPONSE, LATER = "10 trials on", "foot 100 mm/s faster", "response 1 s later", "second task"
+TRIAL, FASTER, RESPONSE, LATER = "10 trials on", "foot 100 mm/s faster", "response 1 s later", "a task after the first"
 COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0), "response_time_s": (RESPONSE, 1.0)}
 """Column -> the name of one step, and how many units one step is."""
 

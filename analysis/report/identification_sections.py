@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.documents.tables import Section, Table, interval, number, plural, probability
+from analysis.documents.tables import Section, Table, interval, number, p_is, plural, probability
 from analysis.identification.identify import CHOICE_RESAMPLES, INFORMATION_RESAMPLES, ChoiceIntervals, Identification
 from analysis.identification.results import Results
 from analysis.identification.time_course import WINDOW, TimeCourse
@@ -148,7 +148,7 @@ def _choice(task: str, fitted: ChoiceIntervals, materials: tuple[str, ...]) -> T
                 text += f" ({fitted.similarities[i, j, 0]:.3f} to {fitted.similarities[i, j, 1]:.3f})"
             cells.append(text)
         rows.append((first, *cells, bias))
-    tested = f"G² = {model.g2:.2f}, {model.df} df" + (f", P = {probability(model.p)}" if model.p is not None else "")
+    tested = f"G² = {model.g2:.2f}, {model.df} df" + (f", {p_is(model.p)}" if model.p is not None else "")
     bracketed = f" Brackets hold 95 % percentile intervals from {CHOICE_RESAMPLES} resamples of participants."
     resampled = fitted.similarities is not None or fitted.biases is not None
     notes = [f"The fit has {tested}.{bracketed * resampled} Trials without an answer are left out."]
@@ -176,7 +176,8 @@ def _scaling(found: tuple[Identification, ...]) -> Table:
 
 def _mantel(found: tuple[Identification, ...], source: str) -> Table:
     rows = tuple(
-        (one.task, str(test.pairs), f"{test.r:.3f}", str(test.orders), f"{test.p_less:.4f}", f"{test.p_two:.4f}")
+        (one.task, str(test.pairs), f"{test.r:.3f}", str(test.orders), probability(test.p_less, 4),
+         probability(test.p_two, 4))
         for one in found if (test := one.mantel)
     )  # fmt: skip
     header = ("task", "pairs", "r", "orders", "P, fewer confusions", "P, two-sided")
@@ -270,7 +271,7 @@ def _model_table(title: str, spread: str, model: TrialModel) -> Table:
          probability(one.p))
         for one in model.coefficients
     )  # fmt: skip
-    tests = "; ".join(f"{t.name}: chi2({t.df}) = {t.chi2:.2f}, P = {probability(t.p)}" for t in model.terms)
+    tests = "; ".join(f"{t.name}: chi2({t.df}) = {t.chi2:.2f}, {p_is(t.p)}" for t in model.terms)
     if title.startswith("GEE"):
         about = f"The {spread} is {model.spread:.3f}. The standard errors are those of Mancl and DeRouen."
     else:

@@ -242,6 +242,22 @@ def test_one_order_of_tasks_for_all_cannot_be_told_from_the_task(tmp_path: Path)
     assert np.linalg.matrix_rank(trials.matrix) == len(trials.names)
 
 
+def test_every_task_after_the_first_is_a_later_one(tmp_path: Path) -> None:
+    """By hand: participant 0 began with the first of three tasks, participant 1 with the third."""
+    rng = np.random.default_rng(2)
+    tasks = ("one", "two", "three")
+    sessions = {str(who): {task: _session(rng, 0.4) for task in tasks} for who in range(8)}
+    study = read(write_dataset(tmp_path, sessions, tasks=tasks))
+    trials = design(replace(study, first_tasks={who: tasks[int(who) % 3] for who in study.participants}))
+    later = trials.matrix[:, trials.names.index("a task after the first")]
+    first = {
+        task: bool(later[trials.participants == 0][k] == later.min())
+        for k, task in zip((0, 30, 60), tasks, strict=True)
+    }
+    assert first == {"one": True, "two": False, "three": False}
+    assert "second task" not in trials.names
+
+
 def test_without_a_trial_there_is_no_model(tmp_path: Path) -> None:
     study = _study(tmp_path, 2)
     study.attempts["included"] = False
