@@ -152,6 +152,7 @@ def _numbers(study: Study, results: Results, comparison: Comparison | None) -> d
         "one_way": [{**_plain(pair), "anova": _anova(pair.anova)} for pair in results.pairs],
         "two_way": [_anova(anova) for anova in results.two_way],
         "two_way_statement": results.two_way_statement,
+        "beside": _plain(results.beside),
         "trials": _plain(results.trials),
         "course": _course(results.course),
         "icc": [asdict(reliability) for reliability in results.reliabilities],
@@ -176,8 +177,10 @@ def _task(task: TaskResult) -> dict[str, Any]:
             {
                 "material": test.material,
                 **asdict(test.result),
-                "stars": test.result.stars,
+                "stars": test.stars,
                 "p_holm": test.p_holm,
+                "sign_flip": _plain(test.flip),
+                "sign_flip_p_holm": test.flip_holm,
                 "d_interval": _plain(test.d),
                 "log_bf10": test.log_bf10,
             }

@@ -18,18 +18,16 @@ from analysis.statistics.inference import (
     CONFIDENCE,
     RESAMPLES,
     ConfidenceInterval,
-    bca,
     clopper_pearson,
-    leave_one_out,
     mean_interval,
     resamples,
     wilson,
 )
+from analysis.statistics.participants import Jackknife, jackknife
 
 T = TypeVar("T")
 
 CHOICE_RESAMPLES = 999
-INFORMATION_RESAMPLES = 1999
 CHOICE_TOLERANCE = 1e-3
 """Tolerance for resamples of the choice model, because an estimate on the edge converges slowly."""
 
@@ -79,7 +77,7 @@ class Identification:
     task: str
     cells: tuple[Cell, ...]
     information: Information | None
-    information_interval: ConfidenceInterval | None
+    jackknife: Jackknife | None
     detection: Detection | None
     choice: ChoiceIntervals | None
     scaling: Scaling | None
@@ -102,17 +100,17 @@ def identify(
 
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
     bits = told("information", lambda: information(counts.sum(axis=0)))
-    bits_interval = told("information interval", lambda: _information_interval(counts, bits, rng)) if bits else None
+    bits_jackknife = told("information interval", lambda: _jackknife(counts, bits)) if bits else None
     found_choice = told("choice", lambda: _choice(matrix, rng))
     found_scaling = told("scaling", lambda: maps.classical(maps.from_confusions(matrix.means()[:, :-1])))
     found_mantel = None
     if dissimilarities is not None:
-        found_mantel = told("mantel", lambda: maps.mantel(dissimilarities, _confusing(matrix)))
+        found_mantel = told("mantel", lambda: maps.mantel(dissimilarities, _confusing(matrix), rng))
     return Identification(
         task,
         tuple(_cells(matrix, rng)),
         bits,
-        bits_interval,
+        bits_jackknife,
         _detection(matrix, rng),
         found_choice,
         found_scaling,
@@ -144,12 +142,10 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
     return cells
 
 
-def _information_interval(
-    counts: NDArray[np.int64], found: Information, rng: np.random.Generator
-) -> ConfidenceInterval:
-    people = len(counts)
-    drawn = transmitted(np.tensordot(resamples(people, INFORMATION_RESAMPLES, rng), counts, axes=1))
-    return bca(found.transmitted, drawn, transmitted(np.tensordot(leave_one_out(people), counts, axes=1)))
+def _jackknife(counts: NDArray[np.int64], found: Information) -> Jackknife:
+    if len(counts) == 1:
+        raise NotDefined("a jackknife needs 2 participants, got 1")
+    return jackknife(found.transmitted, transmitted(counts.sum(axis=0) - counts))
 
 
 def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:

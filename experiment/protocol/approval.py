@@ -52,6 +52,9 @@ def _document(protocol: Protocol) -> dict[str, Any]:
     document = protocol.model_dump(mode="json")
     if document["consent"]["kept_months"] is None:
         del document["consent"]["kept_months"]
+    for planned in document["analysis"]:
+        if planned["correction"] is None:
+            del planned["correction"]
     return document
 
 

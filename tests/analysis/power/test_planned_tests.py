@@ -13,7 +13,7 @@ from analysis import published
 from analysis.identification.results import Results, compute
 from analysis.power import choice_models, planned_tests
 from analysis.power.choice_models import draw
-from analysis.power.planned_tests import Question
+from analysis.power.planned_tests import FLIPS, REPEATED, Question
 from analysis.reading import dataset
 from analysis.reading.study import Study
 from experiment.protocol import files
@@ -56,8 +56,14 @@ def expected(results: Results, question: Question) -> float | None:
     if question.test == "t against chance":
         task = results.task(question.tasks[0])
         assert task is not None
+        if subject.endswith(FLIPS):
+            flip = task.test(subject.removesuffix(FLIPS)).flip
+            return flip.p if flip else None
         test = task.test(subject)
         return test.p_holm if question.adjusted else test.result.p
+    if question.test == REPEATED:
+        lines = results.beside.materials.get(question.tasks[0])
+        return lines[0].p if lines else None
     if question.test == "one-way ANOVA":
         wanted = "most confused" if subject.startswith("most confused") else "published"
         pair = next(p for p in results.pairs if p.task == question.tasks[0] and wanted in p.chosen)
@@ -90,8 +96,9 @@ def test_every_number_is_that_of_analyse(tmp_path: Path, protocol: Protocol, par
         for task, answers, size in zip(design.tasks, model.tasks, design.sizes(participants), strict=True)
     }
     answers = planned_tests.answer(design, drawn)
-    # t 4 + Holm 4 in two tasks, two pairs, four distinct effects, one coefficient, two matrices in two tasks.
-    assert len(answers) == 16 + 2 + (3 if len(set(design.sizes(participants))) == 1 else 4) + 1 + 4
+    # t 4 + Holm 4 + sign flips 4 in two tasks, two pairs, four distinct effects, repeated measures in two tasks, one
+    # coefficient, two matrices in two tasks.
+    assert len(answers) == 24 + 2 + (3 if len(set(design.sizes(participants))) == 1 else 4) + 2 + 1 + 4
     for number in range(STUDIES):
         made = study(tmp_path / str(number), {task: cells[:, :, number] for task, cells in drawn.items()})
         results = compute(made, printed.pairs())
