@@ -43,7 +43,8 @@ class Table:
 class Section:
     """Part of the report: paragraphs, tables, and the records behind them, one for each row of the CSV file.
 
-    `slug` names its files. In a terminal, `brief` tables replace the tables, if there are any.
+    `slug` names its files. In a terminal, `brief` tables replace the tables, if there are any; in the report they stand
+    before the tables of a section that is `folded`, which a reader opens.
     """
 
     slug: str
@@ -52,6 +53,7 @@ class Section:
     tables: tuple[Table, ...] = ()
     records: tuple[Mapping[str, object], ...] = ()
     brief: tuple[Table, ...] = ()
+    folded: bool = False
 
 
 def number(value: float | None, decimals: int = 3) -> str:

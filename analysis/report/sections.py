@@ -15,6 +15,7 @@ from analysis.identification.results import SEED, ComponentReliability, Reliabil
 from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
 from analysis.reading.study import Study, sentences
 from analysis.report.beside_tables import beside_records, beside_tables
+from analysis.report.found import found_section
 from analysis.report.identification_sections import (
     ARBITRARY,
     confusions_section,
@@ -123,8 +124,8 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
     remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
     compared = (comparison_section(study.origin, comparison),) if comparison else ()
     return (
+        found_section(study, results, remark),
         overview(study, results),
-        exclusions_section(study),
         confusion_section(results),
         tests_section(results),
         intervals_section(results),
@@ -134,6 +135,7 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
         trials_section(results),
         course_section(results.course),
         *compared,
+        exclusions_section(study),
     )
 
 
@@ -202,7 +204,8 @@ def tests_section(results: Results) -> Section:
         "These are two-tailed one-sample t-tests. The effect size d is Cohen's. BF10 is the JZS Bayes factor; above 1 "
         "it favours a mean that differs from chance. The exact test by sign flips is ours: participants are its unit, "
         "and it has a P where every answer is right and t is not defined. With n participants its P cannot be below "
-        "2 / 2^n."
+        "2 / 2^n. In SIMULATED studies of 6 to 25 participants, at a nominal 5 %, it erred in 3 to 6 %, and t in 5 to "
+        "8 % where participants differ."
     )
     return Section("tests", "Tests against chance", (about, *_families(results)), tuple(tables), tuple(records))
 
@@ -294,7 +297,8 @@ def exclusions_section(study: Study) -> Section:
     counted = tuple((rule, str(times)) for rule, times in Counter(one.rule for one in study.exclusions).items())
     brief = Table("", ("rule", "times"), counted, notes=("The report and exclusions.csv list each one.",))
     few = len(records) <= MANY
-    return Section("exclusions", "Left out", (about, *_unasked(study)), (table,), records, () if few else (brief,))
+    said = (about, *_unasked(study))
+    return Section("exclusions", "Left out", said, (table,), records, () if few else (brief,), folded=(not few))
 
 
 def _unasked(study: Study) -> list[str]:
