@@ -40,8 +40,8 @@ def _paired(pairs: tuple[Paired, ...]) -> Table:
     header = ("tasks", "n", "difference", "SD", "t", "df", "P", "d", "95 % CI of d", "sign flips: P")
     notes = tuple(f"{one.first} - {one.second}: {one.test.statement}." for one in pairs if one.test.statement)
     said = (
-        "In SIMULATED studies, at a nominal 5 %, t erred in 4 to 6 %, and sign flips in 2 % with 6 participants and in "
-        "4 to 5 % from 10 on.",
+        "In SIMULATED studies, at a nominal 5 %, t erred in 4 to 6 %, and sign flips in 1 to 2 % with 6 "
+        "participants and in 3 to 5 % from 10 on.",
     )
     title = "Ours, paired: mean correct ratios of participants who did both tasks"
     return Table(title, header, rows, notes=(*notes, *said))
@@ -55,7 +55,12 @@ def _logit(found: SlopesLogit) -> Table:
     )  # fmt: skip
     tests = "; ".join(f"{t.name}: F({t.df1}, {t.df2}) = {t.f:.2f}, {p_is(t.p)}" for t in found.terms)
     spread = ", ".join(f"{name} {sd:.2f}" for name, sd in found.sds.items())
-    notes = (f"Wald tests: {tests}.", f"The SDs of the log odds among participants are: {spread}.")
+    notes = (
+        f"Wald tests: {tests}.",
+        f"The SDs of the log odds among participants are: {spread}.",
+        "In 60 SIMULATED studies of each size, from 6 to 25 participants, the tests erred in 0 to 8 %, at a nominal "
+        "5 %.",
+    )
     title = f"Ours, logit in which {found.participants} participants differ in level, by material and by task"
     return Table(title, ("term", "odds ratio", "95 % CI"), rows, notes=notes)
 
