@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from statsmodels.stats.multitest import multipletests
 
 from analysis import published
 from analysis.identification.results import Results, compute
@@ -166,3 +167,21 @@ def test_both_families_of_names_are_known(form: str, name: str, repository_root:
     design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,)}), {})
     drawn = {task.id: np.random.default_rng(1).integers(0, 9, size=(4, 5, 2, 3)) for task in design.tasks}
     assert {question.subject.split(" of ")[0] for question in planned_tests.answer(design, drawn)} == {name}
+
+
+def test_a_family_of_all_tasks_is_adjusted_as_one(protocol: Protocol) -> None:
+    plan = protocol.analysis[0].model_copy(update={"correction": "materials and tasks"})
+    design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,)}), {})
+    model = choice_models.find("published", protocol)
+    random = np.random.default_rng(3)
+    drawn = {
+        task.id: draw(answers, trials=10, participants=8, studies=3, random=random)
+        for task, answers in zip(design.tasks, model.tasks, strict=True)
+    }
+    found = planned_tests.answer(design, drawn)
+    plain, adjusted = (
+        np.array([one.p for asked, one in found.items() if asked.adjusted == how and FLIPS not in asked.subject])
+        for how in (False, True)
+    )
+    for study_p, study_adjusted in zip(plain.T, adjusted.T, strict=True):
+        assert multipletests(study_p, method="holm")[1] == pytest.approx(study_adjusted)
