@@ -132,7 +132,7 @@ def _bids(study: Study) -> dict[str, bytes]:
 def _counts(results: Results) -> Section:
     keys = ("task", "participant", "presented", "answered", "count", "trials")
     records = tuple(
-        dict(zip(keys, (task.task.id, who, presented, answered or NO_ANSWER, count, total), strict=True))
+        dict(zip(keys, (task.task.id, f"sub-{who}", presented, answered or NO_ANSWER, count, total), strict=True))
         for task in results.tasks
         for who, presented, answered, count, total in task.confusion.cells()
     )
@@ -152,6 +152,7 @@ def _numbers(study: Study, results: Results, comparison: Comparison | None) -> d
         "one_way": [{**_plain(pair), "anova": _anova(pair.anova)} for pair in results.pairs],
         "two_way": [_anova(anova) for anova in results.two_way],
         "two_way_statement": results.two_way_statement,
+        "beside": _plain(results.beside),
         "trials": _plain(results.trials),
         "course": _course(results.course),
         "icc": [asdict(reliability) for reliability in results.reliabilities],
@@ -176,8 +177,10 @@ def _task(task: TaskResult) -> dict[str, Any]:
             {
                 "material": test.material,
                 **asdict(test.result),
-                "stars": test.result.stars,
+                "stars": test.stars,
                 "p_holm": test.p_holm,
+                "sign_flip": _plain(test.flip),
+                "sign_flip_p_holm": test.flip_holm,
                 "d_interval": _plain(test.d),
                 "log_bf10": test.log_bf10,
             }

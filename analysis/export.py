@@ -22,7 +22,7 @@ from analysis.reading.study import Study
 from experiment.records.events import NO_ANSWER
 
 LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated or reconstructed", "text")
-PARTICIPANT = ("participant", "label of the participant", "text")
+PARTICIPANT = ("participant", "label of the participant as in BIDS, which no software takes for a number", "text")
 TASK = ("task", "id of the task", "text")
 PRESENTED = ("presented", "material presented", "text")
 
@@ -113,8 +113,9 @@ def files(study: Study) -> dict[str, bytes]:
     )
     written = {}
     for name, frame in {**frames, DICTIONARY: dictionary}.items():
+        frame.insert(0, LABEL[0], study.label or "measured")
         if name in described:
-            frame.insert(0, LABEL[0], study.label or "measured")
+            frame["participant"] = frame["participant"].map("sub-{}".format, na_action="ignore")
             frame = frame[[column for column, _, _ in described[name]]]
         texts = frame.select_dtypes(include=["object", "string"]).columns
         frame[texts] = frame[texts].map(cell, na_action="ignore")
@@ -168,7 +169,11 @@ def _name(text: str, taken: Mapping[str, object]) -> str:
 
 
 def _exclusions(study: Study) -> pd.DataFrame:
-    rows = [(one.participant, one.task, one.trial, one.attempt, one.rule, one.reason) for one in study.exclusions]
+    rows: list[tuple[object, ...]] = [
+        (one.participant, one.task, one.trial, one.attempt, one.rule, one.reason) for one in study.exclusions
+    ]
+    # A table without a row could not say what the dataset is.
+    rows = rows or [(None, None, None, None, None, "nothing was left out")]
     frame = pd.DataFrame(rows, columns=[name for name, _, _ in COLUMNS["exclusions.csv"][1:]])
     return frame.astype({"trial": "Int64", "attempt": "Int64"})
 

@@ -19,7 +19,7 @@ from analysis.audit.granularity import Moments
 from analysis.audit.mistakes import AGREES, Citation, Layout, Line, Mistake, Verdict, judge
 from analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
 from analysis.published.numbers import PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
-from analysis.published.printed import Interval, Printed, image
+from analysis.published.printed import Interval, Printed, hull, image
 from analysis.statistics.inference import stars
 
 
@@ -28,19 +28,31 @@ def stars_of(p: Printed, levels: Sequence[PrintedLevel]) -> str:
     return _earned(math.nextafter(p.value, 0.0) if p.is_bound else p.value, levels) or "none"
 
 
+def stars_by_p(p: Printed, levels: Sequence[PrintedLevel]) -> tuple[str, ...]:
+    """Return the stars that the values behind a printed P can earn, most first; "none" stands for no stars."""
+    behind = p.either
+    high = math.nextafter(float(behind.high), 0.0) if behind.open_high else float(behind.high)
+    return tuple(mark or "none" for mark in sorted(_between(float(behind.low), high, levels), key=len, reverse=True))
+
+
 def stars_reached(sample: Sample, effects: Sequence[Interval], levels: Sequence[PrintedLevel]) -> tuple[str, ...]:
     """Return the stars that a mean can have, most first; "none" stands for no stars."""
     found = {""} if effects and any(one.variance.low == 0 for one in sample.moments) else set()
     below = [one for one in levels if not one.above]
     sides = (Interval(Fraction(0), math.inf), levels), (Interval(-math.inf, Fraction(0)), below)
     for side, given in sides:
-        steps = ["", *(level.stars for level in reversed(given))]
         for one in effects:
             if side.meets(one):
                 p = p_of_t(t_of(one.common(side), sample.n), sample.n - 1)
-                reached = [steps.index(_earned(float(end), given)) for end in (p.low, p.high)]
-                found |= set(steps[min(reached) : max(reached) + 1])
+                found |= _between(float(p.low), float(p.high), given)
     return tuple(mark or "none" for mark in sorted(found, key=len, reverse=True))
+
+
+def _between(low: float, high: float, levels: Sequence[PrintedLevel]) -> set[str]:
+    """Return the stars of every P from `low` to `high`."""
+    steps = ["", *(level.stars for level in reversed(levels))]
+    reached = [steps.index(_earned(end, levels)) for end in (low, high)]
+    return set(steps[min(reached) : max(reached) + 1])
 
 
 def _earned(p: float, levels: Sequence[PrintedLevel]) -> str:
@@ -130,7 +142,8 @@ class Checks:
         if not known.values and not known.statement:
             return
         if cell.sd is not None:
-            variances = [one.variance for one in sample.every]
+            held = self._that_give(test, sample) if test else ()
+            variances = [one.variance for one in held or sample.every]
             no_steps = "no whole counts give the mean" if cell.scale else NO_STEPS
             cited = replace(cited, statement=known.statement or sample.statement or no_steps)
             if misreading:
@@ -139,10 +152,17 @@ class Checks:
                 why_so = f"its t and P follow from the SD{instead}" if test else "as in the rest of the table"
                 contradiction = "differs", f"it is {misreading}: {why_so}"
             why = () if misreading else self._tried(mistakes.of_sd(possible()))
-            yield cited.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
+            sd = cited.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
+            yield replace(sd, reason=_cut(cell.sd, held)) if sd.verdict == "agrees if truncated" and held else sd
         null = test.null if test else None if cell.is_score else self._published.chance
         if self._published.levels and cell.stars is not None and cell.presented == cell.answered:
             yield self._stars(cited, cell, null, test)
+
+    def _that_give(self, test: PrintedT, sample: Sample) -> tuple[Moments, ...]:
+        """Return those means and variances behind the printed mean and SD that give the printed t, read as t or d."""
+        pins = self.effects(test) if self._diagnose else ()
+        sizes = ((one, effect(one, test.null)) for one in sample.moments)
+        return tuple(one for one, size in sizes if size is not None and any(size.meets(pin) for pin in pins))
 
     def _test_of(self, cell: PrintedCell) -> PrintedT | None:
         return next(iter(self._published.tests_by_key.get(cell.key, ())), None)
@@ -154,19 +174,36 @@ class Checks:
         every = stars_reached(sample, _effects(sample, null), self._published.levels)
         pinned = stars_reached(sample, self.effects(test), self._published.levels) if test else every
         printed = cell.stars or "none"
-        if not every:
+        by_p = self._by_printed_p(test) if test else ()
+        if not every and not by_p:
             verdict = cited.missing if sample.statement or sample.n < 2 else "cannot be decided"
             return cited.text("stars", printed, "none", "agrees" if printed == "none" else verdict, CONSTANT)
         found = pinned if printed in pinned or printed not in every else every
+        if by_p and (printed in found or not every):
+            verdict = "agrees" if printed in by_p else "differs"
+            reason = (
+                "" if verdict == "agrees" else f"beside them P = {test.p.text} is printed" if test and test.p else ""
+            )
+            return cited.text("stars", printed, " or ".join(by_p), verdict, reason)
         shown_as = " or ".join(found)
         if printed in found:
             return cited.text("stars", printed, shown_as, "agrees")
         reason = ""
         if self._diagnose and test and test.p and stars_of(test.p, self._published.levels) == printed:
             ps = [p_of_t(t_of(one, sample.n), sample.n - 1) for one in self.effects(test)]
-            value = " to ".join(dict.fromkeys(f"{float(p):.2g}" for p in (ps[0].low, ps[-1].high)))
+            both = hull(ps)
+            value = " to ".join(dict.fromkeys(f"{float(p):.2g}" for p in (both.low, both.high)))
             reason = f"they follow the printed P = {test.p.text}; recomputed P = {value}"
         return cited.text("stars", printed, shown_as, "differs", reason)
+
+    def _by_printed_p(self, test: PrintedT) -> tuple[str, ...]:
+        """Return the stars that the test's printed P earns, or none where that P is missing or does not stand."""
+        if not self._diagnose or test.p is None:
+            return ()
+        n, effects = self._evidence.tested(test).n, self.effects(test)
+        found = [p_of_t(t_of(one, n), n - 1) for one in effects] or [p_of_t(test.t.either, test.df)]
+        levels = [one for one in self._published.levels if test.t.exact > 0 or not one.above]
+        return stars_by_p(test.p, levels) if judge(test.p, found)[0] in AGREES else ()
 
     def _test(self, test: PrintedT) -> Iterator[Line]:
         sample = self._evidence.tested(test)
@@ -268,6 +305,13 @@ def _is_in(printed: PrintedF, cell: PrintedCell) -> bool:
     if printed.task is None:
         return cell.presented == cell.answered and not cell.is_score
     return printed.task == cell.task and {cell.presented, cell.answered} <= set(printed.subject)
+
+
+def _cut(sd: Printed, held: Sequence[Moments]) -> str:
+    """Return why an SD has to be truncated beside its t, and whether rounding the population SD prints it as well."""
+    population = [one.variance.times(Fraction(one.n - 1, one.n)) for one in held]
+    either = "; or it is the population SD, divided by n, not n - 1"
+    return "the printed t needs it" + either * (judge(sd, population, squares=True)[0] == "agrees")
 
 
 @functools.lru_cache(maxsize=16)

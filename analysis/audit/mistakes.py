@@ -7,6 +7,7 @@ named, the others that fit are listed after it. A mistake that fits is an explan
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -68,19 +69,19 @@ def judge(
 
 
 def shown(
-    printed: Printed, values: Sequence[Interval], *, squares: bool = False
+    printed: Printed, values: Sequence[Interval], *, squares: bool = False, further: int = 0
 ) -> tuple[str, float | None, float | None]:
-    """Return the values as text at the printed precision, and their two ends; None for an end that is infinite."""
+    """Return the values as text, with `further` digits than are printed, and their ends; None where one is infinite."""
     both = hull(values)
     low, high = float(both.low), float(both.high)
     if squares:
         low, high = math.sqrt(max(low, 0.0)), math.sqrt(high)
-    texts = ["" if math.isinf(end) else as_printed(printed, end) for end in (low, high)]
+    texts = ["" if math.isinf(end) else as_printed(printed, end, further) for end in (low, high)]
     if math.isinf(low) or math.isinf(high):
         words = [f"from {texts[0]}"] * bool(texts[0]) + [f"up to {texts[1]}"] * bool(texts[1])
         return " ".join(words) or "any", None if math.isinf(low) else low, None if math.isinf(high) else high
     if math.isclose(low, high, rel_tol=1e-8):
-        return as_printed(printed, (low + high) / 2), low, high
+        return as_printed(printed, (low + high) / 2, further), low, high
     return texts[0] if texts[0] == texts[1] else " to ".join(texts), low, high
 
 
@@ -267,6 +268,11 @@ def of_df(n: int, sizes: Iterable[int]) -> Iterator[tuple[int, str]]:
             yield size - 1, f"it was taken from {plural(size, 'participant')}, where n is {n}"
 
 
+def _above_zero(p: str) -> str:
+    """Return a P as text, and one of which no digit is left as the bound that its digits set."""
+    return f"<{p[:-1]}1" if re.fullmatch(r"0\.0+", p) else p
+
+
 def _p_of_z(z: float) -> float:
     return math.erfc(z / math.sqrt(2))
 
@@ -311,7 +317,10 @@ class Citation:
         if not values:
             return self.text(quantity, printed.text, "-", self.missing, self.statement)
         verdict, fitting = judge(printed, values, squares=squares)
-        text, low, high = shown(printed, fitting, squares=squares)
+        # One more digit where a number does not stand, lest it look like the one that is shown beside it.
+        text, low, high = shown(printed, fitting, squares=squares, further=verdict not in AGREES)
+        if quantity == "P":
+            text = " to ".join(dict.fromkeys(_above_zero(part) for part in text.split(" to ")))
         reason = ""
         if verdict == "differs":
             verdict, reason = otherwise[0], explain(printed, why) or otherwise[1]

@@ -88,13 +88,14 @@ def folder(
     band = f'<div class="band" role="note">{escape(label)}</div>' if label else ""
     headed = f"{label}: {title}" if label else title
     links = "".join(f'<li><a href="#{section.slug}">{escape(section.title)}</a></li>' for section in sections)
-    body = "".join(_section(section, label, sheets, files) for section in sections)
+    first, *rest = (_section(section, label, sheets, files) for section in sections)
+    body = "".join(rest)
     formulas = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in methods)
     page = (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(headed)}</title><style>{STYLE}</style></head>\n<body>{band}<main>"
-        f"<h1>{escape(title)}</h1>"
+        f"<h1>{escape(title)}</h1>{first}"
         f'<nav aria-label="Contents"><ul>{links}<li><a href="#methods">Formulas</a></li></ul></nav>'
         f'{body}<section id="methods"><h2>Formulas</h2><dl>{formulas}</dl></section>'
         f"<footer><p>{escape(label)}</p><p>{escape(software())}</p></footer></main>{band}</body></html>\n"
@@ -112,7 +113,11 @@ def _section(section: Section, label: str, sheets: Sequence[Sheet], files: Mappi
     parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs]
     here = [_figure(one, label, files[f"figures/{one.name}.svg"]) for one in sheets if one.section == section.slug]
     parts += [f'<div class="figures">{"".join(here)}</div>'] if here else []
-    parts += [_table(table) for table in section.tables]
+    shown = [_table(table) for table in section.tables]
+    if section.folded:
+        parts += [*map(_table, section.brief), f"<details><summary>Each one</summary>{''.join(shown)}</details>"]
+    else:
+        parts += shown
     return "".join([*parts, "</section>\n"])
 
 

@@ -43,7 +43,8 @@ class Table:
 class Section:
     """Part of the report: paragraphs, tables, and the records behind them, one for each row of the CSV file.
 
-    `slug` names its files. In a terminal, `brief` tables replace the tables, if there are any.
+    `slug` names its files. In a terminal, `brief` tables replace the tables, if there are any; in the report they stand
+    before the tables of a section that is `folded`, which a reader opens.
     """
 
     slug: str
@@ -52,6 +53,7 @@ class Section:
     tables: tuple[Table, ...] = ()
     records: tuple[Mapping[str, object], ...] = ()
     brief: tuple[Table, ...] = ()
+    folded: bool = False
 
 
 def number(value: float | None, decimals: int = 3) -> str:
@@ -59,16 +61,18 @@ def number(value: float | None, decimals: int = 3) -> str:
     return "-" if value is None else f"{value:.{decimals}f}"
 
 
-def probability(p: float | None) -> str:
-    """Return P to three digits, in powers of ten below 0.01; below 1e-300 it may be mere underflow."""
+def probability(p: float | None, decimals: int = 3) -> str:
+    """Return P to so many decimals; below the last of them as a bound."""
     if p is None:
         return "-"
-    if p < 1e-300:
-        return "< 1e-300"
-    if p >= 0.01:
-        return f"{p:.3f}"
-    mantissa, _, exponent = f"{p:.2e}".partition("e")
-    return f"{mantissa}e{int(exponent)}"
+    least = 10.0**-decimals
+    return f"< {least:.{decimals}f}" if p < least else f"{p:.{decimals}f}"
+
+
+def p_is(p: float) -> str:
+    """Return P within a sentence: `P = 0.023`, or `P < 0.001`."""
+    shown = probability(p)
+    return f"P {shown}" if shown.startswith("<") else f"P = {shown}"
 
 
 class Limits(Protocol):

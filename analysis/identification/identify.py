@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TypeVar
 
 import numpy as np
@@ -12,23 +13,21 @@ from numpy.typing import NDArray
 from analysis.identification import maps
 from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
 from analysis.identification.maps import Choice, Mantel, Scaling
-from analysis.statistics.exact import NotDefined
+from analysis.statistics.exact import NotDefined, mean
 from analysis.statistics.inference import (
     CONFIDENCE,
     RESAMPLES,
     ConfidenceInterval,
-    bca,
     clopper_pearson,
-    leave_one_out,
     mean_interval,
     resamples,
     wilson,
 )
+from analysis.statistics.participants import Jackknife, jackknife
 
 T = TypeVar("T")
 
 CHOICE_RESAMPLES = 999
-INFORMATION_RESAMPLES = 1999
 CHOICE_TOLERANCE = 1e-3
 """Tolerance for resamples of the choice model, because an estimate on the edge converges slowly."""
 
@@ -78,7 +77,7 @@ class Identification:
     task: str
     cells: tuple[Cell, ...]
     information: Information | None
-    information_interval: ConfidenceInterval | None
+    jackknife: Jackknife | None
     detection: Detection | None
     choice: ChoiceIntervals | None
     scaling: Scaling | None
@@ -101,17 +100,17 @@ def identify(
 
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
     bits = told("information", lambda: information(counts.sum(axis=0)))
-    bits_interval = told("information interval", lambda: _information_interval(counts, bits, rng)) if bits else None
+    bits_jackknife = told("information interval", lambda: _jackknife(counts, bits)) if bits else None
     found_choice = told("choice", lambda: _choice(matrix, rng))
     found_scaling = told("scaling", lambda: maps.classical(maps.from_confusions(matrix.means()[:, :-1])))
     found_mantel = None
     if dissimilarities is not None:
-        found_mantel = told("mantel", lambda: maps.mantel(dissimilarities, _confusing(matrix)))
+        found_mantel = told("mantel", lambda: maps.mantel(dissimilarities, _confusing(matrix), rng))
     return Identification(
         task,
         tuple(_cells(matrix, rng)),
         bits,
-        bits_interval,
+        bits_jackknife,
         _detection(matrix, rng),
         found_choice,
         found_scaling,
@@ -130,12 +129,12 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
             if not trials:
                 cells.append(Cell(presented, answered, 0, 0, None, None, None, "nobody was presented this material"))
                 continue
-            values = np.array([float(ratio) for ratio in matrix.ratios(i, j).values()])
+            values = list(matrix.ratios(i, j).values())
             drawn, statement = None, ""
             try:
-                if values.size not in draws:
-                    draws[values.size] = resamples(values.size, RESAMPLES, rng)
-                drawn = mean_interval(values, draws[values.size])
+                if len(values) not in draws:
+                    draws[len(values)] = resamples(len(values), RESAMPLES, rng)
+                drawn = mean_interval(values, draws[len(values)])
             except NotDefined as reason:
                 statement = str(reason)
             exact = wilson(count, trials), clopper_pearson(count, trials)
@@ -143,35 +142,34 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
     return cells
 
 
-def _information_interval(
-    counts: NDArray[np.int64], found: Information, rng: np.random.Generator
-) -> ConfidenceInterval:
-    people = len(counts)
-    drawn = transmitted(np.tensordot(resamples(people, INFORMATION_RESAMPLES, rng), counts, axes=1))
-    return bca(found.transmitted, drawn, transmitted(np.tensordot(leave_one_out(people), counts, axes=1)))
+def _jackknife(counts: NDArray[np.int64], found: Information) -> Jackknife:
+    if len(counts) == 1:
+        raise NotDefined("a jackknife needs 2 participants, got 1")
+    return jackknife(found.transmitted, transmitted(counts.sum(axis=0) - counts))
 
 
 def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
     trials = matrix.trials.sum(axis=1)
     right = np.trace(matrix.counts[:, :, :-1], axis1=1, axis2=2)
     count = len(matrix.materials)
-    shares = right / trials
+    shares = [Fraction(n, total) for n, total in zip(right.tolist(), trials.tolist(), strict=True)]
     known = {
         label: corrected(n, total)
         for label, n, total in zip(matrix.participants, right.tolist(), trials.tolist(), strict=True)
         if total > 1
     }
+    proportion = float(mean(shares))
     said, value, interval = "", None, None
     try:
-        value = d_prime(float(shares.mean()), count)
-        drawn = mean_interval(shares, resamples(shares.size, RESAMPLES, rng))
+        value = d_prime(proportion, count)
+        drawn = mean_interval(shares, resamples(len(shares), RESAMPLES, rng))
         interval = ConfidenceInterval(d_prime(drawn.low, count), d_prime(drawn.high, count), CONFIDENCE)
     except NotDefined as reason:
         said = str(reason)
     values = {share: d_prime(share, count) for share in set(known.values())}
     by_participant = {label: values[share] for label, share in known.items()}
     moved = tuple(label for label, n, total in zip(matrix.participants, right, trials, strict=True) if n in (0, total))
-    return Detection(count, float(shares.mean()), value, interval, by_participant, moved, said)
+    return Detection(count, proportion, value, interval, by_participant, moved, said)
 
 
 def _choice(matrix: Confusion, rng: np.random.Generator) -> ChoiceIntervals:

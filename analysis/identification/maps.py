@@ -4,7 +4,8 @@ The choice model is p(j | i) = s_ij b_j / sum_k s_ik b_k with s_ij = s_ji and s_
 model of counts it is quasi-symmetry (Caussinus 1965), fitted here by iterative proportional fitting to the row sums,
 the column sums and the sums n_ij + n_ji: maximum likelihood, no start value, and a similarity of exactly 0 where two
 materials were never taken for one another. The map is classical scaling (Torgerson 1952). Mantel's test (Mantel 1967,
-Cancer Res. 27, 209-220) permutes rows and columns of one table together in all n! ways.
+Cancer Res. 27, 209-220) permutes rows and columns of one table together in all n! ways, or in random ones where these
+are too many.
 """
 
 from __future__ import annotations
@@ -12,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
-from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,8 @@ class Choice:
     `similarities`, shape (M, M), are 1 on the diagonal. `biases`, shape (M,), sum to 1; they are None where the
     materials fall into groups never taken for one another, between which no bias can be told. `fitted` holds the
     expected counts, shape (M, M). `g2` is the likelihood-ratio statistic against the counts on `df` = (M - 1)(M - 2) /
-    2 degrees of freedom, less the cells that must be empty; `p` takes it as chi-squared, None without `df`.
+    2 degrees of freedom, less the cells that must be empty. It has no P: as chi-squared it errs where participants
+    differ.
     """
 
     similarities: Floats
@@ -42,7 +43,6 @@ class Choice:
     fitted: Floats
     g2: float
     df: int
-    p: float | None
 
 
 def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Choice:
@@ -51,8 +51,6 @@ def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Ch
     Raises:
         NotDefined: for fewer than two materials, one that was never recognised, or an estimate on the edge.
     """
-    from scipy.special import chdtrc
-
     count = len(counts)
     if count < 2:
         raise NotDefined(f"a choice model needs two materials, got {count}")
@@ -68,7 +66,7 @@ def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Ch
     df = max((count - 1) * (count - 2) // 2 - int(empty), 0)
     linked = (np.linalg.matrix_power((similarities[0] > 0).astype(np.float64), count) > 0).all()
     held = biases[0] if linked else None
-    return Choice(similarities[0], held, fitted[0], max(g2, 0.0), df, float(chdtrc(df, g2)) if df else None)
+    return Choice(similarities[0], held, fitted[0], max(g2, 0.0), df)
 
 
 def fit(counts: NDArray[np.int64], tolerance: float = TOLERANCE) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]]:
@@ -153,44 +151,53 @@ def from_confusions(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
 MOST = 8
 """The most objects of which all orders (40,320) are tried."""
 
+ORDERS = 9999
+"""The random orders of more objects; the observed order counts as one more."""
+
 
 @dataclass(frozen=True)
 class Mantel:
-    """Pearson's r over the pairs, and the shares of all n! orders with r as low, as high, and as far from 0 or more."""
+    """Pearson's r over the pairs, and the shares of `orders` with r as low, as high, and as far from 0 or more.
+
+    These are all n! orders where the test is `exact`, else the observed order and random ones (Dwass 1957).
+    """
 
     r: float
     pairs: int
     orders: int
+    exact: bool
     p_less: float
     p_greater: float
     p_two: float
 
 
-def mantel(first: NDArray[np.float64], second: NDArray[np.float64]) -> Mantel:
-    """Return the exact test of two symmetric tables, shape (n, n), without their diagonals.
+def mantel(first: NDArray[np.float64], second: NDArray[np.float64], rng: np.random.Generator) -> Mantel:
+    """Return the test of two symmetric tables, shape (n, n), without their diagonals: exact up to `MOST` objects.
 
     Raises:
-        NotDefined: with fewer than three or more than `MOST` objects, or where the pairs of a table do not vary.
+        NotDefined: with fewer than three objects, or where the pairs of a table do not vary.
         ValueError: for tables of unlike shape, not symmetric, or with a pair that is not finite.
     """
     count = len(first)
     if first.shape != (count, count) or second.shape != first.shape:
         raise ValueError(f"got tables of {first.shape} and {second.shape}; allowed: two square ones of one size")
-    if not 3 <= count <= MOST:
-        raise NotDefined(f"an exact Mantel test needs 3 to {MOST} objects, got {count}")
+    if count < 3:
+        raise NotDefined(f"Mantel's test needs 3 objects, got {count}")
     upper = np.triu_indices(count, k=1)
     for table in (first, second):
         if not (np.isfinite(table[upper]).all() and np.array_equal(table[upper], table.T[upper])):
             raise ValueError("a table of pairs must be symmetric and finite")
         if np.ptp(table[upper]) == 0:
             raise NotDefined("the pairs of one table do not vary: no correlation is defined")
-    orders = np.array(list(permutations(range(count))))
+    exact = count <= MOST
+    drawn = permutations(range(count)) if exact else rng.permuted(np.tile(np.arange(count), (ORDERS, 1)), axis=1)
+    orders = np.array([*([] if exact else [range(count)]), *drawn])
     fixed = _standard(first[upper])
     moved = second[orders[:, upper[0]], orders[:, upper[1]]]
     all_r = (_standard(moved) * fixed).sum(axis=-1)
     r, slack = float(all_r[0]), 1e-12
     shares = [float(np.mean(hit)) for hit in (all_r <= r + slack, all_r >= r - slack, np.abs(all_r) >= abs(r) - slack)]
-    return Mantel(r, len(upper[0]), factorial(count), *shares)
+    return Mantel(r, len(upper[0]), len(orders), exact, *shares)
 
 
 def _standard(values: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 
 import numpy as np
 
 from analysis.documents.tables import plural
+from analysis.identification.beside import Beside, beside
 from analysis.identification.confusion import Confusion, confusion_of
 from analysis.identification.identify import Identification, identify
 from analysis.identification.time_course import TimeCourse, course_of
 from analysis.identification.trial_models import TrialLevel, trial_level
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities
-from analysis.reading.study import Study, Task, chance
+from analysis.reading.study import Study, Task, chance, correction
 from analysis.statistics.anova import (
     TYPES,
     Anova,
@@ -29,8 +30,12 @@ from analysis.statistics.anova import (
 from analysis.statistics.exact import NotDefined
 from analysis.statistics.icc import Icc, icc
 from analysis.statistics.inference import EffectSize, TTest, cohens_d, holm, log_bayes_factor, t_against_chance
+from analysis.statistics.participants import SignFlip, sign_flip
 
 TASK, MATERIAL = "task", "material"
+
+EVERY = "materials and tasks"
+"""The family, as a protocol names it, of the tests of all materials in all tasks."""
 
 SEED = 1
 """The seed of every bootstrap; the draws of one task do not depend on the other tasks."""
@@ -38,13 +43,22 @@ SEED = 1
 
 @dataclass(frozen=True)
 class MaterialTest:
-    """Correct answers to one material against chance; `p_holm` is adjusted within the task, `log_bf10` is natural."""
+    """Correct answers to one material against chance; `log_bf10` is natural.
+
+    `flip` is the exact test by sign flips, which is ours, or None where `flip_statement` says why. `p_holm` and
+    `flip_holm` are adjusted within the `family`: the materials of the task, or of all tasks. `stars` are those of the
+    mean above chance by the P that the protocol names.
+    """
 
     material: str
     result: TTest
     p_holm: float | None
     d: EffectSize | None
     log_bf10: float | None
+    flip: SignFlip | None
+    flip_holm: float | None
+    flip_statement: str
+    stars: str
 
 
 @dataclass(frozen=True)
@@ -86,12 +100,13 @@ class ComponentReliability:
 
 @dataclass(frozen=True)
 class TaskResult:
-    """What one task gives."""
+    """What one task gives; `correction` is the family over which the protocol adjusts the P that the stars follow."""
 
     task: Task
     chance: float
     confusion: Confusion
     tests: tuple[MaterialTest, ...]
+    correction: str | None
 
     def test(self, material: str) -> MaterialTest:
         """Return the test of one material; `KeyError` if there is none."""
@@ -110,6 +125,7 @@ class Results:
     two_way_statement: str
     components: ComponentReliability | None
     reliabilities: tuple[Reliability, ...]
+    beside: Beside
     trials: TrialLevel
     course: TimeCourse
 
@@ -126,7 +142,7 @@ def compute(
     Confusions are compared with `dissimilarities` where no pair is missing.
     """
     table = dissimilarities.table(study.materials)
-    tasks = tuple(_task(study, task) for task in study.tasks if len(study.trials(task.id)))
+    tasks = _tasks(study)
     data, statement = _crossed(tasks)
     return Results(
         tasks=tasks,
@@ -140,27 +156,72 @@ def compute(
         two_way_statement=statement,
         components=_components(data, tasks) if data else None,
         reliabilities=tuple(_reliabilities(study, tasks)),
+        beside=beside(study, {task.task.id: task.confusion for task in tasks}),
         trials=trial_level(study),
         course=course_of(study, SEED),
     )
 
 
-def _task(study: Study, task: Task) -> TaskResult:
-    matrix = confusion_of(study, task.id)
-    guessed = chance(study, task.id)
-    tests = [t_against_chance(list(matrix.ratios(i, i).values()), guessed) for i in range(len(study.materials))]
-    family = holm(np.array([np.nan if test.p is None else test.p for test in tests])).tolist()
-    found = tuple(
-        MaterialTest(
-            material,
-            test,
-            None if test.p is None else adjusted,
-            None if test.t is None else cohens_d(test.t, test.df),
-            None if test.t is None else log_bayes_factor(test.t, test.n),
+def _tasks(study: Study) -> tuple[TaskResult, ...]:
+    tasks = [task for task in study.tasks if len(study.trials(task.id))]
+    found = [(confusion_of(study, task.id), chance(study, task.id)) for task in tasks]
+    tests = [_tests(matrix, guessed) for matrix, guessed in found]
+    flips = [_flips(matrix, guessed) for matrix, guessed in found]
+    corrections = [correction(study, task.id) for task in tasks]
+    adjusted = _adjusted([[test.p for test in of] for of in tests], corrections)
+    flipped = _adjusted([[flip.p if flip else None for flip, _ in of] for of in flips], corrections)
+    return tuple(
+        TaskResult(
+            task,
+            float(guessed),
+            matrix,
+            tuple(
+                MaterialTest(
+                    material,
+                    test,
+                    p_holm,
+                    None if test.t is None else cohens_d(test.t, test.df),
+                    None if test.t is None else log_bayes_factor(test.t, test.n),
+                    flip,
+                    flip_holm,
+                    why,
+                    test.stars if family is None else replace(test, p=p_holm).stars,
+                )
+                for material, test, p_holm, (flip, why), flip_holm in zip(
+                    study.materials, tests[k], adjusted[k], flips[k], flipped[k], strict=True
+                )
+            ),
+            family,
         )
-        for material, test, adjusted in zip(study.materials, tests, family, strict=True)
+        for k, (task, (matrix, guessed), family) in enumerate(zip(tasks, found, corrections, strict=True))
     )
-    return TaskResult(task, float(guessed), matrix, found)
+
+
+def _tests(matrix: Confusion, guessed: Fraction) -> list[TTest]:
+    return [t_against_chance(list(matrix.ratios(i, i).values()), guessed) for i in range(len(matrix.materials))]
+
+
+def _flips(matrix: Confusion, guessed: Fraction) -> list[tuple[SignFlip | None, str]]:
+    found: list[tuple[SignFlip | None, str]] = []
+    for i in range(len(matrix.materials)):
+        try:
+            found.append((sign_flip(list(matrix.ratios(i, i).values()), guessed), ""))
+        except NotDefined as reason:
+            found.append((None, str(reason)))
+    return found
+
+
+def _adjusted(p: Sequence[Sequence[float | None]], families: Sequence[str | None]) -> list[list[float | None]]:
+    """Return P adjusted by Holm's method: within each task, or over all tasks whose family are `EVERY` materials."""
+    apart = [[k] for k, family in enumerate(families) if family != EVERY]
+    together = [k for k, family in enumerate(families) if family == EVERY]
+    found: list[list[float | None]] = [[] for _ in p]
+    for family in (*apart, together):
+        rows = [(k, value) for k in family for value in p[k]]
+        adjusted = holm(np.array([np.nan if value is None else value for _, value in rows])).tolist()
+        for (k, value), one in zip(rows, adjusted, strict=True):
+            found[k].append(None if value is None else one)
+    return found
 
 
 def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest]:

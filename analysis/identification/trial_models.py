@@ -1,14 +1,15 @@
 """Models of single trials: was the answer right, as a logit of task, material and what went with the trial.
 
-GEE (Liang and Zeger 1986; from statsmodels) gives odds in the population, with one correlation within a participant and
-the standard errors of Mancl and DeRouen (2001) for few participants. The mixed logit gives odds for one participant,
-with a normal random intercept each, by maximum likelihood; statsmodels only has it by variational Bayes, whose standard
-deviations are too small by construction, and which takes minutes and a gigabyte for a thousand participants.
+GEE (Liang and Zeger 1986; from statsmodels) gives odds in the population, with one correlation within a participant,
+the standard errors of Mancl and DeRouen (2001) for few participants, and Hotelling's F in the place of chi-squared. The
+mixed logit gives odds for one participant, with a normal random intercept each, by maximum likelihood; statsmodels only
+has it by variational Bayes, whose standard deviations are too small by construction, and which takes minutes and a
+gigabyte for a thousand participants.
 
 With log odds X b + s u, the likelihood is the integral over a standard normal u, by adaptive Gauss-Hermite quadrature
 (Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995, equation (2.12)). Covariates are used if at least
-half of the trials of every task, and of every material, have all of them; otherwise the one known for the fewest trials
-is dropped. Trials that lack a covariate in use are left out, and counted.
+half of the trials of every task, and of every material, have them. Trials that lack a covariate in use are left out,
+and counted.
 """
 
 from __future__ import annotations
@@ -26,9 +27,12 @@ from numpy.typing import NDArray
 from analysis.reading.study import Study
 from analysis.statistics.exact import NotDefined
 
-TRIAL, FASTER, RESPONSE, LATER = "10 trials on", "foot 100 mm/s faster", "response 1 s later", "second task"
-COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0), "response_time_s": (RESPONSE, 1.0)}
-"""Column -> the name of one step, and how many units one step is."""
+TRIAL, FASTER, LATER = "10 trials on", "foot 100 mm/s faster", "a task after the first"
+COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0)}
+"""Column -> the name of one step, and how many units one step is.
+
+The response time is no covariate: it comes after the stimulus, and what it explains is taken from material and task.
+"""
 
 
 @dataclass(frozen=True)
@@ -128,24 +132,12 @@ def _thinned(
     columns: dict[str, NDArray[np.float64]], absent: dict[str, str], groups: Mapping[str, NDArray[np.bool_]]
 ) -> NDArray[np.bool_]:
     """Return which trials have every covariate; those that leave less than half of a group move to `absent`."""
-    known = {name: np.asarray(np.isfinite(values)) for name, values in columns.items()}
-    for name in list(known):
-        if (thin := _thin(known[name], groups)) is not None:
-            absent[name] = f"it is known for {known.pop(name)[groups[thin]].sum()} of {groups[thin].sum()} {thin}"
+    for name in list(columns):
+        known = np.asarray(np.isfinite(columns[name]))
+        if (thin := _thin(known, groups)) is not None:
+            absent[name] = f"it is known for {known[groups[thin]].sum()} of {groups[thin].sum()} {thin}"
             del columns[name]
-    while True:
-        whole = np.asarray(np.array([groups["trials"], *known.values()]).all(axis=0))
-        if (thin := _thin(whole, groups)) is None:
-            return whole
-        inside = groups[thin]
-        counts = {name: int(part[inside].sum()) for name, part in reversed(known.items())}
-        worst = min(counts, key=counts.__getitem__)
-        others = " and ".join(name for name in known if name != worst and counts[name] < inside.sum())
-        absent[worst] = (
-            f"it is known for {counts[worst]} of {inside.sum()} {thin}, and together with {others} for "
-            f"{whole[inside].sum()}"
-        )
-        del known[worst], columns[worst]
+    return np.asarray(np.array([groups["trials"], *map(np.isfinite, columns.values())]).all(axis=0))
 
 
 def _covariates(study: Study, table: pd.DataFrame) -> tuple[dict[str, NDArray[np.float64]], dict[str, str]]:
@@ -313,11 +305,12 @@ class Coefficient:
 
 @dataclass(frozen=True)
 class Term:
-    """Wald's test that all coefficients of a term are zero."""
+    """Wald's test that all coefficients of a term are zero: chi-squared, or F where `df2` says on how many df."""
 
     name: str
-    chi2: float
+    statistic: float
     df: int
+    df2: int | None
     p: float
 
 
@@ -363,7 +356,7 @@ def gee(design: Design) -> TrialModel:
     _bounded(design, estimates)
     if not _positive(covariance):
         raise NotDefined(NO_ERRORS)
-    return _model(design, people, estimates, covariance, float(structure.dep_params), warned)
+    return _model(design, people, estimates, covariance, float(structure.dep_params), warned, few=True)
 
 
 def mixed(design: Design) -> TrialModel:
@@ -388,28 +381,48 @@ def _participants(design: Design) -> int:
 
 
 def _model(
-    design: Design, people: int, estimates: Floats, covariance: Floats, spread: float, warned: tuple[str, ...] = ()
+    design: Design,
+    people: int,
+    estimates: Floats,
+    covariance: Floats,
+    spread: float,
+    warned: tuple[str, ...] = (),
+    *,
+    few: bool = False,
 ) -> TrialModel:
-    """Return the model of these estimates, with Wald's tests that all coefficients of a term are zero."""
-    from scipy.special import chdtrc, ndtr, ndtri
+    """Return the model of these estimates, with Wald's tests that all coefficients of a term are zero.
+
+    With `few`, the covariance is estimated from participants alone: t has n - 1 df, and Wald's statistic of q
+    coefficients is Hotelling's, (n - q) / (q (n - 1)) of which is F on q and n - q df.
+    """
+    from scipy.special import chdtrc, fdtrc, ndtr, ndtri, stdtr, stdtrit
 
     _bounded(design, estimates)
     errors = np.sqrt(np.diag(covariance))
     if not (np.isfinite(errors).all() and errors.max() < LARGEST):
         vague = [name for name, error in zip(design.names, errors.tolist(), strict=True) if not error < LARGEST]
         raise NotDefined(f"standard errors beyond {LARGEST:g} say nothing: {', '.join(vague)}")
-    reach = float(ndtri(0.975))
+    reach = float(stdtrit(people - 1, 0.975) if few else ndtri(0.975))
     coefficients = tuple(
         Coefficient(
-            name, value, error, value - reach * error, value + reach * error, float(2 * ndtr(-abs(value) / error))
+            name,
+            value,
+            error,
+            value - reach * error,
+            value + reach * error,
+            float(2 * (stdtr(people - 1, -abs(value) / error) if few else ndtr(-abs(value) / error))),
         )
         for name, value, error in zip(design.names, estimates.tolist(), errors.tolist(), strict=True)
     )
     terms = []
     for name, columns in design.terms.items():
         part = estimates[list(columns)]
-        chi2 = float(part @ np.linalg.solve(covariance[np.ix_(columns, columns)], part))
-        terms.append(Term(name, chi2, len(columns), float(chdtrc(len(columns), chi2))))
+        wald, df = float(part @ np.linalg.solve(covariance[np.ix_(columns, columns)], part)), len(columns)
+        if few:
+            f, df2 = wald * (people - df) / (df * (people - 1)), people - df
+            terms.append(Term(name, f, df, df2, float(fdtrc(df, df2, f))))
+        else:
+            terms.append(Term(name, wald, df, None, float(chdtrc(df, wald))))
     return TrialModel(len(design.correct), people, coefficients, tuple(terms), spread, warned)
 
 

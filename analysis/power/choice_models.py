@@ -51,11 +51,15 @@ class Answers:
 
 @dataclass(frozen=True)
 class ChoiceModel:
-    """How participants answer in every task, where this comes from (`source`), and what was decided (`notes`)."""
+    """How participants answer in every task, where this comes from (`source`), and what was decided (`notes`).
+
+    `label` is that of the dataset that the model was fitted to, empty for answers that participants gave.
+    """
 
     source: str
     tasks: tuple[Answers, ...]
     notes: tuple[str, ...] = ()
+    label: str = ""
 
 
 def find(name: str, protocol: Protocol) -> ChoiceModel:
@@ -182,7 +186,7 @@ def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
             spreads.append(_clipped(fit, f"{task.id}, {shown}", notes))
         tasks.append(Answers(task.id, np.array(rows), np.array(spreads)))
     label = f" ({study.label})" if study.label else ""
-    return ChoiceModel(f"fitted to the answers in {folder.name}{label}", tuple(tasks), tuple(notes))
+    return ChoiceModel(f"fitted to the answers in {folder.name}{label}", tuple(tasks), tuple(notes), study.label)
 
 
 def stated(file: Path, protocol: Protocol) -> ChoiceModel:

@@ -10,13 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.identification.confusion import most_confused
+from analysis.identification.results import EVERY
 from analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests, variance_component_icc
 from analysis.statistics.exact import Floats, Integers, Ratios, of_counts
 from analysis.statistics.icc import NAMES, icc_tests
 from analysis.statistics.inference import holm, t_tests
+from analysis.statistics.participants import contrasts, repeated_tests, sign_flip_tests
 from experiment.protocol.models import PlannedTest, Protocol, Task
 
 ADJUSTED = "Holm"
+FLIPS = ", sign flips (ours)"
+REPEATED = "repeated measures (ours)"
 VARIANCE_COMPONENTS = "variance components"
 
 
@@ -92,27 +96,36 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
     found: dict[Question, Answer] = {}
     for number, test in enumerate(planned.tests):
         if test.test == "t against chance":
-            found |= _t(number, test, planned, every)
+            found |= _t(number, test, planned, every, drawn)
         elif test.test == "one-way ANOVA":
             found |= _one_way(number, test, planned, every)
         elif test.test == "two-way ANOVA":
-            found |= _two_way(number, test, every)
+            found |= dict(_two_way(number, test, every))
+            found |= dict(_repeated(number, test, planned, drawn))
         else:
             found |= _icc(number, test, planned, every, drawn)
     return found
 
 
 def _t(
-    number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios]
+    number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios], drawn: Mapping[str, Integers]
 ) -> Iterator[tuple[Question, Answer]]:
     chance = Fraction(1, len(planned.materials)) if test.chance is None else Fraction(repr(test.chance))
+    trials = {task.id: task.repetitions for task in planned.tasks}
+    tested = {task: t_tests(_correct(every[task]), chance).p for task in test.tasks}
+    if test.correction == EVERY:
+        family = holm(np.concatenate(list(tested.values())))
+        adjusted_p = dict(zip(tested, np.split(family, len(tested)), strict=True))
+    else:
+        adjusted_p = {task: holm(p) for task, p in tested.items()}
+    materials = np.arange(len(planned.materials))
     for task in test.tasks:
-        correct = _correct(every[task])
-        result = t_tests(correct, chance)
-        above = correct.means > float(chance)
-        for adjusted, p in ((False, result.p), (True, holm(result.p))):
+        above = _correct(every[task]).means > float(chance)
+        flips = sign_flip_tests(drawn[task][materials, materials], trials[task], chance)
+        asked = ((tested[task], "", False), (adjusted_p[task], "", True), (flips, FLIPS, False))
+        for p, how, adjusted in asked:
             for i, material in enumerate(planned.materials):
-                question = Question(number, test.test, (task,), material, test.alpha, adjusted)
+                question = Question(number, test.test, (task,), f"{material}{how}", test.alpha, adjusted)
                 yield question, Answer(p=p[i], above=above[i])
 
 
@@ -143,6 +156,19 @@ def _two_way(number: int, test: PlannedTest, every: Mapping[str, Ratios]) -> Ite
             subject = f"{name}, type{'s' * (len(same) > 1)} {', '.join(same)}"
             p = two_way_tests(layout, cells, effect, same[0]).p
             yield Question(number, test.test, test.tasks, subject, test.alpha), Answer(p=p)
+
+
+def _repeated(
+    number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
+) -> Iterator[tuple[Question, Answer]]:
+    """Yield ours beside the two-way ANOVA: the materials of each task by repeated measures."""
+    materials = np.arange(len(planned.materials))
+    for task in planned.tasks:
+        if task.id in test.tasks:
+            ratios = np.moveaxis(drawn[task.id][materials, materials] / task.repetitions, 0, -1)
+            studies, people = ratios.shape[:2]
+            p = np.full(studies, np.nan) if people < 2 else repeated_tests(ratios @ contrasts(len(materials)))[2]
+            yield Question(number, REPEATED, (task.id,), "material", test.alpha), Answer(p=p)
 
 
 def _icc(

@@ -18,7 +18,7 @@ from analysis.documents.output import publish
 from analysis.documents.tables import WIDTH, Section, Table, number
 from analysis.documents.tables import text as in_terminal
 from analysis.power.planned_tests import ADJUSTED, Question
-from analysis.power.simulate import LABEL, Kind, Power, Row, software
+from analysis.power.simulate import Kind, Power, Row, software
 
 ABOUT_POWER = (
     "Power is the share of SIMULATED studies in which the two-tailed P lies below alpha. A study whose values define "
@@ -287,7 +287,7 @@ def plot(result: Power) -> Sheet:
             panels.setdefault((question.plan, question.tasks), []).append(question)
     with mpl.rc_context(COLUMN_STYLE):
         heights = [PANEL_IN + _legend_in(questions) for questions in panels.values()]
-        drawn, every = sheet(heights, "Power, with its Monte Carlo interval", LABEL)
+        drawn, every = sheet(heights, "Power, with its Monte Carlo interval", result.label)
         for axes, questions in zip(every, panels.values(), strict=True):
             (estimates if questions[0].alpha is None else powers)(axes, result, questions)
         said = "Power of each planned test by number of participants; the bands are Wilson's 95 % intervals."
@@ -351,13 +351,13 @@ def text(result: Power, width: int = WIDTH) -> str:
     """Return everything for a terminal; the participants needed stand last."""
     parts = sorted(sections(result), key=lambda section: section.slug == "needed")
     shown = [in_terminal(section, width) for section in parts if section.slug != "control"]
-    return "\n\n\n".join([LABEL, *shown, LABEL])
+    return "\n\n\n".join([result.label, *shown, result.label])
 
 
 def as_dict(result: Power) -> dict[str, Any]:
     """Return every number, for JSON; None where it is not defined."""
     return {
-        "label": LABEL,
+        "label": result.label,
         "study": result.study,
         "model": result.model.source,
         "notes": list(result.notes),
@@ -376,5 +376,5 @@ def write(result: Power, out: Path) -> tuple[Path, ...]:
     Raises:
         DatasetError: the folder is within a dataset, a file is in the way, or the file system refuses.
     """
-    files = page.tables(sections(result), LABEL) | page.drawings([plot(result)])
-    return publish(out, files, LABEL, "power")
+    files = page.tables(sections(result), result.label) | page.drawings([plot(result)])
+    return publish(out, files, result.label, "power")

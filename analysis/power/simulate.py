@@ -126,6 +126,11 @@ class Power:
     notes: tuple[str, ...]
 
     @property
+    def label(self) -> str:
+        """What stands on everything made from this: that it is simulated, and after what if not participants."""
+        return f"{LABEL}, after: {self.model.label}" if self.model.label else LABEL
+
+    @property
     def questions(self) -> tuple[Question, ...]:
         """Every question, in the order of the protocol."""
         return tuple(dict.fromkeys(row.question for row in self.rows))

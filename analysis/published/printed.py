@@ -195,13 +195,13 @@ class Printed:
         return Decimal(number)
 
 
-def as_printed(printed: Printed, value: float) -> str:
-    """Return `value` as text, with as many digits as the printed number has."""
+def as_printed(printed: Printed, value: float, further: int = 0) -> str:
+    """Return `value` as text, with as many digits as the printed number has, and some `further` ones."""
     number = printed.text.removeprefix("<").strip()
     if "e" in number:
-        digits = len(number.partition("e")[0].partition(".")[2])
+        digits = len(number.partition("e")[0].partition(".")[2]) + further
         mantissa, _, exponent = f"{value:.{digits}e}".partition("e")
         return f"{mantissa}e{int(exponent)}"
     if number.endswith("%"):
-        return f"{100 * value:.{len(number.removesuffix('%').partition('.')[2])}f}%"
-    return f"{value:.{len(number.partition('.')[2])}f}"
+        return f"{100 * value:.{len(number.removesuffix('%').partition('.')[2]) + further}f}%"
+    return f"{value:.{len(number.partition('.')[2]) + further}f}"

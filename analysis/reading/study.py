@@ -213,6 +213,18 @@ def chance(study: Study, task: str) -> Fraction:
     return next(_chance(part, task, len(study.materials)) for part in study.parts if task in part.tasks)
 
 
+def correction(study: Study, task: str) -> str | None:
+    """Return the family over which Holm's method adjusts the P that the stars of a task follow; None for no family.
+
+    It is that of the first protocol that plans a test of the task against chance.
+    """
+    for part in study.parts:
+        for plan in part.protocol.analysis if part.protocol else ():
+            if plan.test == "t against chance" and task in plan.tasks:
+                return plan.correction
+    return None
+
+
 def check_chances(parts: Sequence[Part], materials: int) -> None:
     """Refuse to pool answers that are tested against different chances."""
     for task in dict.fromkeys(task for part in parts for task in part.tasks):

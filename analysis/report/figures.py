@@ -149,7 +149,7 @@ def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) 
         if result.sd is not None:
             axes.errorbar(x, result.mean, yerr=result.sd, color="black", capsize=2.5, linewidth=1.0)
         top = max(1.0, *values, min(result.mean + (result.sd or 0.0), 1.1))
-        axes.text(x, top + 0.01, result.stars, ha="center", va="bottom")
+        axes.text(x, top + 0.01, test.stars, ha="center", va="bottom")
 
 
 def _cell(axes: Axes, task: TaskResult, i: int, j: int, room: float) -> None:
@@ -160,7 +160,7 @@ def _cell(axes: Axes, task: TaskResult, i: int, j: int, room: float) -> None:
     elif room < 4.5 * LETTER_INCHES:
         return
     else:
-        stars = task.tests[i].result.stars if i == j and whole else ""
+        stars = task.tests[i].stars if i == j and whole else ""
         text = f"{mean:.2f}{stars}" + ("" if sd is None or not whole else f"\n± {sd:.2f}")
     ink = "white" if mean is not None and mean > DARK else "black"
     axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=ink)
@@ -325,7 +325,7 @@ def _answers(results: Results, label: str) -> Iterator[Sheet]:
         f"standard deviations among participants, and dots participants, where there are at most {DOTS}; stars mark "
         "ratios above chance."
     )
-    yield Sheet("correct-ratios", "tests", f"{said} {ELSEWHERE}", figure)
+    yield Sheet("correct-ratios", "found", f"{said} {ELSEWHERE}", figure)
 
     unanswered = any(task.confusion.unanswered for task in tasks)
     height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else 0.32 * count + 1.4

@@ -9,12 +9,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.documents.tables import Section, Table, interval, number, plural, probability
-from analysis.identification.identify import CHOICE_RESAMPLES, INFORMATION_RESAMPLES, ChoiceIntervals, Identification
+from analysis.documents.tables import Section, Table, interval, number, p_is, plural, probability
+from analysis.identification.identify import CHOICE_RESAMPLES, ChoiceIntervals, Identification
 from analysis.identification.results import Results
 from analysis.identification.time_course import WINDOW, TimeCourse
-from analysis.identification.trial_models import TrialLevel, TrialModel
+from analysis.identification.trial_models import Term, TrialLevel, TrialModel
 from analysis.statistics.inference import RESAMPLES, ConfidenceInterval
+from analysis.statistics.participants import Jackknife
 
 ARBITRARY = (
     "In a reconstruction it is arbitrary which rows form one participant. Values by participant, and intervals that "
@@ -93,8 +94,9 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
 def _information(found: tuple[Identification, ...]) -> Table:
     notes = [
         "The transmitted information is that of the counts as they are, which is too large when trials are few; the "
-        "last two columns correct it. Trials without an answer count as one more answer. The BCa interval is that of "
-        f"the uncorrected value, from {INFORMATION_RESAMPLES} resamples of participants."
+        "last three columns correct it. Trials without an answer count as one more answer. The jackknife over "
+        "participants, with its interval, is ours: it is the one to report. In SIMULATED studies its interval held the "
+        "truth in 92 to 96 %, least often with 6 participants."
     ]
     for one in found:
         if (bits := one.information) is None:
@@ -108,10 +110,13 @@ def _information(found: tuple[Identification, ...]) -> Table:
             notes.append(f"{one.task}: a corrected value is below 0, although no less can be transmitted.")
     rows = tuple(
         (one.task, str(bits.trials), number(bits.presented), number(bits.transmitted),
-         interval(one.information_interval), number(bits.miller_madow), number(bits.panzeri_treves))
+         number(bits.miller_madow), number(bits.panzeri_treves), number(one.jackknife.value if one.jackknife else None),
+         interval(one.jackknife))
         for one in found if (bits := one.information)
     )  # fmt: skip
-    header = ("task", "trials", "presented", "transmitted", "95 % CI", "Miller-Madow", "Panzeri-Treves")
+    header = (
+        "task", "trials", "presented", "transmitted", "Miller-Madow", "Panzeri-Treves", "jackknife (ours)", "95 % CI"
+    )  # fmt: skip
     return Table("Information, bits a trial", header, rows, notes=tuple(notes))
 
 
@@ -148,10 +153,14 @@ def _choice(task: str, fitted: ChoiceIntervals, materials: tuple[str, ...]) -> T
                 text += f" ({fitted.similarities[i, j, 0]:.3f} to {fitted.similarities[i, j, 1]:.3f})"
             cells.append(text)
         rows.append((first, *cells, bias))
-    tested = f"G² = {model.g2:.2f}, {model.df} df" + (f", P = {probability(model.p)}" if model.p is not None else "")
+    tested = f"G² = {model.g2:.2f}, {model.df} df"
     bracketed = f" Brackets hold 95 % percentile intervals from {CHOICE_RESAMPLES} resamples of participants."
     resampled = fitted.similarities is not None or fitted.biases is not None
-    notes = [f"The fit has {tested}.{bracketed * resampled} Trials without an answer are left out."]
+    no_p = (
+        "It has no P: as chi-squared it takes all trials as independent, and erred in a third of SIMULATED studies in "
+        "which participants differed in what they confused, at a nominal 5 %."
+    )
+    notes = [f"The fit has {tested}. {no_p}{bracketed * resampled} Trials without an answer are left out."]
     if fitted.statement:
         notes.append(f"{fitted.statement}." if resampled else f"There are no intervals: {fitted.statement}.")
     if model.biases is None:
@@ -176,13 +185,15 @@ def _scaling(found: tuple[Identification, ...]) -> Table:
 
 def _mantel(found: tuple[Identification, ...], source: str) -> Table:
     rows = tuple(
-        (one.task, str(test.pairs), f"{test.r:.3f}", str(test.orders), f"{test.p_less:.4f}", f"{test.p_two:.4f}")
+        (one.task, str(test.pairs), f"{test.r:.3f}", str(test.orders), probability(test.p_less, 4),
+         probability(test.p_two, 4))
         for one in found if (test := one.mantel)
     )  # fmt: skip
     header = ("task", "pairs", "r", "orders", "P, fewer confusions", "P, two-sided")
     notes = (
-        f"The test compares the mean confusing ratio of each pair with the dissimilarity of the spectra ({source}). It "
-        "is exact: it tries every order of the materials, so that P cannot be smaller than 1 / orders.",
+        f"The test compares the mean confusing ratio of each pair with the dissimilarity of the spectra ({source}). "
+        "Up to 8 materials it is exact: it tries every order of the materials. For more it draws orders at random, and "
+        "counts the observed one. P cannot be smaller than 1 / orders.",
     )
     return Table("Confusion against dissimilarity (Mantel's test)", header, rows, notes=notes)
 
@@ -195,10 +206,12 @@ def _records(one: Identification, materials: tuple[str, ...]) -> list[Mapping[st
         records.append({"task": one.task, "quantity": quantity, "of": of, "value": value, "low": low, "high": high})
 
     if bits := one.information:
-        add("information, bits", bits.transmitted, _ends(one.information_interval))
+        add("information, bits", bits.transmitted)
         add("information, Miller-Madow", bits.miller_madow)
         add("information, Panzeri-Treves", bits.panzeri_treves)
         add("entropy presented", bits.presented)
+        if one.jackknife:
+            add("information, jackknife (ours)", one.jackknife.value, _ends(one.jackknife))
     if d := one.detection:
         add("d'", d.d_prime, _ends(d.interval))
         for label, value in d.by_participant.items():
@@ -212,13 +225,12 @@ def _records(one: Identification, materials: tuple[str, ...]) -> list[Mapping[st
             if model.biases is not None:
                 add("bias", float(model.biases[i]), _row(None if fitted.biases is None else fitted.biases[i]), first)
         add("choice model, G2", model.g2, of=f"{model.df} df")
-        add("choice model, P", model.p)
     if one.scaling:
         for material, (x, y) in zip(materials, one.scaling.points.tolist(), strict=True):
             add("map, first axis", x, of=material)
             add("map, second axis", y, of=material)
     if test := one.mantel:
-        add("Mantel r", test.r, of=f"{test.pairs} pairs")
+        add("Mantel r", test.r, of=f"{test.pairs} pairs, {'exact' if test.exact else 'random orders'}")
         add("Mantel P, fewer confusions", test.p_less, of=f"{test.orders} orders")
         add("Mantel P, two-sided", test.p_two, of=f"{test.orders} orders")
     return records
@@ -227,7 +239,7 @@ def _records(one: Identification, materials: tuple[str, ...]) -> list[Mapping[st
 Ends = tuple[float | None, float | None]
 
 
-def _ends(limits: ConfidenceInterval | None) -> Ends:
+def _ends(limits: ConfidenceInterval | Jackknife | None) -> Ends:
     return (None, None) if limits is None else (limits.low, limits.high)
 
 
@@ -270,17 +282,30 @@ def _model_table(title: str, spread: str, model: TrialModel) -> Table:
          probability(one.p))
         for one in model.coefficients
     )  # fmt: skip
-    tests = "; ".join(f"{t.name}: chi2({t.df}) = {t.chi2:.2f}, P = {probability(t.p)}" for t in model.terms)
+    tests = "; ".join(_tested(term) for term in model.terms)
     if title.startswith("GEE"):
-        about = f"The {spread} is {model.spread:.3f}. The standard errors are those of Mancl and DeRouen."
+        about = (
+            f"The {spread} is {model.spread:.3f}. The standard errors are those of Mancl and DeRouen. F is ours, after "
+            "Hotelling: taken as chi-squared, tests of four materials erred in 13 to 18 % of SIMULATED studies of 10 "
+            "participants, at a nominal 5 %; as F in 0 to 8 % of 60 studies of each size."
+        )
     else:
         about = (
             f"The {spread} is {model.spread:.2f}. The fit is by maximum likelihood. These are the odds of one "
-            "participant; the more participants differ, the further they are from 1 than those of the population."
+            "participant; the more participants differ, the further they are from 1 than those of the population. The "
+            "P of material and task hold only if participants differ in level alone: where they differed by "
+            "material and task, they erred in 25 to 47 % of SIMULATED studies, at a nominal 5 %. The logit beside the "
+            "analysis of variance allows for that."
         )
     notes = (f"Wald tests: {tests}.", about, *(f"statsmodels warned during the fit: {said}." for said in model.warned))
     size = f"{model.trials} trials of {model.participants} participants"
     return Table(f"{title}: {size}", ("term", "odds ratio", "95 % CI", "P"), rows, notes=notes)
+
+
+def _tested(term: Term) -> str:
+    """Return Wald's test of a term in words."""
+    name, df = ("chi2", f"{term.df}") if term.df2 is None else ("F", f"{term.df}, {term.df2}")
+    return f"{term.name}: {name}({df}) = {term.statistic:.2f}, {p_is(term.p)}"
 
 
 def _trial_records(kind: str, spread: str, model: TrialModel) -> list[Mapping[str, object]]:
@@ -289,7 +314,17 @@ def _trial_records(kind: str, spread: str, model: TrialModel) -> list[Mapping[st
          "p": one.p}
         for one in model.coefficients
     ]  # fmt: skip
-    records += [{"model": kind, "term": t.name, "chi2": t.chi2, "df": t.df, "p": t.p} for t in model.terms]
+    records += [
+        {
+            "model": kind,
+            "term": t.name,
+            "chi2" if t.df2 is None else "f": t.statistic,
+            "df": t.df,
+            "df2": t.df2,
+            "p": t.p,
+        }
+        for t in model.terms
+    ]
     return [*records, {"model": kind, "term": spread, "value": model.spread}]
 
 

@@ -24,6 +24,7 @@ from analysis.statistics.exact import (
     Ratios,
     Tested,
     floats,
+    integers,
     of_groups,
     over,
     undefined,
@@ -248,6 +249,10 @@ LEAST = 3
 """The fewest participants that can be resampled."""
 
 
+WHOLE = 2**53
+"""Whole numbers below this are exact in float64."""
+
+
 def resamples(participants: int, count: int, rng: np.random.Generator) -> Integers:
     """Return how often each participant is in each resample, shape (count, participants); NotDefined for too few."""
     if participants < LEAST:
@@ -283,7 +288,15 @@ def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CO
     return ConfidenceInterval(float(low), float(high), confidence)
 
 
-def mean_interval(values: Floats, weights: Integers, confidence: float = CONFIDENCE) -> ConfidenceInterval:
-    """Return the BCa interval of the mean of values, shape (P,), from resamples of shape (B, P); errors as `bca`."""
-    left_out = leave_one_out(values.size) @ values / (values.size - 1)
-    return bca(float(values.mean()), weights @ values / values.size, left_out, confidence)
+def mean_interval(values: Sequence[Number], weights: Integers, confidence: float = CONFIDENCE) -> ConfidenceInterval:
+    """Return the BCa interval of the mean of values, shape (P,), from resamples of shape (B, P); errors as `bca`.
+
+    Sums are whole numbers over one denominator, and a quotient is rounded once, so that resamples with the observed
+    mean are counted as equal to it.
+    """
+    whole, common = integers(values)
+    people, total = len(whole), sum(whole)
+    small = people * max(max(map(abs, whole)), common) < WHOLE
+    counts, drawn = (weights, np.array(whole)) if small else (weights.astype(object), np.array(whole, dtype=object))
+    left_out = [(total - value) / ((people - 1) * common) for value in whole]
+    return bca(total / (people * common), floats(counts @ drawn / (people * common)), np.array(left_out), confidence)

@@ -39,7 +39,8 @@ def analyse(
     """Make the tables and the report of a dataset.
 
     The results are confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs, ICCs,
-    models of single trials, figures and one HTML report. A published study is compared with its paper, value by value.
+    models of single trials, figures and one HTML report. Beside each published test stands ours, in which participants
+    are the unit. A published study is compared with its paper, value by value.
     """
     tell_analysis(datasets, out, as_json=as_json, figures=figures, dissimilarities=dissimilarities)
 

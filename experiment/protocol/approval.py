@@ -39,6 +39,10 @@ UNFILLED = "TO BE FILLED IN"
 """Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
 
 
+YOUNGER = (("consent", "kept_months"), ("masker", "probe"), ("answers", "on_screen"), ("answers", "microphone"))
+"""Keys that are younger than format 2, by their tables."""
+
+
 def canonical(protocol: Protocol) -> bytes:
     """Return the RFC 8785 JSON of `protocol`, UTF-8; dates are ISO 8601 text."""
     return rfc8785.dumps(_document(protocol))
@@ -50,14 +54,12 @@ def _document(protocol: Protocol) -> dict[str, Any]:
     Without it the seals that were given before hold on.
     """
     document = protocol.model_dump(mode="json")
-    if document["consent"]["kept_months"] is None:
-        del document["consent"]["kept_months"]
-    if document["masker"]["probe"] is None:
-        del document["masker"]["probe"]
-    if not document["answers"]["on_screen"]:
-        del document["answers"]["on_screen"]
-    if not document["answers"]["microphone"]:
-        del document["answers"]["microphone"]
+    for table, key in YOUNGER:
+        if not document[table][key]:
+            del document[table][key]
+    for planned in document["analysis"]:
+        if planned["correction"] is None:
+            del planned["correction"]
     return document
 
 

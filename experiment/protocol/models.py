@@ -354,6 +354,8 @@ class PlannedTest(Confined):
         chance: the share of right answers of somebody who guesses.
         form: the form of the intraclass correlation.
         alpha: the level of significance.
+        correction: the family of tests over which Holm's method adjusts the P that stars follow: the materials of a
+            task, or those of all `tasks`; without it stars follow the P that is not adjusted.
     """
 
     RULES: ClassVar[Rules] = rules.planned_test
@@ -364,6 +366,7 @@ class PlannedTest(Confined):
     chance: Annotated[float, Field(gt=0, lt=1)] | None = None
     form: Text | None = None
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
+    correction: Literal["materials", "materials and tasks"] | None = None
 
 
 class Protocol(Confined):

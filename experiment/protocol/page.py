@@ -500,7 +500,8 @@ def _planned(planned: PlannedTest) -> str:
     chance = "" if planned.chance is None else f" of {number(planned.chance)}"
     asked = "Question:" if planned.form is None else "Form and question:"
     tasks = f"task{'s' if len(planned.tasks) > 1 else ''} {' and '.join(planned.tasks)}"
-    return f"{planned.test}{chance}; {tasks}; alpha {number(planned.alpha)}. {asked}"
+    family = "" if planned.correction is None else f"; P adjusted by Holm's method over the {planned.correction}"
+    return f"{planned.test}{chance}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
 
 
 def _left_empty(protocol: Protocol) -> Iterator[Block]:

@@ -106,7 +106,7 @@ def exclusion_rule(table: Table) -> Iterator[Broken]:
 
 
 def planned_test(table: Table) -> Iterator[Broken]:
-    """`t against chance` needs `chance`, `ICC` needs `form`, and no other test has them.
+    """`t against chance` needs `chance`, `ICC` needs `form`, and no other test has them, or `correction`.
 
     `tasks` names each task once, and at least two for a `two-way ANOVA`.
     """
@@ -120,6 +120,8 @@ def planned_test(table: Table) -> Iterator[Broken]:
             yield Broken((key,), f"{what}: '{owner}' needs it")
         if isinstance(test, str) and test != owner and given:
             yield Broken((key,), f"no value: only '{owner}' has this key")
+    if test != "t against chance" and table.get("correction") is not None:
+        yield Broken(("correction",), "no value: only 't against chance' has this key")
     yield from (Broken(("tasks", i), "each task once") for i, task in enumerate(tasks) if task in tasks[:i])
     if test == "two-way ANOVA" and len(tasks) == 1:
         yield Broken(("tasks",), "at least 2 tasks: 'two-way ANOVA' compares them")

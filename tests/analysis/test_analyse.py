@@ -89,7 +89,8 @@ def test_the_terminal_ends_with_matrices_tests_and_the_report(okamoto: Analysis)
     assert lines[0] == LABELS["RECONSTRUCTION"]
     assert lines[-1] == f"Report: {okamoto.report}"
     assert all(len(line) <= 100 for line in lines[:-1])
-    order = [lines.index(title) for title in ("Against the paper", "Answer ratios", "Tests against chance")]
+    wanted = ("Against the paper", "What was found", "Answer ratios", "Tests against chance")
+    order = [lines.index(title) for title in wanted]
     assert order == sorted(order)
     assert any(line.startswith("copy paper     0.787 ± 0.239***") for line in lines)
     assert any(line.startswith("copy paper     0.970 ± 0.067***") for line in lines)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis.export import DICTIONARY, export, files
+from analysis.export import COLUMNS, DICTIONARY, export, files
 from analysis.reading.dataset import read
 from analysis.reading.study import Exclusion
 from experiment.dataset.bids import LABELS
@@ -20,7 +20,7 @@ from tests.conftest import Palpate
 
 
 def _frame(content: bytes) -> pd.DataFrame:
-    return pd.read_csv(io.BytesIO(content), dtype={"participant": str}, keep_default_na=True)
+    return pd.read_csv(io.BytesIO(content), keep_default_na=True)
 
 
 @pytest.fixture(scope="module")
@@ -47,8 +47,14 @@ def test_a_reason_that_a_spreadsheet_would_compute_is_quoted(repository_root: Pa
 
 
 def test_every_row_is_labelled(okamoto: dict[str, bytes]) -> None:
+    for name in (*COLUMNS, "wide.csv", DICTIONARY):
+        assert set(_frame(okamoto[name])["dataset"]) == {LABELS["RECONSTRUCTION"]}, name
+
+
+def test_no_label_of_a_participant_is_a_number(okamoto: dict[str, bytes]) -> None:
     for name in ("trials.csv", "long.csv", "wide.csv", "psychopy.csv"):
-        assert set(_frame(okamoto[name])["dataset"]) == {LABELS["RECONSTRUCTION"]}
+        labels = pd.read_csv(io.BytesIO(okamoto[name]))["participant"]
+        assert set(labels) <= {f"sub-{k:02}" for k in range(1, 16)}
 
 
 def test_the_counts_are_those_of_the_dataset(okamoto: dict[str, bytes], repository_root: Path) -> None:

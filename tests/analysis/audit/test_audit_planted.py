@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 import statistics
-from collections.abc import Mapping
-from decimal import ROUND_HALF_EVEN
+from collections.abc import Iterator, Mapping
+from decimal import ROUND_DOWN, ROUND_HALF_EVEN
 from fractions import Fraction
 from functools import partial
 from typing import Any
@@ -261,3 +262,84 @@ def test_a_test_of_a_score_says_nothing_of_a_claim_about_materials(made: dict[st
     document = {**made, "score": (score,), "t": (*made["t"], {"where": "T", "tests": (test,)}), "claim": (claim,)}
     (line,) = [one for one in print_lines(printed_study.published(document)) if one.quantity == "significant"]
     assert (line.verdict, line.recomputed) == ("agrees", f"{above} of 3")
+
+
+@pytest.mark.parametrize(("p", "earned"), [("0.0498", "*"), ("0.0502", "none")])
+def test_stars_are_held_against_the_printed_p(p: str, earned: str) -> None:
+    """t = 2.20 at 11 df stands for P from 0.0496 to 0.0505 (scipy) and leaves a star open; the P beside it decides."""
+    assert 2 * stats.t.sf(2.205, 11) < 0.0498 < 0.0502 < 2 * stats.t.sf(2.195, 11)
+    cell = {"presented": "glass", "answered": "glass", "mean": "0.500", "sd": "0.262", "stars": "*"}
+    document = {
+        "study": "made",
+        "source": "Nobody",
+        "chance": "1/3",
+        "levels": ({"stars": "*", "p": "0.05"},),
+        "task": ({"id": "one", "participants": 12},),
+        "table": ({"where": "T", "task": "one", "complete": False, "cells": (cell,)},),
+        "t": ({"where": "Text", "tests": ({"task": "one", "of": "glass", "df": 11, "t": "2.20", "p": p},)},),
+    }
+    lines = {line.quantity: line for line in print_lines(printed_study.published(document))}
+    assert lines["P"].agrees
+    assert (lines["stars"].recomputed, lines["stars"].agrees) == (earned, earned == "*")
+    assert lines["stars"].reason == ("" if earned == "*" else "beside them P = 0.0502 is printed")
+
+
+def _cut_population_sds() -> Iterator[tuple[dict[str, Any], str]]:
+    """Studies whose printed SD is the population SD, rounded, and at the same time the SD cut off but not rounded."""
+    for seed in range(12):
+        counts = printed_study.draw(seed, {"one": 12}, 10)
+        values = [Fraction(int(count), 10) for count in counts["one"][:, 0, 0]]
+        population = printed_study.text(statistics.pstdev(values), 2, ROUND_HALF_EVEN)
+        sd = printed_study.root(statistics.variance(values))
+        cut, rounded = (printed_study.text(sd, 2, way) for way in (ROUND_DOWN, ROUND_HALF_EVEN))
+        if population == cut != rounded:
+            yield _with_sd(printed_study.printed(counts, 10, 2, ROUND_HALF_EVEN), {0: population}), population
+
+
+@pytest.mark.parametrize(("document", "sd"), list(_cut_population_sds()))
+def test_a_population_sd_that_its_t_pins_has_to_be_truncated(document: dict[str, Any], sd: str) -> None:
+    """Other counts with the same mean have that SD as rounded, but not the printed t."""
+    (line, *_) = [line for line in print_lines(printed_study.published(document)) if line.quantity == "SD"]
+    assert (line.printed, line.verdict) == (sd, "agrees if truncated")
+    assert line.reason == "the printed t needs it; or it is the population SD, divided by n, not n - 1"
+
+
+def test_a_recomputed_range_begins_with_its_lower_end() -> None:
+    """Means and SDs of two digits leave P open, and the stars follow a P that is printed too small."""
+    lines = [line for seed in range(12) for line in _starred_by_another_p(seed)]
+    ranges = [re.findall(r"recomputed P = (\S+) to (\S+)", line.reason) for line in lines]
+    found = [pair for pairs in ranges for pair in pairs]
+    assert found
+    assert all(float(low) < float(high) for low, high in found)
+
+
+def _starred_by_another_p(seed: int) -> list[Line]:
+    counts = printed_study.draw(seed, {"one": 9}, 10)
+    document = printed_study.printed(counts, 10, 2, ROUND_HALF_EVEN, steps=False)
+    first, *rest = document["table"]
+    tests = tuple({**test, "p": "1.00e-9"} for test in document["t"][0]["tests"])
+    cells = tuple({**cell, "stars": "***"} if "stars" in cell else cell for cell in first["cells"])
+    changed = {**document, "table": ({**first, "cells": cells}, *rest), "t": ({"where": "Text", "tests": tests},)}
+    return [line for line in print_lines(printed_study.published(changed)) if line.quantity == "stars"]
+
+
+def test_a_number_that_differs_never_looks_like_the_one_beside_it() -> None:
+    """4 and 5 give an SD of 0.7071, and 2 and 7 one of 3.5355; whole numbers, as a bare 0 is, would hide that."""
+    score = {"where": "T", "task": "all", "items": 1, "low": 1, "high": 7}
+    score["cells"] = ({"name": "ease", "mean": "4.5", "sd": "0"},)
+    document = {"study": "made", "source": "Nobody", "task": ({"id": "all", "participants": 2},), "score": (score,)}
+    lines = print_lines(printed_study.published(document))
+    for line in lines:
+        assert line.agrees or line.printed != line.recomputed
+    (sd,) = [line for line in lines if line.quantity == "SD"]
+    assert (sd.printed, sd.recomputed) == ("0", "0.7 to 3.5")
+
+
+@pytest.mark.parametrize(("t", "printed", "shown"), [("9.00", "0.005", "<0.0001"), ("9.00", "0.000", "<0.001")])
+def test_a_p_without_a_digit_left_is_a_bound(t: str, printed: str, shown: str) -> None:
+    """P = 2.1e-6 at 11 df (scipy)."""
+    test = {"task": "all", "of": "ease", "df": 11, "t": t, "p": printed, "null": "4"}
+    document = {"study": "made", "source": "Nobody", "task": ({"id": "all", "participants": 12},)}
+    lines = print_lines(printed_study.published({**document, "t": ({"where": "T", "tests": (test,)},)}))
+    (line,) = [line for line in lines if line.quantity == "P"]
+    assert line.recomputed == shown

@@ -47,3 +47,16 @@ def test_a_figure_stands_in_its_section_with_its_caption_and_the_formulas_at_the
     assert section.count("<figcaption>SIMULATED. What it shows.</figcaption>") == 1
     assert section.index("<figcaption>") < section.index("<dt>Name</dt><dd>formula</dd>")
     assert made["results.json"] == b'{\n "n": 1\n}\n'
+
+
+def test_the_first_section_stands_before_the_contents_and_a_folded_one_is_opened_by_its_reader() -> None:
+    folded = Section(
+        "left", "Left out", ("Some.",), (TABLE,), brief=(Table("By rule", ("a",), (("y",),)),), folded=True
+    )
+    made = page.folder("A study", "", [Section("found", "What was found"), folded], [], [], {})
+    report = made[page.REPORT].decode()
+    assert report.index("What was found</h2>") < report.index("<nav")
+    counted, details = report.split("<details>")
+    assert "By rule" in counted
+    assert "A table" not in counted
+    assert details.index("A table") < details.index("</details>")

@@ -9,7 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.documents.tables import Section, Table, cell, comma_separated, markdown, probability, table_text, text
+from analysis.documents.tables import (
+    Section,
+    Table,
+    cell,
+    comma_separated,
+    markdown,
+    p_is,
+    probability,
+    table_text,
+    text,
+)
 
 words = st.text("abcdefgh ", min_size=0, max_size=60).map(lambda cell: " ".join(cell.split()))
 
@@ -94,7 +104,14 @@ def test_markdown_holds_no_tag_link_or_second_line_of_a_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("p", "shown"), [(None, "-"), (0.346, "0.346"), (0.01, "0.010"), (0.0044446, "4.44e-3"), (8.716e-11, "8.72e-11")]
+    ("p", "shown"),
+    [(None, "-"), (0.346, "0.346"), (0.01, "0.010"), (0.0044446, "0.004"), (9.9e-4, "< 0.001"), (0.0, "< 0.001")],
 )
 def test_probabilities(p: float | None, shown: str) -> None:
     assert probability(p) == shown
+    if p is not None:
+        assert p_is(p) == f"P {shown}" if shown.startswith("<") else f"P = {shown}"
+
+
+def test_a_probability_ends_where_the_digits_of_its_table_do() -> None:
+    assert [probability(p, 4) for p in (1 / 24, 1 / 40320)] == ["0.0417", "< 0.0001"]

@@ -31,8 +31,10 @@ def test_the_same_generator_gives_the_same_intervals() -> None:
     first, again = (identify("real", _matrix(), None, np.random.default_rng(5)) for _ in range(2))
     other = identify("real", _matrix(), None, np.random.default_rng(6))
     assert first.cells == again.cells
-    assert first.information_interval == again.information_interval
-    assert first.cells != other.cells
+    assert first.jackknife == again.jackknife
+    assert first.choice is not None
+    assert other.choice is not None
+    assert (first.choice.similarities != other.choice.similarities).any()  # type: ignore[union-attr]
 
 
 def test_every_interval_encloses_its_value() -> None:
@@ -64,8 +66,8 @@ def test_one_participant() -> None:
     assert {cell.bootstrap for cell in found.cells} == {None}
     assert {cell.statement for cell in found.cells} == {"a bootstrap needs 3 participants, got 1"}
     assert found.information is not None
-    assert found.information_interval is None
-    assert found.statements == {"information interval": "a bootstrap needs 3 participants, got 1"}
+    assert found.jackknife is None
+    assert found.statements == {"information interval": "a jackknife needs 2 participants, got 1"}
     assert found.choice is not None
     assert found.choice.statement == "a bootstrap needs 3 participants, got 1"
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import statsmodels.api as sm
 import statsmodels.formula.api as smf
+from scipy import stats
 from scipy.optimize import approx_fprime, minimize
 from scipy.special import logsumexp
 from statsmodels.genmod.generalized_estimating_equations import GEE
@@ -20,7 +21,6 @@ from analysis.identification.results import compute
 from analysis.identification.trial_models import (
     FASTER,
     LATER,
-    RESPONSE,
     TRIAL,
     Design,
     TrialLevel,
@@ -75,22 +75,30 @@ def test_gee_is_that_of_the_formula_interface(tmp_path: Path) -> None:
         int(study.first_tasks[who] != task) for who, task in zip(frame["participant"], frame["task"], strict=True)
     ]
     formula = (
-        "right ~ C(task, Treatment('virtual')) + C(presented, Treatment('glass')) + trial + foot_speed_mm_s"
-        " + response_time_s + later"
+        "right ~ C(task, Treatment('virtual')) + C(presented, Treatment('glass')) + trial + foot_speed_mm_s + later"
     )
     expected = smf.gee(
         formula, "participant", frame, family=sm.families.Binomial(), cov_struct=sm.cov_struct.Exchangeable()
     ).fit(cov_type="bias_reduced", maxiter=200)
     names = [one.name for one in found.coefficients]
     levels = ["real (against virtual)", "sand (against glass)", "snow (against glass)"]
-    assert names == ["intercept", *levels, TRIAL, FASTER, RESPONSE, LATER]
-    steps = np.array([1, 1, 1, 1, 10, 100, 1, 1])
+    assert names == ["intercept", *levels, TRIAL, FASTER, LATER]
+    steps = np.array([1, 1, 1, 1, 10, 100, 1])
     assert [one.estimate for one in found.coefficients[1:]] == pytest.approx(
         (expected.params * steps)[1:].tolist(), rel=1e-4
     )
     assert [one.error for one in found.coefficients[1:]] == pytest.approx((expected.bse * steps)[1:].tolist(), rel=1e-4)
-    assert [term.df for term in found.terms] == [1, 2, 1, 1, 1, 1]
+    assert [term.df for term in found.terms] == [1, 2, 1, 1, 1]
     assert found.participants == 12
+    # Hotelling's F of the two materials, by its equation, and scipy's t and F.
+    part = expected.params.iloc[2:4]
+    wald = part @ np.linalg.inv(np.asarray(expected.cov_params())[2:4, 2:4]) @ part
+    assert found.terms[1].statistic == pytest.approx(wald * 10 / 22, rel=1e-4)
+    assert (found.terms[1].df, found.terms[1].df2) == (2, 10)
+    assert found.terms[1].p == pytest.approx(stats.f.sf(wald * 10 / 22, 2, 10), rel=1e-4)
+    one = found.coefficients[1]
+    assert one.p == pytest.approx(2 * stats.t.sf(abs(one.estimate / one.error), 11), rel=1e-9)
+    assert one.high == pytest.approx(one.estimate + stats.t.ppf(0.975, 11) * one.error, rel=1e-9)
 
 
 def _cbpp() -> Design:
@@ -174,7 +182,6 @@ def test_what_is_not_in_the_dataset_is_said(tmp_path: Path) -> None:
     trials = design(_study(tmp_path, speeds=False))
     assert trials.absent == {
         FASTER: "it is known for 0 of 720 trials",
-        RESPONSE: "it is known for 0 of 720 trials",
         LATER: "the order of the tasks is not known for every participant",
     }
     assert trials.names[-1] == TRIAL
@@ -192,16 +199,19 @@ def _known(study: Study, column: str, trials: np.ndarray) -> None:
 
 
 def test_a_covariate_of_one_task_alone_is_dropped_and_not_the_other_task(tmp_path: Path) -> None:
-    """Speeds in the virtual task alone and response times in the real one alone: half of all trials each, none both."""
     study = _study(tmp_path)
-    virtual = (study.attempts["task"] == "virtual").to_numpy()
-    _known(study, "foot_speed_mm_s", virtual)
-    _known(study, "response_time_s", ~virtual)
+    _known(study, "foot_speed_mm_s", (study.attempts["task"] == "virtual").to_numpy())
     trials = design(study)
     assert trials.absent[FASTER] == "it is known for 0 of 360 trials of task real"
-    assert trials.absent[RESPONSE] == "it is known for 0 of 360 trials of task virtual"
     assert "task" in trials.terms
     assert (trials.left_out, len(trials.correct)) == ({}, 720)
+
+
+def test_the_response_time_is_no_covariate(tmp_path: Path) -> None:
+    """It follows the stimulus: what it explains would be taken from material and task."""
+    study = _study(tmp_path)
+    assert study.attempts["response_time_s"].notna().all()
+    assert not any("response" in name for name in (*design(study).names, *design(study).absent))
 
 
 def test_a_covariate_that_one_material_lacks_is_dropped_and_not_the_material(tmp_path: Path) -> None:
@@ -210,18 +220,6 @@ def test_a_covariate_that_one_material_lacks_is_dropped_and_not_the_material(tmp
     trials = design(study)
     assert trials.absent[FASTER].endswith("trials of material snow")
     assert len(trials.correct) == 720
-
-
-def test_covariates_that_hardly_meet_are_not_used_together(tmp_path: Path) -> None:
-    """Each is known of 60 % of every task's trials, both of 20 %: the one known of fewer goes, and says so."""
-    study = _study(tmp_path)
-    place = study.attempts["trial"].to_numpy() % 10
-    _known(study, "foot_speed_mm_s", place < 6)
-    _known(study, "response_time_s", place >= 4)
-    trials = design(study)
-    assert trials.absent[RESPONSE] == f"it is known for 432 of 720 trials, and together with {FASTER} for 144"
-    assert FASTER in trials.terms
-    assert trials.left_out == {"virtual": 144, "real": 144}
 
 
 def test_participants_without_a_trial_left_are_named(tmp_path: Path) -> None:
@@ -240,6 +238,22 @@ def test_one_order_of_tasks_for_all_cannot_be_told_from_the_task(tmp_path: Path)
     trials = design(replace(study, first_tasks=dict.fromkeys(study.participants, "virtual")))
     assert trials.absent[LATER].startswith("these trials cannot tell it from task, material")
     assert np.linalg.matrix_rank(trials.matrix) == len(trials.names)
+
+
+def test_every_task_after_the_first_is_a_later_one(tmp_path: Path) -> None:
+    """By hand: participant 0 began with the first of three tasks, participant 1 with the third."""
+    rng = np.random.default_rng(2)
+    tasks = ("one", "two", "three")
+    sessions = {str(who): {task: _session(rng, 0.4) for task in tasks} for who in range(8)}
+    study = read(write_dataset(tmp_path, sessions, tasks=tasks))
+    trials = design(replace(study, first_tasks={who: tasks[int(who) % 3] for who in study.participants}))
+    later = trials.matrix[:, trials.names.index("a task after the first")]
+    first = {
+        task: bool(later[trials.participants == 0][k] == later.min())
+        for k, task in zip((0, 30, 60), tasks, strict=True)
+    }
+    assert first == {"one": True, "two": False, "three": False}
+    assert "second task" not in trials.names
 
 
 def test_without_a_trial_there_is_no_model(tmp_path: Path) -> None:

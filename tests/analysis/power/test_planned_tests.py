@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from statsmodels.stats.multitest import multipletests
 
 from analysis import published
 from analysis.identification.results import Results, compute
 from analysis.power import choice_models, planned_tests
 from analysis.power.choice_models import draw
-from analysis.power.planned_tests import Question
+from analysis.power.planned_tests import FLIPS, REPEATED, Question
 from analysis.reading import dataset
 from analysis.reading.study import Study
 from experiment.protocol import files
@@ -56,8 +57,14 @@ def expected(results: Results, question: Question) -> float | None:
     if question.test == "t against chance":
         task = results.task(question.tasks[0])
         assert task is not None
+        if subject.endswith(FLIPS):
+            flip = task.test(subject.removesuffix(FLIPS)).flip
+            return flip.p if flip else None
         test = task.test(subject)
         return test.p_holm if question.adjusted else test.result.p
+    if question.test == REPEATED:
+        lines = results.beside.materials.get(question.tasks[0])
+        return lines[0].p if lines else None
     if question.test == "one-way ANOVA":
         wanted = "most confused" if subject.startswith("most confused") else "published"
         pair = next(p for p in results.pairs if p.task == question.tasks[0] and wanted in p.chosen)
@@ -90,8 +97,9 @@ def test_every_number_is_that_of_analyse(tmp_path: Path, protocol: Protocol, par
         for task, answers, size in zip(design.tasks, model.tasks, design.sizes(participants), strict=True)
     }
     answers = planned_tests.answer(design, drawn)
-    # t 4 + Holm 4 in two tasks, two pairs, four distinct effects, one coefficient, two matrices in two tasks.
-    assert len(answers) == 16 + 2 + (3 if len(set(design.sizes(participants))) == 1 else 4) + 1 + 4
+    # t 4 + Holm 4 + sign flips 4 in two tasks, two pairs, four distinct effects, repeated measures in two tasks, one
+    # coefficient, two matrices in two tasks.
+    assert len(answers) == 24 + 2 + (3 if len(set(design.sizes(participants))) == 1 else 4) + 2 + 1 + 4
     for number in range(STUDIES):
         made = study(tmp_path / str(number), {task: cells[:, :, number] for task, cells in drawn.items()})
         results = compute(made, printed.pairs())
@@ -159,3 +167,21 @@ def test_both_families_of_names_are_known(form: str, name: str, repository_root:
     design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,)}), {})
     drawn = {task.id: np.random.default_rng(1).integers(0, 9, size=(4, 5, 2, 3)) for task in design.tasks}
     assert {question.subject.split(" of ")[0] for question in planned_tests.answer(design, drawn)} == {name}
+
+
+def test_a_family_of_all_tasks_is_adjusted_as_one(protocol: Protocol) -> None:
+    plan = protocol.analysis[0].model_copy(update={"correction": "materials and tasks"})
+    design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,)}), {})
+    model = choice_models.find("published", protocol)
+    random = np.random.default_rng(3)
+    drawn = {
+        task.id: draw(answers, trials=10, participants=8, studies=3, random=random)
+        for task, answers in zip(design.tasks, model.tasks, strict=True)
+    }
+    found = planned_tests.answer(design, drawn)
+    plain, adjusted = (
+        np.array([one.p for asked, one in found.items() if asked.adjusted == how and FLIPS not in asked.subject])
+        for how in (False, True)
+    )
+    for study_p, study_adjusted in zip(plain.T, adjusted.T, strict=True):
+        assert multipletests(study_p, method="holm")[1] == pytest.approx(study_adjusted)

@@ -21,9 +21,10 @@ from statsmodels.stats.power import TTestPower
 from statsmodels.stats.proportion import proportion_confint
 
 from analysis.power import planned_tests, report, simulate
-from analysis.power.choice_models import Answers, ChoiceModel
+from analysis.power.choice_models import Answers, ChoiceModel, fitted
 from analysis.power.simulate import Chunk, Power
 from analysis.statistics.inference import t_against_chance
+from experiment.dataset.bids import LABELS
 from experiment.errors import DatasetError, PowerError
 from experiment.protocol import files
 from experiment.protocol.files import shipped
@@ -279,6 +280,17 @@ def test_files_say_simulated_and_may_be_written_again(tmp_path: Path) -> None:
     (tmp_path / "out" / "power.md").write_text("mine", "utf-8")
     with pytest.raises(DatasetError, match=r"power\.md is no output of palpate"):
         report.write(result, tmp_path / "out")
+
+
+def test_what_is_simulated_after_a_reconstruction_says_so(tmp_path: Path, repository_root: Path) -> None:
+    study = protocol()
+    result = run(study, fitted(repository_root / "participants" / "okamoto2012", study), participants=(4,), studies=20)
+    label = f"SIMULATED studies, after: {LABELS['RECONSTRUCTION']}"
+    assert report.as_dict(result)["label"] == label
+    assert report.text(result).startswith(label)
+    for path in report.write(result, tmp_path / "out"):
+        if path.suffix in (".csv", ".md", ".tex"):
+            assert label in path.read_text("utf-8"), path
 
 
 def test_the_monte_carlo_error_stands_where_the_shares_do(tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ def test_dashes_where_every_answer_is_right_have_their_reason(tmp_path: Path) ->
     components = icc_section(results).brief[-1]
     assert {row[1] for row in components.rows} == {"-"}
     assert "The ICC is not defined, because no component is above zero." in components.notes
-    assert [line for line in anova_section(results).paragraphs if line.startswith("There is no one-way")] == [
+    assert [line for line in anova_section(results, ()).paragraphs if line.startswith("There is no one-way")] == [
         f"There is no one-way ANOVA of {task}: no material was taken for another." for task in ("virtual", "real")
     ]
 

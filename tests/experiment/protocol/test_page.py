@@ -249,3 +249,9 @@ def test_a_seal_is_told_in_lines_of_its_own() -> None:
 def test_the_file_stands_on_the_page() -> None:
     shown = page_of(protocol(), "a\n\x1b[2Kb.toml")
     assert "  File         | a <U+001B>[2Kb.toml\n" in shown
+
+
+def test_the_correction_of_a_planned_test_is_told() -> None:
+    study = Protocol.model_validate(changed(document(), ("analysis", 0, "correction"), "materials and tasks"))
+    assert "alpha 0.05; P adjusted by Holm's method over the materials and tasks." in words(page(study))
+    assert "Holm's method" not in words(page(protocol()))

@@ -42,6 +42,11 @@ BROKEN = [
     ),
     (changed(document(), ("materials", 0, "key"), "+"), "materials[0].key", "any key but + and -, which set the mask"),
     (with_rules({**FEW, "action": "repeat-trial"}), "exclusion[0].action", "'answers-below' is about a participant"),
+    (
+        changed(document(), ("analysis", 1, "correction"), "materials"),
+        "analysis[1].correction",
+        "only 't against chance'",
+    ),
     (with_tasks(7), "task_order.kind", "fixed, or at most 6 tasks"),
     (changed(document(), ("study", "participants"), 8), "study.participants", "6, as many as the largest task has"),
     (changed(document(), ("tasks", 1, "order", "max_run"), 2), "tasks[1].order.max_run", "only kind 'max-run' has"),

@@ -1,0 +1,196 @@
+"""Ours, beside the published tests: materials and tasks, tested with participants as the unit.
+
+The published two-way ANOVA takes each ratio of each participant as an independent value. Here materials are compared
+within a task by repeated measures, tasks over the participants who did both, and both at once by a logit in which
+participants differ in level, by material and by task.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+from itertools import combinations
+from typing import TypeVar
+
+import numpy as np
+from scipy.special import fdtrc
+
+from analysis.identification.confusion import Confusion
+from analysis.reading.study import Study
+from analysis.statistics import mixed_logit
+from analysis.statistics.exact import Floats, NotDefined
+from analysis.statistics.inference import EffectSize, TTest, cohens_d, t_against_chance
+from analysis.statistics.participants import Repeated, SignFlip, repeated, sign_flip
+
+T = TypeVar("T")
+
+LEAST = 6
+"""The fewest participants of a logit in which they differ by material and task."""
+
+LINKED = (
+    "which row of one task goes with which of another, and of one material with which of another, is arbitrary in a "
+    "reconstruction"
+)
+
+
+@dataclass(frozen=True)
+class Paired:
+    """Two tasks compared over the participants who did both with every material: mean correct ratio, first - second.
+
+    `test` is the paired t-test, `flip` the exact test by sign flips of the differences.
+    """
+
+    first: str
+    second: str
+    test: TTest
+    d: EffectSize | None
+    flip: SignFlip
+
+
+@dataclass(frozen=True)
+class Term:
+    """Wald's F that all coefficients of a term are zero."""
+
+    name: str
+    f: float
+    df1: int
+    df2: int
+    p: float
+
+
+@dataclass(frozen=True)
+class SlopesLogit:
+    """The logit with random deviations: log odds ratios with standard errors by name, tests, and SDs by name."""
+
+    participants: int
+    coefficients: Mapping[str, tuple[float, float]]
+    terms: tuple[Term, ...]
+    sds: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Beside:
+    """All of it; `materials` holds the lines of each task, `statements` say why something is missing."""
+
+    materials: Mapping[str, tuple[Repeated, ...]]
+    both: tuple[Repeated, ...]
+    paired: tuple[Paired, ...]
+    logit: SlopesLogit | None
+    statements: Mapping[str, str]
+
+
+def beside(study: Study, tasks: Mapping[str, Confusion]) -> Beside:
+    """Return the tests of a study from the confusion matrices of its tasks."""
+    said: dict[str, str] = {}
+
+    def told(what: str, compute: Callable[[], T]) -> T | None:
+        try:
+            return compute()
+        except NotDefined as reason:
+            said[what] = str(reason)
+            return None
+
+    materials: dict[str, tuple[Repeated, ...]] = {}
+    for task, matrix in tasks.items():
+        found = told(f"repeated-measures ANOVA of {task}", partial(_within, matrix))
+        if found is not None:
+            materials[task] = found
+    linked = study.origin != "RECONSTRUCTION"
+    both: tuple[Repeated, ...] | None = ()
+    paired: list[Paired] = []
+    if len(tasks) > 1:
+        if linked:
+            both = told("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
+            for first, second in combinations(tasks, 2):
+                one = told(f"comparison of {first} with {second}", partial(_paired, first, second, tasks))
+                paired += [one] if one else []
+        else:
+            said["paired comparison of tasks"] = LINKED
+    if linked:
+        logit = told("logit in which participants differ by material and task", lambda: _logit(tasks))
+    else:
+        logit, said["logit in which participants differ by material and task"] = None, LINKED
+    return Beside(materials, both or (), tuple(paired), logit, said)
+
+
+def _ratios(matrix: Confusion, people: Sequence[str]) -> Floats:
+    """Return the correct ratios of these participants, shape (people, M)."""
+    rows = [matrix.participants.index(label) for label in people]
+    right = np.diagonal(matrix.counts[rows, :, :-1], axis1=1, axis2=2)
+    return np.asarray(right / matrix.trials[rows])
+
+
+def _complete(matrix: Confusion) -> list[str]:
+    return [label for label, trials in zip(matrix.participants, matrix.trials, strict=True) if trials.all()]
+
+
+def _in_every(tasks: Sequence[Confusion]) -> list[str]:
+    others = [set(_complete(task)) for task in tasks[1:]]
+    return [label for label in _complete(tasks[0]) if all(label in other for other in others)]
+
+
+def _within(matrix: Confusion) -> tuple[Repeated, ...]:
+    return repeated(_ratios(matrix, _complete(matrix)), ["material"])
+
+
+def _both(tasks: Sequence[Confusion]) -> tuple[Repeated, ...]:
+    people = _in_every(tasks)
+    values = np.stack([_ratios(task, people) for task in tasks], axis=1)
+    return repeated(values, ["task", "material"])
+
+
+def _paired(first: str, second: str, tasks: Mapping[str, Confusion]) -> Paired:
+    people = _in_every([tasks[first], tasks[second]])
+    if len(people) < 2:
+        raise NotDefined(f"it needs two participants who did both with every material, got {len(people)}")
+    means = [_mean_ratios(tasks[task], people) for task in (first, second)]
+    gaps = [a - b for a, b in zip(*means, strict=True)]
+    test = t_against_chance(gaps, 0)
+    return Paired(first, second, test, None if test.t is None else cohens_d(test.t, test.df), sign_flip(gaps, 0))
+
+
+def _mean_ratios(matrix: Confusion, people: Sequence[str]) -> list[Fraction]:
+    each = [matrix.ratios(i, i) for i in range(len(matrix.materials))]
+    return [sum((ratios[label] for ratios in each), Fraction(0)) / len(each) for label in people]
+
+
+def _logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
+    """Return the logit of every participant's counts; who lacks a task or a material has no trials there."""
+    people = list(dict.fromkeys(label for matrix in tasks.values() for label in matrix.participants))
+    if len(people) < LEAST:
+        raise NotDefined(f"it needs {LEAST} participants, got {len(people)}")
+    names = next(iter(tasks.values())).materials
+    right, trials = (np.zeros((len(people), len(tasks), len(names)), dtype=np.int64) for _ in range(2))
+    for k, matrix in enumerate(tasks.values()):
+        rows = [people.index(label) for label in matrix.participants]
+        right[rows, k] = np.diagonal(matrix.counts[:, :, :-1], axis1=1, axis2=2)
+        trials[rows, k] = matrix.trials
+    for what, of, axes in (("task", list(tasks), (0, 2)), ("material", list(names), (0, 1))):
+        for level, hits, total in zip(of, right.sum(axis=axes), trials.sum(axis=axes), strict=True):
+            if hits in (0, total):
+                kind = "right" if hits else "wrong"
+                raise NotDefined(f"every answer to {what} {level} is {kind}: its odds have no limit")
+    levels = [np.repeat(range(len(tasks)), len(names)).tolist(), list(range(len(names))) * len(tasks)]
+    cells = mixed_logit.layout(levels)
+    found = mixed_logit.fit(right.reshape(len(people), -1), trials.reshape(len(people), -1), cells)
+    factors = [(what, of) for what, of in (("task", list(tasks)), ("material", list(names))) if len(of) > 1]
+    labels = ["intercept", *(f"{level} (against {of[0]})" for _, of in factors for level in of[1:])]
+    errors = np.sqrt(np.diag(found.covariance))
+    terms, first = [], 1
+    for what, of in factors:
+        part = slice(first, first + len(of) - 1)
+        own = found.coefficients[part]
+        df1 = len(of) - 1
+        f = float(own @ np.linalg.solve(found.covariance[part, part], own)) / df1
+        df2 = df1 * (len(people) - 1)
+        terms.append(Term(what, f, df1, df2, float(fdtrc(df1, df2, f))))
+        first += df1
+    values = zip(found.coefficients.tolist(), errors.tolist(), strict=True)
+    return SlopesLogit(
+        len(people),
+        dict(zip(labels, values, strict=True)),
+        tuple(terms),
+        dict(zip(["participant", *(f"participant by {what}" for what, _ in factors)], found.sds.tolist(), strict=True)),
+    )

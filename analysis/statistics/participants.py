@@ -1,0 +1,188 @@
+"""Tests and intervals in which a participant is the unit: sign flips, repeated measures and the jackknife.
+
+The sign-flip test is Fisher's (1935, The Design of Experiments, section 21): where answers are no better and no worse
+than chance, each participant's distance from it is as likely to have the other sign. Repeated measures are tested on
+orthonormal contrasts of each participant's values, with the epsilon of Greenhouse and Geisser (1959, Psychometrika 24,
+95-112). The jackknife leaves out one participant at a time (Tukey 1958, Ann. Math. Stat. 29, 614).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+from scipy.special import fdtrc, stdtrit
+
+from analysis.statistics.exact import Floats, Integers, NotDefined, Number, integers
+from analysis.statistics.inference import CONFIDENCE
+
+MOST_STEPS = 200_000_000
+"""Participants times the steps of their sum beyond which sign flips are not counted."""
+
+
+@dataclass(frozen=True)
+class SignFlip:
+    """The exact two-sided P of the mean of `n` participants, and the `least` P that so many participants allow."""
+
+    n: int
+    p: float
+    least: float
+
+
+def sign_flip(values: Sequence[Number], null: Number) -> SignFlip:
+    """Return the exact test that values, shape (participants,), lie around `null`, by all 2^n signs of their distances.
+
+    Raises:
+        NotDefined: without a participant, or where values have so many denominators that sums cannot be counted.
+    """
+    if not values:
+        raise NotDefined("nobody was presented this material")
+    whole, _ = integers([Fraction(value) - Fraction(null) for value in values])
+    common = math.gcd(*whole) or 1
+    steps = [abs(value) // common for value in whole]
+    if len(steps) * sum(steps) > MOST_STEPS:
+        raise NotDefined("participants did such different numbers of trials that their sign flips cannot be counted")
+    below = np.ones(1)
+    for step in steps:
+        # A sum of n signed steps is a whole number of steps of 2 above its least value.
+        wider = np.zeros(below.size + step)
+        wider[: below.size] += below / 2
+        wider[step:] += below / 2
+        below = wider
+    total, reached = sum(steps), abs(sum(whole)) // common
+    tail = float(below[(total + reached) // 2 :].sum())
+    return SignFlip(len(steps), min(1.0, 2 * tail) if reached else 1.0, 2.0 ** (1 - len(steps)))
+
+
+def sign_flip_tests(counts: Integers, trials: int, chance: Fraction) -> Floats:
+    """Return P of many studies from counts out of `trials`, shape (..., participants), to within 1e-12.
+
+    The sum's characteristic function, a product of cosines, is added up with Dirichlet's kernel at as many points as
+    the sum has steps, which gives the share of sums nearer to 0 than the observed one.
+    """
+    distances = chance.denominator * np.arange(trials + 1) - chance.numerator * trials
+    common = math.gcd(*distances.tolist()) or 1
+    sizes, place = np.unique(abs(distances) // common, return_inverse=True)
+    people = counts.shape[-1]
+    points = people * int(sizes[-1]) + 1
+    # Sums of one parity lie on half a circle, of which both halves are alike.
+    angles = np.pi * np.arange(1, (points + 1) // 2) / points
+    half = np.pi / 2 if points % 2 == 0 else None
+    often = np.stack([(place[counts] == k).sum(axis=-1) for k in range(len(sizes))], axis=-1).reshape(-1, len(sizes))
+    reached = abs((distances[counts] // common).sum(axis=-1)).ravel()
+    every = np.append(angles, half) if half else angles
+    weights = np.append(np.full(angles.size, 2.0), np.ones(every.size - angles.size)) / np.sin(every) / points
+    powers = np.cos(np.outer(sizes, every))[:, None, :] ** np.arange(people + 1)[None, :, None]
+    found = np.empty(len(often))
+    for first in range(0, len(often), ROWS):
+        part = slice(first, first + ROWS)
+        wave = weights * np.sin(np.outer(reached[part] - 1, every))
+        for k in range(len(sizes)):
+            wave *= powers[k][often[part, k]]
+        found[part] = 1 - (reached[part] - 1) / points - wave.sum(axis=1)
+    return np.clip(np.where(reached > 0, found, 1.0), 0.0, 1.0).reshape(counts.shape[:-1])
+
+
+ROWS = 2000
+"""Studies whose characteristic functions are held at a time."""
+
+
+@dataclass(frozen=True)
+class Repeated:
+    """An effect within participants: F, its df, Greenhouse and Geisser's epsilon, P with df times epsilon, and without.
+
+    `f`, `epsilon` and the P are None where nothing varies.
+    """
+
+    effect: str
+    n: int
+    f: float | None
+    df1: int
+    df2: int
+    epsilon: float | None
+    p: float | None
+    p_uncorrected: float | None
+
+
+def repeated(values: Floats, names: Sequence[str]) -> tuple[Repeated, ...]:
+    """Return the repeated-measures ANOVA of values, shape (participants, levels) or (participants, levels, levels).
+
+    There is a line for each named factor, and one for the interaction of two.
+
+    Raises:
+        NotDefined: with fewer than two participants, or a factor of fewer than two levels.
+    """
+    people, *levels = values.shape
+    if people < 2:
+        raise NotDefined(f"repeated measures need two participants with every value, got {people}")
+    if min(levels) < 2:
+        raise NotDefined(f"repeated measures need two levels of {names[levels.index(min(levels))]}, got {min(levels)}")
+    means = [np.full((count, 1), 1 / math.sqrt(count)) for count in levels]
+    apart = [contrasts(count) for count in levels]
+    parts = {names[0]: apart[:1]} if len(levels) == 1 else {
+        names[0]: [apart[0], means[1]], names[1]: [means[0], apart[1]], f"{names[0]} x {names[1]}": apart,
+    }  # fmt: skip
+    flat = values.reshape(people, -1)
+    lines = []
+    for name, (first, *second) in parts.items():
+        projected = flat @ (np.kron(first, second[0]) if second else first)
+        df1 = projected.shape[1]
+        f, epsilon, p, plain = (float(one) for one in repeated_tests(projected))
+        found = (None, None, None, None) if math.isnan(f) else (f, epsilon, p, plain)
+        lines.append(Repeated(name, people, found[0], df1, df1 * (people - 1), *found[1:]))
+    return tuple(lines)
+
+
+def contrasts(levels: int) -> Floats:
+    """Return orthonormal contrasts of so many levels, shape (levels, levels - 1) (Helmert's)."""
+    columns = np.array([[1.0] * k + [-float(k)] + [0.0] * (levels - k - 1) for k in range(1, levels)]).T
+    return np.asarray(columns / np.sqrt((columns**2).sum(axis=0)))
+
+
+def repeated_tests(projected: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return F, epsilon, P with and P without epsilon of many studies from values on orthonormal contrasts.
+
+    `projected` has the shape (..., participants, df1). NaN stands where participants do not differ at all.
+    """
+    people, df1 = projected.shape[-2:]
+    mean = projected.mean(axis=-2)
+    gaps = projected - mean[..., None, :]
+    spread = np.einsum("...pi,...pj->...ij", gaps, gaps)
+    trace = np.trace(spread, axis1=-2, axis2=-1)
+    varied = trace > 1e-12 * (projected**2).sum(axis=(-2, -1))
+    trace = np.where(varied, trace, np.nan)
+    f = people * (people - 1) * (mean**2).sum(axis=-1) / trace
+    epsilon = np.asarray(trace**2 / (df1 * (spread**2).sum(axis=(-2, -1))))
+    df2 = df1 * (people - 1)
+    return f, epsilon, fdtrc(epsilon * df1, epsilon * df2, f), fdtrc(df1, df2, f)
+
+
+@dataclass(frozen=True)
+class Jackknife:
+    """An estimate corrected for its bias, with its standard error and the limits of Student's t at `confidence`."""
+
+    value: float
+    error: float
+    low: float
+    high: float
+    confidence: float
+
+
+def jackknife(observed: float, left_out: Floats, confidence: float = CONFIDENCE) -> Jackknife:
+    """Return the jackknife of a statistic from its values with each participant left out, shape (participants,).
+
+    Raises:
+        NotDefined: with fewer than two participants, or where leaving out any of them changes nothing.
+    """
+    people = left_out.size
+    if people < 2:
+        raise NotDefined(f"a jackknife needs 2 participants, got {people}")
+    error = math.sqrt((people - 1) * float(left_out.var()))
+    if error <= 1e-12 * max(1.0, abs(observed)):
+        raise NotDefined("no variance among participants: the jackknife has no interval")
+    value = people * observed - (people - 1) * float(left_out.mean())
+    reach = float(stdtrit(people - 1, (1 + confidence) / 2)) * error
+    return Jackknife(value, error, value - reach, value + reach, confidence)

@@ -1,0 +1,60 @@
+"""The first page: its sentences hold the numbers of the tables, and nothing is said to be found that is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from analysis.identification.results import compute
+from analysis.reading.dataset import read
+from analysis.reading.study import Part
+from analysis.report import sections
+from analysis.report.found import found_section
+from experiment.protocol import files
+from experiment.protocol.files import shipped
+from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
+
+
+def test_what_was_found_stands_first_and_what_was_left_out_last(repository_root: Path) -> None:
+    """Means and stars as in the paper's Tables 1 and 2; typing paper earns none in Task 1."""
+    study = read(repository_root / "participants" / "okamoto2012")
+    results = compute(study, {})
+    first, *_, last = sections.sections(study, results, None)
+    assert (first.slug, last.slug) == ("found", "exclusions")
+    virtual, real, between, remark = first.paragraphs
+    assert (
+        "by P that is not adjusted, right answers were more frequent than by chance for copy paper (0.79, " in virtual
+    )
+    assert "It was not shown for typing paper (0.29, " in virtual
+    assert "It was not shown" not in real
+    assert between.startswith("The tasks differ in the two-way ANOVA (F(1, 92) = 7.49, P = 0.007).")
+    assert remark.startswith("In a reconstruction it is arbitrary")
+    stars = [(row[0], row[1], row[-1]) for row in first.tables[0].rows if row[1] == "typing paper"]
+    assert stars == [("virtual", "typing paper", ""), ("real", "typing paper", "**")]
+
+
+def test_the_questions_of_the_protocol_stand_above_the_answers(repository_root: Path) -> None:
+    study = read(repository_root / "participants" / "okamoto2012")
+    part = Part("one", study.participants, ("virtual", "real"), files.load(shipped("okamoto2012.toml")))
+    asked, *_ = found_section(study, compute(replace(study, parts=(part,)), {}), ()).paragraphs
+    assert not asked.startswith("Asked")
+    asked, *_ = found_section(replace(study, parts=(part,)), compute(study, {}), ()).paragraphs
+    assert asked == (
+        "Asked: For each material and task: does the participants' mean ratio of correct answers differ from chance? "
+        "Are aluminum foil and typing paper told apart? Do correct answer ratios depend on the task, over materials?"
+    )
+
+
+def test_where_nothing_is_found_nothing_is_said_to_be(tmp_path: Path) -> None:
+    wrong = trials([(shown, said) for shown in MATERIALS for said in MATERIALS])
+    study = read(write_dataset(tmp_path, {str(k): {"virtual": wrong} for k in range(6)}, tasks=("virtual",)))
+    (said,) = found_section(study, compute(study, {}), ()).paragraphs
+    assert "right answers were not shown to be more frequent than by chance for any material." in said
+    assert "It was not shown" not in said
+
+
+def test_tasks_that_the_same_people_did_are_compared_as_pairs(tmp_path: Path) -> None:
+    sessions = {str(k): {"virtual": balanced(k), "real": balanced(k + 1, 6)} for k in range(1, 6)}
+    study = read(write_dataset(tmp_path, sessions))
+    *_, between = found_section(study, compute(study, {}), ()).paragraphs
+    assert "Ours, over the 5 who did both: virtual less real is" in between

@@ -1,0 +1,131 @@
+"""Participants as the unit: Fisher's own example, every sign one by one, R's car, and closed forms of the jackknife."""
+
+from __future__ import annotations
+
+import itertools
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from analysis.statistics.exact import NotDefined
+from analysis.statistics.participants import contrasts, jackknife, repeated, repeated_tests, sign_flip, sign_flip_tests
+from tests.analysis.reference import printed
+
+
+def test_sign_flips_of_darwins_maize_are_fishers() -> None:
+    darwin = printed("darwin")
+    found = sign_flip(darwin["differences"], 0)
+    assert found.p == 2 * darwin["as_large"] / 2**15
+    assert (found.n, found.least) == (15, 2 / 2**15)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.integers(0, 10), min_size=1, max_size=9), st.sampled_from([Fraction(1, 4), Fraction(1, 3)]))
+def test_every_way_to_give_signs_is_counted(counts: list[int], chance: Fraction) -> None:
+    distances = [Fraction(count, 10) - chance for count in counts]
+    ways = itertools.product((1, -1), repeat=len(counts))
+    sums = [sum((d * s for d, s in zip(distances, signs, strict=True)), Fraction(0)) for signs in ways]
+    share = float(np.mean([abs(one) >= abs(sum(distances, Fraction(0))) for one in sums]))
+    assert sign_flip([Fraction(count, 10) for count in counts], chance).p == pytest.approx(share, abs=1e-14)
+    assert sign_flip_tests(np.array([counts]), 10, chance)[0] == pytest.approx(share, abs=1e-12)
+
+
+@pytest.mark.parametrize(("people", "trials"), [(25, 10), (40, 12), (60, 7)])
+def test_many_studies_are_tested_as_one(people: int, trials: int) -> None:
+    counts = np.random.default_rng(3).binomial(trials, 0.3, size=(4, 5, people))
+    found = sign_flip_tests(counts, trials, Fraction(1, 4))
+    for study, p in zip(counts.reshape(-1, people), found.ravel(), strict=True):
+        own = sign_flip([Fraction(int(count), trials) for count in study], Fraction(1, 4))
+        assert p == pytest.approx(own.p, abs=1e-12)
+
+
+def test_where_every_answer_is_right_there_is_a_p() -> None:
+    """Two of 2^n signs, all of them and none, are as far from chance."""
+    assert sign_flip([Fraction(1)] * 10, Fraction(1, 4)).p == 2 / 2**10
+
+
+def test_where_everybody_is_at_chance_p_is_1() -> None:
+    assert sign_flip([Fraction(1, 4)] * 5, Fraction(1, 4)).p == 1
+
+
+def test_unequal_trials_are_weighed_exactly() -> None:
+    """By hand: distances 1/4, 1/12 and -1/20 sum to 17/60; of 8 signs, those of all alike and of the last turned."""
+    ratios = [Fraction(1, 2), Fraction(1, 3), Fraction(1, 5)]
+    assert sign_flip(ratios, Fraction(1, 4)).p == 4 / 8
+
+
+def test_sums_that_cannot_be_counted_are_not_defined() -> None:
+    primes = (9973, 9967, 9949, 9941, 9931)
+    with pytest.raises(NotDefined, match="cannot be counted"):
+        sign_flip([Fraction(1, prime) for prime in primes], Fraction(1, 4))
+    with pytest.raises(NotDefined, match="nobody"):
+        sign_flip([], Fraction(1, 4))
+
+
+def test_repeated_measures_are_those_of_r() -> None:
+    reference = printed("obrien_kaiser")
+    values = np.array(reference["values"], dtype=float)
+    lines = repeated(values.reshape(16, 3, 5), ["phase", "hour"])
+    assert [line.effect for line in lines] == ["phase", "hour", "phase x hour"]
+    (first,) = repeated(values[:, :5], ["hour"])
+    wanted = [*(reference[line.effect] for line in lines), reference["hour_of_the_first_phase"]]
+    for line, expected in zip((*lines, first), wanted, strict=True):
+        found = (line.f, line.df1, line.df2, line.p_uncorrected, line.epsilon, line.p)
+        assert found == pytest.approx(tuple(expected), rel=1e-9)
+
+
+def test_two_levels_are_a_paired_t() -> None:
+    values = np.random.default_rng(1).normal(size=(9, 2))
+    (line,) = repeated(values, ["task"])
+    expected = stats.ttest_rel(values[:, 0], values[:, 1])
+    assert (line.f, line.p, line.epsilon) == pytest.approx((expected.statistic**2, expected.pvalue, 1.0))
+
+
+def test_contrasts_are_orthonormal_and_of_no_mean() -> None:
+    for levels in (2, 3, 5):
+        found = contrasts(levels)
+        assert found.T @ found == pytest.approx(np.eye(levels - 1))
+        assert found.sum(axis=0) == pytest.approx(np.zeros(levels - 1))
+
+
+def test_participants_who_do_not_differ_have_no_f() -> None:
+    (line,) = repeated(np.tile([0.1, 0.4, 0.7], (5, 1)), ["material"])
+    assert (line.f, line.epsilon, line.p, line.p_uncorrected) == (None, None, None, None)
+    with pytest.raises(NotDefined, match="two participants"):
+        repeated(np.ones((1, 3)), ["material"])
+    with pytest.raises(NotDefined, match="two levels of material, got 1"):
+        repeated(np.ones((4, 1)), ["material"])
+
+
+def test_many_studies_of_repeated_measures_are_those_of_one() -> None:
+    values = np.random.default_rng(2).normal(size=(6, 8, 4))
+    f, epsilon, p, _ = repeated_tests(values @ contrasts(4))
+    for k, study in enumerate(values):
+        (line,) = repeated(study, ["material"])
+        assert (line.f, line.epsilon, line.p) == pytest.approx((f[k], epsilon[k], p[k]))
+
+
+def test_the_jackknife_of_a_mean_is_students_interval() -> None:
+    values = np.random.default_rng(3).normal(size=12)
+    found = jackknife(float(values.mean()), (values.sum() - values) / 11)
+    expected = stats.t.interval(0.95, 11, values.mean(), stats.sem(values))
+    assert (found.value, found.error) == pytest.approx((values.mean(), stats.sem(values)))
+    assert (found.low, found.high) == pytest.approx(expected)
+
+
+def test_the_jackknife_takes_the_bias_from_a_variance_divided_by_n() -> None:
+    """It gives exactly the variance divided by n - 1 (Quenouille 1956)."""
+    values = np.random.default_rng(4).normal(size=9)
+    left_out = np.array([np.delete(values, k).var() for k in range(9)])
+    assert jackknife(float(values.var()), left_out).value == pytest.approx(values.var(ddof=1))
+
+
+def test_a_jackknife_without_variance_is_not_defined() -> None:
+    with pytest.raises(NotDefined, match="needs 2 participants, got 1"):
+        jackknife(0.3, np.array([0.3]))
+    with pytest.raises(NotDefined, match="no variance"):
+        jackknife(0.3, np.full(4, 0.3))
