@@ -50,8 +50,9 @@ def _document(protocol: Protocol) -> dict[str, Any]:
     Without it the seals that were given before hold on.
     """
     document = protocol.model_dump(mode="json")
-    if document["consent"]["kept_months"] is None:
-        del document["consent"]["kept_months"]
+    for table, key in ((document["consent"], "kept_months"), (document["footstep"]["synthesis"], "left_out_max")):
+        if table[key] is None:
+            del table[key]
     return document
 
 

@@ -24,6 +24,7 @@ from experiment.records import journal
 from experiment.records.entries import Footer, Purpose, Visited
 from experiment.records.progress import progress
 from experiment.session import runner, scene
+from experiment.session.footstep import fidelity
 from experiment.session.laboratory import header, open_laboratory
 from experiment.session.visit import visit_steps, walk
 from experiment.settings.characters import quoted
@@ -169,6 +170,10 @@ class _Visit:
             )
         planned = scene.plan(protocol=protocol, task_id=task_id)
         used = _keep_recordings(root, self.recordings, protocol, planned) if planned.synthesis else None
+        if used is not None:
+            fidelity.refuse_what_leaves_out_too_much(
+                protocol=protocol, rig=rig, rig_folder=self.rig_file.parent, recordings=used
+            )
         with ExitStack() as opened:
             devices = opened.enter_context(
                 open_laboratory(

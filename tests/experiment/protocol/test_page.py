@@ -78,8 +78,10 @@ def others(annotation: Any, value: Any) -> tuple[Any, ...]:
     raise NotImplementedError(f"{annotation} holding {value!r}")
 
 
-FULL = Protocol.model_validate(changed(document(), ("consent", "kept_months"), 18))
-"""The small protocol with the one key of numbers that it leaves out."""
+FULL = Protocol.model_validate(
+    changed(changed(document(), ("consent", "kept_months"), 18), ("footstep", "synthesis", "left_out_max"), 0.25)
+)
+"""The small protocol with the keys of numbers that it leaves out."""
 
 CASES = [(path, value, other) for path, kind, value in fields(FULL) for other in others(kind, value)]
 
