@@ -71,14 +71,17 @@ def _unknown(used: pd.DataFrame, known: pd.DataFrame) -> tuple[str, ...]:
 def _methods(known: pd.DataFrame) -> str:
     counts = Counter(known.loc[known["stimulus_method"] != MISSING, "stimulus_method"])
     told = "; ".join(f"{method}: {plural(times, 'time')}" for method, times in sorted(counts.items()))
-    return f"How the samples were made: {told}. Dissimilarity is in m/s^2, equation (6), the median and the most."
+    return (
+        f"How the samples were made: {told}. Dissimilarity is in m/s^2, equation (6), the median and the most. When "
+        "stimuli sounded stands under Course of the tasks."
+    )
 
 
 def _row(group: tuple[str, str, pd.DataFrame]) -> tuple[str, ...]:
     task, material, rows = group
     shares = [_percent(value) for column in SHARES.values() for value in (rows[column].median(), rows[column].max())]
     off = rows["dissimilarity_m_s2"]
-    return (task, material, str(len(rows)), *shares, number(float(off.median()), 2), number(float(off.max()), 2))
+    return (task, material, str(len(rows)), *shares, number(float(off.median())), number(float(off.max())))
 
 
 def _percent(share: float) -> str:

@@ -39,8 +39,8 @@ def test_figures_by_task_and_material(tmp_path: Path) -> None:
     assert unknown == "Of 1 attempt of these tasks nothing is on record."
     (table,) = section.tables
     assert table.rows == (
-        ("virtual", "sand", "3", "12.00", "30.00", "6.00", "25.00", "3.00", "4.00"),
-        ("virtual", "snow", "1", "20.00", "20.00", "20.00", "20.00", "0.50", "0.50"),
+        ("virtual", "sand", "3", "12.00", "30.00", "6.00", "25.00", "3.000", "4.000"),
+        ("virtual", "snow", "1", "20.00", "20.00", "20.00", "20.00", "0.500", "0.500"),
     )
     assert "prepared voltages: 3 times; voltages shaped for the step: 1 time." in table.notes[0]
     assert section.records[0]["error_median"] == pytest.approx(0.12)
