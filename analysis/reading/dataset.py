@@ -35,8 +35,11 @@ MISSING = "n/a"
 FURTHER = {
     "masker_db_a": "masker_level",
     **{f"{column}_s": column for column in ("prediction_error", "delivery_error", "gate_to_scheduled", "dead_time")},
+    "stimulus_error": "stimulus_error",
+    "left_out": "left_out",
+    "dissimilarity_m_s2": "dissimilarity",
 }
-"""The name of each further column in the frame, and in the events file."""
+"""The name of each further column of numbers in the frame, and in the events file."""
 
 ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION")
 
@@ -252,6 +255,7 @@ def _event(cells: Mapping[str, str], where: str, materials: tuple[str, ...], ori
         "delivered": _number(cells["delivered"], f"{where}: delivered", "0, 1"),
         "onset_error_s": _number(cells["onset_error"], f"{where}: onset_error"),
         **{name: _number(cells.get(column, MISSING), f"{where}: {column}") for name, column in FURTHER.items()},
+        "stimulus_method": cells.get("stimulus_method", MISSING),
         "redo_reason": cells["redo_reason"],
         "included": counted == "1",
     }

@@ -23,6 +23,7 @@ from analysis.report.identification_sections import (
     intervals_section,
     trials_section,
 )
+from analysis.report.played_section import played_sections
 from analysis.statistics.anova import Anova, Effect
 from analysis.statistics.icc import NAMES
 from analysis.statistics.inference import RESAMPLES, EffectSize
@@ -134,6 +135,7 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
         icc_section(results),
         trials_section(results),
         course_section(results.course),
+        *played_sections(study),
         *compared,
         exclusions_section(study),
     )
@@ -465,6 +467,10 @@ Speed curve
     {", ".join(map(str, BIN_WIDTHS_MM_S))} mm/s of which no more than {MOST_BINS} are needed.
 Onset error
     The measured onset of the stimulus at the panel minus the contact of the foot, in the trials analysed.
+What was played
+    error = √( Σ (reached - asked)² / Σ asked² ) over the bins k ≥ 1 of equations (1) to (5); left out is the same sum
+    over the bins that no output carries. Reached is what the samples handed to the actuator do, by the rig's measured
+    response where they are voltages. Dissimilarity is equation (6) between reached and asked, from 0 to 500 Hz.
 Timing
     Every attempt of the participants analysed counts, including those that were repeated. Percentiles are of the
     magnitude, interpolated linearly, and given from 100 (p99) and 1,000 (p99.9) attempts on. The dead time runs from a

@@ -27,7 +27,7 @@ COMMANDS = {
     "Record materials": {
         "record": ("recordings", "Record a protocol's materials and the bare panel."),
         "validate": ("recordings", "Validate the synthesis on recordings, as published."),
-        "spectrum": ("recordings", "Print and plot the spectrum of a recording."),
+        "spectrum": ("recordings", "Print the spectrum of a recording, and plot it with --plot."),
         "tap": ("tap", "Fit recorded taps, and compute an impact on a virtual block."),
     },
     "Run sessions": {

@@ -102,9 +102,3 @@ def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None]
     finally:
         if bar.live.is_started:
             bar.stop()
-
-
-def free(path: Path) -> Path:
-    """Return `path`, or the first of path-2, path-3, ... that does not exist yet."""
-    names = (path, *(path.with_stem(f"{path.stem}-{n}") for n in range(2, 10_000)))
-    return next((name for name in names if not name.exists()), path)

@@ -128,11 +128,11 @@ def spectrum(
     ],
     channel: Annotated[str | None, typer.Option("--channel", help="Name or number (from 1) of the channel.")] = None,
     plot: Annotated[
-        Path | None, typer.Option("--plot", help="File for the plot (.png or .svg) [default: FILE_spectrum.png].")
+        Path | None, typer.Option("--plot", help="Draw the spectrum into this file (.png or .svg) [default: nothing].")
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Print and plot the spectrum of a recording.
+    """Print the spectrum of a recording, and plot it with --plot.
 
     The peaks of the amplitude spectrum are listed. The sampling rate of text and LabVIEW columns is taken from their
     time column and not from a header.
@@ -142,11 +142,11 @@ def spectrum(
     if plot is not None and plot.exists() and file.exists() and plot.samefile(file):
         raise PalpateError(f"--plot {plot}: this is the recording itself; name another file")
     result = spectra.of_file(file, channel=channel)
-    drawn = spectra.plot(result, plot or options.free(Path(f"{file.stem}_spectrum.png")))
+    drawn = None if plot is None else spectra.plot(result, plot)
     if as_json:
-        options.put({**result.as_dict(), "plot": str(drawn)})
+        options.put({**result.as_dict(), "plot": None if drawn is None else str(drawn)})
     else:
-        typer.echo(f"{result.text()}\nPlot: {drawn}")
+        typer.echo(result.text() if drawn is None else f"{result.text()}\nPlot: {drawn}")
 
 
 @commands.command(epilog="Example: palpate plan protocols/okamoto2012.toml --task real")

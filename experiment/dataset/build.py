@@ -24,7 +24,7 @@ from experiment.records import journal
 from experiment.records.entries import Answer, Correction, MaskerSet, Purpose, Redo, Spoken, TrackerOpened
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
-from experiment.records.stimulus import Onset
+from experiment.records.stimulus import Onset, Stimulus
 from experiment.storage import foot_path, rig_path
 
 LONGEST_GAP_S = 600.0
@@ -284,6 +284,7 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
                 **maskers[attempt],
                 **_timing_s(step, onset),
                 **(_said(answer, spoken[attempt]) if answer and attempt in spoken else {}),
+                **_played(stimulus),
             }
         )
     return rows
@@ -318,6 +319,19 @@ def _timing_s(step: FootStep | BrokenOff, onset: Onset | None) -> dict[str, obje
         "dead_time": step.dead_time_ms,
     }
     return {column: round(ms / 1e3, 6) for column, ms in known_ms.items() if ms is not None}
+
+
+def _played(stimulus: Stimulus | None) -> dict[str, object]:
+    """Return what is known of how a stimulus was played, by column; nothing where a journal is from before that."""
+    made = stimulus.computed if stimulus is not None else None
+    if made is None or made.left_out is None or made.dissimilarity_m_s2 is None:
+        return {}
+    return {
+        "stimulus_method": made.method,
+        "stimulus_error": round(made.relative_error, 9),
+        "left_out": round(made.left_out, 9),
+        "dissimilarity": round(made.dissimilarity_m_s2, 9),
+    }
 
 
 def _write_foot(root: Path, session: _Session, origin: bids.Origin) -> None:

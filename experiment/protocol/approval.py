@@ -39,8 +39,14 @@ UNFILLED = "TO BE FILLED IN"
 """Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
 
 
-YOUNGER = (("consent", "kept_months"), ("masker", "probe"), ("answers", "on_screen"), ("answers", "microphone"))
-"""Keys that are younger than format 2, by their tables."""
+YOUNGER = (
+    ("consent", "kept_months"),
+    ("masker", "probe"),
+    ("answers", "on_screen"),
+    ("answers", "microphone"),
+    ("footstep", "synthesis", "left_out_max"),
+)
+"""Keys that are younger than format 2, below their tables."""
 
 
 def canonical(protocol: Protocol) -> bytes:
@@ -54,9 +60,12 @@ def _document(protocol: Protocol) -> dict[str, Any]:
     Without it the seals that were given before hold on.
     """
     document = protocol.model_dump(mode="json")
-    for table, key in YOUNGER:
-        if not document[table][key]:
-            del document[table][key]
+    for *tables, key in YOUNGER:
+        table = document
+        for name in tables:
+            table = table[name]
+        if table[key] is None or table[key] is False:
+            del table[key]
     for planned in document["analysis"]:
         if planned["correction"] is None:
             del planned["correction"]

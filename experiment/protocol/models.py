@@ -164,6 +164,8 @@ class Synthesis(Confined):
         takes: how often each condition is recorded.
         speeds_mm_s: the speeds of the foot at which recordings are made.
         average: what of the takes is averaged: the magnitudes of their spectra, or signed coefficients.
+        left_out_max: the largest share of a vibration (rms) that a rig may leave out because no output of it carries
+            those frequencies; no participant is run on one that leaves out more.
     """
 
     RULES: ClassVar[Rules] = rules.synthesis
@@ -173,6 +175,7 @@ class Synthesis(Confined):
     takes: Annotated[int, Field(ge=1, le=100)]
     speeds_mm_s: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=2)]
     average: Literal["magnitude", "signed"] = "magnitude"
+    left_out_max: Annotated[float, Field(gt=0, le=1)] | None = None
 
 
 class Tactile(Confined):

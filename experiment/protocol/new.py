@@ -325,6 +325,7 @@ samples = 2500                         # samples of a recording: 0.5 s
 takes = 3                              # recordings of each material at each speed
 speeds_mm_s = [50, 100, 200, 300]      # speeds of the foot at which they are made
 average = "magnitude"                  # what of the takes is averaged; or signed
+left_out_max = 0.2                     # no rig that cannot carry more than this share of a vibration (rms) is used
 
 [footstep.tactile]
 # Frequencies that are felt; the others may be left out where all of them together stay below the floor (rms).

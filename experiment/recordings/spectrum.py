@@ -26,6 +26,9 @@ PROMINENCE = 0.1
 MOST_PEAKS = 10
 FEWEST_SAMPLES = 8
 
+DRAWN = 16
+"""Points of the drawn curve for each bin, so that it is the continuous spectrum, on which the peaks lie."""
+
 
 @dataclass(frozen=True)
 class Peak:
@@ -135,8 +138,23 @@ def _refined(centred: NDArray[np.float64], place: int, bin_hz: float) -> Peak:
     return Peak(frequency_hz=float(best.x) * bin_hz, amplitude=-float(best.fun) * 2 / centred.size)
 
 
+def curve(spectrum: AmplitudeSpectrum) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return frequencies from the first bin on, Hz, and amplitudes of the continuous spectrum, both of shape (M,).
+
+    It goes through every bin and every peak.
+    """
+    samples = spectrum.recording.samples
+    amplitudes = np.abs(fft.rfft(samples - samples.mean(), DRAWN * samples.size)) * (2 / samples.size)
+    frequencies_hz = np.arange(amplitudes.size) * (spectrum.recording.rate_hz / samples.size / DRAWN)
+    x = np.concatenate([frequencies_hz, [peak.frequency_hz for peak in spectrum.peaks]])
+    y = np.concatenate([amplitudes, [peak.amplitude for peak in spectrum.peaks]])
+    order = np.argsort(x, kind="stable")
+    drawn = order[x[order] >= spectrum.frequencies_hz[1]]
+    return x[drawn], y[drawn]
+
+
 def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
-    """Draw the spectrum with its peaks as .png or .svg, as the suffix of `path` says, and return `path`.
+    """Draw the continuous spectrum with its peaks as .png or .svg, as the suffix of `path` says, and return `path`.
 
     Raises `RecordingError` for another suffix, or a path that cannot be written.
     """
@@ -149,7 +167,7 @@ def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
     figure = Figure(figsize=(8, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    axes.plot(spectrum.frequencies_hz[1:], spectrum.amplitudes[1:], linewidth=0.8)
+    axes.plot(*curve(spectrum), linewidth=0.8)
     for peak in spectrum.peaks:
         axes.annotate(f"{peak.frequency_hz:.1f} Hz", (peak.frequency_hz, peak.amplitude), fontsize=8)
     axes.plot([p.frequency_hz for p in spectrum.peaks], [p.amplitude for p in spectrum.peaks], "v", markersize=5)

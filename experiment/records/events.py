@@ -89,10 +89,25 @@ FURTHER_COLUMNS: dict[str, dict[str, object]] = {
         "scheduled. n/a where it was not.",
         "Units": "s",
     },
+    "stimulus_method": {"Description": "How the samples that the actuator was handed were made."},
+    "stimulus_error": {
+        "Description": "How far what the actuator was handed is from what equations (1) to (5) of Okamoto et al. ask "
+        "for: rms of the difference, divided by the rms asked for. Where the actuator takes volts, the rig's measured "
+        "response says what they do."
+    },
+    "left_out": {
+        "Description": "Rms of the frequencies that no output of the rig carries, divided by the rms asked for; a part "
+        "of stimulus_error."
+    },
+    "dissimilarity": {
+        "Description": "Dissimilarity of what the actuator was handed to what was asked for, equation (6) of Okamoto "
+        "et al.: the sum over bins from 0 to 500 Hz of the difference of amplitudes.",
+        "Units": "m/s^2",
+    },
     "dead_time": {
         "Description": "From the confirmed answer to the trial before until this attempt was armed, without the time "
         "in which an object was laid out. n/a where no answer came just before.",
         "Units": "s",
     },
 }
-"""Further columns, each left out where a session knows nothing of it, as simulated time of the last two."""
+"""Further columns, each left out where a session knows nothing of it, as simulated time of durations."""

@@ -28,14 +28,21 @@ class Shaping(Record):
 
 
 class Computed(Record):
-    """How the stimuli of a material are computed.
+    """How the samples that a device was handed were computed, and how far they are from what was asked for.
 
-    `method`: its name, with the band where bins outside it are left out. `relative_error`: what it claims at any speed,
-    of the bins that are held.
+    `method`: what made them, with the band where bins outside it are left out. What equations (1) to (5) ask for is the
+    measure: `relative_error` is the rms of the difference, and `left_out` that of the bins that no output carries, both
+    as parts of the rms asked for; `dissimilarity_m_s2` is that of equation (6) between the two. Where the device takes
+    volts, what they make of the panel is what the rig's response says, with an estimate of what its table misses.
+
+    `left_out` and `dissimilarity_m_s2` are None in a journal from before they were told; `relative_error` is there the
+    rounding of a method alone.
     """
 
     method: str
     relative_error: float
+    left_out: float | None = None
+    dissimilarity_m_s2: float | None = None
 
 
 class Stimulus(Record):

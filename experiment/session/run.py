@@ -24,6 +24,7 @@ from experiment.records import journal
 from experiment.records.entries import Footer, Purpose, Visited
 from experiment.records.progress import progress
 from experiment.session import runner, scene
+from experiment.session.footstep import fidelity
 from experiment.session.laboratory import header, open_laboratory
 from experiment.session.visit import visit_steps, walk
 from experiment.settings.characters import quoted
@@ -165,7 +166,13 @@ class _Visit:
                 f"{protocol.masker.criterion}"
             )
         planned = scene.plan(protocol=protocol, task_id=task_id)
-        used = _keep_recordings(root, self.recordings, protocol, planned) if planned.synthesis else None
+        used: Path | None = None
+        if planned.synthesis:
+            folder = _real_recordings(root, self.recordings)
+            fidelity.refuse_what_leaves_out_too_much(
+                protocol=protocol, rig=rig, rig_folder=self.rig_file.parent, recordings=folder
+            )
+            used = _keep_recordings(root, folder, protocol, planned)
         with ExitStack() as opened:
             devices = opened.enter_context(
                 open_laboratory(
@@ -339,16 +346,23 @@ def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
             raise RosterError(f"participant {who} does task '{earlier}' before '{task_id}'; run that one first")
 
 
-def _keep_recordings(root: Path, given: Path | None, protocol: Protocol, planned: scene.Scene) -> Path:
-    """Return the recordings in the dataset; they are copied there at the first session that names them."""
+def _real_recordings(root: Path, given: Path | None) -> Path:
+    """Return the folder of recordings that is given, or else the dataset's own. Raises if they are simulated."""
     from experiment.recordings import manifest
 
-    kept = root / storage.RECORDINGS
-    folder = given or kept
+    folder = given or root / storage.RECORDINGS
     if manifest.is_simulated(folder):
         raise RecordingError(
             f"{folder}: the recordings are simulated; record real ones (palpate record), or use palpate rehearse"
         )
+    return folder
+
+
+def _keep_recordings(root: Path, folder: Path, protocol: Protocol, planned: scene.Scene) -> Path:
+    """Return the recordings in the dataset; they are copied there at the first session that names them."""
+    from experiment.recordings import manifest
+
+    kept = root / storage.RECORDINGS
     if kept.exists():
         if manifest.sha256(folder) != manifest.sha256(kept):
             raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")

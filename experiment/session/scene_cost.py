@@ -11,6 +11,7 @@ import tracemalloc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from experiment.apparatus.rig import Rig
 from experiment.protocol.models import Protocol
 from experiment.session import scene as scenes
+from experiment.session.footstep.budget_table import ErrorBudget, error_budget, percent
 
 if TYPE_CHECKING:
     from experiment.synthesis.crinkle import CrinkleSpectra
@@ -120,7 +122,7 @@ ERROR = (
     "which together have at most 3 times the rms of the sum between measured speeds, and beyond them 8 times that at "
     "the nearest"
 )
-"""What the bound on the relative error of a stimulus rests on; `synthesis/waveforms.py` derives it."""
+"""What the bound on the rounding of a stimulus in m/s^2 rests on; `synthesis/waveforms.py` derives it."""
 
 
 @dataclass(frozen=True)
@@ -165,12 +167,13 @@ class Omission:
 
 @dataclass(frozen=True)
 class TaskPlan:
-    """What one task needs and leaves out."""
+    """What one task needs and leaves out; `budget` is None where no stimulus is played."""
 
     task: str
     title: str
     needs: tuple[str, ...]
     left_out: tuple[Omission, ...]
+    budget: ErrorBudget | None = None
 
     def as_dict(self) -> dict[str, object]:
         return {
@@ -178,6 +181,7 @@ class TaskPlan:
             "needs": list(self.needs),
             "never_left_out": list(ALWAYS),
             "left_out": [omission.as_dict() for omission in self.left_out],
+            "error_budget": None if self.budget is None else self.budget.as_dict(),
         }
 
     def text(self) -> str:
@@ -191,7 +195,8 @@ class TaskPlan:
         ]
         for o in self.left_out:
             lines += [f"  {o.kind:9} {o.what}", f"            {o.saved()}; costs {o.costs}"]
-        return "\n".join([*lines, "", f"never left out: {', '.join(ALWAYS)}"])
+        lines += ["", f"never left out: {', '.join(ALWAYS)}"]
+        return "\n".join(lines if self.budget is None else [*lines, "", *self.budget.lines()])
 
 
 def _time(ms: float) -> str:
@@ -206,7 +211,8 @@ def plan(*, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, record
     scene = scenes.plan(protocol=protocol, task_id=task_id)
     title = protocol.task(task_id).title
     if scene.synthesis:
-        return TaskPlan(task_id, title, *_virtual(scene, protocol, rig, recordings))
+        budget = error_budget(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+        return TaskPlan(task_id, title, *_virtual(scene, protocol, rig, recordings, budget), budget)
     needs = (f"parts     {', '.join(ALWAYS)}", "steps     laying out the real object before each trial")
     return TaskPlan(task_id, title, needs, _real(protocol, rig, rig_folder, recordings))
 
@@ -251,15 +257,17 @@ def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> t
 
 
 def _virtual(
-    scene: scenes.Scene, protocol: Protocol, rig: Rig, recordings: Path
+    scene: scenes.Scene, protocol: Protocol, rig: Rig, recordings: Path, budget: ErrorBudget
 ) -> tuple[tuple[str, ...], tuple[Omission, ...]]:
     rate_hz = rig.actuator.rate_hz
     held = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     needs = [f"parts     {', '.join(ALWAYS)}, synthesis, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
     left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
     for material, basis in scenes.prepare_stimuli(held, protocol=protocol, output_rate_hz=rate_hz).items():
-        kept = f"{basis.method}, relative error up to {basis.relative_error:.2g}"
-        needs.append(f"material  {material}: {kept}, {basis.nbytes / 1e3:.0f} kB")
+        off = percent(*budget.materials[material].range(lambda one: one.total))
+        way = basis.method if rig.actuator.shaping is None else f"voltages, prepared where they fit{basis.band}"
+        needs.append(f"material  {material}: {way}, off by {off} % (rms), {basis.nbytes / 1e3:.0f} kB")
+        bound = basis.relative_error
         if basis.spectra.band_hz is not None:
             left_out.append(_bins(held[material], basis, protocol))
         dropped = basis.spectra.dropped(basis.on)
@@ -267,8 +275,20 @@ def _virtual(
             lost = "all that they would add, for no actuator at this rate can play them"
             what = f"{dropped} of {basis.spectra.samples} bins of {material}, at or above half of {rate_hz} Hz"
             left_out.append(Omission("bins", what, None, None, lost))
-    needs += [f"error     {ERROR}", f"bins      {_felt(held, protocol)}"]
+    if rig.actuator.shaping is None:
+        needs.append(f"rounding  {ERROR}; a relative error of {bound:.2g} at most")
+    needs.append(f"bins      {_carried(held, protocol, budget)}")
     return tuple(needs), tuple(left_out)
+
+
+def _carried(held: Mapping[str, CrinkleSpectra], protocol: Protocol, budget: ErrorBudget) -> str:
+    """Return which bins sound: all, those that may be felt, or fewer, where an output carries no more."""
+    ranges = [of.range(lambda one: hypot(one.rate, one.band)) for of in budget.materials.values()]
+    lost = percent(min(low for low, _ in ranges), max(high for _, high in ranges))
+    felt = _felt(held, protocol)
+    if lost == "0":
+        return felt
+    return f"not all: no output carries {lost} % (rms) of the vibration (see the error budget). Asked for are {felt}"
 
 
 def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:

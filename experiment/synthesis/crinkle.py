@@ -11,14 +11,14 @@ Two decisions where the paper leaves room or errs:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, inf
+from math import ceil, inf, sqrt
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.spectra import Grid, bin_frequencies_hz, finite, grid, rms, spectrum
+from experiment.synthesis.spectra import BAND_HZ, Grid, bin_frequencies_hz, finite, grid, rms, spectrum
 
 Average = Literal["magnitude", "signed"]
 
@@ -29,13 +29,35 @@ FARTHEST = 1e3
 """How many times `LOUDEST_M_S2` extrapolation may reach."""
 
 
+@dataclass(frozen=True, eq=False)
+class LeftOut:
+    """What is still known of bins that are left out of S spectra.
+
+    `products` are the sums of C'_k(v_i) C'_k(v_j) / 2 over these bins, (m/s^2)^2, shape (S, S); `sums` those of
+    C'_k(v_i) over the bins among them that equation (6) counts, m/s^2, shape (S,).
+    """
+
+    products: NDArray[np.float64]
+    sums: NDArray[np.float64]
+
+    def at(self, interval: int, way: float) -> tuple[float, float]:
+        """Return rms and sum, m/s^2, at a part of the way from v_i to v_i+1, i being the interval.
+
+        They are exact between the two. Beyond them no bin is floored here, so the rms is the most that it can be.
+        """
+        pair, weights = slice(interval, interval + 2), np.array([1 - way, way])
+        square = float(weights @ self.products[pair, pair] @ weights)
+        return sqrt(max(square, 0.0)), max(float(weights @ self.sums[pair]), 0.0)
+
+
 @dataclass(frozen=True)
 class CrinkleSpectra:
     """The spectra of one material without the panel, at the measured speeds v_i, strictly rising, shape (S,), S >= 2.
 
     `amplitudes` are C'_k(v_i) >= 0, m/s^2, and `signs` those of C_k,panel+object(v_i), +1 or -1, both of shape (S, K);
     `rate_hz` is that of the recordings. `recorded` is their N, at least K, where bins from K on are left out, None
-    where K is N; `band_hz` are the lowest and highest frequency held, None where all are held.
+    where K is N; `band_hz` are the lowest and highest frequency held, and `left_out` says how much lay outside; None
+    where all are held.
     """
 
     speeds_mm_s: NDArray[np.float64]
@@ -44,6 +66,7 @@ class CrinkleSpectra:
     signs: NDArray[np.float64]
     recorded: int | None = None
     band_hz: tuple[float, float] | None = None
+    left_out: LeftOut | None = None
 
     def __post_init__(self) -> None:
         """Refuse what no equation accepts, so that no method need look again. Raises `SynthesisError`."""
@@ -215,6 +238,9 @@ def leave_out(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> Crink
     rise.
     """
     inside = ~_outside(spectra, band_hz)
+    f = bin_frequencies_hz(bins=spectra.samples, rate_hz=spectra.rate_hz)[: inside.size]
+    gone = np.where(inside | (f == 0), 0.0, spectra.amplitudes)
+    counted = (f >= BAND_HZ[0]) & (f <= BAND_HZ[1])
     bins = int(np.flatnonzero(inside)[-1]) + 1 if inside.any() else 1
     return CrinkleSpectra(
         speeds_mm_s=spectra.speeds_mm_s,
@@ -223,6 +249,7 @@ def leave_out(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> Crink
         signs=spectra.signs[:, :bins].copy(),
         recorded=spectra.samples,
         band_hz=band_hz,
+        left_out=LeftOut(products=gone @ gone.T / 2, sums=gone[:, counted].sum(axis=1)),
     )
 
 

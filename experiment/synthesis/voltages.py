@@ -268,6 +268,17 @@ def _bends_m_s2(at: AtBins, gain_limit_v_per_m_s2: float) -> NDArray[np.float64]
     return np.concatenate([at.curves, limited, held_back])
 
 
+class Driven(NamedTuple):
+    """The voltages of a stimulus, V, shape (n,), and the scale that all of it was taken down to.
+
+    `prepared` says whether they are the weighted sum of two that were held, or were worked out for the speed.
+    """
+
+    voltages_v: NDArray[np.float64]
+    scale: float
+    prepared: bool
+
+
 class Drive:
     """What a rig that takes volts is given for each stimulus, within the limits of its panel and its amplifier."""
 
@@ -286,6 +297,7 @@ class Drive:
         Stimuli of any other material are worked out, as are those beyond what is prepared.
         """
         self.rate_hz = rate_hz
+        self.response = response
         self.limit_m_s2 = limit_m_s2
         self._whole = partial(drive, rate_hz=rate_hz, response=response, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2)
         self._limited = partial(self._whole, limit_m_s2=limit_m_s2, limit_v=limit_v)
@@ -301,18 +313,15 @@ class Drive:
             for material, basis in materials.items()
         }
 
-    def __call__(self, stimulus: Stimulus) -> tuple[NDArray[np.float64], float]:
-        """Return the voltages of a stimulus, V, shape (n,), and the scale that all of it was taken down to.
-
-        Errors are those of `shaping.drive`.
-        """
+    def __call__(self, stimulus: Stimulus) -> Driven:
+        """Return the voltages of a stimulus. Errors are those of `shaping.drive`."""
         held = self._held.get(stimulus.material)
         found = held.at(stimulus) if held is not None else None
         if found is not None:
-            return found
+            return Driven(*found, prepared=True)
         voltages_v, shaped = self._limited(stimulus.bins)
-        return voltages_v, shaped.scale
+        return Driven(voltages_v, shaped.scale, prepared=False)
 
-    def shaped(self, stimulus: Stimulus, scale: float) -> Shaped:
-        """Return what shaping did to a stimulus that was taken down to a scale; it is worked out anew."""
-        return self._whole(stimulus.bins, scale=scale)[1]
+    def worked_out(self, stimulus: Stimulus, scale: float) -> tuple[NDArray[np.float64], Shaped]:
+        """Return the voltages of a stimulus that was taken down to a scale, and what shaping did, both made anew."""
+        return self._whole(stimulus.bins, scale=scale)

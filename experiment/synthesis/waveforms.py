@@ -6,8 +6,8 @@ speed's own waveform and, with its signs, the difference of the two are made bef
 3 S - 2 waveforms for S speeds, and a step costs one product and one sum, in one new array. At a measured speed t = 0,
 and its own waveform comes out to the bit.
 
-Beyond the measured speeds the same holds with t < 0, as long as no bin is floored and the two terms stay within
-`CANCELLATION` times the vibration at the nearest measured speed. The speeds between which both hold are found
+Beyond the measured speeds the same holds with t < 0, as long as no bin that sounds is floored and the two terms stay
+within `CANCELLATION` times the vibration at the nearest measured speed. The speeds between which both hold are found
 beforehand, and outside them a zero-padded inverse DCT takes over: one floored bin is one cosine too many in every
 sample. Taking each fallen bin's cosine out of the weighted sum would cost some 30 us a bin, a quarter of the inverse
 DCT; and of a simulated material's 2,500 bins up to 13 are floored 10 mm/s beyond the fastest recording, and 60 to 90 at
@@ -75,10 +75,15 @@ class Basis:
     pairs: tuple[tuple[tuple[NDArray[np.float64], NDArray[np.float64]], ...], ...]
 
     @property
-    def method(self) -> str:
-        """How the stimuli are computed, with the band where bins outside it are left out, as records name it."""
+    def band(self) -> str:
+        """The band outside of which bins are left out, as records and plans name it; empty where none are."""
         band_hz = self.spectra.band_hz
-        return "basis waveforms" if band_hz is None else f"basis waveforms, {band_hz[0]:g} to {band_hz[1]:g} Hz"
+        return "" if band_hz is None else f", {band_hz[0]:g} to {band_hz[1]:g} Hz"
+
+    @property
+    def method(self) -> str:
+        """How accelerations are computed where the weighted sum holds."""
+        return f"basis waveforms{self.band}"
 
     @property
     def relative_error(self) -> float:
@@ -135,7 +140,7 @@ class Stimulus:
     @property
     def floored_bins(self) -> int:
         """How many of the bins held extrapolation would have made negative. Errors are those of `at_speed`."""
-        return 0 if self.held else self.spectrum.floored_bins
+        return self.spectrum.floored_bins if self.extrapolated else 0
 
     @cached_property
     def spectrum(self) -> SpectrumAtSpeed:
@@ -174,7 +179,7 @@ def prepare(spectra: CrinkleSpectra, *, material: str, output_rate_hz: int) -> B
     def pair(j: int, other: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return own[j], inverse_on((amplitudes[other] - amplitudes[j]) * signs[j], on)
 
-    lowest, highest = _holds_between(spectra, rms(spectra.amplitudes, on))
+    lowest, highest = _holds_between(spectra.speeds_mm_s, amplitudes, rms(spectra.amplitudes, on))
     return Basis(
         material=material,
         spectra=spectra,
@@ -213,15 +218,19 @@ def transform_error(on: Grid) -> float:
     return 8 * log2(4 * on.p) * ROUNDING * sqrt(on.p / on.count)
 
 
-def _holds_between(spectra: CrinkleSpectra, levels: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the slowest and fastest speed, mm/s, with no bin floored and too little cancelled to matter."""
-    slowest, second = spectra.speeds_mm_s[:2]
-    fastest = spectra.speeds_mm_s[-1]
-    every = spectra.amplitudes
+def _holds_between(
+    speeds_mm_s: NDArray[np.float64], every: NDArray[np.float64], levels: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return the slowest and fastest speed, mm/s, with no bin floored and too little cancelled to matter.
+
+    `every` are the amplitudes of the bins that sound at each measured speed, m/s^2; the others end nothing.
+    """
+    slowest, second = speeds_mm_s[:2]
+    fastest = speeds_mm_s[-1]
     down = _steps_out(every[0], every[1], levels[0], levels[1])
     up = _steps_out(every[-1], every[-2], levels[-1], levels[-2])
     lowest = slowest - down * (second - slowest)
-    highest = fastest + up * (fastest - spectra.speeds_mm_s[-2])
+    highest = fastest + up * (fastest - speeds_mm_s[-2])
     # Rounded inwards: the next number may lie beyond a floor that is nearer than half of its distance.
     return max(float(np.nextafter(lowest, slowest)), 0.0), float(np.nextafter(highest, fastest))
 

@@ -27,13 +27,20 @@ Run = Callable[[Path], str]
 
 
 @pytest.fixture
+def stated() -> str:
+    """What the protocol says of synthesis besides."""
+    return ""
+
+
+@pytest.fixture
 def refusal(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Palpate, seed_for: Callable[[Path, str], int]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, palpate: Palpate, seed_for: Callable[[Path, str], int], stated: str
 ) -> Run:
     """Runs a session of a sealed study with a rig file, which must be refused in one line; returns that line."""
     monkeypatch.chdir(tmp_path)
     study = tmp_path / "study.toml"
-    study.write_bytes(shipped("okamoto2012.toml").read_bytes())
+    text = shipped("okamoto2012.toml").read_text("utf-8")
+    study.write_text(text.replace('average = "magnitude"', f'average = "magnitude"\n{stated}', 1), "utf-8")
     manifest = recorded_takes.make_recordings(tmp_path / "recordings", protocol=files.load(study), seed=1)
     manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")
     today = date.today()
@@ -72,6 +79,15 @@ def test_a_busy_or_silent_port(line: SerialLine, panel: Panel, refusal: Run, tmp
     assert "holds it; close that program" in refusal(rig)
     holder.close()
     assert panel.felt(0) is None
+
+
+@pytest.mark.parametrize("stated", ["left_out_max = 0.3"])
+def test_a_rig_that_leaves_out_more_than_the_protocol_allows(refusal: Run, tmp_path: Path) -> None:
+    """The shipped response ends at 600 Hz. Nothing is opened, and no recordings are kept."""
+    told = refusal(write_rig(tmp_path, "rehearsal", port='"nowhere"', address='"127.0.0.1:9"'))
+    assert re.search(r"got 34\.\d% \(rms\) of copy paper at \d+ mm/s that no output carries; allowed: 0\.3 of it", told)
+    assert "measure the response of the panel over more frequencies, or use another rig" in told
+    assert not (tmp_path / "dataset" / "sourcedata" / "recordings").exists()
 
 
 def test_counts_outside_the_calibration(line: SerialLine, panel: Panel, refusal: Run, tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from experiment.apparatus.panel.response_table import parse
 from experiment.apparatus.rig import ActuatorRig, response_table
 from experiment.errors import ActuatorError
 from experiment.records import stimulus as records
+from experiment.synthesis import budget
 from experiment.synthesis.shaping import Shaped
 from experiment.synthesis.voltages import Drive
 from experiment.synthesis.waveforms import Basis, Stimulus
@@ -32,30 +33,51 @@ class Played:
     """A stimulus as its device is given it: `samples`, little-endian float32, shape (n,), 1.0 being full scale.
 
     Full scale is in V where there is a `drive`, which made the voltages, else in m/s^2. The limiter changed `limited`
-    samples, and shaping took the whole stimulus down to `scale`, 1 where there is none.
+    samples, and shaping took the whole stimulus down to `scale`, 1 where there is none. `method` says in words how the
+    samples were made.
     """
 
     stimulus: Stimulus
     samples: NDArray[np.float32]
     full_scale: float
     limited: int
+    method: str
     drive: Drive | None = None
     scale: float = 1.0
 
+    def budget(self) -> tuple[budget.Budget, Shaped | None]:
+        """Return how the samples differ from what was asked for, and what shaping did, None where there is none.
+
+        Shaping is worked out anew for that.
+        """
+        handed = self.samples.astype(np.float64) * self.full_scale
+        if self.drive is None:
+            return budget.of_accelerations(self.stimulus, handed_m_s2=handed, limited=self.limited), None
+        voltages_v, shaped = self.drive.worked_out(self.stimulus, self.scale)
+        found = budget.of_voltages(
+            self.stimulus, handed_v=handed, voltages_v=voltages_v, shaped=shaped, response=self.drive.response
+        )
+        return found, shaped
+
     def on_record(self) -> records.Stimulus:
-        """Return what goes on record of it. Shaping is worked out anew for that, so ask after contact."""
+        """Return what goes on record of it. The budget is worked out for that, so ask after contact."""
         asked = self.stimulus
         peak = max(float(self.samples.max()), -float(self.samples.min())) * self.full_scale
-        shaped, reached = None, peak
-        if self.drive is not None:
-            shaped = self.drive.shaped(asked, self.scale)
+        error, shaped = self.budget()
+        reached = peak
+        if self.drive is not None and shaped is not None:
             # The bound may lie above the peak, and so above a limit that is known to hold.
             reached = min(shaped.peak_m_s2, self.drive.limit_m_s2)
         return records.Stimulus(
             asked_sha256=hashlib.sha256(np.asarray(asked.spectrum.coefficients, "<f8").tobytes()).hexdigest(),
             floored_bins=asked.floored_bins,
             extrapolated=asked.extrapolated,
-            computed=records.Computed(method=asked.basis.method, relative_error=asked.basis.relative_error),
+            computed=records.Computed(
+                method=self.method,
+                relative_error=error.total,
+                left_out=error.left_out,
+                dissimilarity_m_s2=error.dissimilarity_m_s2,
+            ),
             handed_sha256=hashlib.sha256(self.samples.tobytes()).hexdigest(),
             handed_unit="m/s^2" if shaped is None else "V",
             handed_peak=peak,
@@ -96,7 +118,7 @@ class Conditioner:
             ActuatorError: there is nothing to play.
             SynthesisError: the speed is so high that the spectrum overflows.
         """
-        wanted, scale = (stimulus.waveform_m_s2, 1.0) if self._drive is None else self._drive(stimulus)
+        wanted, scale, method = self._made(stimulus)
         if np.ndim(wanted) != 1 or np.size(wanted) == 0:
             raise ActuatorError(
                 f"actuator: got a stimulus of shape {np.shape(wanted)}; allowed: one channel, one sample or more"
@@ -105,7 +127,14 @@ class Conditioner:
         samples = np.empty(bounded.shape, "<f4")
         np.divide(bounded, self._full_scale, out=samples, casting="same_kind")
         np.clip(samples, -self._highest, self._highest, out=samples)
-        return Played(stimulus, samples, self._full_scale, limited, self._drive, scale)
+        return Played(stimulus, samples, self._full_scale, limited, method + stimulus.basis.band, self._drive, scale)
+
+    def _made(self, stimulus: Stimulus) -> tuple[NDArray[np.float64], float, str]:
+        """Return a stimulus in the device's unit, shape (n,), the scale it was taken down to, and how it was made."""
+        if self._drive is None:
+            return stimulus.waveform_m_s2, 1.0, "basis waveforms" if stimulus.held else "inverse DCT"
+        voltages_v, scale, prepared = self._drive(stimulus)
+        return voltages_v, scale, "prepared voltages" if prepared else "voltages shaped for the step"
 
 
 def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:

@@ -48,6 +48,8 @@ class Sounding:
         if speed_mm_s == self._speed_mm_s:
             return
         self._speed_mm_s = speed_mm_s
+        # What replaces another was never aimed, whatever that one was aimed at.
+        self._aimed = self._scheduled_ns = self._gate_to_scheduled_ms = None
         self._played = self._actuator.prepare(self._basis.at(speed_mm_s))
 
     def given(self, speed_mm_s: float, arrived_ns: int) -> None:

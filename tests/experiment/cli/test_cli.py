@@ -264,15 +264,15 @@ def test_a_seed_that_no_file_may_hold_is_refused(palpate: Palpate, protocol: Pat
     assert "Invalid value for '--seed': Input should be less than or equal to 9223372036854775807" in err
 
 
-def test_spectrum_never_draws_over_a_file_that_nobody_named(
+def test_spectrum_draws_only_what_is_asked_for_and_never_over_the_recording(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
     wavfile.write(tmp_path / "a.wav", 5000, np.sin(np.arange(500)))
-    (tmp_path / "a_spectrum.png").write_text("precious")
-    assert json.loads(palpate("spectrum", "a.wav", "--json")[1])["plot"] == "a_spectrum-2.png"
-    assert (tmp_path / "a_spectrum.png").read_text() == "precious"
+    assert json.loads(palpate("spectrum", "a.wav", "--json")[1])["plot"] is None
+    assert "Plot" not in palpate("spectrum", "a.wav")[1]
     assert "this is the recording itself; name another file" in palpate("spectrum", "a.wav", "--plot", "a.wav")[2]
+    assert [path.name for path in tmp_path.iterdir()] == ["a.wav"]
 
 
 def test_spectrum_lists_plots_and_gives_json(palpate: Palpate, tmp_path: Path) -> None:

@@ -38,8 +38,11 @@ def test_form_is_that_of_rfc_8785() -> None:
     # For ASCII keys and numbers of few digits, Python's own JSON with sorted keys is the same form.
     for study, left_out in ((protocol(), YOUNGER), (stated(), ())):
         document = json.loads(study.model_dump_json())
-        for table, key in left_out:
-            del document[table][key]
+        for *tables, key in left_out:
+            table = document
+            for name in tables:
+                table = table[name]
+            del table[key]
         document["analysis"] = [
             {key: held for key, held in planned.items() if key != "correction" or held}
             for planned in document["analysis"]
@@ -49,17 +52,23 @@ def test_form_is_that_of_rfc_8785() -> None:
         assert sha256(study) == hashlib.sha256(expected.encode()).hexdigest()
 
 
-YOUNGER = (("consent", "kept_months"), ("answers", "on_screen"), ("masker", "probe"), ("answers", "microphone"))
+YOUNGER = (
+    ("consent", "kept_months"),
+    ("answers", "on_screen"),
+    ("answers", "microphone"),
+    ("masker", "probe"),
+    ("footstep", "synthesis", "left_out_max"),
+)
 """Keys that are younger than format 2, and are left out where they are not stated."""
 
 
 def stated() -> Protocol:
     """With all of them."""
-    tables = changed(document(), ("consent", "kept_months"), 18)
+    tables = document()
     probe = {"material": tables["materials"][0]["id"], "speed_mm_s": 200.0}
-    tables = changed(changed(tables, ("masker", "probe"), probe), ("answers", "microphone"), True)
-    tables = changed(tables, ("analysis", 0, "correction"), "materials")
-    return Protocol.model_validate(changed(tables, ("answers", "on_screen"), True))
+    for where, value in zip(YOUNGER, (18, True, True, probe, 0.25), strict=True):
+        tables = changed(tables, where, value)
+    return Protocol.model_validate(changed(tables, ("analysis", 0, "correction"), "materials"))
 
 
 def test_every_value_of_the_file_stands_in_the_form() -> None:
@@ -128,8 +137,12 @@ def test_a_study_moved_to_format_2_keeps_the_name_of_its_draws(repository_root: 
 
 
 def test_a_seal_that_was_given_before_a_key_was_there_holds_on(repository_root: Path) -> None:
-    # What palpate gave as hash of the published study before `consent.kept_months` was a key, on its board's page.
+    # What palpate gave as hash of the published study before these were keys, on its board's page.
     study = files.load(repository_root / "protocols" / "okamoto2012.toml")
     assert sha256(study) == "8b60d1b6a50b0cf7d7030d0d4e7e2c25ad5501d369432e7fd73225a590d0f9a5"
     stated = study.model_copy(update={"consent": study.consent.model_copy(update={"kept_months": 120})})
     assert sha256(stated) != sha256(study)
+    footstep = study.footstep.model_copy(
+        update={"synthesis": study.footstep.synthesis.model_copy(update={"left_out_max": 0.5})}
+    )
+    assert sha256(study.model_copy(update={"footstep": footstep})) != sha256(study)

@@ -79,7 +79,8 @@ def others(annotation: Any, value: Any) -> tuple[Any, ...]:
 
 
 KEPT = changed(changed(document(), ("consent", "kept_months"), 18), ("answers", "microphone"), True)
-FULL = Protocol.model_validate(changed(KEPT, ("masker", "probe"), {"material": "felt", "speed_mm_s": 200.0}))
+PROBED = changed(KEPT, ("masker", "probe"), {"material": "felt", "speed_mm_s": 200.0})
+FULL = Protocol.model_validate(changed(PROBED, ("footstep", "synthesis", "left_out_max"), 0.25))
 """The small protocol with the keys that it leaves out and that have no value of their own then; keeping voices needs a
 microphone."""
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from experiment.errors import RecordingError
 from experiment.recordings.readers import Recording
-from experiment.recordings.spectrum import AmplitudeSpectrum, amplitude_spectrum, of_file, plot
+from experiment.recordings.spectrum import AmplitudeSpectrum, amplitude_spectrum, curve, of_file, plot
 
 
 def recording(samples: np.ndarray, rate_hz: float, **more: object) -> Recording:
@@ -102,6 +102,23 @@ def test_the_text_says_which_rate_is_not_used() -> None:
     assert "segment 1 of 3; the others were not read" in text
     assert "0.02 steps off an even grid" in text
     assert "100.00 Hz" in text
+
+
+def test_the_drawn_curve_goes_through_every_bin_and_every_mark() -> None:
+    """A tone between two bins: its mark lies a third above either bin, and nothing of the curve is higher."""
+    found = amplitude_spectrum(recording(sinusoid(100.5, rate_hz=1000, n=1000), 1000.0))
+    f, amplitudes = curve(found)
+    assert np.all(np.diff(f) >= 0)
+    at_bins = np.searchsorted(f, found.frequencies_hz[1:] - 1e-9)
+    np.testing.assert_allclose(amplitudes[at_bins], found.amplitudes[1:], rtol=0, atol=1e-12)
+    [peak] = found.peaks
+    assert peak.amplitude == pytest.approx(1.0, abs=0.01)
+    assert found.amplitudes.max() < 0.66
+    assert (peak.frequency_hz, peak.amplitude) in zip(f.tolist(), amplitudes.tolist(), strict=True)
+    assert amplitudes.max() == peak.amplitude
+    # What lies between two points is drawn as a straight line: the mark stands on a curve, not above a chord.
+    beside = amplitudes[np.abs(f - peak.frequency_hz) < 0.1]
+    assert beside.min() > 0.97
 
 
 @pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml")])

@@ -112,7 +112,7 @@ class ScriptedActuator:
     def prepare(self, stimulus: Stimulus) -> Played:
         self._prepared = stimulus.waveform_m_s2
         self.aimed.append([])
-        return Played(stimulus, self._prepared.astype("<f4"), full_scale=1.0, limited=0)
+        return Played(stimulus, self._prepared.astype("<f4"), full_scale=1.0, limited=0, method="scripted")
 
     def aim(self, onset_ns: int) -> bool:
         self.aimed[-1].append(onset_ns)

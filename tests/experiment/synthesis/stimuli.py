@@ -29,7 +29,7 @@ class Given(Stimulus):
 
 def given(waveform_m_s2: ArrayLike, *, rate_hz: int = 5000, material: str = "any", floored: int = 0) -> Given:
     """A stimulus of this waveform; its bins are silent."""
-    like = of_bins([0.0], samples=1, rate_hz=rate_hz, material=material)
+    like = of_bins([0.0], samples=max(np.size(waveform_m_s2), 1), rate_hz=rate_hz, material=material)
     return Given(**vars(like), waveform=np.asarray(waveform_m_s2, dtype=np.float64), floored=floored)
 
 

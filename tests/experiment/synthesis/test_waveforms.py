@@ -128,6 +128,20 @@ def test_a_bin_that_is_zero_at_the_last_speed_and_was_not_leaves_nothing_to_extr
     assert not basis.at(float(np.nextafter(300.0, 400))).held
 
 
+def test_bins_that_sound_in_no_waveform_do_not_end_the_weighted_sum() -> None:
+    """Bin 0 and those at or above half of the output rate fall to zero at 310 mm/s, and are counted as floored."""
+    amplitudes = np.concatenate([rising(), rising()], axis=1)
+    for silent in (0, 13):
+        amplitudes[:, silent] = [1.0, 1.0, 11.0, 1.0]
+    spectra = CrinkleSpectra(np.array([50.0, 100.0, 200.0, 300.0]), 5000, amplitudes, np.ones(amplitudes.shape))
+    basis = prepare(spectra, material="paper", output_rate_hz=2500)
+    made = basis.at(350.0)
+    assert made.held
+    assert made.floored_bins == 2
+    expected = inverse_on(made.spectrum.coefficients, basis.on)
+    np.testing.assert_allclose(made.waveform_m_s2, expected, rtol=0, atol=1e-12)
+
+
 @pytest.mark.parametrize(
     ("levels", "end", "measured_mm_s"),
     [((1, 1.6e15, 1, 1), "lowest_mm_s", 36.0), ((1, 1, 1.6e15, 1), "highest_mm_s", 60.0)],

@@ -15,6 +15,7 @@ from experiment.errors import RigError
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
 from experiment.synthesis.shaping import drive
 from experiment.synthesis.spectra import Bins, Grid, inverse_on
+from experiment.synthesis.voltages import Driven
 from experiment.synthesis.waveforms import Basis, prepare
 from tests.experiment.apparatus.panel.tables import GOOD, Write
 from tests.experiment.synthesis.stimuli import given, of_bins
@@ -52,6 +53,12 @@ def test_a_drive_is_opened_from_a_rig_and_what_is_lost_goes_on_record(written: W
     assert (lost.saturated_bins, lost.outside_bins, lost.bounded_bins) == (0, 0, 1)
     assert lost.bounded_cost_m_s2 == pytest.approx(2.0 - reached)
     assert (lost.saturated_cost_m_s2, lost.outside_cost_m_s2) == (0.0, 0.0)
+    told = record.computed
+    assert told.method == "voltages shaped for the step"
+    # What the bound leaves, and what two frequencies and levels cannot say of the table's lines.
+    assert told.relative_error == pytest.approx((2.0 - reached) / 2.0, rel=0.01)
+    assert told.dissimilarity_m_s2 == pytest.approx(2.0 - reached)
+    assert told.left_out == 0.0
 
 
 def test_of_a_stimulus_in_volts_no_waveform_is_summed_not_even_for_the_record(written: Write) -> None:
@@ -73,14 +80,26 @@ def test_of_a_device_that_takes_accelerations_their_own_peak_and_hash_go_on_reco
     handed = (np.array([1, -20, 2]) / 64).astype("<f4").tobytes()
     assert record.handed_sha256 == hashlib.sha256(handed).hexdigest()
     assert record.shaping is None
+    assert record.computed.method == "basis waveforms"
+
+
+def test_the_record_says_what_was_played_and_not_what_a_method_can_do() -> None:
+    """Beyond the floor of a bin the inverse DCT takes over; what the limiter cuts off is an error like any other."""
+    far = basis().at(92.0)
+    record = Conditioner(full_scale=9.0, limit_m_s2=0.2)(far).on_record()
+    assert (record.computed.method, record.limited > 0) == ("inverse DCT", True)
+    off = np.clip(far.waveform_m_s2, -0.2, 0.2) - far.waveform_m_s2
+    wanted = np.sqrt(np.mean(off**2) / np.mean(far.waveform_m_s2**2))
+    assert record.computed.relative_error == pytest.approx(wanted, rel=1e-3)
+    assert record.computed.left_out == 0.0
 
 
 def test_the_limiter_bounds_what_shaping_makes_whatever_that_is() -> None:
     class Broken:
         limit_m_s2 = 20.0
 
-        def __call__(self, stimulus: object) -> tuple[np.ndarray, float]:
-            return np.array([3.0, -12.0, np.nan, np.inf]), 1.0
+        def __call__(self, stimulus: object) -> Driven:
+            return Driven(np.array([3.0, -12.0, np.nan, np.inf]), 1.0, prepared=False)
 
     played = Conditioner(full_scale=9.0, limit_m_s2=20.0, drive=Broken())(given([0.0]))  # type: ignore[arg-type]
     assert (played.samples * 9.0).tolist() == [3.0, -9.0, 0.0, 9.0]
@@ -127,10 +146,12 @@ def test_prepared_voltages_and_their_record_are_those_of_the_speed(
     assert prepared is not None
     assert plain is not None
     stimulus = basis().at(speed_mm_s)
-    (waveform_v, scale), (_, wanted_scale) = prepared(stimulus), plain(stimulus)
+    waveform_v, scale, held = prepared(stimulus)
+    _, wanted_scale, _ = plain(stimulus)
     record = Conditioner(full_scale=9.0, limit_m_s2=limit_m_s2, drive=prepared)(stimulus).on_record()
     assert record.shaping is not None
     assert record.shaping.scale == scale
+    assert record.computed.method == ("prepared voltages" if held else "voltages shaped for the step")
     assert 0.97 * wanted_scale <= scale <= 1
     c = at_speed(loud(), speed_mm_s=speed_mm_s).coefficients
     volts, did = drive(

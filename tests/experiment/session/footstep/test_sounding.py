@@ -98,6 +98,22 @@ def test_an_onset_is_put_off_only_where_that_brings_it_nearer_to_the_contact() -
     assert (onset.scheduled_ns, onset.predicted_us) == (14_500_000, 14_500.0)
 
 
+def test_what_replaces_a_stimulus_is_not_on_record_as_scheduled_before_it_is() -> None:
+    clock = ManualClock(0)
+    actuator = Aimed(clock)
+    sounding = silent(actuator, clock)
+    sounding.prepare(100.0)
+    sounding.aim(landing(13.0))
+    clock.sleep_ns(4_000_000)
+    sounding.prepare(120.0)
+    never = sounding.onset(Contact(us=13_000.0, given_us=13_000), 13_000_000)
+    assert (never.scheduled_ns, never.predicted_us, never.prediction_error_ms) == (None, None, None)
+    # The soonest is 14 ms now, farther from contact than what the first was aimed at: the second is aimed all the same.
+    sounding.aim(landing(13.0))
+    assert actuator.aims == [13_000_000, 14_000_000]
+    assert sounding.onset(Contact(us=13_000.0, given_us=13_000), 13_000_000).scheduled_ns == 14_000_000
+
+
 @pytest.mark.parametrize(("clock", "waited_ms"), [(Going(0), 3.5), (ManualClock(0), None)])
 def test_how_long_it_took_from_the_gates_frame_to_the_first_schedule(
     clock: ManualClock, waited_ms: float | None

@@ -1,0 +1,98 @@
+"""What was played: how far the stimuli of a study are from what was asked for, by task and material."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+
+import pandas as pd
+
+from analysis.documents.tables import Section, Table, number, plural
+from analysis.reading.dataset import MISSING
+from analysis.reading.study import Study
+
+SHARES = {"error": "stimulus_error", "left out": "left_out"}
+"""What is shown in percent, and its column of the attempts."""
+
+LITTLE = 5e-6
+"""Shares below are shown as less than 0.001 %."""
+
+
+def played_sections(study: Study) -> tuple[Section, ...]:
+    """Return the section, or none where no stimulus of a rig is on record with its error.
+
+    It is about every attempt of the participants analysed: what was done again was felt as well.
+    """
+    attempts = study.attempts
+    used = attempts[attempts["participant"].isin(attempts.loc[attempts["included"], "participant"])]
+    known = used[used["stimulus_error"].notna()]
+    if known.empty:
+        return ()
+    groups = [
+        (task.id, material, known[(known["task"] == task.id) & (known["presented"] == material)])
+        for task in study.tasks
+        for material in study.materials
+    ]
+    groups = [group for group in groups if not group[2].empty]
+    header = ("task", "presented", "attempts", "error %", "most", "left out %", "most", "dissimilarity", "most")
+    table = Table("", header, tuple(map(_row, groups)), left=frozenset({0, 1}), notes=(_methods(known),))
+    return (
+        Section(
+            "played",
+            "What was played",
+            (_worst(known), *_unknown(used, known)),
+            (table,),
+            tuple(_record(*group) for group in groups),
+        ),
+    )
+
+
+def _worst(known: pd.DataFrame) -> str:
+    most = known.sort_values("left_out").iloc[-1]
+    about = (
+        "What the actuator was handed is held against what equations (1) to (5) ask for, in every attempt of the "
+        "participants analysed; error and left out are medians, in percent of the rms asked for."
+    )
+    if most["left_out"] < LITTLE:
+        return f"{about} The rig carried all frequencies that were asked for."
+    at = f"{most['presented']} at {most['foot_speed_mm_s']:.0f} mm/s"
+    return (
+        f"{about} The rig did not carry all frequencies that were asked for: up to {_percent(most['left_out'])} % of "
+        f"the vibration (rms) was left out, of {at}. What participants felt and answered is about what was played."
+    )
+
+
+def _unknown(used: pd.DataFrame, known: pd.DataFrame) -> tuple[str, ...]:
+    tasks = set(known["task"])
+    missing = int((used["task"].isin(tasks) & used["stimulus_error"].isna()).sum())
+    return (f"Of {plural(missing, 'attempt')} of these tasks nothing is on record.",) if missing else ()
+
+
+def _methods(known: pd.DataFrame) -> str:
+    counts = Counter(known.loc[known["stimulus_method"] != MISSING, "stimulus_method"])
+    told = "; ".join(f"{method}: {plural(times, 'time')}" for method, times in sorted(counts.items()))
+    return (
+        f"How the samples were made: {told}. Dissimilarity is in m/s^2, equation (6), the median and the most. When "
+        "stimuli sounded stands under Course of the tasks."
+    )
+
+
+def _row(group: tuple[str, str, pd.DataFrame]) -> tuple[str, ...]:
+    task, material, rows = group
+    shares = [_percent(value) for column in SHARES.values() for value in (rows[column].median(), rows[column].max())]
+    off = rows["dissimilarity_m_s2"]
+    return (task, material, str(len(rows)), *shares, number(float(off.median())), number(float(off.max())))
+
+
+def _percent(share: float) -> str:
+    return "< 0.001" if 0 < share < LITTLE else number(float(share) * 100, 2)
+
+
+def _record(task: str, material: str, rows: pd.DataFrame) -> Mapping[str, object]:
+    columns = {**SHARES, "dissimilarity_m_s2": "dissimilarity_m_s2"}
+    found = {
+        f"{name.replace(' ', '_')}_{which}": float(getattr(rows[column], which)())
+        for name, column in columns.items()
+        for which in ("median", "max")
+    }
+    return {"task": task, "presented": material, "attempts": len(rows), **found}

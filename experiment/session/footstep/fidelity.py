@@ -1,0 +1,185 @@
+"""What a rig makes of a study's recordings: the error budget of each material at the speeds that count.
+
+`palpate plan` shows it, and a session for a participant is refused on a rig that leaves out more than the protocol
+allows. What is measured is what a session would hand over, but for voltages, which are shaped for each speed instead of
+prepared: `synthesis/voltages.py` says that they are the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from experiment.apparatus.rig import Rig
+from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
+from experiment.errors import RigError
+from experiment.protocol.models import Protocol
+from experiment.session import scene as scenes
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from experiment.apparatus.panel.conditioning import Played
+    from experiment.synthesis.budget import Budget
+    from experiment.synthesis.crinkle import CrinkleSpectra
+
+SPEEDS = 10
+"""At so many speeds of the foot, evenly spaced by ratio."""
+
+BEYOND = 1.5
+"""Where a protocol counts a foot of any speed: from the slowest recorded divided by this to this times the fastest."""
+
+
+@dataclass(frozen=True)
+class Fidelity:
+    """The budgets of one material at each speed, mm/s, and what stands beside them, as shares of the rms asked for.
+
+    `nearest_m_s2` is the dissimilarity (6) to the most similar of the other materials, at each speed. `other_reading`
+    is how far the other reading of equation (7) lies there, empty where the rig takes accelerations. `interpolation`
+    and `averaging` are the largest over the speeds recorded; None where too few speeds or takes were.
+    """
+
+    speeds_mm_s: tuple[float, ...]
+    budgets: tuple[Budget, ...]
+    nearest_m_s2: tuple[float, ...]
+    other_reading: tuple[float, ...]
+    interpolation: float | None
+    averaging: float | None
+
+    def range(self, of: Callable[[Budget], float]) -> tuple[float, float]:
+        """Return the least and the most of a value of the budgets over the speeds."""
+        values = [of(one) for one in self.budgets]
+        return min(values), max(values)
+
+
+def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
+    """Return speeds from the slowest to the fastest foot that a protocol counts, mm/s."""
+    recorded, fastest = protocol.footstep.synthesis.speeds_mm_s, scenes.fastest_mm_s(protocol)
+    slow = [rule.limit for rule in protocol.exclusion if rule.when == "speed-below" and rule.limit]
+    ends = max(slow, default=recorded[0] / BEYOND), recorded[-1] * BEYOND if fastest == inf else fastest
+    return tuple(np.geomspace(*ends, SPEEDS).tolist())
+
+
+def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> dict[str, Fidelity]:
+    """Return the fidelity of each material that virtual stimuli are made of, by its id.
+
+    Raises `RecordingError` if a recording is missing or unusable, and `RigError` if the response table is.
+    """
+    from experiment.recordings import manifest
+    from experiment.synthesis import budget
+
+    materials = tuple(material.id for material in protocol.materials)
+    taken = manifest.load(recordings, synthesis=protocol.footstep.synthesis, material_ids=materials)
+    scene = scenes.Scene(True, True, False, materials)
+    spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    found, speeds = {}, speeds_mm_s(protocol)
+    for material, played in _played(protocol, rig, rig_folder, spectra, speeds):
+        told = [one.budget() for one in played]
+        found[material] = Fidelity(
+            speeds_mm_s=speeds,
+            budgets=tuple(each for each, _ in told),
+            nearest_m_s2=tuple(_nearest_m_s2(material, spectra, v) for v in speeds),
+            other_reading=tuple(
+                budget.other_reading(one.stimulus, shaped=shaped, response=one.drive.response)
+                for one, (_, shaped) in zip(played, told, strict=True)
+                if shaped is not None and one.drive is not None
+            ),
+            interpolation=_most(budget.interpolation(spectra[material])),
+            averaging=_most(
+                budget.averaging(spectra[material], panel_object_takes=taken.objects[material], panel_takes=taken.panel)
+            ),
+        )
+    return found
+
+
+def refuse_what_leaves_out_too_much(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> None:
+    """Refuse a rig that leaves out more of a material than the protocol allows, at any speed that counts.
+
+    Raises `RigError`, which says how much, and otherwise as `fidelity`.
+    """
+    most = protocol.footstep.synthesis.left_out_max
+    if most is None:
+        return
+    found = fidelity(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+    told = refusal(protocol, rig, found)
+    if told:
+        raise RigError(told)
+
+
+def refusal(protocol: Protocol, rig: Rig, found: dict[str, Fidelity]) -> str:
+    """Return why no participant is run on a rig with this fidelity; empty where the protocol allows it."""
+    most = protocol.footstep.synthesis.left_out_max
+    worst, speed_mm_s, material = max(
+        (each.left_out, v, material)
+        for material, of in found.items()
+        for v, each in zip(of.speeds_mm_s, of.budgets, strict=True)
+    )
+    if most is None or worst <= most:
+        return ""
+    return (
+        f"rig '{rig.rig.name}': got {worst:.1%} (rms) of {material} at {speed_mm_s:.0f} mm/s that no output carries; "
+        f"allowed: {most:.4g} of it, by footstep.synthesis.left_out_max; measure the response of the panel over more "
+        "frequencies, or use another rig (palpate plan shows the whole budget)"
+    )
+
+
+def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
+    """Return the standard error of the contact when the onset can be moved for the last time, ms.
+
+    It is the predictor's own, for a foot of one speed throughout. None where the actuator cannot be scheduled, and
+    where the foot comes so fast that the onset is never aimed: the stimulus then sounds as soon as it can.
+    """
+    if rig.actuator.driver != "audio" or rig.audio is None:
+        return None
+    step = protocol.footstep.step
+    predictor = LandingPredictor(step, noise_mm=NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm)
+    lead_us = rig.audio.latency.output_ms * 1e3 + 2e6 * rig.audio.block / rig.audio.rate_hz
+    contact_us = (step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6
+    state, found = predictor.init(), None
+    for us in range(0, int(contact_us - lead_us), round(1e6 / rig.tracker.rate_hz)):
+        height_mm = step.gate_top_mm - speed_mm_s * us / 1e6
+        state = predictor.step(state, us, height_mm)
+        landing = predictor.landing(state) if state is not None and height_mm <= step.gate_bottom_mm else None
+        found = found if landing is None else landing.standard_error_us / 1e3
+    return found
+
+
+def _played(
+    protocol: Protocol,
+    rig: Rig,
+    rig_folder: Path,
+    spectra: dict[str, CrinkleSpectra],
+    speeds: tuple[float, ...],
+) -> Iterator[tuple[str, list[Played]]]:
+    """Yield each material with its stimuli at each speed, as the rig's device is handed them."""
+    from experiment.apparatus.panel.conditioning import Conditioner, open_drive
+
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+    drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2)
+    condition = Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2, drive=drive)
+    prepared = scenes.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=rig.actuator.rate_hz)
+    for material, basis in prepared.items():
+        yield material, [condition(basis.at(v)) for v in speeds]
+
+
+def _nearest_m_s2(material: str, spectra: dict[str, CrinkleSpectra], speed_mm_s: float) -> float:
+    from experiment.synthesis.crinkle import at_speed
+    from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity
+
+    own = spectra[material]
+    f = bin_frequencies_hz(bins=own.samples, rate_hz=own.rate_hz)[1:]
+    at = {name: at_speed(of, speed_mm_s=speed_mm_s).coefficients[1:] for name, of in spectra.items()}
+    return min(
+        float(dissimilarity(at[material], other, frequencies_hz=f)) for name, other in at.items() if name != material
+    )
+
+
+def _most(shares: NDArray[np.float64]) -> float | None:
+    """Return the largest share that is known."""
+    known = shares[np.isfinite(shares)]
+    return float(known.max()) if known.size else None

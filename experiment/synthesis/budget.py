@@ -1,0 +1,309 @@
+"""The error budget of a stimulus: what its device is handed, against what equations (1) to (5) ask for.
+
+Each share is an rms, as a part of the rms asked for, by Parseval over the bins. Every bin counts once, under what kept
+it last, so the squares of the shares add up:
+
+- `scene`: bins that the scene left out, because they are not felt;
+- `rate`: bins at or above half of the output rate;
+- `band`: bins beyond the frequencies at which the panel was measured, which get no voltage;
+- `held_back`: bins that the gain limit or the highest level measured keeps below what was asked;
+- `taken_down`: what the limits of panel and amplifier take from all the others, and what the limiter cuts off;
+- `table`: what straight lines between the measured values of the response miss. A panel's own curve is not known, so
+  this is an estimate: how far the cubic through the four nearest values lies from the lines, in frequency and in level;
+- `rounding`: of the transforms, the weights and the float32 samples, taken from the samples themselves. Voltages are
+  weighed with the steepest response in the table, so theirs is a bound.
+
+Beside the budget, and in no total, stand what the recordings themselves leave uncertain (`interpolation`, `averaging`),
+for the equations ask for what these give; the other reading of equation (7) (`other_reading`); and timing, which moves
+all of a stimulus and changes none of its spectrum.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from math import hypot, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from experiment.errors import SynthesisError
+from experiment.synthesis.crinkle import CrinkleSpectra
+from experiment.synthesis.shaping import AtBins, Response, Shaped, response_at
+from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, spectrum
+from experiment.synthesis.waveforms import Stimulus
+
+SHORT = 1e-9
+"""A bin that falls short of what it was taken down to by more than this part of it was held back."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The shares of one stimulus (see the module); `asked_m_s2` is the rms that they are parts of.
+
+    `dissimilarity_m_s2` is that of equation (6) between what is reached and what was asked for. All shares are 0 where
+    nothing was asked for.
+    """
+
+    asked_m_s2: float
+    dissimilarity_m_s2: float
+    scene: float = 0.0
+    rate: float = 0.0
+    band: float = 0.0
+    held_back: float = 0.0
+    taken_down: float = 0.0
+    table: float = 0.0
+    rounding: float = 0.0
+
+    @property
+    def left_out(self) -> float:
+        """The share of the bins that no output carries."""
+        return hypot(self.scene, self.rate, self.band)
+
+    @property
+    def total(self) -> float:
+        """The share of all of it."""
+        return hypot(self.left_out, self.held_back, self.taken_down, self.table, self.rounding)
+
+
+def of_accelerations(stimulus: Stimulus, *, handed_m_s2: NDArray[np.float64], limited: int) -> Budget:
+    """Return the budget of a device that takes accelerations; it was handed these, m/s^2, shape (n,).
+
+    The limiter changed `limited` of the samples. Errors are those of `at_speed`.
+    """
+    asked, carried = _asked(stimulus), stimulus.basis.on.carried
+    off_m_s2 = handed_m_s2 - stimulus.waveform_m_s2
+    reached = asked[:carried]
+    if limited:
+        reached = reached + _projected(off_m_s2, stimulus)
+    off = _share(sqrt(float(np.mean(off_m_s2**2))), _rms_asked(stimulus))
+    return _budget(
+        stimulus,
+        np.abs(reached),
+        taken_down=off if limited else 0.0,
+        rounding=0.0 if limited else off,
+    )
+
+
+def of_voltages(
+    stimulus: Stimulus,
+    *,
+    handed_v: NDArray[np.float64],
+    voltages_v: NDArray[np.float64],
+    shaped: Shaped,
+    response: Response,
+) -> Budget:
+    """Return the budget of a device that takes volts; it was handed these, V, shape (n,).
+
+    `voltages_v`, V, shape (n,), and `shaped` are what `shaping.drive` makes of the stimulus with that `response` and
+    the scale that was used. Errors are those of `at_speed`.
+    """
+    asked, whole, carried = _asked(stimulus), _rms_asked(stimulus), stimulus.basis.on.carried
+    within = _bending(response, stimulus)
+    wanted = np.abs(asked[:carried])
+    reached = np.abs(shaped.reached_m_s2)
+    short = wanted - reached
+    known = np.zeros(carried, dtype=bool)
+    known[within.at.known] = True
+    held_back = known & (shaped.scale * wanted - reached > SHORT * wanted)
+    missed = within.missed_m_s2(np.abs(shaped.coefficients_v[within.at.known]))
+    off_m_s2 = within.steepest_m_s2_per_v * sqrt(float(np.mean((handed_v - voltages_v) ** 2)))
+    return _budget(
+        stimulus,
+        reached,
+        band=_share(_rms(short[~known]), whole),
+        held_back=_share(_rms(short[held_back]), whole),
+        taken_down=_share(_rms(short[known & ~held_back]) if shaped.scale < 1 else 0.0, whole),
+        table=_share(_rms(missed), whole),
+        rounding=_share(off_m_s2, whole),
+    )
+
+
+def _budget(stimulus: Stimulus, reached: NDArray[np.float64], **shares: float) -> Budget:
+    """Return a budget with the shares of what the scene left out and what the rate cannot carry; `reached`: (K,)."""
+    asked, whole = np.abs(_asked(stimulus)), _rms_asked(stimulus)
+    carried = reached.size
+    f = bin_frequencies_hz(bins=stimulus.basis.spectra.samples, rate_hz=stimulus.basis.spectra.rate_hz)[: asked.size]
+    felt = (f >= BAND_HZ[0]) & (f <= BAND_HZ[1])
+    differs = asked.copy()
+    differs[:carried] = np.abs(reached - asked[:carried])
+    return Budget(
+        asked_m_s2=whole,
+        dissimilarity_m_s2=float(differs[felt].sum()) + _scene(stimulus)[1],
+        scene=_share(_scene(stimulus)[0], whole),
+        rate=_share(_rms(asked[carried:]), whole),
+        **shares,
+    )
+
+
+def _asked(stimulus: Stimulus) -> NDArray[np.float64]:
+    """Return C'_k(v) with its sign, m/s^2, shape (K,), without the bin at 0 Hz, which sounds in no stimulus."""
+    asked = stimulus.bins.coefficients.copy()
+    asked[0] = 0.0
+    return asked
+
+
+def _rms_asked(stimulus: Stimulus) -> float:
+    return hypot(_rms(_asked(stimulus)), _scene(stimulus)[0])
+
+
+def _scene(stimulus: Stimulus) -> tuple[float, float]:
+    """Return the rms of what the scene left out, and its sum within the band of equation (6), both m/s^2."""
+    left_out = stimulus.basis.spectra.left_out
+    if left_out is None:
+        return 0.0, 0.0
+    slow, fast = stimulus.basis.speeds_mm_s[stimulus.interval : stimulus.interval + 2]
+    way = (stimulus.speed_mm_s - slow) / (fast - slow)
+    return left_out.at(stimulus.interval, way)
+
+
+def _rms(amplitudes: NDArray[np.float64]) -> float:
+    return sqrt(float(np.sum(amplitudes**2)) / 2)
+
+
+def _share(part: float, whole: float) -> float:
+    return part / whole if whole > 0 else 0.0
+
+
+def _projected(waveform_m_s2: NDArray[np.float64], stimulus: Stimulus) -> NDArray[np.float64]:
+    """Return the amplitude of a waveform at each carried bin but that at 0 Hz, m/s^2."""
+    on = stimulus.basis.on
+    padded = np.zeros(on.p)
+    padded[: on.count] = waveform_m_s2
+    amplitudes: NDArray[np.float64] = fft.dct(padded, type=2)[: on.carried * on.q : on.q] / on.count
+    amplitudes[0] = 0.0
+    return amplitudes
+
+
+@dataclass(frozen=True, eq=False)
+class Bending:
+    """What straight lines between a table's values miss at the bins within it, K of them.
+
+    `at` is the table at these bins. `in_frequency` is what is missed at 0 V and each level, m/s^2, shape (1 + L, K).
+    `steepest_m_s2_per_v` is the steepest that the table is.
+    """
+
+    at: AtBins
+    in_frequency: NDArray[np.float64]
+    steepest_m_s2_per_v: float
+
+    def missed_m_s2(self, voltages_v: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how far each bin's acceleration lies from the lines, with sign, m/s^2, at one voltage a bin, (K,)."""
+        levels_v, bins = self.at.levels_v, np.arange(voltages_v.size)
+        lower = np.searchsorted(levels_v[1:-1], voltages_v)
+        volts = np.minimum(voltages_v, levels_v[-1])
+        way = (volts - levels_v[lower]) / (levels_v[lower + 1] - levels_v[lower])
+        missed = self.in_frequency[lower, bins] * (1 - way) + self.in_frequency[lower + 1, bins] * way
+        for row, weight in _beside_the_line(levels_v, volts, lower):
+            missed += weight * self.at.curves[row, bins]
+        return np.asarray(missed)
+
+
+def _bending(response: Response, stimulus: Stimulus) -> Bending:
+    """Return what a response's lines miss at the carried bins of a stimulus; it is found once and kept."""
+    spectra = stimulus.basis.spectra
+    return _bending_at(response, spectra.samples, spectra.rate_hz, stimulus.basis.on.carried)
+
+
+@lru_cache(maxsize=4)
+def _bending_at(response: Response, samples: int, rate_hz: int, bins: int) -> Bending:
+    at = response_at(response, samples, rate_hz, bins)
+    f, table_hz = bin_frequencies_hz(bins=samples, rate_hz=rate_hz)[:bins][at.known], response.frequencies_hz
+    in_frequency = np.zeros(at.curves.shape)
+    for row, weight in _beside_the_line(table_hz, f, _lower(table_hz, f)):
+        in_frequency[1:] += weight * response.accelerations_m_s2[row].T
+    rise = np.diff(at.curves, axis=0) / np.diff(at.levels_v)[:, None]
+    return Bending(at=at, in_frequency=in_frequency, steepest_m_s2_per_v=float(rise.max(initial=0.0)))
+
+
+def _lower(measured: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Return the place of the measured value below each x, of which another lies above, shape of x."""
+    return np.clip(np.searchsorted(measured, x, side="right") - 1, 0, measured.size - 2)
+
+
+def _beside_the_line(
+    measured: NDArray[np.float64], x: NDArray[np.float64], lower: NDArray[np.intp]
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64]]]:
+    """Yield places and weights, both (K,), whose weighted sum is the cubic at x (K,) less the straight line there.
+
+    The cubic goes through the four nearest of the values measured, or through fewer where there are fewer.
+    """
+    most = min(4, measured.size)
+    first = np.clip(lower - 1, 0, measured.size - most)
+    nodes = [measured[first + j] for j in range(most)]
+    for j, node in enumerate(nodes):
+        weight = np.ones_like(x)
+        for other in (*nodes[:j], *nodes[j + 1 :]):
+            weight *= (x - other) / (node - other)
+        yield first + j, weight
+    way = (x - measured[lower]) / (measured[lower + 1] - measured[lower])
+    yield lower, way - 1
+    yield lower + 1, -way
+
+
+def other_reading(stimulus: Stimulus, *, shaped: Shaped, response: Response) -> float:
+    """Return how far the other reading of equation (7) would lie from what is played, as a share of what was asked.
+
+    Played is the inverse of A, interpolated in f and e. The other reading interpolates W itself in f and a, between the
+    inverses at the two neighbouring frequencies measured; both are told by the accelerations that the table gives for
+    them. Bins that are held back by a limit are the same in both. Errors are those of `at_speed`.
+    """
+    at = _bending(response, stimulus).at
+    spectra, carried = stimulus.basis.spectra, stimulus.basis.on.carried
+    wanted, reached = np.abs(_asked(stimulus)[:carried][at.known]), np.abs(shaped.reached_m_s2[at.known])
+    f = bin_frequencies_hz(bins=spectra.samples, rate_hz=spectra.rate_hz)[:carried][at.known]
+    table_hz, a = response.frequencies_hz, shaped.scale * wanted
+    i = _lower(table_hz, f)
+    way = (f - table_hz[i]) / (table_hz[i + 1] - table_hz[i])
+    free = np.flatnonzero(a - reached <= SHORT * wanted)
+    volts = np.zeros_like(a)
+    for bin_ in free.tolist():
+        rows = response.accelerations_m_s2[i[bin_]], response.accelerations_m_s2[i[bin_] + 1]
+        low_v, high_v = (float(np.interp(a[bin_], [0.0, *row], at.levels_v)) for row in rows)
+        volts[bin_] = low_v * (1 - way[bin_]) + high_v * way[bin_]
+    other = at.amplitudes_m_s2(volts)
+    return _share(_rms((other - reached)[free]), _rms_asked(stimulus))
+
+
+def interpolation(spectra: CrinkleSpectra) -> NDArray[np.float64]:
+    """Return what interpolation between speeds misses, as a share of the rms recorded, at each speed, shape (S,).
+
+    Each inner speed is left out in turn, and its amplitudes are told from its two neighbours; NaN at both ends, and
+    where nothing was recorded. With the speed in place the neighbours are about half as far, and lines that bend would
+    miss a quarter of this; what differs from take to take stays as it is.
+    """
+    v, amplitudes = spectra.speeds_mm_s, spectra.amplitudes.copy()
+    amplitudes[:, 0] = 0.0
+    found = np.full(v.size, np.nan)
+    for i in range(1, v.size - 1):
+        way = (v[i] - v[i - 1]) / (v[i + 1] - v[i - 1])
+        told = amplitudes[i - 1] * (1 - way) + amplitudes[i + 1] * way
+        whole = _rms(amplitudes[i])
+        found[i] = _rms(told - amplitudes[i]) / whole if whole > 0 else np.nan
+    return found
+
+
+def averaging(
+    spectra: CrinkleSpectra, *, panel_object_takes: NDArray[np.float64], panel_takes: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the standard error of the mean over takes, as a share of the rms recorded, at each speed, shape (S,).
+
+    It is that of the magnitudes with and without the object together; `spectra` are what `crinkle.subtract` made of the
+    same takes, shapes (S, T, N) and (S, T', N). NaN with a single take, and where nothing was recorded. Raises
+    `SynthesisError` for takes of other speeds.
+    """
+    if len(panel_object_takes) != spectra.speeds_mm_s.size or len(panel_takes) != spectra.speeds_mm_s.size:
+        raise SynthesisError(
+            f"takes: got {len(panel_object_takes)} and {len(panel_takes)} speeds; allowed: "
+            f"{spectra.speeds_mm_s.size}, as the spectra have; give the takes that they were made of"
+        )
+    variance = np.zeros(panel_object_takes.shape[::2])
+    for takes in (panel_object_takes, panel_takes):
+        if takes.shape[1] < 2:
+            return np.full(spectra.speeds_mm_s.size, np.nan)
+        variance += np.abs(spectrum(takes)).var(axis=1, ddof=1) / takes.shape[1]
+    error = np.sqrt(variance[:, 1:].sum(axis=1) / 2)
+    whole = np.sqrt((spectra.amplitudes[:, 1:] ** 2).sum(axis=1) / 2)
+    return np.asarray(np.divide(error, whole, out=np.full(whole.size, np.nan), where=whole > 0))

@@ -1,0 +1,59 @@
+"""What was played, by task and material: figures by hand, and what is said where the rig left something out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from analysis.reading.dataset import read
+from analysis.report.played_section import played_sections
+from tests.analysis.datasets import trial, write_dataset
+
+
+def played(
+    number: int, presented: str, error: float, left_out: float, off: float, **cells: object
+) -> dict[str, object]:
+    cells = {"stimulus_method": "prepared voltages", "foot_speed": 100.0 + number, **cells}
+    return trial(number, presented, "sand", stimulus_error=error, left_out=left_out, dissimilarity=off, **cells)
+
+
+def test_figures_by_task_and_material(tmp_path: Path) -> None:
+    virtual = [
+        played(1, "sand", 0.30, 0.25, 1.0),
+        played(2, "sand", 0.10, 0.05, 4.0, counted=False, redo_reason="felt twice"),
+        played(2, "sand", 0.12, 0.06, 3.0, attempt=2, stimulus_method="voltages shaped for the step"),
+        played(3, "snow", 0.2, 0.2, 0.5),
+        trial(4, "glass", "sand"),
+    ]
+    gone = [played(1, "sand", 0.9, 0.9, 9.0)]
+    root = write_dataset(
+        tmp_path,
+        {"1": {"virtual": virtual, "real": [trial(1, "sand", "sand")]}, "2": {"virtual": gone}},
+        withdrawn=["2"],
+    )
+    (section,) = played_sections(read(root))
+    assert (section.slug, section.title) == ("played", "What was played")
+    about, unknown = section.paragraphs
+    assert "up to 25.00 % of the vibration (rms) was left out, of sand at 101 mm/s" in about
+    assert unknown == "Of 1 attempt of these tasks nothing is on record."
+    (table,) = section.tables
+    assert table.rows == (
+        ("virtual", "sand", "3", "12.00", "30.00", "6.00", "25.00", "3.000", "4.000"),
+        ("virtual", "snow", "1", "20.00", "20.00", "20.00", "20.00", "0.500", "0.500"),
+    )
+    assert "prepared voltages: 3 times; voltages shaped for the step: 1 time." in table.notes[0]
+    assert section.records[0]["error_median"] == pytest.approx(0.12)
+    assert section.records[0]["left_out_max"] == pytest.approx(0.25)
+
+
+def test_a_rig_that_carried_everything_is_said_to_have(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path, {"1": {"virtual": [played(1, "sand", 2.5e-8, 0.0, 0.0)]}})
+    (section,) = played_sections(read(root))
+    assert section.paragraphs[0].endswith("The rig carried all frequencies that were asked for.")
+    assert section.tables[0].rows[0][3:7] == ("< 0.001", "< 0.001", "0.00", "0.00")
+
+
+def test_where_nothing_is_on_record_nothing_is_said(tmp_path: Path) -> None:
+    root = write_dataset(tmp_path, {"1": {"real": [trial(1, "sand", "sand")]}})
+    assert played_sections(read(root)) == ()

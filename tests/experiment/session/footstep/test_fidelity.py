@@ -1,0 +1,139 @@
+"""What a rig makes of a study's recordings: which speeds count, what is refused, what is printed."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.rig import Rig
+from experiment.errors import RigError
+from experiment.protocol import files
+from experiment.protocol.files import shipped
+from experiment.protocol.models import Protocol
+from experiment.rehearsal.footstep import recorded_takes
+from experiment.session.footstep import budget_table
+from experiment.session.footstep.budget_table import ErrorBudget, error_budget
+from experiment.session.footstep.fidelity import (
+    Fidelity,
+    aim_ms,
+    fidelity,
+    refusal,
+    refuse_what_leaves_out_too_much,
+    speeds_mm_s,
+)
+from experiment.synthesis.budget import Budget
+
+RIGS = shipped("rigs/rehearsal.toml").parent
+
+
+@pytest.fixture(scope="module")
+def protocol() -> Protocol:
+    return files.load(shipped("okamoto2012.toml"))
+
+
+@pytest.fixture(scope="module")
+def recordings(protocol: Protocol, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded_takes.make_recordings(tmp_path_factory.mktemp("made") / "r", protocol=protocol, seed=1).parent
+
+
+@pytest.fixture(scope="module")
+def volts() -> Rig:
+    return rigs.load(shipped("rigs/headless.toml"))
+
+
+@pytest.fixture(scope="module")
+def found(protocol: Protocol, recordings: Path, volts: Rig) -> dict[str, Fidelity]:
+    return fidelity(protocol=protocol, rig=volts, rig_folder=RIGS, recordings=recordings)
+
+
+def allowing(protocol: Protocol, left_out_max: float | None) -> Protocol:
+    synthesis = protocol.footstep.synthesis.model_copy(update={"left_out_max": left_out_max})
+    return protocol.model_copy(update={"footstep": protocol.footstep.model_copy(update={"synthesis": synthesis})})
+
+
+def test_the_speeds_are_those_that_the_protocol_counts(protocol: Protocol) -> None:
+    speeds = speeds_mm_s(protocol)
+    assert len(speeds) == 10
+    assert [speeds[0], speeds[-1]] == pytest.approx([20.0, 600.0])
+    assert np.diff(np.log(speeds)) == pytest.approx(np.log(30) / 9)
+    # 50 to 300 mm/s were recorded, and nothing says which feet count.
+    any_speed = speeds_mm_s(protocol.model_copy(update={"exclusion": ()}))
+    assert [any_speed[0], any_speed[-1]] == pytest.approx([50 / 1.5, 450.0])
+
+
+def test_the_shipped_rig_leaves_out_what_lies_above_its_table(found: dict[str, Fidelity]) -> None:
+    assert set(found) == {"copy paper", "aluminum foil", "polypropylene", "typing paper"}
+    for of in found.values():
+        low, high = of.range(lambda budget: budget.left_out)
+        assert 0.11 < low < high < 0.35
+        assert all(budget.total >= budget.left_out for budget in of.budgets)
+        # Three takes of a random spectrum: each bin's mean has a standard error of 1 / sqrt 3 of its spread.
+        assert of.averaging is not None
+        assert 0.3 < of.averaging < 0.6
+        assert of.interpolation is not None
+        assert len(of.other_reading) == len(of.nearest_m_s2) == len(of.speeds_mm_s)
+        assert all(0.001 < apart < 0.02 for apart in of.other_reading)
+
+
+def test_a_rig_is_refused_for_what_no_output_carries(
+    protocol: Protocol, volts: Rig, found: dict[str, Fidelity], recordings: Path
+) -> None:
+    assert refusal(protocol, volts, found) == ""
+    assert refusal(allowing(protocol, 0.35), volts, found) == ""
+    told = refusal(allowing(protocol, 0.3), volts, found)
+    assert re.match(
+        r"rig 'headless': got 34\.\d% \(rms\) of copy paper at 193 mm/s that no output carries; allowed: 0\.3", told
+    )
+    with pytest.raises(RigError, match=r"allowed: 0\.1 of it, by footstep\.synthesis\.left_out_max; measure"):
+        refuse_what_leaves_out_too_much(
+            protocol=allowing(protocol, 0.1), rig=volts, rig_folder=RIGS, recordings=recordings
+        )
+
+
+def test_nothing_is_measured_for_a_protocol_that_allows_anything(
+    protocol: Protocol, volts: Rig, tmp_path: Path
+) -> None:
+    refuse_what_leaves_out_too_much(protocol=protocol, rig=volts, rig_folder=RIGS, recordings=tmp_path / "none")
+
+
+def test_the_standard_error_of_contact_is_the_predictors_own(protocol: Protocol, volts: Rig) -> None:
+    slow, right, fast = (aim_ms(protocol, volts, v) for v in (20.0, 150.0, 600.0))
+    assert slow is not None
+    assert right is not None
+    assert fast is not None
+    assert right < slow
+    assert 0.2 < right < 1.2
+    assert aim_ms(protocol, volts, 5000.0) is None, "from 10 mm it lands before the onset can be moved"
+    assert aim_ms(protocol, rigs.load(shipped("rigs/rehearsal.toml")), 150.0) is None
+
+
+def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, volts: Rig, recordings: Path) -> None:
+    budget = error_budget(protocol=allowing(protocol, 0.3), rig=volts, rig_folder=RIGS, recordings=recordings)
+    text = "\n".join(budget.lines())
+    for field, name, remedy in budget_table.CAUSES:
+        assert hasattr(next(iter(budget.materials.values())).budgets[0], field)
+        assert re.search(rf"(?m)^  {re.escape(name)}  +[\d<]", text)
+        assert (f"{name}: {remedy}" in text) == (field in ("band", "held_back", "taken_down", "table"))
+    assert re.search(r"(?m)^  all of it +23\.9 to 39\.1 +20\.6 to 27\.1 +17\.1 to 24\.9 +11\.2 to 28\.6$", text)
+    assert "W interpolated, not A inverted (equation 7)" in text
+    assert "timing: contact has a standard error of" in text
+    assert "REFUSED for participants: rig 'headless'" in text
+    known = budget.as_dict()
+    assert known["refused"] == budget.refused
+    materials = known["materials"]
+    assert isinstance(materials, dict)
+    assert materials["typing paper"]["speeds"][0]["band"] == pytest.approx(0.1118, abs=1e-4)
+
+
+def test_what_a_perfect_rig_leaves_is_said_without_advice() -> None:
+    silent = Fidelity((20.0, 600.0), (Budget(1.0, 0.0, rounding=1e-8),) * 2, (1.0, 2.0), (), None, None)
+    lines = ErrorBudget({"felt": silent}, (None, None), "").lines()
+    assert "  all of it                      <0.001" in lines
+    assert "  a recorded speed told from its neighbours       unknown" in lines
+    assert "  timing: the stimulus sounds after contact, for the onset cannot be scheduled or never in time" in lines
+    after = lines[lines.index("what would lower it") + 1 :]
+    assert after == ["  timing: a tracker with less noise or more frames, or a shorter latency of the output"]
