@@ -22,6 +22,7 @@ from statsmodels.stats.proportion import proportion_confint
 
 from analysis.power import planned_tests, report, simulate
 from analysis.power.choice_models import Answers, ChoiceModel, fitted
+from analysis.power.planned_tests import FLIPS
 from analysis.power.simulate import Chunk, Power
 from analysis.statistics.inference import t_against_chance
 from experiment.dataset.bids import LABELS
@@ -208,7 +209,8 @@ def test_a_chunk_of_many_participants_holds_fewer_studies(monkeypatch: pytest.Mo
 def test_one_participant_defines_nothing_and_says_so() -> None:
     study = protocol()
     result = run(study, guess(study), participants=(1,))
-    assert {row.tally.undefined for row in result.rows} == {300}
+    undefined = {FLIPS in row.question.subject: row.tally.undefined for row in result.rows}
+    assert undefined == {False: 300, True: 0}  # one participant has two signs, and P = 1
     assert {row.power for row in result.rows if row.question.alpha is not None} == {0.0}
     shown = report.text(result)
     assert "one participant" in shown
@@ -220,8 +222,11 @@ def test_participants_who_are_all_the_same_are_counted() -> None:
     certain = ChoiceModel("test", tuple(Answers(task, np.eye(4, 5), np.zeros(4)) for task in ("virtual", "real")))
     study = protocol()
     result = run(study, certain)
-    rows = [row for row in result.rows if row.kind == "model"]
+    rows = [row for row in result.rows if row.kind == "model" and FLIPS not in row.question.subject]
     assert {row.tally.undefined for row in rows} == {300}
+    # Where everybody is always right, sign flips have P = 2 / 2^n: 0.031 of six participants, 0.125 of four.
+    flipped = [row for row in result.rows if row.kind == "model" and FLIPS in row.question.subject]
+    assert {row.question.tasks: row.power for row in flipped} == {("virtual",): 1.0, ("real",): 0.0}
     assert "no variance" in report.text(result)
     assert result.row(result.questions[0], 6).quantiles is None  # type: ignore[union-attr]
 
