@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from analysis.numerics import oracle
 from analysis.numerics.cases import Case, Seen
-from experiment.synthesis import contact, stability
+from experiment.synthesis import contact
 from experiment.synthesis.contact import FREE, Advance, Block, Motion, Switch
-from experiment.synthesis.impact import Collision, closed_form
-from experiment.synthesis.steppers import STEPPERS
+from experiment.synthesis.stepping import stability
+from experiment.synthesis.stepping.impact import Collision, closed_form
+from experiment.synthesis.stepping.steppers import STEPPERS
 
 SERVO_S = 400e-6
 """The period of the paper's servo."""

@@ -16,8 +16,8 @@ from analysis.documents.drawing import COLOURS, STYLE, pdf, png, svg
 from analysis.numerics import contact
 from analysis.numerics.numerics import Measured
 from experiment.errors import SynthesisError
-from experiment.synthesis.impact import Collision, Course, closed_form, in_steps
-from experiment.synthesis.steppers import EXACT, STEPPERS
+from experiment.synthesis.stepping.impact import Collision, Course, closed_form, in_steps
+from experiment.synthesis.stepping.steppers import EXACT, STEPPERS
 
 KINDS: dict[str, Callable[[Figure], bytes]] = {".svg": svg, ".png": png, ".pdf": pdf}
 """What a figure can be written as."""

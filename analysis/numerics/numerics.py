@@ -21,7 +21,7 @@ from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S, Colour, noise
 from experiment.synthesis.shaping import Response, shape
 from experiment.synthesis.spectra import bin_frequencies_hz, grid, inverse, inverse_on
-from experiment.synthesis.steppers import EXACT, STEPPERS
+from experiment.synthesis.stepping.steppers import EXACT, STEPPERS
 from experiment.synthesis.waveforms import transform_error
 
 LABEL = "SIMULATED spectra"

@@ -24,7 +24,7 @@ from analysis.numerics.cases import Outcome
 from analysis.numerics.numerics import BETWEEN_MM_S, LABEL, OUTPUT_RATE_HZ, Measured, Numerics, usual_length
 from experiment.errors import DatasetError
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
-from experiment.synthesis.stability import of_the_paper
+from experiment.synthesis.stepping.stability import of_the_paper
 
 FILES = (
     *(f"{slug}.csv" for slug in ("synthesis", "resampling", "shaping", "noise", "contact", "cases")),

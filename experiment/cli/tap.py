@@ -90,7 +90,7 @@ def contact(
     """
     from analysis.numerics import contact_report
     from experiment import storage
-    from experiment.synthesis import impact
+    from experiment.synthesis.stepping import impact
 
     if law not in ("clamped", "printed"):
         raise PalpateError(f"--law: got {law!r}; allowed: clamped, printed; choose one of them")

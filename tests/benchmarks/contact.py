@@ -25,7 +25,7 @@ from analysis.numerics.contact import (
     errors,
 )
 from experiment.synthesis.contact import FREE, Advance, Block, Motion, Switch, init, step
-from experiment.synthesis.steppers import STEPPERS
+from experiment.synthesis.stepping.steppers import STEPPERS
 
 STEPS = 20_000
 STIFFNESS_N_M, MASS_KG = 4500.0, 0.1

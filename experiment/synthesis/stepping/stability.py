@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
 from experiment.synthesis.oscillator import carry, oscillator
-from experiment.synthesis.steppers import EXACT, stepper
+from experiment.synthesis.stepping.steppers import EXACT, stepper
 
 UNSTABLE = 1e-14
 """By how much the largest eigenvalue may be above 1 by rounding."""

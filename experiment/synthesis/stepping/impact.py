@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis import contact, stability
+from experiment.synthesis import contact
 from experiment.synthesis.contact import FREE, Block, Law, Motion, Switch
 from experiment.synthesis.oscillator import Oscillator, carry, moved
-from experiment.synthesis.steppers import EXACT, stepper
+from experiment.synthesis.stepping import stability
+from experiment.synthesis.stepping.steppers import EXACT, stepper
 
 MOST_STEPS = 200_000
 """Steps of one impact beyond which it is refused, or taken in fewer by the exact stepper, whose error they leave."""

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from analysis.numerics import contact as simulated
 from experiment.errors import SynthesisError
-from experiment.synthesis import stability
 from experiment.synthesis.contact import RETURNING, Block, Motion
-from experiment.synthesis.steppers import STEPPERS
+from experiment.synthesis.stepping import stability
+from experiment.synthesis.stepping.steppers import STEPPERS
 
 
 @pytest.mark.parametrize("ratio", [0.01, 0.1, 0.7, 1.0, 1.5, 4.0])

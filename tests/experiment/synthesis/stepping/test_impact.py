@@ -13,8 +13,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.impact import Collision, answer, closed_form, condition, in_steps
-from experiment.synthesis.steppers import STEPPERS
+from experiment.synthesis.stepping.impact import Collision, answer, closed_form, condition, in_steps
+from experiment.synthesis.stepping.steppers import STEPPERS
 from tests.experiment.synthesis.collisions import Exact
 from tests.experiment.synthesis.test_oscillator import RATIOS
 

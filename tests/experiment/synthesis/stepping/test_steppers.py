@@ -10,8 +10,8 @@ from scipy.integrate import solve_ivp
 
 from experiment.errors import SynthesisError
 from experiment.synthesis.contact import FREE, RETURNING, Block, Motion
-from experiment.synthesis.impact import Collision, closed_form, in_steps
-from experiment.synthesis.steppers import STEPPERS, stepper
+from experiment.synthesis.stepping.impact import Collision, closed_form, in_steps
+from experiment.synthesis.stepping.steppers import STEPPERS, stepper
 
 OF = Collision(4500.0, 8.0, 0.1, 0.2)
 
