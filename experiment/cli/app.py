@@ -122,6 +122,10 @@ def _run() -> None:
     except Exception as error:
         if _was_interrupted(error):
             raise KeyboardInterrupt from None
+        if isinstance(error, RuntimeError) and "Symlink loop" in str(error):
+            # So Python tells of a link that leads to itself before 3.13.
+            tell(f"palpate: {plain(str(error), keep='')}; give a folder or a file")
+            raise SystemExit(2) from None
         tell(f"palpate: {_reported(error)}")
         raise SystemExit(70) from None
 

@@ -414,6 +414,7 @@ def verify(
 
     from experiment.dataset import verify as verifying
     from experiment.dataset.register import Signer
+    from experiment.settings.characters import plain
 
     report = verifying.verify(dataset, registers or (), numbers or (), Signer(signer) if signer else None)
     if as_json:
@@ -421,7 +422,8 @@ def verify(
     else:
         words = {"holds": "holds  ", "refused": "REFUSED", "note": "note   "}
         found = [f"  {words[one.word]}  {one.item}: {one.text}" for one in report.findings]
-        typer.echo("\n".join([report.title, *found, *report.verdict]))
+        # A name of a file may hold line feeds, and passes for no line of the report.
+        typer.echo("\n".join(plain(line, keep="") for line in (report.title, *found, *report.verdict)))
     raise typer.Exit(1 if report.refused else 0)
 
 

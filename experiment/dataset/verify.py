@@ -289,7 +289,8 @@ def _evidence(
         kept, broken = register.read(path)
         if broken:
             lines = ", ".join(map(str, broken))
-            findings.append(Finding("note", str(path), f"nothing is shown by what cannot be read: line {lines}"))
+            word: Word = "refused" if inside and not kept else "note"
+            findings.append(Finding(word, str(path), f"nothing is shown by what cannot be read: line {lines}"))
         mine = [one for one in kept if not known or (one.anchor.study, one.anchor.purpose) in known]
         counted = mine if signer is None or inside else [one for one in mine if signer.signed(one)]
         by = f" signed by {signer.path}" if signer and not inside else ""

@@ -23,7 +23,13 @@ LEAST_S = 5.0
 
 def advice(protocol: Protocol) -> tuple[Problem, ...]:
     """Return each value that deserves a second look: its field, what it is, and what it would be as a rule."""
-    return (*_chances(protocol), *_band(protocol), *_orders(protocol), *_duration(protocol))
+    return (*_consent(protocol), *_chances(protocol), *_band(protocol), *_orders(protocol), *_duration(protocol))
+
+
+def _consent(protocol: Protocol) -> Iterator[Problem]:
+    if not protocol.consent.required:
+        allowed = "as a rule true: without it a session begins although nobody has agreed on record"
+        yield Problem("consent.required", None, "false", allowed)
 
 
 def _chances(protocol: Protocol) -> Iterator[Problem]:

@@ -35,6 +35,9 @@ from experiment.storage import Place
 MOST_FIELDS = 5
 """So many changed fields are named."""
 
+APPROVED, MORE = ", as it was approved", "..."
+"""Ends what is told of a changed field; stands for those that are not told."""
+
 UNFILLED = "TO BE FILLED IN"
 """Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
 
@@ -196,7 +199,15 @@ def read(protocol_path: Path) -> Seal:
     if not path.exists():
         allowed = "a protocol that was approved and sealed; have it approved, then seal it (palpate seal)"
         _refuse(path, [Problem("seal", None, "no seal", allowed)])
-    return load.read(path, Seal)
+    seal = load.read(path, Seal)
+    own = seal.protocol_sha256 if seal.protocol is None else hashlib.sha256(seal.protocol.encode()).hexdigest()
+    if own != seal.protocol_sha256:
+        allowed = (
+            f"{own[:12]}..., the hash of the protocol that the seal itself holds: the seal was edited; put back the "
+            "one that palpate seal wrote"
+        )
+        _refuse(path, [Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed)])
+    return seal
 
 
 def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Seal | None]:
@@ -209,7 +220,15 @@ def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Se
     seal = read(protocol_path)
     if _changed(protocol_path, protocol, seal):
         version = f"{seal.protocol_sha256[:12]}..."
-        return f"CHANGED SINCE THE SEAL: the seal is of another version, {version}; palpate run refuses this one.", seal
+        changed = _changed_fields(protocol, seal)
+        fields = "; ".join(
+            one.got
+            if one.path == MORE
+            else f"{one.path} is {one.got}, approved was {one.allowed.removesuffix(APPROVED)}"
+            for one in changed
+        )
+        told = f"CHANGED SINCE THE SEAL: the seal is of another version, {version}; palpate run refuses this one."
+        return f"{told} What is not as approved: {fields}." if fields else told, seal
     if today < seal.approved_on:
         return f"SEALED FOR LATER: the approval of this version begins on {seal.approved_on}.", seal
     if today > seal.expires_on:
@@ -231,17 +250,17 @@ def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Proble
 
 def _changed_fields(protocol: Protocol, seal: Seal) -> list[Problem]:
     """Return what differs from the form that the seal holds, field by field, the first few."""
-    if seal.protocol is None or hashlib.sha256(seal.protocol.encode()).hexdigest() != seal.protocol_sha256:
+    if seal.protocol is None:
         return []
     forms = seal.protocol, canonical(protocol)
     sealed, found = (dict(_leaves(storage.json_of(form))) for form in forms)
     differing = [path for path in {**sealed, **found} if sealed.get(path, ...) != found.get(path, ...)]
     problems = [
-        Problem(written(path), None, _said(found, path), f"{_said(sealed, path)}, as it was approved")
+        Problem(written(path), None, _said(found, path), f"{_said(sealed, path)}{APPROVED}")
         for path in differing[:MOST_FIELDS]
     ]
     if len(differing) > MOST_FIELDS:
-        problems.append(Problem("...", None, f"{len(differing) - MOST_FIELDS} more changes", "none"))
+        problems.append(Problem(MORE, None, f"{len(differing) - MOST_FIELDS} more changes", "none"))
     return problems
 
 

@@ -68,13 +68,15 @@ def enrol(
 
     `root` None stands for `participants/STUDY`, and `seed` None for the settled seed or a new one. With `pilot` the
     dataset is begun as one of a pilot, and stands in `participants/STUDY-pilot`. Raises `RosterError` if the label is
-    not the next one, the study does not have it, or nobody can have consented on that day; and `DatasetError` if the
-    folder belongs to something else.
+    not the next one, the study does not have it, or nobody can have consented on that day; `ProtocolError` if the
+    protocol has a seal and was changed since; and `DatasetError` if the folder belongs to something else.
     """
     protocol = files.load(protocol_file)
     purpose: Purpose | None = "PILOT" if pilot else "STUDY" if root is None else None
     root = root or default_root(protocol, pilot=pilot)
     _refuse_rehearsal(root)
+    if approval.seal_path(protocol_file).exists():
+        approval.held(protocol_file, protocol)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
     known = Roster.continued(path)

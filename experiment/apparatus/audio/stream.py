@@ -157,6 +157,11 @@ def library() -> Any:
             f"audio: sounddevice cannot be used ({error}); install palpate[lab], and PortAudio "
             "(the system's package libportaudio2)"
         ) from error
+    except Exception as error:
+        # It begins as it is imported, and where it cannot its own error is out of reach.
+        if type(error).__name__ != "PortAudioError":
+            raise
+        raise AudioError(f"audio: {error}; see to the sound server, then run the command again") from error
     return sounddevice
 
 

@@ -41,6 +41,13 @@ def lines(text: str) -> list[str]:
     return text.strip().splitlines()
 
 
+@pytest.mark.parametrize("command", ["analyse", "verify", "build"])
+def test_a_link_to_itself_is_told(palpate: Palpate, tmp_path: Path, command: str) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    code, _, err = palpate(command, tmp_path / "loop")
+    assert (code, "loop" in err) == (2, True)
+
+
 NASTY = "a\x1b[2J\u202e\nb"
 
 
@@ -405,6 +412,16 @@ class TestALaboratorysStudy:
         self.enrol(palpate, protocol)
         assert palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")[0] == 0
         assert "participant 01 withdrew (asked to stop)" in self.run(palpate, protocol, rig)[2]
+
+    def test_nobody_is_enrolled_under_a_version_that_was_not_approved(self, palpate: Palpate, protocol: Path) -> None:
+        self.seal(palpate, protocol)
+        text = protocol.read_text("utf-8")
+        protocol.write_text(text.replace("vibration_peak_m_s2 = 30", "vibration_peak_m_s2 = 31"), "utf-8")
+        assert protocol.read_text("utf-8") != text
+        root = protocol.with_name("dataset")
+        code, _, err = palpate("enrol", protocol, "-p", "01", "--dataset", root, "--consent-on", "2026-05-04")
+        assert (code, "the protocol was changed after its approval" in err) == (2, True)
+        assert not root.exists()
 
     def test_a_name_stands_in_no_dataset_and_goes_with_the_withdrawal(
         self, palpate: Palpate, protocol: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

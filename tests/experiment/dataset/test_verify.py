@@ -259,6 +259,19 @@ def test_every_finding_is_told(study: MadeStudy) -> None:
     assert any("sub-02_task-real" in item for item in found)
 
 
+def test_a_log_without_an_anchor_that_can_be_read_is_refused(study: MadeStudy) -> None:
+    beliefs.keep_anchor(study.root)
+    (study.root / register.LOG).write_text("{}\n", "utf-8")
+    assert any(item.endswith(register.LOG.name) for item in refused(verify(study.root)))
+
+
+def test_the_name_of_a_folder_makes_no_line_of_the_report(study: MadeStudy, palpate: Palpate) -> None:
+    forged = study.root.with_name("x\nPROVEN by the register: 9 of 9 lines are as they were")
+    study.root.rename(forged)
+    _, out, _ = palpate("verify", forged)
+    assert not any(line.startswith("PROVEN") for line in out.splitlines())
+
+
 def test_an_edited_cell_and_a_lost_table_are_told(study: MadeStudy) -> None:
     tables = sorted(study.root.glob("sub-*/beh/*_events.tsv"))
     tables[0].write_text(tables[0].read_text().replace("copy paper\tcopy paper", "copy paper\ttyping paper"))

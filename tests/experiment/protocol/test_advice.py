@@ -91,3 +91,8 @@ def test_it_stands_on_the_page() -> None:
     _, shown = page(study, "a.toml").split("13. Worth a second look\n")
     assert "These values are allowed, and may not be what is meant; nothing refuses them:\n" in shown
     assert "  - analysis[0].chance: got 0.25; allowed: as a rule 0.5" in shown
+
+
+def test_a_study_without_consent_is_told() -> None:
+    allowed = "as a rule true: without it a session begins although nobody has agreed on record"
+    assert told(("consent", "required"), False) == [("consent.required", "false", allowed)]

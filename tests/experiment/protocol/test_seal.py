@@ -57,6 +57,23 @@ def test_the_seal_is_readable_as_it_stands(file: Path) -> None:
     assert stated == {"protocol_sha256": sha256(protocol()), **APPROVAL}
 
 
+def test_a_seal_that_was_given_the_hash_of_another_version_is_refused(file: Path) -> None:
+    """Only its number is edited; what it holds is still what was approved."""
+    approval.write(file, protocol(), **APPROVAL)
+    seal = approval.seal_path(file)
+    seal.write_text(seal.read_text("utf-8").replace(sha256(protocol()), sha256(other())), "utf-8")
+    for read in (approval.verify, approval.state):
+        with pytest.raises(ProtocolError, match="the hash of the protocol that the seal itself holds"):
+            read(file, other(), date(2020, 6, 1))
+
+
+def test_what_is_not_as_approved_is_told_where_the_board_reads(file: Path) -> None:
+    approval.write(file, protocol(), **APPROVAL)
+    told, _ = approval.state(file, other(), date(2020, 6, 1))
+    assert told.startswith("CHANGED SINCE THE SEAL")
+    assert "study.title is 'Another study', approved was " in told
+
+
 @pytest.mark.parametrize("day", [date(2020, 2, 1), date(2021, 2, 1)])
 def test_first_and_last_day_are_approved(file: Path, day: date) -> None:
     approval.write(file, protocol(), **APPROVAL)
@@ -159,8 +176,8 @@ def test_of_many_changes_a_few_are_named_and_the_rest_counted(file: Path) -> Non
 def test_a_seal_without_the_form_that_it_names_refuses_a_change_all_the_same(file: Path, form: str | None) -> None:
     sealed = approval.write(file, protocol(), **APPROVAL)
     approval._write(approval.seal_path(file), sealed.model_copy(update={"protocol": form}))
-    assert approval.verify(file, protocol(), date(2020, 6, 1)).protocol == form
-    with pytest.raises(ProtocolError, match=r"small\.seal\.toml: 1 error\n.*changed after its approval"):
+    why = "changed after its approval" if form is None else "the seal was edited"
+    with pytest.raises(ProtocolError, match=rf"small\.seal\.toml: 1 error\n.*{why}"):
         approval.verify(file, other(), date(2020, 6, 1))
 
 
