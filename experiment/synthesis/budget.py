@@ -32,7 +32,7 @@ from scipy import fft
 from experiment.errors import SynthesisError
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.shaping import AtBins, Response, Shaped, response_at
-from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, spectrum
+from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, inverse_on, spectrum
 from experiment.synthesis.waveforms import Stimulus
 
 SHORT = 1e-9
@@ -73,9 +73,10 @@ def of_accelerations(stimulus: Stimulus, *, handed_m_s2: NDArray[np.float64], li
 
     The limiter changed `limited` of the samples. Errors are those of `at_speed`.
     """
-    asked, carried = _asked(stimulus), stimulus.basis.on.carried
-    off_m_s2 = handed_m_s2 - stimulus.waveform_m_s2
-    reached = asked[:carried]
+    asked = _asked(stimulus)
+    # Against the equations, and not against the waveform that was prepared, which may be wrong itself.
+    off_m_s2 = handed_m_s2 - inverse_on(asked, stimulus.basis.on)
+    reached = asked[: stimulus.basis.on.carried]
     if limited:
         reached = reached + _projected(off_m_s2, stimulus)
     off = _share(sqrt(float(np.mean(off_m_s2**2))), _rms_asked(stimulus))
