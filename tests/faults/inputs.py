@@ -202,7 +202,18 @@ def arguments(draws: random.Random) -> list[str]:
     """A command line that starts nothing long: the slow commands lack what they need, by an option that nobody has."""
     command = draws.choice(COMMANDS)
     some = [draws.choice(draws.choice((OPTIONS, VALUES))) for _ in range(draws.randrange(6))]
-    if command in ("numerics", "devices", "rehearse", "record", "plan", "validate", "doctor", "calibrate", "run", "new"):
+    if command in (
+        "numerics",
+        "devices",
+        "rehearse",
+        "record",
+        "plan",
+        "validate",
+        "doctor",
+        "calibrate",
+        "run",
+        "new",
+    ):
         some.append("--no-such-option")
     if command == "power":
         some += ["--studies", "0"]
