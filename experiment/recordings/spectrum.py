@@ -142,8 +142,7 @@ def curve(spectrum: AmplitudeSpectrum) -> tuple[NDArray[np.float64], NDArray[np.
     """Return frequencies from the first bin on, Hz, and amplitudes of the continuous spectrum, both of shape (M,)."""
     samples = spectrum.recording.samples
     amplitudes = np.abs(fft.rfft(samples - samples.mean(), DRAWN * samples.size)) * (2 / samples.size)
-    step_hz = spectrum.recording.rate_hz / samples.size / DRAWN
-    return np.arange(DRAWN, amplitudes.size) * step_hz, amplitudes[DRAWN:]
+    return np.arange(DRAWN, amplitudes.size) * (spectrum.frequencies_hz[1] / DRAWN), amplitudes[DRAWN:]
 
 
 def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:

@@ -275,10 +275,8 @@ def _carried(held: Mapping[str, CrinkleSpectra], protocol: Protocol, budget: Err
     """Return which bins sound: all, those that may be felt, or fewer, where an output carries no more."""
     ranges = [of.range(lambda one: hypot(one.rate, one.band)) for of in budget.materials.values()]
     lost = percent(min(low for low, _ in ranges), max(high for _, high in ranges))
-    felt = _felt(held, protocol)
-    if lost == "0":
-        return felt
-    return f"not all: no output carries {lost} % (rms) of the vibration (see the error budget). Asked for are {felt}"
+    told = f"not all: no output carries {lost} % (rms) of the vibration (see the error budget). Asked for are "
+    return ("" if lost == "0" else told) + _felt(held, protocol)
 
 
 def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:

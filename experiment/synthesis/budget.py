@@ -35,7 +35,7 @@ from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, inverse_on
 from experiment.synthesis.waveforms import Stimulus
 
 SHORT = 1e-9
-"""A bin that falls short of what it was taken down to by more than this part of it was held back."""
+"""A bin that falls short of what it was taken down to by more than this part was held back."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 SPEEDS = 10
 """At so many speeds of the foot, evenly spaced by ratio."""
 
+WATCHED_US = 4_000_000
+"""So much of a slow foot's way is enough to know how well it is predicted, microseconds."""
+
 BEYOND = 1.5
 """Where a protocol counts a foot of any speed: from the slowest recorded divided by this to this times the fastest."""
 
@@ -61,8 +64,9 @@ def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
     """Return speeds from the slowest to the fastest foot that a protocol counts, mm/s."""
     recorded, fastest = protocol.footstep.synthesis.speeds_mm_s, scenes.fastest_mm_s(protocol)
     slow = [rule.limit for rule in protocol.exclusion if rule.when == "speed-below" and rule.limit]
-    ends = max(slow, default=recorded[0] / BEYOND), recorded[-1] * BEYOND if fastest == inf else fastest
-    return tuple(np.geomspace(*ends, SPEEDS).tolist())
+    slowest = max(slow, default=recorded[0] / BEYOND)
+    fastest = recorded[-1] * BEYOND if fastest == inf else max(fastest, slowest)
+    return tuple(np.geomspace(slowest, fastest, SPEEDS).tolist())
 
 
 def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> dict[str, Fidelity]:
@@ -134,17 +138,16 @@ def refusal(protocol: Protocol, rig: Rig, found: dict[str, Fidelity]) -> str:
 def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
     """Return the standard error of the contact when the onset can be moved for the last time, ms.
 
-    It is the predictor's own, for a foot of one speed throughout. None where the actuator cannot be scheduled, and
-    where the foot comes so fast that the onset is never aimed: the stimulus then sounds as soon as it can.
+    It is the predictor's own, for a foot of one speed throughout; None where the onset cannot be scheduled or in time.
     """
     if rig.actuator.driver != "audio" or rig.audio is None:
         return None
     step = protocol.footstep.step
     predictor = LandingPredictor(step, noise_mm=NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm)
     lead_us = rig.audio.latency.output_ms * 1e3 + 2e6 * rig.audio.block / rig.audio.rate_hz
-    contact_us = (step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6
+    last_us = int(min((step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6 - lead_us, 1e15))
     state, found = predictor.init(), None
-    for us in range(0, int(contact_us - lead_us), round(1e6 / rig.tracker.rate_hz)):
+    for us in range(max(0, last_us - WATCHED_US), last_us, round(1e6 / rig.tracker.rate_hz)):
         height_mm = step.gate_top_mm - speed_mm_s * us / 1e6
         state = predictor.step(state, us, height_mm)
         landing = predictor.landing(state) if state is not None and height_mm <= step.gate_bottom_mm else None

@@ -66,6 +66,17 @@ def test_the_speeds_are_those_that_the_protocol_counts(protocol: Protocol) -> No
     assert [any_speed[0], any_speed[-1]] == pytest.approx([50 / 1.5, 450.0])
 
 
+@pytest.mark.parametrize(("when", "limit"), [("speed-above", 0.0), ("speed-above", 5e-324), ("speed-below", 5e-324)])
+def test_an_odd_range_of_speeds_has_its_budget_too(protocol: Protocol, volts: Rig, when: str, limit: float) -> None:
+    rules = tuple(
+        rule.model_copy(update={"limit": limit}) if rule.when == when else rule for rule in protocol.exclusion
+    )
+    speeds = speeds_mm_s(protocol.model_copy(update={"exclusion": rules}))
+    assert len(speeds) == 10
+    assert all(0 < v <= 600.001 for v in speeds)
+    assert aim_ms(protocol, volts, speeds[0]) is None or speeds[0] > 1
+
+
 def test_the_shipped_rig_leaves_out_what_lies_above_its_table(found: dict[str, Fidelity]) -> None:
     assert set(found) == {"copy paper", "aluminum foil", "polypropylene", "typing paper"}
     for of in found.values():
