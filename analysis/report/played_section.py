@@ -11,9 +11,6 @@ from analysis.documents.tables import Section, Table, number, plural
 from analysis.reading.dataset import MISSING
 from analysis.reading.study import Study
 
-SHARES = {"error": "stimulus_error", "left out": "left_out"}
-"""What is shown in percent, and its column of the attempts."""
-
 LITTLE = 5e-6
 """Shares below are shown as less than 0.001 %."""
 
@@ -40,7 +37,7 @@ def played_sections(study: Study) -> tuple[Section, ...]:
         Section(
             "played",
             "What was played",
-            (_worst(known), *_unknown(used, known)),
+            (_worst(known),),
             (table,),
             tuple(_record(*group) for group in groups),
         ),
@@ -62,12 +59,6 @@ def _worst(known: pd.DataFrame) -> str:
     )
 
 
-def _unknown(used: pd.DataFrame, known: pd.DataFrame) -> tuple[str, ...]:
-    tasks = set(known["task"])
-    missing = int((used["task"].isin(tasks) & used["stimulus_error"].isna()).sum())
-    return (f"Of {plural(missing, 'attempt')} of these tasks nothing is on record.",) if missing else ()
-
-
 def _methods(known: pd.DataFrame) -> str:
     counts = Counter(known.loc[known["stimulus_method"] != MISSING, "stimulus_method"])
     told = "; ".join(f"{method}: {plural(times, 'time')}" for method, times in sorted(counts.items()))
@@ -79,7 +70,11 @@ def _methods(known: pd.DataFrame) -> str:
 
 def _row(group: tuple[str, str, pd.DataFrame]) -> tuple[str, ...]:
     task, material, rows = group
-    shares = [_percent(value) for column in SHARES.values() for value in (rows[column].median(), rows[column].max())]
+    shares = [
+        _percent(value)
+        for column in ("stimulus_error", "left_out")
+        for value in (rows[column].median(), rows[column].max())
+    ]
     off = rows["dissimilarity_m_s2"]
     return (task, material, str(len(rows)), *shares, number(float(off.median())), number(float(off.max())))
 
@@ -89,10 +84,7 @@ def _percent(share: float) -> str:
 
 
 def _record(task: str, material: str, rows: pd.DataFrame) -> Mapping[str, object]:
-    columns = {**SHARES, "dissimilarity_m_s2": "dissimilarity_m_s2"}
-    found = {
-        f"{name.replace(' ', '_')}_{which}": float(getattr(rows[column], which)())
-        for name, column in columns.items()
-        for which in ("median", "max")
-    }
-    return {"task": task, "presented": material, "attempts": len(rows), **found}
+    columns = {"error": "stimulus_error", "left_out": "left_out", "dissimilarity_m_s2": "dissimilarity_m_s2"}
+    medians = {f"{name}_median": float(rows[column].median()) for name, column in columns.items()}
+    largest = {f"{name}_max": float(rows[column].max()) for name, column in columns.items()}
+    return {"task": task, "presented": material, "attempts": len(rows), **medians, **largest}

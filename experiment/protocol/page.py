@@ -400,16 +400,13 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
         "they all stay in. Source:"
     )
     yield Quoted(tactile.source)
-    if synthesis.left_out_max is None:
-        yield Said(
-            "The protocol sets no limit to what a rig may leave out of a stimulus because it cannot carry those "
-            "frequencies. Each trial's record says what share was left out."
-        )
-    else:
-        yield Said(
-            f"No session is run on a rig that leaves out more than {number(synthesis.left_out_max * 100)} % of the "
-            "vibration (rms) of any material, at any speed that counts, because it cannot carry those frequencies."
-        )
+    yield Said(
+        "The protocol sets no limit to what a rig may leave out of a stimulus because it cannot carry those "
+        "frequencies. Each trial's record says what share was left out."
+        if synthesis.left_out_max is None
+        else f"No session is run on a rig that leaves out more than {number(synthesis.left_out_max * 100)} % of the "
+        "vibration (rms) of any material, at any speed that counts, because it cannot carry those frequencies."
+    )
     yield Said(
         f"The speed of the foot is measured while it moves down from {number(step.gate_top_mm)} to "
         f"{number(step.gate_bottom_mm)} mm above the panel, and the stimulus starts when it reaches "

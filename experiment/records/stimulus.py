@@ -35,8 +35,7 @@ class Computed(Record):
     as parts of the rms asked for; `dissimilarity_m_s2` is that of equation (6) between the two. Where the device takes
     volts, what they make of the panel is what the rig's response says, with an estimate of what its table misses.
 
-    `left_out` and `dissimilarity_m_s2` are None in a journal from before they were told; `relative_error` is there the
-    rounding of a method alone.
+    In a journal from before, `left_out` and `dissimilarity_m_s2` are None, and `relative_error` is rounding alone.
     """
 
     method: str

@@ -16,12 +16,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from experiment.apparatus.rig import Rig
 from experiment.protocol.models import Protocol
 from experiment.session import scene as scenes
-from experiment.session.footstep.budget_table import ErrorBudget, error_budget, percent
+from experiment.session.footstep.fidelity import ErrorBudget, error_budget, percent
 
 if TYPE_CHECKING:
     from experiment.synthesis.crinkle import CrinkleSpectra
@@ -112,17 +111,10 @@ STIMULUS_MODULES = (
 """What a task with virtual stimuli imports and a task with real objects does not."""
 
 SPEEDS_MM_S = tuple(float(v) for v in range(40, 420, 20))
-"""Foot speeds at which times and errors are taken."""
+"""Foot speeds at which times are taken."""
 
 TURNS = 51
 """Rounds over all speeds where single steps are timed, for what a step takes more or less may be below 1 us."""
-
-ERROR = (
-    "each waveform is an inverse DCT; a stimulus is an inverse DCT of its own, or the weighted sum of two waveforms, "
-    "which together have at most 3 times the rms of the sum between measured speeds, and beyond them 8 times that at "
-    "the nearest"
-)
-"""What the bound on the rounding of a stimulus in m/s^2 rests on; `synthesis/waveforms.py` derives it."""
 
 
 @dataclass(frozen=True)
@@ -265,18 +257,16 @@ def _virtual(
     left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
     for material, basis in scenes.prepare_stimuli(held, protocol=protocol, output_rate_hz=rate_hz).items():
         off = percent(*budget.materials[material].range(lambda one: one.total))
-        way = basis.method if rig.actuator.shaping is None else f"voltages, prepared where they fit{basis.band}"
-        needs.append(f"material  {material}: {way}, off by {off} % (rms), {basis.nbytes / 1e3:.0f} kB")
-        bound = basis.relative_error
+        way = "basis waveforms" if rig.actuator.shaping is None else "voltages, prepared where they fit"
+        needs.append(f"material  {material}: {way}{basis.band}, off by {off} % (rms), {basis.nbytes / 1e3:.0f} kB")
+        of = budget.materials[material]
         if basis.spectra.band_hz is not None:
-            left_out.append(_bins(held[material], basis, protocol))
+            left_out.append(_bins(held[material], basis, protocol, percent(*of.range(lambda one: one.scene))))
         dropped = basis.spectra.dropped(basis.on)
         if dropped:
-            lost = "all that they would add, for no actuator at this rate can play them"
+            lost = f"{percent(*of.range(lambda one: one.rate))} % (rms) of the vibration, which no such rate can carry"
             what = f"{dropped} of {basis.spectra.samples} bins of {material}, at or above half of {rate_hz} Hz"
             left_out.append(Omission("bins", what, None, None, lost))
-    if rig.actuator.shaping is None:
-        needs.append(f"rounding  {ERROR}; a relative error of {bound:.2g} at most")
     needs.append(f"bins      {_carried(held, protocol, budget)}")
     return tuple(needs), tuple(left_out)
 
@@ -285,10 +275,8 @@ def _carried(held: Mapping[str, CrinkleSpectra], protocol: Protocol, budget: Err
     """Return which bins sound: all, those that may be felt, or fewer, where an output carries no more."""
     ranges = [of.range(lambda one: hypot(one.rate, one.band)) for of in budget.materials.values()]
     lost = percent(min(low for low, _ in ranges), max(high for _, high in ranges))
-    felt = _felt(held, protocol)
-    if lost == "0":
-        return felt
-    return f"not all: no output carries {lost} % (rms) of the vibration (see the error budget). Asked for are {felt}"
+    told = f"not all: no output carries {lost} % (rms) of the vibration (see the error budget). Asked for are "
+    return ("" if lost == "0" else told) + _felt(held, protocol)
 
 
 def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
@@ -304,29 +292,22 @@ def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
     return f"{band} of every material: what lies outside {reached}, below the floor {tactile.floor_m_s2:g}"
 
 
-def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol) -> Omission:
+def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol, lost_percent: str) -> Omission:
     """Return what leaving out the bins beyond the tactile band of one material saves and costs."""
     from experiment.synthesis import crinkle, waveforms
 
     tactile, fastest = protocol.footstep.tactile, scenes.fastest_mm_s(protocol)
     whole = waveforms.prepare(spectra, material=held.material, output_rate_hz=held.output_rate_hz)
-    errors = [_relative_error(held.at(v).waveform_m_s2, whole.at(v).waveform_m_s2) for v in SPEEDS_MM_S]
     saves = taken([_summed_ms(whole) - _summed_ms(held) for _ in range(TURNS)])
     loudest = crinkle.rms_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)
     lost = (
-        f"a relative error (rms) of {max(errors):.2g} at {SPEEDS_MM_S[0]:g} to {SPEEDS_MM_S[-1]:g} mm/s; what is left "
-        f"out reaches {loudest:.2g} m/s^2 rms at up to {fastest:g} mm/s, below the floor {tactile.floor_m_s2:g}"
+        f"{lost_percent} % (rms) of the vibration, which reaches {loudest:.2g} m/s^2 rms at up to {fastest:g} mm/s, "
+        f"below the floor {tactile.floor_m_s2:g}"
     )
     bins = spectra.samples - held.spectra.amplitudes.shape[1]
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     what = f"{bins} of {spectra.samples} bins of {held.material}, outside {band}"
     return Omission("bins", what, saves, (whole.nbytes - held.nbytes) / 1e3, lost)
-
-
-def _relative_error(found: NDArray[np.float64], right: NDArray[np.float64]) -> float:
-    """Return the rms of the difference as a part of the rms of what is right; 0 if both are silent."""
-    rms = float(np.sqrt(np.mean(right**2)))
-    return float(np.sqrt(np.mean((found - right) ** 2))) / rms if rms else 0.0
 
 
 def _summed_ms(basis: Basis) -> float:

@@ -29,14 +29,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from experiment.errors import SynthesisError
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.shaping import AtBins, Response, Shaped, response_at
-from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, spectrum
+from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, inverse_on, spectrum
 from experiment.synthesis.waveforms import Stimulus
 
 SHORT = 1e-9
-"""A bin that falls short of what it was taken down to by more than this part of it was held back."""
+"""A bin that falls short of what it was taken down to by more than this part was held back."""
 
 
 @dataclass(frozen=True)
@@ -73,18 +72,14 @@ def of_accelerations(stimulus: Stimulus, *, handed_m_s2: NDArray[np.float64], li
 
     The limiter changed `limited` of the samples. Errors are those of `at_speed`.
     """
-    asked, carried = _asked(stimulus), stimulus.basis.on.carried
-    off_m_s2 = handed_m_s2 - stimulus.waveform_m_s2
-    reached = asked[:carried]
+    asked = _asked(stimulus)
+    # Against the equations, and not against the waveform that was prepared, which may be wrong itself.
+    off_m_s2 = handed_m_s2 - inverse_on(asked, stimulus.basis.on)
+    reached = asked[: stimulus.basis.on.carried]
     if limited:
         reached = reached + _projected(off_m_s2, stimulus)
     off = _share(sqrt(float(np.mean(off_m_s2**2))), _rms_asked(stimulus))
-    return _budget(
-        stimulus,
-        np.abs(reached),
-        taken_down=off if limited else 0.0,
-        rounding=0.0 if limited else off,
-    )
+    return _budget(stimulus, np.abs(reached), **{"taken_down" if limited else "rounding": off})
 
 
 def of_voltages(
@@ -105,11 +100,11 @@ def of_voltages(
     wanted = np.abs(asked[:carried])
     reached = np.abs(shaped.reached_m_s2)
     short = wanted - reached
-    known = np.zeros(carried, dtype=bool)
-    known[within.at.known] = True
+    known = np.isin(np.arange(carried), np.arange(carried)[within.at.known])
     held_back = known & (shaped.scale * wanted - reached > SHORT * wanted)
     missed = within.missed_m_s2(np.abs(shaped.coefficients_v[within.at.known]))
-    off_m_s2 = within.steepest_m_s2_per_v * sqrt(float(np.mean((handed_v - voltages_v) ** 2)))
+    steepest_m_s2_per_v = (np.diff(within.at.curves, axis=0) / np.diff(within.at.levels_v)[:, None]).max(initial=0.0)
+    off_m_s2 = float(steepest_m_s2_per_v) * sqrt(float(np.mean((handed_v - voltages_v) ** 2)))
     return _budget(
         stimulus,
         reached,
@@ -182,12 +177,13 @@ class Bending:
     """What straight lines between a table's values miss at the bins within it, K of them.
 
     `at` is the table at these bins. `in_frequency` is what is missed at 0 V and each level, m/s^2, shape (1 + L, K).
-    `steepest_m_s2_per_v` is the steepest that the table is.
+    Each bin lies between the frequency measured at the place `lower` and the next, a part `way` of the way, shape (K,).
     """
 
     at: AtBins
     in_frequency: NDArray[np.float64]
-    steepest_m_s2_per_v: float
+    lower: NDArray[np.intp]
+    way: NDArray[np.float64]
 
     def missed_m_s2(self, voltages_v: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return how far each bin's acceleration lies from the lines, with sign, m/s^2, at one voltage a bin, (K,)."""
@@ -202,25 +198,20 @@ class Bending:
 
 
 def _bending(response: Response, stimulus: Stimulus) -> Bending:
-    """Return what a response's lines miss at the carried bins of a stimulus; it is found once and kept."""
     spectra = stimulus.basis.spectra
     return _bending_at(response, spectra.samples, spectra.rate_hz, stimulus.basis.on.carried)
 
 
 @lru_cache(maxsize=4)
 def _bending_at(response: Response, samples: int, rate_hz: int, bins: int) -> Bending:
+    """Return what a response's lines miss at the carried bins of recordings; it is found once and kept."""
     at = response_at(response, samples, rate_hz, bins)
     f, table_hz = bin_frequencies_hz(bins=samples, rate_hz=rate_hz)[:bins][at.known], response.frequencies_hz
+    lower = np.clip(np.searchsorted(table_hz, f, side="right") - 1, 0, table_hz.size - 2)
     in_frequency = np.zeros(at.curves.shape)
-    for row, weight in _beside_the_line(table_hz, f, _lower(table_hz, f)):
+    for row, weight in _beside_the_line(table_hz, f, lower):
         in_frequency[1:] += weight * response.accelerations_m_s2[row].T
-    rise = np.diff(at.curves, axis=0) / np.diff(at.levels_v)[:, None]
-    return Bending(at=at, in_frequency=in_frequency, steepest_m_s2_per_v=float(rise.max(initial=0.0)))
-
-
-def _lower(measured: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the place of the measured value below each x, of which another lies above, shape of x."""
-    return np.clip(np.searchsorted(measured, x, side="right") - 1, 0, measured.size - 2)
+    return Bending(at, in_frequency, lower, (f - table_hz[lower]) / (table_hz[lower + 1] - table_hz[lower]))
 
 
 def _beside_the_line(
@@ -250,39 +241,28 @@ def other_reading(stimulus: Stimulus, *, shaped: Shaped, response: Response) -> 
     inverses at the two neighbouring frequencies measured; both are told by the accelerations that the table gives for
     them. Bins that are held back by a limit are the same in both. Errors are those of `at_speed`.
     """
-    at = _bending(response, stimulus).at
-    spectra, carried = stimulus.basis.spectra, stimulus.basis.on.carried
-    wanted, reached = np.abs(_asked(stimulus)[:carried][at.known]), np.abs(shaped.reached_m_s2[at.known])
-    f = bin_frequencies_hz(bins=spectra.samples, rate_hz=spectra.rate_hz)[:carried][at.known]
-    table_hz, a = response.frequencies_hz, shaped.scale * wanted
-    i = _lower(table_hz, f)
-    way = (f - table_hz[i]) / (table_hz[i + 1] - table_hz[i])
-    free = np.flatnonzero(a - reached <= SHORT * wanted)
-    volts = np.zeros_like(a)
-    for bin_ in free.tolist():
-        rows = response.accelerations_m_s2[i[bin_]], response.accelerations_m_s2[i[bin_] + 1]
-        low_v, high_v = (float(np.interp(a[bin_], [0.0, *row], at.levels_v)) for row in rows)
-        volts[bin_] = low_v * (1 - way[bin_]) + high_v * way[bin_]
-    other = at.amplitudes_m_s2(volts)
-    return _share(_rms((other - reached)[free]), _rms_asked(stimulus))
+    table = _bending(response, stimulus)
+    at, measured = table.at, response.accelerations_m_s2
+    wanted = np.abs(_asked(stimulus)[: stimulus.basis.on.carried][at.known])
+    reached, a = np.abs(shaped.reached_m_s2[at.known]), shaped.scale * wanted
+    low_v, high_v = (
+        AtBins(slice(None), at.levels_v, np.pad(measured[row].T, ((1, 0), (0, 0)))).voltages_v(a)
+        for row in (table.lower, table.lower + 1)
+    )
+    other = at.amplitudes_m_s2(low_v * (1 - table.way) + high_v * table.way)
+    return _share(_rms((other - reached)[a - reached <= SHORT * wanted]), _rms_asked(stimulus))
 
 
 def interpolation(spectra: CrinkleSpectra) -> NDArray[np.float64]:
     """Return what interpolation between speeds misses, as a share of the rms recorded, at each speed, shape (S,).
 
-    Each inner speed is left out in turn, and its amplitudes are told from its two neighbours; NaN at both ends, and
-    where nothing was recorded. With the speed in place the neighbours are about half as far, and lines that bend would
-    miss a quarter of this; what differs from take to take stays as it is.
+    Each inner speed is left out in turn, and its amplitudes are told from its two neighbours; NaN at both ends. With
+    the speed in place lines that bend miss about a quarter of this; what differs from take to take stays as it is.
     """
-    v, amplitudes = spectra.speeds_mm_s, spectra.amplitudes.copy()
-    amplitudes[:, 0] = 0.0
-    found = np.full(v.size, np.nan)
-    for i in range(1, v.size - 1):
-        way = (v[i] - v[i - 1]) / (v[i + 1] - v[i - 1])
-        told = amplitudes[i - 1] * (1 - way) + amplitudes[i + 1] * way
-        whole = _rms(amplitudes[i])
-        found[i] = _rms(told - amplitudes[i]) / whole if whole > 0 else np.nan
-    return found
+    v, amplitudes = spectra.speeds_mm_s, spectra.amplitudes[:, 1:]
+    way = ((v[1:-1] - v[:-2]) / (v[2:] - v[:-2]))[:, None]
+    missed = amplitudes[:-2] * (1 - way) + amplitudes[2:] * way - amplitudes[1:-1]
+    return np.pad(_shares(missed, amplitudes[1:-1]), 1, constant_values=np.nan)
 
 
 def averaging(
@@ -291,19 +271,17 @@ def averaging(
     """Return the standard error of the mean over takes, as a share of the rms recorded, at each speed, shape (S,).
 
     It is that of the magnitudes with and without the object together; `spectra` are what `crinkle.subtract` made of the
-    same takes, shapes (S, T, N) and (S, T', N). NaN with a single take, and where nothing was recorded. Raises
-    `SynthesisError` for takes of other speeds.
+    same takes, shapes (S, T, N) and (S, T', N). NaN with a single take.
     """
-    if len(panel_object_takes) != spectra.speeds_mm_s.size or len(panel_takes) != spectra.speeds_mm_s.size:
-        raise SynthesisError(
-            f"takes: got {len(panel_object_takes)} and {len(panel_takes)} speeds; allowed: "
-            f"{spectra.speeds_mm_s.size}, as the spectra have; give the takes that they were made of"
-        )
     variance = np.zeros(panel_object_takes.shape[::2])
     for takes in (panel_object_takes, panel_takes):
         if takes.shape[1] < 2:
             return np.full(spectra.speeds_mm_s.size, np.nan)
         variance += np.abs(spectrum(takes)).var(axis=1, ddof=1) / takes.shape[1]
-    error = np.sqrt(variance[:, 1:].sum(axis=1) / 2)
-    whole = np.sqrt((spectra.amplitudes[:, 1:] ** 2).sum(axis=1) / 2)
-    return np.asarray(np.divide(error, whole, out=np.full(whole.size, np.nan), where=whole > 0))
+    return _shares(np.sqrt(variance[:, 1:]), spectra.amplitudes[:, 1:])
+
+
+def _shares(parts: NDArray[np.float64], wholes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rms of each row as a part of that of another, NaN or infinity where that is silent."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.linalg.norm(parts, axis=1) / np.linalg.norm(wholes, axis=1))

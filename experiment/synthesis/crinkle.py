@@ -41,10 +41,7 @@ class LeftOut:
     sums: NDArray[np.float64]
 
     def at(self, interval: int, way: float) -> tuple[float, float]:
-        """Return rms and sum, m/s^2, at a part of the way from v_i to v_i+1, i being the interval.
-
-        They are exact between the two. Beyond them no bin is floored here, so the rms is the most that it can be.
-        """
+        """Return rms and sum, m/s^2, a part of the way from v_i to v_i+1; beyond them no bin is floored here."""
         pair, weights = slice(interval, interval + 2), np.array([1 - way, way])
         square = float(weights @ self.products[pair, pair] @ weights)
         return sqrt(max(square, 0.0)), max(float(weights @ self.sums[pair]), 0.0)

@@ -81,16 +81,6 @@ class Basis:
         return "" if band_hz is None else f", {band_hz[0]:g} to {band_hz[1]:g} Hz"
 
     @property
-    def method(self) -> str:
-        """How accelerations are computed where the weighted sum holds."""
-        return f"basis waveforms{self.band}"
-
-    @property
-    def relative_error(self) -> float:
-        """Bound on the relative error of a stimulus at any speed (see the module); bins left out are not in it."""
-        return relative_error(self.on)
-
-    @property
     def nbytes(self) -> int:
         """Memory of the spectra and of the 3 S - 2 waveforms, each of which is held once."""
         return self.spectra.nbytes + (3 * len(self.speeds_mm_s) - 2) * self.pairs[0][0][0].nbytes

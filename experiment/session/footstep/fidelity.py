@@ -1,4 +1,4 @@
-"""What a rig makes of a study's recordings: the error budget of each material at the speeds that count.
+"""What a rig makes of a study's recordings: the error budget of each material at the speeds that count, and its table.
 
 `palpate plan` shows it, and a session for a participant is refused on a rig that leaves out more than the protocol
 allows. What is measured is what a session would hand over, but for voltages, which are shaped for each speed instead of
@@ -7,9 +7,10 @@ prepared: `synthesis/voltages.py` says that they are the same.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from math import inf
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -24,12 +25,14 @@ from experiment.session import scene as scenes
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from experiment.apparatus.panel.conditioning import Played
     from experiment.synthesis.budget import Budget
     from experiment.synthesis.crinkle import CrinkleSpectra
 
 SPEEDS = 10
 """At so many speeds of the foot, evenly spaced by ratio."""
+
+WATCHED_US = 4_000_000
+"""So much of a slow foot's way is enough to know how well it is predicted, microseconds."""
 
 BEYOND = 1.5
 """Where a protocol counts a foot of any speed: from the slowest recorded divided by this to this times the fastest."""
@@ -61,8 +64,9 @@ def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
     """Return speeds from the slowest to the fastest foot that a protocol counts, mm/s."""
     recorded, fastest = protocol.footstep.synthesis.speeds_mm_s, scenes.fastest_mm_s(protocol)
     slow = [rule.limit for rule in protocol.exclusion if rule.when == "speed-below" and rule.limit]
-    ends = max(slow, default=recorded[0] / BEYOND), recorded[-1] * BEYOND if fastest == inf else fastest
-    return tuple(np.geomspace(*ends, SPEEDS).tolist())
+    slowest = max(slow, default=recorded[0] / BEYOND)
+    fastest = recorded[-1] * BEYOND if fastest == inf else max(fastest, slowest)
+    return tuple(np.geomspace(slowest, fastest, SPEEDS).tolist())
 
 
 def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> dict[str, Fidelity]:
@@ -70,6 +74,7 @@ def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
 
     Raises `RecordingError` if a recording is missing or unusable, and `RigError` if the response table is.
     """
+    from experiment.apparatus.panel.conditioning import Conditioner, open_drive
     from experiment.recordings import manifest
     from experiment.synthesis import budget
 
@@ -77,8 +82,13 @@ def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
     taken = manifest.load(recordings, synthesis=protocol.footstep.synthesis, material_ids=materials)
     scene = scenes.Scene(True, True, False, materials)
     spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+    drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2)
+    condition = Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2, drive=drive)
+    prepared = scenes.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=rig.actuator.rate_hz)
     found, speeds = {}, speeds_mm_s(protocol)
-    for material, played in _played(protocol, rig, rig_folder, spectra, speeds):
+    for material, basis in prepared.items():
+        played = [condition(basis.at(v)) for v in speeds]
         told = [one.budget() for one in played]
         found[material] = Fidelity(
             speeds_mm_s=speeds,
@@ -102,13 +112,10 @@ def refuse_what_leaves_out_too_much(*, protocol: Protocol, rig: Rig, rig_folder:
 
     Raises `RigError`, which says how much, and otherwise as `fidelity`.
     """
-    most = protocol.footstep.synthesis.left_out_max
-    if most is None:
-        return
-    found = fidelity(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
-    told = refusal(protocol, rig, found)
-    if told:
-        raise RigError(told)
+    if protocol.footstep.synthesis.left_out_max is not None:
+        found = fidelity(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+        if told := refusal(protocol, rig, found):
+            raise RigError(told)
 
 
 def refusal(protocol: Protocol, rig: Rig, found: dict[str, Fidelity]) -> str:
@@ -131,40 +138,21 @@ def refusal(protocol: Protocol, rig: Rig, found: dict[str, Fidelity]) -> str:
 def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
     """Return the standard error of the contact when the onset can be moved for the last time, ms.
 
-    It is the predictor's own, for a foot of one speed throughout. None where the actuator cannot be scheduled, and
-    where the foot comes so fast that the onset is never aimed: the stimulus then sounds as soon as it can.
+    It is the predictor's own, for a foot of one speed throughout; None where the onset cannot be scheduled or in time.
     """
     if rig.actuator.driver != "audio" or rig.audio is None:
         return None
     step = protocol.footstep.step
     predictor = LandingPredictor(step, noise_mm=NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm)
     lead_us = rig.audio.latency.output_ms * 1e3 + 2e6 * rig.audio.block / rig.audio.rate_hz
-    contact_us = (step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6
+    last_us = int(min((step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6 - lead_us, 1e15))
     state, found = predictor.init(), None
-    for us in range(0, int(contact_us - lead_us), round(1e6 / rig.tracker.rate_hz)):
+    for us in range(max(0, last_us - WATCHED_US), last_us, round(1e6 / rig.tracker.rate_hz)):
         height_mm = step.gate_top_mm - speed_mm_s * us / 1e6
         state = predictor.step(state, us, height_mm)
         landing = predictor.landing(state) if state is not None and height_mm <= step.gate_bottom_mm else None
         found = found if landing is None else landing.standard_error_us / 1e3
     return found
-
-
-def _played(
-    protocol: Protocol,
-    rig: Rig,
-    rig_folder: Path,
-    spectra: dict[str, CrinkleSpectra],
-    speeds: tuple[float, ...],
-) -> Iterator[tuple[str, list[Played]]]:
-    """Yield each material with its stimuli at each speed, as the rig's device is handed them."""
-    from experiment.apparatus.panel.conditioning import Conditioner, open_drive
-
-    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-    drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2)
-    condition = Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2, drive=drive)
-    prepared = scenes.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=rig.actuator.rate_hz)
-    for material, basis in prepared.items():
-        yield material, [condition(basis.at(v)) for v in speeds]
 
 
 def _nearest_m_s2(material: str, spectra: dict[str, CrinkleSpectra], speed_mm_s: float) -> float:
@@ -183,3 +171,142 @@ def _most(shares: NDArray[np.float64]) -> float | None:
     """Return the largest share that is known."""
     known = shares[np.isfinite(shares)]
     return float(known.max()) if known.size else None
+
+
+CAUSES = (
+    ("scene", "left out by the scene", "a wider band, or a lower floor, in [footstep.tactile] of the protocol"),
+    ("rate", "output rate", "an actuator.rate_hz of twice the highest frequency recorded"),
+    ("band", "band of the response table", "the response of the panel measured at lower and higher frequencies"),
+    ("held_back", "gain limit, highest level", "higher drive levels measured, or a higher gain_limit_v_per_m_s2"),
+    ("taken_down", "limits of panel and amplifier", "a higher full scale, or limit of vibration if the board approves"),
+    ("table", "steps of the response table", "more frequencies and levels, closest where the response bends"),
+    ("rounding", "rounding", "nothing that anybody could feel"),
+)
+"""Each share of a budget by its field, what it is called, and what would lower it."""
+
+SHOWN = 5e-6
+"""A share is shown as a number, and what would lower it is told, from here on: 0.0005 %."""
+
+
+@dataclass(frozen=True)
+class ErrorBudget:
+    """How far what a rig plays lies from what is asked for, by material, and how well the onset is known.
+
+    `aims_ms` are the standard errors of contact at each speed when the onset is moved for the last time; None where it
+    is not. `refused` says why no participant is run on the rig, empty where they are.
+    """
+
+    materials: dict[str, Fidelity]
+    aims_ms: tuple[float | None, ...]
+    refused: str
+
+    @property
+    def speeds_mm_s(self) -> tuple[float, ...]:
+        """The speeds of the foot, from the slowest that counts to the fastest."""
+        return next(iter(self.materials.values())).speeds_mm_s
+
+    def as_dict(self) -> dict[str, object]:
+        """Return everything for JSON; shares are parts of the rms asked for."""
+        return {
+            "speeds_mm_s": list(self.speeds_mm_s),
+            "materials": {
+                material: asdict(of) | {name: [getattr(b, name) for b in of.budgets] for name in ("left_out", "total")}
+                for material, of in self.materials.items()
+            },
+            "contact_standard_error_ms": list(self.aims_ms),
+            "refused": self.refused or None,
+        }
+
+    def lines(self) -> list[str]:
+        """Return it for a terminal."""
+        slowest, *_, fastest = self.speeds_mm_s
+        return [
+            "error budget: percent (rms) of what equations (1) to (5) ask for, least and most over "
+            f"{len(self.speeds_mm_s)} speeds",
+            f"from {slowest:.4g} to {fastest:.4g} mm/s",
+            *_table([["", *self.materials], *self._causes()]),
+            "",
+            "beside it, and in no total",
+            *_table(self._beside()),
+            f"  {self._timing()}",
+            "",
+            "what would lower it",
+            *self._lowered(),
+            *(["", f"REFUSED for participants: {self.refused}"] if self.refused else []),
+        ]
+
+    def _causes(self) -> list[list[str]]:
+        each = list(self.materials.values())
+        rows = [[name, *(percent(*one.range(attrgetter(field))) for one in each)] for field, name, _ in CAUSES]
+        rows.append(["all of it", *(percent(*one.range(attrgetter("total"))) for one in each)])
+        return rows
+
+    def _beside(self) -> list[list[str]]:
+        each = list(self.materials.values())
+        off = [one.range(attrgetter("dissimilarity_m_s2")) for one in each]
+        rows = [
+            ["", *self.materials],
+            ["dissimilarity (6) to what was asked for, m/s^2", *(_between(*one, "{:.3g}".format) for one in off)],
+            ["the same to the most similar material, m/s^2", *(_of(one.nearest_m_s2, "{:.3g}".format) for one in each)],
+            ["a recorded speed told from its neighbours", *(_up_to(one.interpolation) for one in each)],
+            ["standard error of the mean over takes", *(_up_to(one.averaging) for one in each)],
+        ]
+        if each[0].other_reading:
+            name = "W interpolated, not A inverted (equation 7)"
+            rows.append([name, *(_of(one.other_reading, _percent) for one in each)])
+        return rows
+
+    def _timing(self) -> str:
+        known = [(v, ms) for v, ms in zip(self.speeds_mm_s, self.aims_ms, strict=True) if ms is not None]
+        if not known:
+            return "timing: the stimulus sounds after contact, for the onset cannot be scheduled or never in time"
+        slow, fast = known[0], known[-1]
+        return (
+            f"timing: contact has a standard error of {slow[1]:.2f} ms at {slow[0]:.0f} mm/s and {fast[1]:.2f} ms at "
+            f"{fast[0]:.0f} mm/s when the onset is moved last"
+        )
+
+    def _lowered(self) -> list[str]:
+        each = list(self.materials.values())
+        told = [
+            f"  {name}: {remedy}"
+            for field, name, remedy in CAUSES
+            if max(one.range(attrgetter(field))[1] for one in each) >= SHOWN
+        ]
+        if any(one.interpolation is not None for one in each):
+            told.append("  speeds and takes: recordings at more speeds, more takes of each")
+        return [*told, "  timing: a tracker with less noise or more frames, or a shorter latency of the output"]
+
+
+def error_budget(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> ErrorBudget:
+    """Return the error budget of a study's recordings on a rig; errors as in `fidelity`."""
+    found = fidelity(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+    aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
+    return ErrorBudget(found, aims_ms, refusal(protocol, rig, found))
+
+
+def percent(low: float, high: float) -> str:
+    """Return shares from the least to the most, in percent."""
+    return _between(low, high, _percent)
+
+
+def _table(rows: list[list[str]]) -> list[str]:
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+
+
+def _percent(share: float) -> str:
+    return "<0.001" if 0 < share < SHOWN else f"{share * 100:.3g}"
+
+
+def _of(values: tuple[float, ...], shown: Callable[[float], str]) -> str:
+    return _between(min(values), max(values), shown)
+
+
+def _between(low: float, high: float, shown: Callable[[float], str]) -> str:
+    first, last = shown(low), shown(high)
+    return first if first == last else f"{first} to {last}"
+
+
+def _up_to(share: float | None) -> str:
+    return "unknown" if share is None else f"up to {_percent(share)}"

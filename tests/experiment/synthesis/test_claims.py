@@ -11,7 +11,7 @@ from analysis.numerics.cases import PRINTED_SUM, WAYS, Way
 from experiment.errors import SynthesisError
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.spectra import grid, rms
-from experiment.synthesis.waveforms import prepare
+from experiment.synthesis.waveforms import prepare, relative_error
 from tests.experiment.synthesis.oracle import exact, random_spectra, spectrum_at, worst_excess
 from tests.experiment.synthesis.resampled import resampled
 
@@ -85,7 +85,7 @@ def test_a_stimulus_is_the_sum_of_the_bins_that_it_names(v: float) -> None:
     assert (made.bins.samples, made.bins.rate_hz) == (s.samples, s.rate_hz)
     summed = resampled(made.bins.coefficients, rate_hz=made.bins.rate_hz, output_rate_hz=480)
     error = np.sqrt(np.mean((made.waveform_m_s2 - summed) ** 2)) / np.sqrt(np.mean(summed**2))
-    assert error < made.basis.relative_error + EXACT
+    assert error < relative_error(made.basis.on) + EXACT
 
 
 def test_a_printed_sum_of_several_chunks_is_the_sum_of_one(monkeypatch: pytest.MonkeyPatch) -> None:

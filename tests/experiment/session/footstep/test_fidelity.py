@@ -15,11 +15,12 @@ from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
 from experiment.rehearsal.footstep import recorded_takes
-from experiment.session.footstep import budget_table
-from experiment.session.footstep.budget_table import ErrorBudget, error_budget
 from experiment.session.footstep.fidelity import (
+    CAUSES,
+    ErrorBudget,
     Fidelity,
     aim_ms,
+    error_budget,
     fidelity,
     refusal,
     refuse_what_leaves_out_too_much,
@@ -63,6 +64,17 @@ def test_the_speeds_are_those_that_the_protocol_counts(protocol: Protocol) -> No
     # 50 to 300 mm/s were recorded, and nothing says which feet count.
     any_speed = speeds_mm_s(protocol.model_copy(update={"exclusion": ()}))
     assert [any_speed[0], any_speed[-1]] == pytest.approx([50 / 1.5, 450.0])
+
+
+@pytest.mark.parametrize(("when", "limit"), [("speed-above", 0.0), ("speed-above", 5e-324), ("speed-below", 5e-324)])
+def test_an_odd_range_of_speeds_has_its_budget_too(protocol: Protocol, volts: Rig, when: str, limit: float) -> None:
+    rules = tuple(
+        rule.model_copy(update={"limit": limit}) if rule.when == when else rule for rule in protocol.exclusion
+    )
+    speeds = speeds_mm_s(protocol.model_copy(update={"exclusion": rules}))
+    assert len(speeds) == 10
+    assert all(0 < v <= 600.001 for v in speeds)
+    assert aim_ms(protocol, volts, speeds[0]) is None or speeds[0] > 1
 
 
 def test_the_shipped_rig_leaves_out_what_lies_above_its_table(found: dict[str, Fidelity]) -> None:
@@ -114,7 +126,7 @@ def test_the_standard_error_of_contact_is_the_predictors_own(protocol: Protocol,
 def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, volts: Rig, recordings: Path) -> None:
     budget = error_budget(protocol=allowing(protocol, 0.3), rig=volts, rig_folder=RIGS, recordings=recordings)
     text = "\n".join(budget.lines())
-    for field, name, remedy in budget_table.CAUSES:
+    for field, name, remedy in CAUSES:
         assert hasattr(next(iter(budget.materials.values())).budgets[0], field)
         assert re.search(rf"(?m)^  {re.escape(name)}  +[\d<]", text)
         assert (f"{name}: {remedy}" in text) == (field in ("band", "held_back", "taken_down", "table"))
@@ -126,7 +138,7 @@ def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, v
     assert known["refused"] == budget.refused
     materials = known["materials"]
     assert isinstance(materials, dict)
-    assert materials["typing paper"]["speeds"][0]["band"] == pytest.approx(0.1118, abs=1e-4)
+    assert materials["typing paper"]["budgets"][0]["band"] == pytest.approx(0.1118, abs=1e-4)
 
 
 def test_what_a_perfect_rig_leaves_is_said_without_advice() -> None:
