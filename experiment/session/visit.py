@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from experiment.desk.port import DEBRIEFING, Console
+from experiment.desk.port import DEBRIEFING, INTERRUPTED, Console
 from experiment.errors import ActuatorError, AudioError, PalpateError, PauseAsked, TrackerError
 from experiment.records.entries import Footer
 
@@ -41,7 +41,10 @@ def _task(console: Console, task: str, run: Callable[[str], Footer]) -> Footer:
             if not console.goes_on(why=_sentence(error)):
                 raise
             continue
-        if footer.reason != "paused" or not console.goes_on(why=told(footer, onward=False)):
+        # Who ends the process by a signal waits for no key.
+        if footer.reason != "paused" or footer.detail == INTERRUPTED:
+            return footer
+        if not console.goes_on(why=told(footer, onward=False)):
             return footer
 
 

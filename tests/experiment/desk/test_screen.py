@@ -165,6 +165,9 @@ class End:
     def came(self, consoles: int, screens: int) -> None:
         self.screens = screens
 
+    def lost(self, why: str) -> None:
+        raise AssertionError(why)
+
 
 def until(feed: Feed, prompt: Prompt | None, *, gone: bool = False) -> Heard:
     for _ in range(500):

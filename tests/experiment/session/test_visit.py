@@ -13,6 +13,8 @@ from experiment.session.visit import told, visit_steps, walk
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
 COMPLETE, PAUSED = Footer(reason="complete", answered=3), Footer(reason="paused", detail="by hand", answered=1)
+INTERRUPTED_BY_SIGNAL = Footer(reason="paused", detail="interrupted at the keyboard", answered=1)
+"""As the runner ends by Ctrl-C, SIGTERM or SIGHUP; over a link no key of the keyboard is one."""
 
 
 class Asked(ScriptedConsole):
@@ -50,6 +52,7 @@ class Sessions:
         ([True], [PAUSED, COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
         ([False], [PAUSED], ["a"], PAUSED),
         ([True, False], [COMPLETE, PAUSED, PAUSED], ["a", "b", "b"], PAUSED),
+        ([], [INTERRUPTED_BY_SIGNAL], ["a"], INTERRUPTED_BY_SIGNAL),
         ([True], [PauseAsked("in the break"), COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
         ([True], [TrackerError("tracker: gone"), COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
     ],
