@@ -48,6 +48,16 @@ def _task(console: Console, task: str, run: Callable[[str], Footer]) -> Footer:
             return footer
 
 
+def asked(console: Console, ask: Callable[[], None]) -> None:
+    """Ask something before the first session; a pause there goes on with the same question. Raises `PauseAsked`."""
+    while True:
+        try:
+            return ask()
+        except PauseAsked:
+            if not console.goes_on(why=BETWEEN):
+                raise
+
+
 def visit_steps(tasks: Sequence[str]) -> tuple[str, ...]:
     """Return the steps of a visit with these tasks, in order."""
     return (*tasks, DEBRIEFING)

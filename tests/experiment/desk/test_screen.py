@@ -85,9 +85,9 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 MASKER = Prompt(number=4, show="masker", question=9, keys=("+", "-", ENTER))
 
 
-def run(feed: Told, window: Window, settings: ScreenRig | None = None) -> list[str]:
+def run(feed: Told, window: Window, settings: ScreenRig | None = None, *, stays: bool = True) -> list[str]:
     said: list[str] = []
-    Screen(feed, window, settings or ScreenRig(), Path(), said.append).run()  # type: ignore[arg-type]
+    Screen(feed, window, settings or ScreenRig(), Path(), said.append, stays=stays).run()  # type: ignore[arg-type]
     return said
 
 
@@ -137,6 +137,16 @@ def test_thanks_stand_for_a_while_once_the_session_has_ended(monkeypatch: pytest
     run(Told(heard(Sent(), Prompt(number=5, show="thanks")), heard(None, Prompt(number=5, show="thanks"))), window)
     assert window.rounds
     assert len(window.pictures) == 1
+
+
+@pytest.mark.parametrize("stays", [True, False])
+def test_a_screen_that_a_session_opened_leaves_when_no_session_is_there(
+    monkeypatch: pytest.MonkeyPatch, stays: bool
+) -> None:
+    monkeypatch.setattr(screen, "FAREWELL_NS", 0)
+    window = Window(*[[]] * 9)
+    run(Told(heard(None, None), heard(Sent(), Prompt(number=5, show="ready")), heard(None, None)), window, stays=stays)
+    assert bool(window.rounds) is not stays
 
 
 def test_letters_that_no_font_has_are_told_once() -> None:
