@@ -84,14 +84,21 @@ def screen(
     settings = (rigs.load(rig).screen if rig else None) or ScreenRig()
     folder = dataset or options.default_folder(files.load(protocol_file), practice=practice)
     path = session_at or link.place(folder, participant)
-    screens.show(path, settings, rig.parent if rig else Path(), tell=lambda line: typer.echo(line, err=True))
+    screens.show(
+        path,
+        settings,
+        rig.parent if rig else Path(),
+        tell=lambda line: typer.echo(line, err=True),
+        stays=session_at is None,
+    )
 
 
 @contextmanager
 def beside(path: Path, protocol_file: Path, rig: Path | None) -> Iterator[bool]:
     """Open the participant's screen of the session at `path` in a process of its own, if the rig has one; yield that.
 
-    Nobody waits for it, and it ends by itself. What it says stands beside the socket. Raises `RigError`.
+    It ends by itself after a session that ended well; after a fault it is ended, so that it covers no screen. What it
+    says stands beside the socket. Raises `RigError`.
     """
     from experiment.apparatus import rig as rigs
 
@@ -103,5 +110,10 @@ def beside(path: Path, protocol_file: Path, rig: Path | None) -> Iterator[bool]:
         process = subprocess.Popen(  # noqa: S603
             [*command, "--session-at", str(path)], stdin=subprocess.DEVNULL, stdout=log, stderr=log
         )
-    yield True
+    try:
+        yield True
+    except BaseException:
+        process.kill()
+        process.wait()
+        raise
     process.poll()

@@ -110,6 +110,7 @@ def person(
     name: Annotated[str | None, typer.Option("--name", help="Their name, as it is asked for at the panel.")] = None,
     contact: Annotated[str | None, typer.Option("--contact", help="How they are reached.")] = None,
     forget: Annotated[bool, typer.Option("--forget", help="Delete what is known of them.")] = False,
+    dataset: StudyFolder = None,
 ) -> None:
     """Keep who a participant is, outside of every dataset.
 
@@ -118,18 +119,19 @@ def person(
     and `palpate withdraw` deletes it. Without options it is printed.
     """
     from experiment.protocol import files
-    from experiment.study import people
+    from experiment.study import enrolment, people
 
     protocol = files.load(protocol_file)
-    before = people.known(protocol).get(participant)
+    root = dataset or enrolment.default_root(protocol)
+    before = people.known(protocol, root).get(participant)
     if forget and (name is not None or contact is not None):
         raise RosterError("got --forget with --name or --contact; allowed: one of them")
     if forget:
-        known = people.forget(protocol, participant)
+        known = people.forget(protocol, root, participant)
         typer.echo(f"Participant {participant}: {'what was known is deleted' if known else 'nothing was known'}.")
     elif name is None and contact is None:
         told = f"{before.name or 'no name'}, {before.contact or 'no contact'}" if before else "nothing is known"
-        typer.echo(f"Participant {participant}: {told} ({people.place(protocol)})")
+        typer.echo(f"Participant {participant}: {told} ({people.place(protocol, root)})")
     else:
         old = before or people.Person()
         try:
@@ -140,7 +142,7 @@ def person(
             raise RosterError(
                 "got a name or a contact that is no line of text; allowed: one line of visible text"
             ) from None
-        typer.echo(f"Participant {participant} is kept in {people.keep(protocol, participant, new)}")
+        typer.echo(f"Participant {participant} is kept in {people.keep(protocol, root, participant, new)}")
 
 
 @commands.command(epilog="Example: palpate schedule protocols/okamoto2012.toml --participant 03 --seed 1")
@@ -323,7 +325,7 @@ def withdraw(
         _confirm_erasure(participant, *enrolment.held(protocol_file, participant, root=dataset))
     path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
     typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")
-    if people.forget(files.load(protocol_file), participant):
+    if people.forget(files.load(protocol_file), path.parent.parent, participant):
         typer.echo("Who they were is deleted from the file of names.")
     if erase:
         typer.echo(

@@ -107,7 +107,7 @@ def run(
     if session_at is not None:
         from experiment.cli import desk
 
-        view = _first_view(protocol, participant or "01", "PRACTICE" if practice else "")
+        view = _first_view(protocol, participant or "01", folder, practice=practice)
         with desk.beside(session_at, protocol_file, rig) as opened:
             _listen(session_at, _linked(protocol, view, screen=opened), once)
     elif served:
@@ -170,9 +170,14 @@ def _run(
     )
 
 
-def _first_view(protocol: "Protocol", participant: str, label: str) -> "View":
+def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practice: bool) -> "View":
+    from experiment import storage
     from experiment.desk.messages import View
+    from experiment.study import enrolment
 
+    label = "PRACTICE" if practice else ""
+    if not practice and storage.seed_path(folder).exists() and enrolment.purpose_of(folder) == "PILOT":
+        label = "PILOT"
     return View(label=label, study=protocol.study.id, participant=participant)
 
 

@@ -81,6 +81,10 @@ class SessionEnd(Protocol):
         """Take note of how many consoles and participant's screens are connected now."""
         ...
 
+    def lost(self, why: str) -> None:
+        """Take note that the link is at fault, and that no console can be reached through it any more."""
+        ...
+
 
 class _Peer:
     def __init__(self, connection: socket.socket) -> None:
@@ -120,14 +124,28 @@ class Link:
         self._closing = True
         self.wake()
         self._thread.join()
-        for peer in self._peers:
-            peer.connection.close()
-        for ours in (self._woken, self._wakes, self._server):
+        self._leave()
+        for ours in (self._woken, self._wakes):
             ours.close()
         self._selector.close()
+
+    def _leave(self) -> None:
+        """Have every console see that the session is gone, and free the place, once."""
+        if self._server.fileno() < 0:
+            return
+        for peer in self._peers:
+            peer.connection.close()
+        self._server.close()
         self._path.unlink(missing_ok=True)
 
     def _serve(self) -> None:
+        try:
+            self._listen()
+        except Exception as error:
+            self._leave()
+            self._end.lost(f"{type(error).__name__}: {error}")
+
+    def _listen(self) -> None:
         while True:
             closing = self._closing
             for key, events in self._selector.select(0 if closing else TICK_S):
@@ -138,8 +156,10 @@ class Link:
                         self._woken.recv(4096)
                 elif events & selectors.EVENT_READ:
                     self._hear(key.data)
-            for peer in tuple(self._peers):
-                self._speak(peer)
+            # Whoever still has a reply to get hears the last state after it.
+            for _ in range(2 if closing else 1):
+                for peer in tuple(self._peers):
+                    self._speak(peer)
             if closing:
                 return
 

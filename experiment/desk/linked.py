@@ -48,7 +48,7 @@ from experiment.desk.port import (
     Repeated,
 )
 from experiment.desk.prompts import NOTHING, Theirs
-from experiment.errors import PalpateError, PauseAsked
+from experiment.errors import LinkError, PalpateError, PauseAsked
 from experiment.settings import characters
 
 ALONE_S = 600.0
@@ -56,6 +56,12 @@ ALONE_S = 600.0
 
 ESCAPE = "escape"
 """The key that takes a choice back."""
+
+TYPED = {ENTER: "\n", ESCAPE: "\x1b"}
+"""Keys that are no characters, as they go on record when they answered nothing."""
+
+KEEPS_STATE = ("answer", "confirm", "familiarise", "break", "continue")
+"""Questions that belong to a state of the session; while any other is asked, and after it, what comes is prepared."""
 
 PATIENCE_NS = 300_000_000
 """The participant is asked to wait after so long without anything else to show, ns: between two questions the screen
@@ -66,6 +72,13 @@ PROMPTS = 20
 
 STOP = "s"
 """The key that ends the process of a session that paused."""
+
+CLOSED = "That question is no longer asked; the key answered nothing."
+
+NO_SESSION = (
+    "No session is under way, and nothing can go on record now. Keep it on paper, and note it here once the session "
+    "goes on."
+)
 
 
 class LinkedConsole:
@@ -82,7 +95,8 @@ class LinkedConsole:
         self._session: Attended | None = None
         self._asked = 0
         self._chosen: str | None = None
-        self._picked: str | None = None
+        self._chosen_at_ns = 0
+        self._picked: tuple[int, str] | None = None
         self._repeated: Repeated | None = None
         self._consoles = 0
         self._theirs = theirs
@@ -91,6 +105,7 @@ class LinkedConsole:
         self._prompts = [Prompt()]
         self._waits_ns: int | None = None
         self._pausing: Pause | Stop | None = None
+        self._failed = ""
         self._ignored = ""
         self.wake: Callable[[], None] = lambda: None
         """Called when there is something new to tell."""
@@ -101,10 +116,8 @@ class LinkedConsole:
         with self._changed:
             view, session = self._view, self._session
         if session is not None:
-            standing = session.standing()
-            label = "" if standing.purpose == "STUDY" else standing.purpose
             gauges = self._with_screen(session.gauges())
-            view = view.model_copy(update={"gauges": gauges, "standing": standing, "label": label})
+            view = view.model_copy(update={"gauges": gauges, **_standing(session)})
         return view if role == "console" else self._prompt(view)
 
     def _with_screen(self, gauges: Gauges) -> Gauges:
@@ -138,6 +151,15 @@ class LinkedConsole:
             self._consoles = consoles
             self._changed.notify_all()
 
+    def lost(self, why: str) -> None:
+        with self._changed:
+            self._consoles = self._screens = 0
+            self._failed = f"the link to the consoles failed ({why}); run the same command again, and report this"
+            self._changed.notify_all()
+        if self._session is not None:
+            # What is waited for outside of questions, a foot as a rule, ends too.
+            self._session.pause(self._failed)
+
     def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
         session, at_console = self._session, hello.role == "console"
         try:
@@ -153,21 +175,29 @@ class LinkedConsole:
             except PalpateError as error:
                 # The session meets it too, and ends.
                 taken, words = False, str(error)
-        self._hand_over()
+        if not self._handed_over():
+            taken, words = False, CLOSED
         return taken, words
 
-    def _hand_over(self) -> None:
-        """Let the session have the key that was picked, now that it is on record."""
+    def _handed_over(self) -> bool:
+        """Let the session have the key that was picked, now that it is on record; False if it asks no longer."""
         with self._changed:
-            if self._picked is not None:
-                self._chosen, self._picked = self._picked, None
-                self._changed.notify_all()
+            picked, self._picked = self._picked, None
+            if picked is None:
+                return True
+            number, key = picked
+            asked = self._view.question
+            if asked is None or asked.number != number:
+                return False
+            self._chosen = key
+            self._changed.notify_all()
         self.wake()
+        return True
 
     def _do(self, deed: Deed, session: Attended | None) -> tuple[bool, str]:
         match deed:
             case Choose():
-                return self._choose(deed)
+                return self._choose(deed, at_console=True)
             case Write():
                 return self._write(deed)
             case Typed():
@@ -177,7 +207,7 @@ class LinkedConsole:
             case Shown():
                 return False, "Only the participant's screen says what it shows."
         if session is None:
-            return False, "No session is under way."
+            return False, NO_SESSION
         match deed:
             case TakeNote():
                 return session.remark(Noted(characters.one_line(deed.text), deed.trial))
@@ -196,7 +226,7 @@ class LinkedConsole:
             asked = self._view.question
             if asked is not None and asked.number == deed.question and asked.kind not in self._theirs.answerable:
                 return False, "The participant does not answer this question at the screen."
-            return self._choose(deed)
+            return self._choose(deed, at_console=False)
 
     def _note_shown(self, deed: Shown, session: Attended | None) -> tuple[bool, str]:
         """Put on record what the participant's screen shows, and since when."""
@@ -208,16 +238,20 @@ class LinkedConsole:
             session.shown(told, ago_ns)
         return True, ""
 
-    def _choose(self, deed: Choose) -> tuple[bool, str]:
+    def _choose(self, deed: Choose, *, at_console: bool) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
             if asked is None or asked.number != deed.question or self._chosen is not None:
-                self._ignored += deed.key
-                return False, "That question is no longer asked; the key answered nothing."
+                # What the participant presses is not what the experimenter typed.
+                self._ignored += TYPED.get(deed.key, deed.key) if at_console else ""
+                return False, CLOSED
             if deed.key not in {choice.key for choice in asked.choices}:
                 return False, f"{characters.quoted(deed.key)} is no key here."
-            self._picked = deed.key
+            self._pick(asked, deed.key)
             return True, ""
+
+    def _pick(self, asked: Question, key: str) -> None:
+        self._picked, self._chosen_at_ns = (asked.number, key), monotonic_ns()
 
     def _write(self, deed: Write) -> tuple[bool, str]:
         text = characters.one_line(deed.text.strip()) if deed.text.strip() else ""
@@ -225,7 +259,7 @@ class LinkedConsole:
             asked = self._view.question
             if asked is None or asked.number != deed.question or asked.kind != "write":
                 return False, "That question is no longer asked; nothing was written down."
-            self._picked = text
+            self._pick(asked, text)
             return True, ""
 
     def _drop(self, deed: Typed) -> tuple[bool, str]:
@@ -237,17 +271,24 @@ class LinkedConsole:
         with self._changed:
             if self._view.state == "ended":
                 return False, "The session has ended."
-            self._pausing = deed
+            before = self._pausing
+            lasts = isinstance(before, Pause) and before.minutes is not None
+            # A later pause neither takes a stop back, nor a break's length.
+            if isinstance(deed, Stop) or not (isinstance(before, Stop) or (lasts and deed.minutes is None)):
+                self._pausing = deed
             self._changed.notify_all()
         if session is not None:
-            session.pause()
+            session.pause(BY_EXPERIMENTER)
         return True, "The session pauses as soon as nothing can be felt any more."
 
     def _repeat(self, wanted: Repeated, session: Attended) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
             if asked is not None and asked.kind in ("answer", "confirm") and wanted.trial == self._view.trial:
-                self._repeated, self._picked = wanted, ESCAPE
+                if self._chosen is not None:
+                    return False, "A key was pressed for this question before; the trial is not done again. Ask again."
+                self._repeated = wanted
+                self._pick(asked, ESCAPE)
                 return True, f"Trial {wanted.trial} is done again at the end of its block."
         return session.remark(wanted)
 
@@ -255,11 +296,14 @@ class LinkedConsole:
 
     def attend(self, session: Attended | None) -> None:
         with self._changed:
-            self._session = session
-            asked = self._pausing is not None
-        if session is not None and asked:
+            if session is None and self._session is not None:
+                # What was reached stays on the screen of a pause.
+                self._now(state="preparing", **_standing(self._session))
+            self._session, self._repeated = session, None
+            why = self._failed or (BY_EXPERIMENTER if self._pausing is not None else "")
+        if session is not None and why:
             # While the devices were opened.
-            session.pause()
+            session.pause(why)
         self.wake()
 
     def at(self, *, step: str, steps: Sequence[str]) -> None:
@@ -295,6 +339,7 @@ class LinkedConsole:
         least = f"{min_s / 60:.1f}" if min_s > 0 else "up"
         text = f"Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}"
         self._put("familiarise", text, (Choice(key=ENTER, words="the participant is familiar with the materials"),))
+        self._now(state="preparing")
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         text = f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}"
@@ -312,16 +357,20 @@ class LinkedConsole:
         self._put("rest", f"{why} {text}".strip(), (Choice(key=ENTER, words="the foot rests on the bare panel"),))
 
     def place(self, *, trial: int, material: str) -> None:
-        self._now(trial=trial, lay_out=material)
+        self._now(trial=trial, attempt=1, lay_out=material)
         self._put("place", f"Trial {trial}. Lay out {material}.", (Choice(key=ENTER, words="it is laid out"),))
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> None:  # noqa: ARG002
-        self._watched()
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:  # noqa: ARG002
+        waited = self._watched()
         self._now(state="armed", trial=trial, attempt=attempt, heard="")
+        return waited
 
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
         self.show(f"Trial {trial}, attempt {attempt}: {reason}; nothing was played. It is armed again.")
-        self.arm(trial=trial, attempt=attempt, trials=0)
+        return self.arm(trial=trial, attempt=attempt, trials=0)
+
+    def waiting(self) -> None:
+        self._now(state="waiting", lay_out="")
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         self._now(state="answering", trial=trial, answers=_choices(answers, answer=True))
@@ -330,6 +379,9 @@ class LinkedConsole:
         choices = (*_choices(answers, answer=True), *_choices(others))
         chosen = self._put("answer", "What did the participant say?", choices)
         return self._take_repeated() or chosen
+
+    def chosen_ago_ns(self) -> int:
+        return monotonic_ns() - self._chosen_at_ns
 
     def heard(self, *, words: str) -> None:
         self._now(heard=words)
@@ -340,7 +392,7 @@ class LinkedConsole:
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:
         self.show(f"Trial {trial}: the answer is on disk: {answer or 'no answer'}.")
-        self._now(lay_out="", heard="")
+        self._now(state="preparing", lay_out="", heard="")
 
     def debrief(self) -> None:
         self._now(trial=None, step=DEBRIEFING)
@@ -380,12 +432,15 @@ class LinkedConsole:
             self._view = self._view.model_copy(update=changed)
         self.wake()
 
-    def _watched(self) -> None:
-        """Wait until somebody is at a console. Raises `PauseAsked`."""
+    def _watched(self) -> bool:
+        """Wait until somebody is at a console; return whether nobody was. Raises `PauseAsked` and `LinkError`."""
         with self._changed:
-            while not self._consoles:
-                self._check(attended=self._changed.wait(self._alone_s) or bool(self._consoles))
+            waited = False
             self._check(attended=True)
+            while not self._consoles:
+                waited = True
+                self._check(attended=self._changed.wait(self._alone_s) or bool(self._consoles))
+            return waited
 
     def _take_repeated(self) -> Repeated | None:
         with self._changed:
@@ -393,12 +448,15 @@ class LinkedConsole:
             return wanted
 
     def _put(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> str:
-        """Ask, and return what was chosen. Raises `PauseAsked`."""
+        """Ask, and return what was chosen. Raises `PauseAsked` and `LinkError`."""
         with self._open(kind, text, choices), self._changed:
             # It may have been asked for before the question was.
             self._check(attended=True)
             while self._chosen is None:
-                self._check(attended=self._changed.wait(self._alone_s) or bool(self._consoles))
+                attended = self._changed.wait(self._alone_s) or bool(self._consoles)
+                # What was chosen counts; a pause that was asked for right after it comes at the next question.
+                if self._chosen is None:
+                    self._check(attended=attended)
             return self._chosen
 
     @contextmanager
@@ -406,13 +464,17 @@ class LinkedConsole:
         with self._changed:
             self._asked += 1
             self._chosen = None
-            self._now(question=Question(number=self._asked, kind=kind, text=text, choices=choices))
+            state = self._view.state if kind in KEEPS_STATE else "preparing"
+            question = Question(number=self._asked, kind=kind, text=text, choices=choices)
+            self._now(state=state, question=question)
         try:
             yield
         finally:
             self._now(question=None)
 
     def _check(self, *, attended: bool) -> None:
+        if self._failed:
+            raise LinkError(self._failed)
         if self._pausing is not None:
             raise PauseAsked(BY_EXPERIMENTER)
         if not attended:
@@ -421,6 +483,12 @@ class LinkedConsole:
 
 def _choices(keys: dict[str, str], *, answer: bool = False) -> tuple[Choice, ...]:
     return tuple(Choice(key=key, words=words, answer=answer) for key, words in keys.items())
+
+
+def _standing(session: Attended) -> dict[str, object]:
+    """Return what a view says of how far a session is, and its label."""
+    standing = session.standing()
+    return {"standing": standing, "label": "" if standing.purpose == "STUDY" else standing.purpose}
 
 
 def _told(deed: Deed) -> str:

@@ -143,11 +143,10 @@ class Ended(Message):
 class View(Message):
     """All that a console shows. `label` is PRACTICE or PILOT, and empty in a study.
 
-    `step` is where the visit stands, one of `steps`. `trial` and `attempt` are under way. `lay_out` is what to lay out,
-    in tasks with real objects. `instruction` is what the participant is told while the materials are handled.
-    `heard` is what the microphone proposes as the answer. `answers` are those that a trial of this task may have, once
-    one was asked for.
-    `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
+    `step` is where the visit stands, one of `steps`. `trial` and `attempt` are under way. `lay_out` is what to lay out
+    in tasks with real objects. `instruction` is what the participant is told while the materials are handled. `heard`
+    is what the microphone proposes as the answer. `answers` are those that a trial of this task may have, once one was
+    asked for. `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
     """
 
     kind: Literal["view"] = "view"

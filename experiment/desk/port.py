@@ -13,7 +13,7 @@ from experiment.desk.messages import Gauges, Prompt, Standing
 
 @dataclass(frozen=True)
 class Noted:
-    """The experimenter notes something: of `trial`, or, if that is None, of where the session is."""
+    """The experimenter notes something of `trial`, or, if that is None, of no trial."""
 
     text: str
     trial: int | None = None
@@ -55,8 +55,8 @@ class Attended(Protocol):
         """Return whether a remark was taken, and in words what was done, or why not."""
         ...
 
-    def pause(self) -> None:
-        """Have nothing felt from now on, and the session pause where no question is open."""
+    def pause(self, why: str) -> None:
+        """Have nothing felt from now on, and the session pause where no question is open, as `why` says."""
         ...
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
@@ -71,7 +71,8 @@ class Attended(Protocol):
 class Console(Rester, Protocol):
     """What the experimenter sees and keys. It never decides what comes next.
 
-    A console at which the experimenter may ask for a pause raises `PauseAsked` from whatever it waits in.
+    A console at which the experimenter may ask for a pause raises `PauseAsked` from whatever it waits in, and
+    `LinkError` once nobody can reach it any more.
     """
 
     def attend(self, session: Attended | None) -> None:
@@ -121,16 +122,27 @@ class Console(Rester, Protocol):
         """Return when the real object has been laid out."""
         ...
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
-        """Say that the next step is trial `trial` of `trials`; return at once, for the foot is watched from now on."""
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
+        """Say that the next step is trial `trial` of `trials`, for the foot is watched from now on.
+
+        Return whether the experimenter had to be waited for; where nobody is missed, this returns at once.
+        """
         ...
 
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
-        """Say that a step broke off, why, and that the trial is armed again; return at once, as `arm` does."""
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
+        """Say that a step broke off, why, and that the trial is armed again; return as `arm` does."""
+        ...
+
+    def waiting(self) -> None:
+        """Say that a device is silent, and that no step counts until the next `arm`."""
         ...
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         """Wait for a key of `answers` or `others` (key -> what it stands for), or a remark, and return it."""
+        ...
+
+    def chosen_ago_ns(self) -> int:
+        """Return how long ago the last question was answered by a key, ns: it may have gone on record since."""
         ...
 
     def heard(self, *, words: str) -> None:
@@ -156,6 +168,9 @@ class Console(Rester, Protocol):
 
 BY_EXPERIMENTER = "by the experimenter"
 """Why a session pauses that was asked to."""
+
+INTERRUPTED = "interrupted at the keyboard"
+"""Why a session pauses whose process was sent a signal, by Ctrl-C as a rule."""
 
 WITHOUT = "x"
 """The key that goes on without a microphone."""

@@ -41,7 +41,7 @@ REDRAW_NS = 1_000_000_000
 """A page is drawn anew so often, ns, in case something covered the window."""
 
 FAREWELL_NS = 60_000_000_000
-"""So long thanks stand on the screen of a session that has ended, ns, unless another one begins."""
+"""So long a page stands on the screen of a session that is gone, ns, unless another one begins."""
 
 
 @dataclass(frozen=True)
@@ -201,9 +201,20 @@ class Screen:
     """Shows what a session says, until somebody closes the window or the session has ended."""
 
     def __init__(
-        self, feed: Feed, window: Window, settings: ScreenRig, folder: Path, tell: Callable[[str], None]
+        self,
+        feed: Feed,
+        window: Window,
+        settings: ScreenRig,
+        folder: Path,
+        tell: Callable[[str], None],
+        *,
+        stays: bool,
     ) -> None:
-        """Show the prompts of `feed`; `folder` is that of the rig file, from which a font is named."""
+        """Show the prompts of `feed`; `folder` is that of the rig file, from which a font is named.
+
+        A screen that `stays` looks for a session until somebody closes it; another leaves when none comes.
+        """
+        self._stays = stays
         self._say = tell
         self._feed = feed
         self._window = window
@@ -262,8 +273,8 @@ class Screen:
         _send(heard.line, Shown(number=heard.prompt.number, t_ns=self._since_ns))
 
     def _over(self, heard: Heard) -> bool:
-        """Return whether thanks have stood long enough on the screen of a session that is gone."""
-        if heard.line is not None or heard.prompt is None:
+        """Return whether the session has been gone for long enough: after its thanks, or for good."""
+        if heard.line is not None or (heard.prompt is None and self._stays):
             self._gone_ns = None
             return False
         if self._gone_ns is None:
@@ -277,10 +288,11 @@ def _send(line: Line, deed: Deed) -> None:
         line.send(deed)
 
 
-def show(path: Path, settings: ScreenRig, folder: Path, tell: Callable[[str], None]) -> None:
+def show(path: Path, settings: ScreenRig, folder: Path, tell: Callable[[str], None], *, stays: bool) -> None:
     """Be the participant's screen of the session at `path`, until it has ended, or the window or process is closed.
 
-    `tell` tells a line to whoever started the screen. Raises `DisplayError` and `LinkError`.
+    A screen that `stays` outlives a session that is lost. `tell` tells a line to whoever started the screen. Raises
+    `DisplayError` and `LinkError`.
     """
     with alone(path), closing(Window(settings)) as window, closing(Feed(path)) as feed, suppress(KeyboardInterrupt):
-        Screen(feed, window, settings, folder, tell).run()
+        Screen(feed, window, settings, folder, tell, stays=stays).run()

@@ -182,26 +182,35 @@ class TerminalConsole(_Lines):
     def place(self, *, trial: int, material: str) -> None:
         self._ask(f"{self._heading}  Trial {trial}. Lay out {material}, then press Enter: ")
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
         again = f", attempt {attempt}" if attempt > 1 else ""
         self.show(f"{self._heading}  Trial {trial} of {trials}{again}. Armed: the participant may step.")
+        return False
 
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
         self.show(
             f"{self._heading}  Trial {trial}, attempt {attempt}: {reason}; nothing was played. Armed again: the "
             "participant may lift the foot and step."
         )
+        return False
+
+    def waiting(self) -> None:
+        """Say nothing: the session's lines say it."""
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         keys = answers | others
         offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
         while True:
             typed = self._ask(f"Trial {trial}, the participant said:  {offered}  or: {REMARKS}\nKey: ").strip()
-            if remark := self._remark(typed):
+            if remark := self._remark(typed, trial):
                 return remark
             if (key := typed.lower()) in keys:
                 return key
             self._refuse(typed, f"is no key; type one of {' '.join(keys)}, or {REMARKS}")
+
+    def chosen_ago_ns(self) -> int:
+        """Return 0: the session goes on as soon as a line was typed."""
+        return 0
 
     def heard(self, *, words: str) -> None:
         self.show(f"{words}; type what the participant said")
@@ -215,7 +224,7 @@ class TerminalConsole(_Lines):
         while typed := self._ask(
             f"{self._heading}  All trials are answered. Type {REMARKS}; press Enter to end the session: "
         ).strip():
-            if remark := self._remark(typed):
+            if remark := self._remark(typed, None):
                 return remark
             self._refuse(typed, f"is no remark; type {REMARKS}, or press Enter")
         return None
@@ -225,8 +234,8 @@ class TerminalConsole(_Lines):
         shown = characters.quoted(typed)
         self.show(f"Give the reason too: {characters.plain(typed)} REASON" if unexplained else f"{shown} {why}")
 
-    def _remark(self, typed: str) -> Remark | None:
-        """Return what was typed as a remark; None if it is none, or one that cannot go on record."""
+    def _remark(self, typed: str, trial_now: int | None) -> Remark | None:
+        """Return what was typed as a remark, a note as one of `trial_now`; None if it is none, or cannot be kept."""
         word, _, rest = typed.partition(" ")
         try:
             text = characters.one_line(rest.strip())
@@ -234,7 +243,7 @@ class TerminalConsole(_Lines):
             self.show(f"The remark {error}, which cannot go on record; type it again without that character")
             return None
         if word == "note" and text:
-            return Noted(text)
+            return Noted(text, trial_now)
         trial, _, rest = text.partition(" ")
         numbered = trial.isdecimal() and len(trial) <= MOST_DIGITS
         if word == "repeat" and numbered and rest.strip():

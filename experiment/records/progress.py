@@ -31,16 +31,18 @@ from experiment.records.stimulus import Stimulus
 class Progress:
     """Where a session stands.
 
-    `said` are the answers that count, each with its trial and None for no answer, and `put_off` the trials that were
-    put off to the end of their blocks, both in that order. `attempts` counts the attempts begun by trial. Trial and
-    attempt are given of what was armed without its end on disk (`armed`), and of a step on disk without its answer
-    (`unanswered`). `footer` is the last one, if the session has ended since it was last resumed. `masker_db_a` is the
-    level chosen last, dB(A). `visited` are the steps of the visit that are on record beside the trials. `stimuli` were
-    played in steps and probes on record, `vibration_s` together, s.
+    `said` are the answers that count, each with its trial and None for no answer, in order; those of the trials in
+    `corrected` are other ones than were given first. `put_off` are the trials that were put off to the end of their
+    blocks, in order. `attempts` counts the attempts begun by trial. Trial and attempt are given of what was armed
+    without its end on disk (`armed`), and of a step on disk without its answer (`unanswered`). `footer` is the last
+    one, if the session has ended since it was last resumed. `masker_db_a` is the level chosen last, dB(A). `visited`
+    are the steps of the visit that are on record beside the trials. `stimuli` were played in steps and probes on
+    record, `vibration_s` together, s.
     """
 
     header: Header
     said: tuple[tuple[int, str | None], ...] = ()
+    corrected: frozenset[int] = frozenset()
     put_off: tuple[int, ...] = ()
     attempts: Mapping[int, int] = field(default_factory=dict)
     armed: tuple[int, int] | None = None
@@ -94,7 +96,7 @@ class Progress:
             return replace(kept, said=(*kept.said, (entry.trial, entry.answered)), unanswered=None)
         if isinstance(entry, Correction):
             said = tuple((trial, entry.answered if trial == entry.trial else said) for trial, said in done.said)
-            return replace(done, said=said)
+            return replace(done, said=said, corrected=done.corrected | {entry.trial})
         if isinstance(entry, Redo):
             redone = replace(done._without(entry.trial), armed=None, unanswered=None)
             return redone._later(entry.trial) if entry.put_off else redone
@@ -111,7 +113,8 @@ class Progress:
         return replace(self, stimuli=self.stimuli + 1, vibration_s=self.vibration_s + lasted_s)
 
     def _without(self, trial: int) -> Progress:
-        return replace(self, said=tuple(one for one in self.said if one[0] != trial))
+        said = tuple(one for one in self.said if one[0] != trial)
+        return replace(self, said=said, corrected=self.corrected - {trial})
 
     def _later(self, trial: int) -> Progress:
         return replace(self, put_off=(*(one for one in self.put_off if one != trial), trial))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from experiment.apparatus.ports import Masker, Microphone
 from experiment.clock import Clock
 from experiment.desk import interrupts
-from experiment.desk.port import Console, Remark, Repeated
+from experiment.desk.port import INTERRUPTED, Console, Remark, Repeated
 from experiment.errors import JournalError, SessionError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
@@ -163,7 +163,7 @@ class Attempts:
                 # What was felt is not on disk; the next runner finds the attempt armed, and puts it off.
                 raise
             except BaseException as ended:
-                why = "interrupted at the keyboard" if isinstance(ended, KeyboardInterrupt) else str(ended)
+                why = INTERRUPTED if isinstance(ended, KeyboardInterrupt) else str(ended)
                 reason = f"nothing was felt: {why}"
                 self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
                 raise
@@ -178,9 +178,9 @@ class Attempts:
         if seen.delivered is not None:
             self._undelivered = 0 if seen.delivered else self._undelivered + 1
         if seen.repeat:
-            self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=seen.repeat, put_off=True))
-            self._console.show(f"Trial {planned.trial} is repeated at the end of its block: {seen.repeat}.")
-            return Event.REDONE
+            reason = "; ".join(filter(None, (seen.repeat, self._limits.skipped())))
+            self._console.show(f"Trial {planned.trial} is repeated at the end of its block: {reason}.")
+            return self._put_off(planned, attempt, reason)
         if self._ear is None:
             return self._ask(planned, attempt, seen.answerable_ns)
         self._ear.listen(planned.trial, attempt, seen.answerable_ns)
@@ -272,6 +272,8 @@ class Attempts:
         while True:
             said = self._console.ask(trial=trial, answers=answers, others=others)
             chosen_ns = self._clock.now_ns()
+            if not self._clock.simulated:
+                chosen_ns -= self._console.chosen_ago_ns()
             self._remarks.note_ignored()
             if isinstance(said, Repeated) and said.trial == trial:
                 return said, chosen_ns

@@ -16,7 +16,6 @@ from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 from experiment.apparatus import host
-from experiment.desk.port import BY_EXPERIMENTER
 from experiment.errors import PalpateError
 from experiment.records.entries import Exposure, Footer, Header, MaskerSet, Resumed
 
@@ -73,9 +72,9 @@ class Exposed:
         if self._thread.is_alive():
             self._thread.join()
 
-    def pause(self) -> None:
-        """Have nothing felt from now on, because the experimenter asked for it."""
-        self._asked = BY_EXPERIMENTER
+    def pause(self, why: str) -> None:
+        """Have nothing felt from now on, as `why` says."""
+        self._asked = why
 
     def skip(self, reason: str) -> None:
         """Have nothing felt until `skipped` is called, so that the attempt under way breaks off."""

@@ -60,8 +60,7 @@ class Remarks:
             if not self._open:
                 return False, CLOSED
             if isinstance(remark, Noted):
-                trial = self.trial if remark.trial is None else remark.trial
-                self._log.write(Note(trial=trial, text=remark.text))
+                self._log.write(Note(trial=remark.trial, text=remark.text))
                 return True, "The note is on disk."
             done = self._log.done
             if isinstance(remark, Repeated) and done.armed is not None and done.armed[0] == remark.trial:
@@ -77,6 +76,7 @@ class Remarks:
 
     def ask_report(self) -> None:
         """Ask, at the end of a visit, for what was not asked or told yet."""
+        self.trial = None
         for step, text in REPORTS.items():
             if step not in self._log.done.visited and (written := self._console.write(text=text)):
                 self._log.write(Visited(step=step, text=written))
@@ -168,7 +168,10 @@ class Attendance:
 
     def standing(self) -> Standing:
         done = self._log.done
-        recent = [Told(trial=trial, words=said or "no answer") for trial, said in done.said[-RECENT:]]
+        recent = [
+            Told(trial=trial, words=said or "no answer", corrected=trial in done.corrected)
+            for trial, said in done.said[-RECENT:]
+        ]
         return Standing(
             task=done.header.task,
             purpose=done.header.purpose,
@@ -181,8 +184,8 @@ class Attendance:
     def remark(self, remark: Remark) -> tuple[bool, str]:
         return self._remarks.take(remark)
 
-    def pause(self) -> None:
-        self._exposed.pause()
+    def pause(self, why: str) -> None:
+        self._exposed.pause(why)
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
         self._remarks.commanded(by=by, command=command, taken=taken, words=words)

@@ -23,10 +23,9 @@ from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.entries import Footer, Purpose, Visited
 from experiment.records.progress import progress
-from experiment.session import runner, scene
+from experiment.session import runner, scene, visit
 from experiment.session.footstep import fidelity
 from experiment.session.laboratory import header, open_laboratory
-from experiment.session.visit import visit_steps, walk
 from experiment.settings.characters import quoted
 from experiment.study import enrolment, people, roster
 from experiment.study.allocation import Allocation, allocated, find
@@ -94,8 +93,8 @@ def run(
     )
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or enrolment.default_root(protocol)
-    _ask_consent(root, protocol_file, protocol, participant, console)
-    _ask_voices(root, protocol_file, protocol, participant, console)
+    visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
+    visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)
     rig = rigs.load(rig_file)
     anchored_in = _anchored_in(rig, rig_file)
@@ -113,7 +112,7 @@ def run(
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
     _check_turn(root, allocation, tasks[0])
     _keep_seal(root, protocol_file)
-    visit = _Visit(
+    begun = _Visit(
         protocol_file=protocol_file,
         protocol=protocol,
         rig_file=rig_file,
@@ -128,7 +127,7 @@ def run(
         console=console,
         clock=clock,
     )
-    return walk(console=console, tasks=tasks, run=visit.session)
+    return visit.walk(console=console, tasks=tasks, run=begun.session)
 
 
 @dataclass(kw_only=True)
@@ -156,7 +155,7 @@ class _Visit:
         """Run the session of one task, or the rest of one."""
         root, protocol, rig, console, clock = self.root, self.protocol, self.rig, self.console, self.clock
         participant, tasks = self.allocation.participant, self.allocation.tasks
-        console.at(step=task_id, steps=visit_steps(tasks))
+        console.at(step=task_id, steps=visit.visit_steps(tasks))
         _wait_for_break(root, protocol, self.allocation, task_id, clock, console)
         self._admitted()
         if rig.audio is None:
@@ -244,7 +243,7 @@ class _Visit:
         done = [task for task in self.allocation.tasks if _is_complete(self.root, who, task)]
         consent = f"Consent is of {self.consent_on}. " if self.consent_on else ""
         so_far = f"Complete so far: {', '.join(done)}." if done else "No task is complete yet."
-        kept = people.known(self.protocol).get(who)
+        kept = people.known(self.protocol, self.root).get(who)
         name = f", {kept.name}" if kept is not None and kept.name else ""
         text = f"Is the person at the panel participant {who}{name}? {consent}{so_far}"
         if not self.console.agree(text=text, yes="yes, go on", no="no, leave"):
@@ -261,7 +260,8 @@ class _Visit:
 def _ask_consent(root: Path, protocol_file: Path, protocol: Protocol, participant: str, console: Console) -> None:
     """Have the consent of an enrolled participant recorded who signed the form just now."""
     known = roster.Roster.load(storage.roster_path(root))
-    if not protocol.consent.required or known.consent_on.get(participant, protocol) is not None:
+    lacks = participant in known.consent_on and known.consent_on[participant] is None
+    if not (protocol.consent.required and lacks):
         return
     text = f"No consent of participant {participant} is on record. Did they read the consent text and sign today?"
     if console.agree(text=text, yes="yes, record today's consent", no="no, leave"):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 from experiment.apparatus import opening
 from experiment.clock import Clock, day
 from experiment.desk import interrupts
-from experiment.desk.port import BY_EXPERIMENTER
+from experiment.desk.port import BY_EXPERIMENTER, INTERRUPTED
 from experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
@@ -33,6 +33,10 @@ if TYPE_CHECKING:
 
 MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
+
+SLICE_S = 5.0
+"""A pause that is asked for while a device is silent is met after so long, s. A driver may open its port anew in each
+slice, and a board that restarts when its port is opened needs 2 s until it speaks."""
 
 MOST_UNDELIVERED = 8
 """After so many attempts in a row whose stimulus the loopback did not hear as intended, the rig must be at fault."""
@@ -248,7 +252,7 @@ class _Session:
             if self._log.done.footer is not None:
                 raise
             # It came as the session was ending: a terminal that is closed takes no line, and interrupts as well.
-            return self._end("paused", "interrupted at the keyboard")
+            return self._end("paused", INTERRUPTED)
 
     def _run(self, contents: journal.Contents) -> Footer:
         try:
@@ -268,7 +272,7 @@ class _Session:
                 self._end("error", str(error))
             raise
         except KeyboardInterrupt:
-            pause = "interrupted at the keyboard"
+            pause = INTERRUPTED
         self._follow(Event.PAUSE if pause else Event.EXHAUSTED)
         return self._end("paused" if pause else "complete", pause)
 
@@ -341,14 +345,27 @@ class _Session:
         wait_s = min(self._devices.reconnect_s, math.ceil(self._exposed.left_s))
         self._log.write(Phase(state=self._state, detail=lost))
         console.show(f"{lost}. The session waits for {wait_s:g} s; nothing is lost.")
-        try:
-            self._attempts.reconnect(wait_s)
-        except TrackerStopped as stopped:
-            return self._exposed.over() or str(stopped)
+        console.waiting()
+        if pause := self._missing(wait_s):
+            return pause
         self._follow(Event.FOUND)
         self._log.write(Phase(state=self._state, detail="the tracker is back"))
         console.show("The tracker is back; the trial is armed again.")
         return ""
+
+    def _missing(self, wait_s: float) -> str:
+        """Wait so long for the tracker, and see between whether to go on; return why the session pauses, or nothing."""
+        slices = max(math.ceil(wait_s / SLICE_S), 1)
+        for _ in range(slices):
+            try:
+                self._attempts.reconnect(wait_s / slices)
+            except TrackerStopped as stopped:
+                why = str(stopped)
+            else:
+                return ""
+            if over := self._exposed.over():
+                return over
+        return why if slices == 1 else f"waited for {wait_s:g} s: {why}"
 
     def _follow(self, event: Event) -> None:
         self._state = follow(self._state, event)

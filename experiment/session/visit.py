@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from experiment.desk.port import DEBRIEFING, Console
+from experiment.desk.port import DEBRIEFING, INTERRUPTED, Console
 from experiment.errors import ActuatorError, AudioError, PalpateError, PauseAsked, TrackerError
 from experiment.records.entries import Footer
 
@@ -41,8 +41,21 @@ def _task(console: Console, task: str, run: Callable[[str], Footer]) -> Footer:
             if not console.goes_on(why=_sentence(error)):
                 raise
             continue
-        if footer.reason != "paused" or not console.goes_on(why=told(footer, onward=False)):
+        # Who ends the process by a signal waits for no key.
+        if footer.reason != "paused" or footer.detail == INTERRUPTED:
             return footer
+        if not console.goes_on(why=told(footer, onward=False)):
+            return footer
+
+
+def asked(console: Console, ask: Callable[[], None]) -> None:
+    """Ask something before the first session; a pause there goes on with the same question. Raises `PauseAsked`."""
+    while True:
+        try:
+            return ask()
+        except PauseAsked:
+            if not console.goes_on(why=BETWEEN):
+                raise
 
 
 def visit_steps(tasks: Sequence[str]) -> tuple[str, ...]:

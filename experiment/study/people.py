@@ -1,4 +1,4 @@
-"""Who the participants are, where a laboratory wants to know: one file that only its owner may read, in no dataset.
+"""Who the participants are, where a laboratory wants to know: for each dataset a file outside of it, for one owner.
 
 A study needs labels alone. Names stand here so that the right person sits at the panel and can be called back, and
 nothing of palpate copies them: no journal, table, export, anchor or log holds any.
@@ -6,10 +6,14 @@ nothing of palpate copies them: no journal, table, export, anchor or log holds a
 
 from __future__ import annotations
 
+import hashlib
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
+from filelock import FileLock
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from experiment import storage
@@ -33,18 +37,29 @@ class _File(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     study: str
+    dataset: str
     people: dict[str, Person]
 
 
-def place(protocol: Protocol) -> Path:
-    """Return where the people of a study stand: among the files of the person who uses this machine."""
-    data = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
-    return Path(data) / "palpate" / f"{protocol.study.id}-people.json"
+def place(protocol: Protocol, dataset: Path) -> Path:
+    """Return where the people of a dataset stand: among the files of the person who uses this machine.
+
+    Raises `RosterError` where nobody knows which files these are.
+    """
+    try:
+        data = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+    except RuntimeError as error:
+        raise RosterError(
+            "the file of names has no place, for nobody's home folder is known here; allowed: HOME or XDG_DATA_HOME "
+            "names a folder; set one of them"
+        ) from error
+    where = hashlib.sha256(str(dataset.resolve()).encode()).hexdigest()[:16]
+    return Path(data) / "palpate" / f"{protocol.study.id}-{where}-people.json"
 
 
-def known(protocol: Protocol) -> dict[str, Person]:
+def known(protocol: Protocol, dataset: Path) -> dict[str, Person]:
     """Return who is known, by label. Raises `RosterError` if the file cannot be read."""
-    path = place(protocol)
+    path = place(protocol, dataset)
     if not path.exists():
         return {}
     try:
@@ -56,22 +71,28 @@ def known(protocol: Protocol) -> dict[str, Person]:
         ) from error
 
 
-def keep(protocol: Protocol, participant: str, person: Person) -> Path:
+def keep(protocol: Protocol, dataset: Path, participant: str, person: Person) -> Path:
     """Write down who a participant is, in place of what was known, and return the file."""
-    return _write(protocol, {**known(protocol), participant: person})
+    with _held(protocol, dataset) as path:
+        _write(path, protocol, dataset, {**known(protocol, dataset), participant: person})
+    return path
 
 
-def forget(protocol: Protocol, participant: str) -> bool:
+def forget(protocol: Protocol, dataset: Path, participant: str) -> bool:
     """Delete what is known of a participant; return False if there was nothing."""
-    people = known(protocol)
-    if people.pop(participant, None) is None:
+    if participant not in known(protocol, dataset):
         return False
-    _write(protocol, people)
+    with _held(protocol, dataset) as path:
+        people = known(protocol, dataset)
+        people.pop(participant, None)
+        _write(path, protocol, dataset, people)
     return True
 
 
-def _write(protocol: Protocol, people: dict[str, Person]) -> Path:
-    path = place(protocol)
+@contextmanager
+def _held(protocol: Protocol, dataset: Path) -> Iterator[Path]:
+    """Yield the file, in a folder that only its owner may open, while nobody else changes it. Raises `RosterError`."""
+    path = place(protocol, dataset)
     folder = path.parent.resolve()
     inside = [one for one in (folder, *folder.parents) if storage.roster_path(one).exists()]
     if inside:
@@ -79,10 +100,14 @@ def _write(protocol: Protocol, people: dict[str, Person]) -> Path:
             f"{path} lies in the dataset {inside[0]}; names stand in no dataset; have XDG_DATA_HOME name another folder"
         )
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    document = _File(study=protocol.study.id, people=dict(sorted(people.items()))).model_dump()
+    with FileLock(path.with_suffix(".lock")):
+        yield path
+
+
+def _write(path: Path, protocol: Protocol, dataset: Path, people: dict[str, Person]) -> None:
+    kept = _File(study=protocol.study.id, dataset=str(dataset.resolve()), people=dict(sorted(people.items())))
     before = os.umask(0o077)
     try:
-        storage.write_json(path, document)
+        storage.write_json(path, kept.model_dump())
     finally:
         os.umask(before)
-    return path

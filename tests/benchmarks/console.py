@@ -71,6 +71,9 @@ class Asking:
     def came(self, consoles: int, screens: int) -> None:
         pass
 
+    def lost(self, why: str) -> None:
+        raise AssertionError(why)
+
 
 def measured() -> list[float]:
     """Return how long each press took, s."""

@@ -93,10 +93,10 @@ def dead_ms(folder: Path, name: str) -> list[float]:
         answered_ns = time.perf_counter_ns()
         return key
 
-    def armed(self: SimulatedParticipant, *, trial: int, attempt: int, trials: int) -> None:
+    def armed(self: SimulatedParticipant, *, trial: int, attempt: int, trials: int) -> bool:
         if answered_ns and attempt == 1 and trial > 1:
             waited.append((time.perf_counter_ns() - answered_ns) / 1e6)
-        arm(self, trial=trial, attempt=attempt, trials=trials)
+        return arm(self, trial=trial, attempt=attempt, trials=trials)
 
     SimulatedParticipant.ask, SimulatedParticipant.arm = asked, armed  # type: ignore[method-assign]
     try:

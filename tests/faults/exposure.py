@@ -281,11 +281,17 @@ class Dawdler:
     def place(self, *, trial: int, material: str) -> None:
         self._machine.go(self._dice.choice([1.0, 30.0, 900.0]))
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
+        return False
+
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
+        return False
+
+    def waiting(self) -> None:
         pass
 
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
-        pass
+    def chosen_ago_ns(self) -> int:
+        return 0
 
     def confirm(self, *, key: str, meaning: str) -> bool:
         return True

@@ -204,7 +204,7 @@ def test_what_is_asked_for_at_any_moment_is_done_answered_and_on_record(desk: De
     assert desk.there is not None
     armed = desk.visit(STEPS["armed"])
     assert armed.trial is not None
-    desk.there.send(TakeNote(text="The phone rings."))
+    desk.there.send(TakeNote(text="The phone rings.", trial=armed.trial))
     desk.there.send(Typed(keys="ff"))
     desk.there.send(Repeat(trial=armed.trial, reason="the phone rang"))
     later = desk.visit(STEPS["answer"])

@@ -130,6 +130,9 @@ class End:
     def came(self, consoles: int, screens: int) -> None:
         self.screens = screens
 
+    def lost(self, why: str) -> None:
+        raise AssertionError(why)
+
     def say(self, prompt: Prompt) -> Shown:
         """Have a prompt shown, and return what the screen says of it."""
         before = len(self.deeds)

@@ -21,7 +21,7 @@ from experiment.desk.console.panes import STYLE, Board
 from experiment.desk.console.picture import COMMANDS, PRESSES, keycap
 from experiment.desk.console.presses import MOUSE, Presses
 from experiment.desk.link import Line, connected
-from experiment.desk.linked import ESCAPE
+from experiment.desk.linked import ESCAPE, TYPED
 from experiment.desk.messages import (
     ENTER,
     Choice,
@@ -55,9 +55,6 @@ GONE = Question(
 
 WRITES = (Choice(key=ENTER, words="write down the answer, or that there is none"),)
 """What may be pressed at a question that is answered with a line of text."""
-
-TYPED = {ENTER: "\n", ESCAPE: "\x1b"}
-"""Keys that are no characters, as they go on record when they answered nothing."""
 
 
 @dataclass(frozen=True)
@@ -250,7 +247,11 @@ class Console(App[Left]):
 
     def _press(self, key: str, at_s: float) -> None:
         """Do what a key is for."""
-        if key == PAUSE:
+        if key in (PAUSE, LEAVE) and self.view_now.ended is not None:
+            self.exit(Left("ended", ended=self.view_now.ended))
+        elif key == PAUSE and self._lost:
+            self.exit(Left("gone", again=False))
+        elif key == PAUSE:
             self._send(Pause())
         elif self._form is not None:
             self._press_in_form(key)

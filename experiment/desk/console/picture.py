@@ -6,6 +6,7 @@ does.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import zip_longest
 
@@ -281,8 +282,8 @@ def time_left(left_s: float) -> str:
 
 
 def countdown(left_s: float) -> str:
-    """Return what is left of a break, in minutes and seconds."""
-    whole = max(0, round(left_s))
+    """Return what is left of a break, in minutes and seconds, of which the last has begun: 0:00 is its end."""
+    whole = max(0, math.ceil(left_s))
     return f"{whole // 60}:{whole % 60:02d}"
 
 

@@ -64,7 +64,7 @@ SIGNS: dict[State, tuple[str, str]] = {
 class Found(Message):
     """The study was read, or why it could not be."""
 
-    def __init__(self, found: Status | PalpateError) -> None:
+    def __init__(self, found: Status | PalpateError | OSError) -> None:
         super().__init__()
         self.found = found
 
@@ -115,7 +115,7 @@ class StudyPage(App[str]):
             self._press(key)
 
     def on_found(self, message: Found) -> None:
-        if isinstance(message.found, PalpateError):
+        if isinstance(message.found, Exception):
             self._say(str(message.found))
             return
         self._status = message.found
@@ -133,8 +133,8 @@ class StudyPage(App[str]):
 
     def _look_now(self) -> None:
         try:
-            found: Status | PalpateError = self._read()
-        except PalpateError as error:
+            found: Status | PalpateError | OSError = self._read()
+        except (PalpateError, OSError) as error:
             found = error
         finally:
             self._reading.release()

@@ -317,6 +317,12 @@ class SimulatedParticipant:
         self.speaker.say(words, BEFORE_SAID_S)
         return True
 
+    def waiting(self) -> None:
+        """Look at nothing: the tracker of a rehearsal is waited for by its own time."""
+
+    def chosen_ago_ns(self) -> int:
+        return 0
+
     def heard(self, *, words: str) -> None:
         self.show(words)
 
@@ -334,19 +340,21 @@ class SimulatedParticipant:
         self.show(f"Trial {trial}: {material} is laid out")
         self._under_foot = material
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
         if self.screen is not None:
             self.screen.arm(trial=trial, attempt=attempt, trials=trials)
         self._step(trial, attempt)
+        return False
 
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
         if self.screen is not None:
             self.screen.rearm(trial=trial, attempt=attempt, reason=reason)
         self._attempt = attempt
         if self._lands_later:
             self._lands_later = False
-            return
-        self._step(trial, attempt)
+        else:
+            self._step(trial, attempt)
+        return False
 
     def _step(self, trial: int, attempt: int) -> None:
         self._attempt = attempt
@@ -455,6 +463,12 @@ class Practised:
         said = self.desk.say(words=words, take=take, takes=takes, why=why)
         return said and self.participant.say(words=words, take=take, takes=takes, why=why)
 
+    def waiting(self) -> None:
+        self.desk.waiting()
+
+    def chosen_ago_ns(self) -> int:
+        return self.desk.chosen_ago_ns()
+
     def heard(self, *, words: str) -> None:
         self.desk.heard(words=words)
 
@@ -466,14 +480,15 @@ class Practised:
         self.desk.place(trial=trial, material=material)
         self.participant.place(trial=trial, material=material)
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
         self._said = ""
         self.desk.arm(trial=trial, attempt=attempt, trials=trials)
-        self.participant.arm(trial=trial, attempt=attempt, trials=trials)
+        # The participant steps only now: nothing was felt while the desk was waited for.
+        return self.participant.arm(trial=trial, attempt=attempt, trials=trials)
 
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
         self.desk.rearm(trial=trial, attempt=attempt, reason=reason)
-        self.participant.rearm(trial=trial, attempt=attempt, reason=reason)
+        return self.participant.rearm(trial=trial, attempt=attempt, reason=reason)
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         if not self._said:

@@ -188,7 +188,8 @@ class Footsteps:
         if self._limits.over():
             return
         if broken is not None and broken[0] == planned.trial and not broken[1].felt:
-            console.rearm(trial=planned.trial, attempt=attempt, reason=broken[1].reason)
+            if console.rearm(trial=planned.trial, attempt=attempt, reason=broken[1].reason):
+                self._watch.feed.drain()
             self._armed = Armed(planned, attempt, None)
             return
         laid_ns = 0
@@ -199,7 +200,9 @@ class Footsteps:
             if self._limits.over():
                 return
         self._watch.feed.drain()
-        console.arm(trial=planned.trial, attempt=attempt, trials=self._trials)
+        if console.arm(trial=planned.trial, attempt=attempt, trials=self._trials):
+            # A step that was made while nobody was at the console is none of a trial.
+            self._watch.feed.drain()
         dead_time_ms = None if answered_ns is None else lasted_ms(clock, answered_ns + laid_ns)
         self._armed = Armed(planned, attempt, dead_time_ms)
 
@@ -277,7 +280,7 @@ class Footsteps:
         self._console.show("The probe was played.")
 
     def _tracker_lamp(self) -> Lamp:
-        counts = self._devices.tracker.counts
+        counts = self._watch.feed.counts
         missing = counts.lost + counts.damaged
         share = missing / max(counts.received + missing, 1)
         words = "no frame lost" if not missing else f"{missing} frames lost or damaged ({share:.2%})"

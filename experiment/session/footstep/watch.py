@@ -25,6 +25,7 @@ from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, Scrutiny, Sifted
 from experiment.apparatus.tracker.landing import Landing, LandingPredictor
 from experiment.clock import Clock
+from experiment.desk.port import INTERRUPTED
 from experiment.errors import TrackerStopped
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.session.footstep.stimulus import Sounder, Sounding
@@ -45,7 +46,14 @@ class Feed:
         self.pace = None if simulated_time else Pace()
         self.newest: deque[tuple[int, float]] = deque(maxlen=RECENT)
         """Device time, microseconds, and height, mm, at the end of each of the last reads."""
+        self.counts = LinkCounts()
+        """The tracker's counts as they were taken last: a driver is asked by one thread alone."""
         self._left: Samples | None = None
+
+    def count(self) -> LinkCounts:
+        """Return the tracker's counts as they are now. Raises `TrackerError`."""
+        self.counts = self.tracker.counts
+        return self.counts
 
     def begin_anew(self) -> None:
         """Forget how the tracker's clock went: it is another, or not to be believed."""
@@ -81,7 +89,7 @@ class Taken:
 
     def __init__(self, feed: Feed) -> None:
         self._feed = feed
-        self._before = self._counts = feed.tracker.counts
+        self._before = self._counts = feed.count()
         self._raw = bytearray()
         self._received = 0
         self._newest: Samples | None = None
@@ -100,8 +108,7 @@ class Taken:
         if self.first_us is None:
             self.first_us = int(samples.device_us[0])
         self._newest, self.newest_us = samples, int(samples.device_us[-1])
-        tracker = self._feed.tracker
-        self.clock_map, self._counts = tracker.clock_map or self.clock_map, tracker.counts
+        self.clock_map, self._counts = self._feed.tracker.clock_map or self.clock_map, self._feed.count()
         return samples
 
     def clock(self) -> ClockMap:
@@ -244,7 +251,7 @@ def watch(
 
 def _why(failed: BaseException) -> str:
     if isinstance(failed, KeyboardInterrupt):
-        return "interrupted at the keyboard"
+        return INTERRUPTED
     return str(failed) or type(failed).__name__
 
 

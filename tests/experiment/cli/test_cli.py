@@ -430,16 +430,16 @@ class TestALaboratorysStudy:
         root = protocol.with_name("dataset")
         self.seal(palpate, protocol)
         self.enrol(palpate, protocol)
-        assert palpate("person", protocol, "-p", "01", "--name", "Zoë Quux")[0] == 0
-        assert palpate("person", protocol, "-p", "01", "--contact", "room 7")[0] == 0
-        assert "Zoë Quux, room 7" in palpate("person", protocol, "-p", "01")[1]
+        assert palpate("person", protocol, "-p", "01", "--dataset", root, "--name", "Zoë Quux")[0] == 0
+        assert palpate("person", protocol, "-p", "01", "--dataset", root, "--contact", "room 7")[0] == 0
+        assert "Zoë Quux, room 7" in palpate("person", protocol, "-p", "01", "--dataset", root)[1]
         code, out, _ = palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")
         assert (code, "Who they were is deleted" in out) == (0, True)
-        assert "nothing is known" in palpate("person", protocol, "-p", "01")[1]
+        assert "nothing is known" in palpate("person", protocol, "-p", "01", "--dataset", root)[1]
         holding = [path for path in tmp_path.rglob("*") if path.is_file() and b"Quux" in path.read_bytes()]
         assert holding == []
-        assert palpate("person", protocol, "-p", "01", "--name", "a\nb")[0] == 2
-        assert palpate("person", protocol, "-p", "01", "--forget", "--name", "a")[0] == 2
+        assert palpate("person", protocol, "-p", "01", "--dataset", root, "--name", "a\nb")[0] == 2
+        assert palpate("person", protocol, "-p", "01", "--dataset", root, "--forget", "--name", "a")[0] == 2
 
     @pytest.mark.parametrize("meanwhile", ["_wait_for_break", "open_laboratory"])
     def test_who_withdraws_before_the_session_begins_is_not_run(

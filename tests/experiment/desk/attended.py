@@ -24,7 +24,7 @@ class Recorded:
     def remark(self, remark: Remark) -> tuple[bool, str]:
         raise AssertionError(f"nobody remarks: {remark}")
 
-    def pause(self) -> None:
+    def pause(self, why: str) -> None:
         self.paused = True
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:

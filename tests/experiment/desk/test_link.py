@@ -6,6 +6,7 @@ import socket
 import stat
 import threading
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import closing, suppress
 from pathlib import Path
 
@@ -28,6 +29,7 @@ class Session:
         self.view = View(study="small")
         self.taken: list[tuple[str, Deed]] = []
         self.consoles = threading.Semaphore(0)
+        self.gone: Future[str] = Future()
 
     def tell(self, role: str) -> Message:
         assert role == "console"
@@ -40,6 +42,9 @@ class Session:
     def came(self, consoles: int, screens: int) -> None:
         if consoles:
             self.consoles.release()
+
+    def lost(self, why: str) -> None:
+        self.gone.set_result(why)
 
 
 @pytest.fixture
@@ -159,6 +164,59 @@ def test_the_last_state_is_told_before_the_session_is_gone(session: Session, tmp
         with pytest.raises(LinkError, match="the session is gone"):
             for _ in range(100):
                 there.send(Pause())
+
+
+@pytest.mark.parametrize("at_fault", ["tell", "take"])
+def test_a_fault_of_the_sessions_end_is_seen_by_consoles_and_told_to_the_session(
+    session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_fault: str
+) -> None:
+    listening = Link(tmp_path / "s", session)
+    with link.connected(tmp_path / "s", ME) as there:
+        assert session.consoles.acquire(timeout=10)
+
+        def fail(*_: object) -> Message:
+            raise ZeroDivisionError("a driver's own")
+
+        monkeypatch.setattr(session, at_fault, fail)
+        with suppress(LinkError):
+            there.send(Pause())
+        for _ in there.messages():
+            pass
+    assert session.gone.result(10) == "ZeroDivisionError: a driver's own"
+    assert not link.answers(tmp_path / "s")
+    # Another session may have the place already when this one closes.
+    with closing(Link(tmp_path / "s", Session())):
+        listening.close()
+        assert link.answers(tmp_path / "s")
+
+
+def test_who_has_a_reply_to_get_is_told_the_last_state_after_it(tmp_path: Path) -> None:
+    go = threading.Event()
+
+    class Slow(Session):
+        def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
+            self.consoles.release()
+            assert go.wait(10)
+            return True, ""
+
+    slow = Slow()
+    listening = Link(tmp_path / "s", slow)
+    with link.connected(tmp_path / "s", ME) as there:
+        assert slow.consoles.acquire(timeout=10)
+        there.send(Pause())
+        assert slow.consoles.acquire(timeout=10)
+        # The next command is read in the closing round.
+        there.send(Pause())
+        slow.view = View(study="small", state="ended")
+        listening._closing = True
+        go.set()
+        closes = threading.Thread(target=listening.close)
+        closes.start()
+        said = list(there.messages())
+        closes.join()
+    assert sum(isinstance(message, Reply) for message in said) == 2
+    assert isinstance(said[-1], View)
+    assert said[-1].state == "ended"
 
 
 @settings(max_examples=200)

@@ -6,13 +6,15 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import pytest
 
 from experiment.clock import MonotonicClock
+from experiment.desk import linked as linked_module
 from experiment.desk.linked import LinkedConsole
 from experiment.desk.messages import (
+    Choice,
     Choose,
     Correct,
     Deed,
@@ -30,7 +32,7 @@ from experiment.desk.messages import (
     Write,
 )
 from experiment.desk.port import Corrected, Noted, Remark, Repeated
-from experiment.errors import PauseAsked
+from experiment.errors import LinkError, PauseAsked
 
 ME = Hello(role="console", by="test")
 ANSWERS, OTHERS = {"c": "copy paper", "p": "polypropylene"}, {"n": "no answer", "r": "do this trial again"}
@@ -44,7 +46,7 @@ class Attending:
         self.linked = linked
         self.remarks: list[Remark] = []
         self.record: list[tuple[str, str, bool, str]] = []
-        self.pauses = 0
+        self.pauses: list[str] = []
         self.open_when_recorded: list[bool] = []
 
     def gauges(self) -> Gauges:
@@ -57,8 +59,8 @@ class Attending:
         self.remarks.append(remark)
         return True, "done"
 
-    def pause(self) -> None:
-        self.pauses += 1
+    def pause(self, why: str) -> None:
+        self.pauses.append(why)
 
     def shown(self, prompt: Prompt, ago_ns: int) -> None:
         raise AssertionError(f"no screen is there to show {prompt}")
@@ -151,6 +153,7 @@ def test_a_key_pressed_before_a_question_never_answers_it(bench: Bench, kind: st
     first = bench.asks(lambda: QUESTIONS[kind](bench.linked))
     before = bench.question(kind)
     key = before.choices[0].key
+    typed = {"enter": "\n", "escape": "\x1b"}.get(key, key)
     assert bench.do(Choose(question=before.number, key=key))[0]
     first.result(10)
     second = bench.asks(lambda: QUESTIONS[kind](bench.linked))
@@ -161,7 +164,7 @@ def test_a_key_pressed_before_a_question_never_answers_it(bench: Bench, kind: st
     )
     assert bench.do(Typed(keys="xx"))[0]
     assert not second.done()
-    assert bench.linked.ignored() == f"{key}xx"
+    assert bench.linked.ignored() == f"{typed}xx"
     assert bench.linked.ignored() == ""
     bench.press(kind, key)
     second.result(10)
@@ -203,7 +206,123 @@ def test_notes_and_corrections_are_taken_at_any_moment_and_their_words_stand_in_
 
 def test_without_a_session_nothing_is_noted(bench: Bench) -> None:
     bench.linked.attend(None)
-    assert bench.do(TakeNote(text="Coughs.")) == (False, "No session is under way.")
+    taken, words = bench.do(TakeNote(text="Coughs."))
+    assert not taken
+    assert words.startswith("No session is under way, and nothing can go on record now. Keep it on paper")
+
+
+def test_what_was_reached_stays_on_the_screen_of_a_pause(bench: Bench) -> None:
+    before = shown(bench.linked)
+    bench.linked.attend(None)
+    after = shown(bench.linked)
+    assert (after.label, after.standing) == (before.label, before.standing) == ("PILOT", bench.attending.standing())
+
+
+def test_a_link_that_failed_ends_what_is_waited_for_and_what_would_be(bench: Bench) -> None:
+    asked = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    bench.question("answer")
+    bench.linked.lost("ZeroDivisionError: x")
+    for waits in (
+        lambda: asked.result(10),
+        lambda: bench.linked.goes_on(why="It paused."),
+        lambda: bench.linked.arm(trial=4, attempt=1, trials=4),
+    ):
+        with pytest.raises(LinkError, match=r"the link to the consoles failed \(ZeroDivisionError: x\)"):
+            waits()
+    # A foot that is waited for meanwhile is waited for no longer.
+    assert len(bench.attending.pauses) == 1
+    assert "the link to the consoles failed" in bench.attending.pauses[0]
+
+
+def test_an_answer_that_was_confirmed_counts_though_a_pause_came_right_after_it(bench: Bench) -> None:
+    confirmed = bench.asks(lambda: bench.linked.confirm(key="c", meaning="copy paper"))
+    asked = bench.question("confirm")
+    with bench.linked._changed:
+        # The session's thread wakes only when both are there.
+        assert bench.do(Choose(question=asked.number, key="enter"))[0]
+        assert bench.do(Pause())[0]
+    assert confirmed.result(10)
+    with pytest.raises(PauseAsked):
+        bench.linked.rest(why="")
+
+
+@pytest.mark.parametrize(
+    ("deeds", "until", "goes_on"),
+    [
+        ((Stop(), Pause()), False, False),
+        ((Stop(), Pause(minutes=5)), False, False),
+        ((Pause(minutes=5), Pause()), True, True),
+        ((Pause(), Pause(minutes=5)), True, True),
+        ((Pause(minutes=5), Stop()), False, False),
+    ],
+)
+def test_a_later_pause_takes_neither_a_stop_back_nor_a_breaks_length(
+    bench: Bench, deeds: tuple[Deed, ...], until: bool, goes_on: bool
+) -> None:
+    for deed in deeds:
+        assert bench.do(deed)[0]
+    bench.linked.attend(None)
+    asked = bench.asks(lambda: bench.linked.goes_on(why="It paused."))
+    if goes_on:
+        bench.question("continue")
+        assert (shown(bench.linked).pause_until_ns is not None) == until
+        bench.press("continue", "enter")
+    assert asked.result(10) is goes_on
+
+
+def test_a_key_answers_only_the_question_that_it_was_pressed_at(bench: Bench) -> None:
+    """The first question is closed, by a signal say, while its key goes on record."""
+    linked = bench.linked
+    with linked._open("debrief", "First?", (Choice(key="enter", words="end"),)):
+        first = bench.question("debrief")
+        recorded = bench.attending.commanded
+        closing = linked._open("continue", "Second?", (Choice(key="enter", words="go on"),))
+
+        def close_meanwhile(**what: Any) -> None:
+            recorded(**what)
+            closing.__enter__()
+
+        bench.attending.commanded = close_meanwhile  # type: ignore[method-assign]
+        assert bench.do(Choose(question=first.number, key="enter")) == (False, linked_module.CLOSED)
+        assert linked._chosen is None
+        closing.__exit__(None, None, None)
+    bench.attending.commanded = recorded  # type: ignore[method-assign]
+
+
+def test_a_choice_is_timed_when_it_comes_and_not_when_it_is_on_record(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = [10**12]
+    monkeypatch.setattr(linked_module, "monotonic_ns", lambda: now[0])
+    recorded = bench.attending.commanded
+
+    def slow_disk(**what: Any) -> None:
+        recorded(**what)
+        now[0] += 80_000_000
+
+    bench.attending.commanded = slow_disk  # type: ignore[method-assign]
+    said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    bench.press("answer", "c")
+    assert said.result(10) == "c"
+    assert bench.linked.chosen_ago_ns() == 80_000_000
+    bench.attending.commanded = recorded  # type: ignore[method-assign]
+
+
+def test_what_is_repeated_after_a_key_is_refused_and_nothing_of_it_is_left(bench: Bench) -> None:
+    said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    asked = bench.question("answer")
+    with bench.linked._changed:
+        assert bench.do(Choose(question=asked.number, key="c"))[0]
+        assert bench.do(Repeat(trial=3, reason="coughs")) == (
+            False,
+            "A key was pressed for this question before; the trial is not done again. Ask again.",
+        )
+    assert said.result(10) == "c"
+    bench.linked._repeated = Repeated(3, "of a session before")
+    bench.linked.attend(bench.attending)
+    again = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    bench.press("answer", "p")
+    assert again.result(10) == "p"
 
 
 @pytest.mark.parametrize("at", ["answer", "confirm"])
@@ -232,7 +351,7 @@ def test_a_pause_ends_whatever_is_waited_for(bench: Bench, kind: str, deed: Deed
     assert bench.do(deed)[0]
     with pytest.raises(PauseAsked, match="by the experimenter"):
         asked.result(10)
-    assert bench.attending.pauses == 1
+    assert bench.attending.pauses == ["by the experimenter"]
     assert shown(bench.linked).question is None
 
 
@@ -269,7 +388,7 @@ def test_a_pause_asked_for_while_devices_are_opened_is_not_forgotten(bench: Benc
     bench.linked.attend(None)
     assert bench.do(Pause())[0]
     bench.linked.attend(bench.attending)
-    assert bench.attending.pauses == 1
+    assert bench.attending.pauses == ["by the experimenter"]
     with pytest.raises(PauseAsked):
         bench.linked.rest(why="")
 
@@ -304,8 +423,37 @@ def test_while_nobody_is_at_a_console_nothing_is_armed_and_then_the_session_paus
     with pytest.raises(PauseAsked, match="nobody was at a console"):
         bench.linked.ask(trial=1, answers=ANSWERS, others=OTHERS)
     bench.linked.came(1, 0)
-    bench.linked.arm(trial=1, attempt=1, trials=4)
+    assert not bench.linked.arm(trial=1, attempt=1, trials=4)
     assert shown(bench.linked).state == "armed"
+    bench.linked.waiting()
+    assert shown(bench.linked).state == "waiting"
+
+
+def test_whoever_arms_is_told_that_somebody_had_to_be_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+
+    def comes(timeout_s: float) -> bool:
+        bench.linked.came(1, 0)
+        return True
+
+    monkeypatch.setattr(bench.linked._changed, "wait", comes)
+    calls: tuple[Callable[[], bool], ...] = (
+        lambda: bench.linked.arm(trial=1, attempt=1, trials=4),
+        lambda: bench.linked.rearm(trial=1, attempt=2, reason="the foot stopped"),
+    )
+    for armed in calls:
+        bench.linked.came(0, 0)
+        assert armed()
+    assert not bench.linked.rearm(trial=1, attempt=3, reason="the foot stopped")
+
+
+def test_another_trial_is_laid_out_without_the_attempts_of_the_last(bench: Bench) -> None:
+    bench.linked.arm(trial=1, attempt=3, trials=4)
+    laid = bench.asks(lambda: bench.linked.place(trial=2, material="cork"))
+    bench.question("place")
+    assert (shown(bench.linked).trial, shown(bench.linked).attempt) == (2, 1)
+    bench.press("place", "enter")
+    laid.result(10)
 
 
 def test_a_console_is_told_what_the_session_is_for_and_how_far_it_is(bench: Bench) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
@@ -19,6 +19,7 @@ from experiment.desk.messages import (
     Hello,
     Pause,
     Prompt,
+    Question,
     Repeat,
     Shown,
     Stop,
@@ -89,6 +90,88 @@ def test_the_participant_sets_the_masker(desk: LinkedConsole, session: Recorded,
     assert desk.take(SCREEN, Choose(question=told.question or 0, key="+")) == (True, "")
     assert chosen.result(5) == "+"
     assert session.commands == [("the participant's screen", f"choose {told.question} +", True)]
+
+
+ORDER: tuple[tuple[str, Callable[[LinkedConsole], object], str, str], ...] = (
+    (
+        "agree",
+        lambda desk: desk.agree(text="Is it 01?", yes="yes", no="no"),
+        "wait",
+        "wait",
+    ),
+    ("familiarise", lambda desk: desk.familiarise(instruction="Feel.", min_s=0, max_s=60), "instructions", "wait"),
+    ("level", level, "masker", "wait"),
+    ("rest", lambda desk: desk.rest(why=""), "rest", "wait"),
+    ("place", lambda desk: desk.place(trial=1, material="foil"), "wait", "wait"),
+    ("", lambda desk: desk.arm(trial=1, attempt=1, trials=4), "ready", "ready"),
+    (
+        "answer",
+        lambda desk: desk.ask(trial=1, answers={"c": "copy paper"}, others={"n": "no answer"}),
+        "answer",
+        "answer",
+    ),
+    ("confirm", lambda desk: desk.confirm(key="c", meaning="copy paper"), "answer", "answer"),
+    ("", lambda desk: desk.confirmed(trial=1, answer="copy paper"), "wait", "wait"),
+    ("", lambda desk: desk.arm(trial=2, attempt=1, trials=4), "ready", "ready"),
+    ("", LinkedConsole.waiting, "wait", "wait"),
+    ("rest", lambda desk: desk.rest(why=""), "rest", "wait"),
+    ("", lambda desk: desk.arm(trial=2, attempt=2, trials=4), "ready", "ready"),
+    ("", lambda desk: desk.attend(None), "wait", "wait"),
+    ("continue", lambda desk: desk.goes_on(why="It paused."), "break", "wait"),
+    ("debrief", LinkedConsole.debrief, "wait", "wait"),
+)
+"""What a session asks of its desk, in a real order: what the participant sees meanwhile, and afterwards."""
+
+
+def test_the_participants_screen_tells_what_is_so_through_a_whole_session(
+    desk: LinkedConsole, aside: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(linked, "PATIENCE_NS", 0)
+    for kind, step, meanwhile, afterwards in ORDER:
+        done = aside.submit(step, desk)
+        if kind:
+            question = open_question(desk, kind)
+            assert prompt(desk).show == meanwhile, kind
+            desk.take(CONSOLE, Choose(question=question.number, key=question.choices[0].key))
+        done.result(5)
+        assert prompt(desk).show == afterwards, kind
+
+
+def open_question(desk: LinkedConsole, kind: str) -> Question:
+    changed = threading.Event()
+    desk.wake = changed.set
+    while (asked := view(desk).question) is None or asked.kind != kind:
+        assert changed.wait(5)
+        changed.clear()
+    return asked
+
+
+def test_between_two_presses_for_the_masker_the_screen_stays_after_familiarisation_too(
+    desk: LinkedConsole, aside: ThreadPoolExecutor, now: list[int]
+) -> None:
+    familiar = aside.submit(desk.familiarise, instruction="Feel.", min_s=0, max_s=60)
+    question = open_question(desk, "familiarise")
+    desk.take(CONSOLE, Choose(question=question.number, key=ENTER))
+    familiar.result(5)
+    shows = []
+    for key in ("+", "-"):
+        chosen = aside.submit(level, desk)
+        question = open_question(desk, "level")
+        shows.append(prompt(desk).show)
+        desk.take(SCREEN, Choose(question=question.number, key=key))
+        chosen.result(5)
+        shows.append(prompt(desk).show)
+    assert shows == ["masker"] * 4
+
+
+def test_what_the_participant_presses_too_late_is_nothing_that_the_experimenter_typed(
+    desk: LinkedConsole, session: Recorded
+) -> None:
+    assert not desk.take(SCREEN, Choose(question=7, key=ENTER))[0]
+    assert session.commands == [("the participant's screen", "choose 7 enter", False)]
+    assert desk.ignored() == ""
+    assert not desk.take(CONSOLE, Choose(question=7, key=ENTER))[0]
+    assert desk.ignored() == "\n"
 
 
 @pytest.fixture

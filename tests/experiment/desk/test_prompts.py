@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from experiment.desk.messages import ENTER, Choice, Ended, Gauges, Prompt, Question, View, line
 from experiment.desk.prompts import AT_QUESTION, Theirs, prompt, theirs
 from experiment.protocol.models import Protocol
+from experiment.protocol.rules import PROBE_KEY
 from tests.experiment.desk.views import KINDS, MARK, views
 from tests.experiment.protocol.small import changed, document
 
@@ -41,11 +42,11 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: froz
 
 
 @given(view=views, kinds=st.frozensets(st.sampled_from(KINDS)))
-def test_the_participant_has_three_keys_and_those_only_for_their_own_questions(
+def test_the_participant_has_four_keys_and_those_only_for_their_own_questions(
     view: View, kinds: frozenset[str]
 ) -> None:
     shown = prompt(view, Theirs(kinds))
-    assert set(shown.keys) <= {"+", "-", ENTER}
+    assert set(shown.keys) <= {"+", "-", ENTER, PROBE_KEY}
     if view.question is None or view.question.kind not in kinds:
         assert (shown.question, shown.keys) == (None, ())
     else:
@@ -103,6 +104,9 @@ def test_a_masker_at_its_limit_offers_no_more(
     asked = Question(number=3, kind="level", text="", choices=LEVEL)
     shown = prompt(View(question=asked, gauges=gauges), THEIRS)
     assert (shown.show, shown.question, shown.keys) == ("masker", 3, keys)
+    probed = asked.model_copy(update={"choices": (*LEVEL, Choice(key=PROBE_KEY, words="feel it"))})
+    shown = prompt(View(question=probed, gauges=gauges), THEIRS)
+    assert shown.keys == (*keys[:-1], PROBE_KEY, ENTER)
 
 
 @pytest.mark.parametrize(("by", "kinds"), [("participant", {"level"}), ("experimenter", set())])

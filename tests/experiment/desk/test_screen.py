@@ -85,9 +85,9 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 MASKER = Prompt(number=4, show="masker", question=9, keys=("+", "-", ENTER))
 
 
-def run(feed: Told, window: Window, settings: ScreenRig | None = None) -> list[str]:
+def run(feed: Told, window: Window, settings: ScreenRig | None = None, *, stays: bool = True) -> list[str]:
     said: list[str] = []
-    Screen(feed, window, settings or ScreenRig(), Path(), said.append).run()  # type: ignore[arg-type]
+    Screen(feed, window, settings or ScreenRig(), Path(), said.append, stays=stays).run()  # type: ignore[arg-type]
     return said
 
 
@@ -139,6 +139,16 @@ def test_thanks_stand_for_a_while_once_the_session_has_ended(monkeypatch: pytest
     assert len(window.pictures) == 1
 
 
+@pytest.mark.parametrize("stays", [True, False])
+def test_a_screen_that_a_session_opened_leaves_when_no_session_is_there(
+    monkeypatch: pytest.MonkeyPatch, stays: bool
+) -> None:
+    monkeypatch.setattr(screen, "FAREWELL_NS", 0)
+    window = Window(*[[]] * 9)
+    run(Told(heard(None, None), heard(Sent(), Prompt(number=5, show="ready")), heard(None, None)), window, stays=stays)
+    assert bool(window.rounds) is not stays
+
+
 def test_letters_that_no_font_has_are_told_once() -> None:
     prompt = Prompt(show="instructions", text="踏 on")
     words = ScreenRig(font=str(pages.font_for(frozenset("a"), None)[0]))
@@ -164,6 +174,9 @@ class End:
 
     def came(self, consoles: int, screens: int) -> None:
         self.screens = screens
+
+    def lost(self, why: str) -> None:
+        raise AssertionError(why)
 
 
 def until(feed: Feed, prompt: Prompt | None, *, gone: bool = False) -> Heard:

@@ -61,7 +61,7 @@ def test_a_note_and_a_correction_take_the_place_of_a_key() -> None:
         f"correct {'1' * 4301} c why",
         "c",
     )
-    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == Noted("Coughs.")
+    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == Noted("Coughs.", 3)
     assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == Corrected(12, "n", "misheard, a door slammed")
     assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
     assert screen.getvalue().count("is no key") == 3

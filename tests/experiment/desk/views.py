@@ -15,6 +15,7 @@ from experiment.desk.messages import (
     Told,
     View,
 )
+from experiment.protocol.rules import PROBE_KEY
 
 MARK = "aluminum foil"
 """Stands for what is presented."""
@@ -38,7 +39,8 @@ STATES = ("preparing", "familiarising", "armed", "answering", "waiting", "paused
 marked = st.sampled_from([MARK, f"Lay out {MARK}.", f"trial 3: {MARK}"])
 numbers = st.floats(0, 1000)
 choices = st.lists(
-    st.builds(Choice, key=st.sampled_from(["+", "-", ENTER, "a", MARK]), words=marked, answer=st.booleans()), max_size=6
+    st.builds(Choice, key=st.sampled_from(["+", "-", ENTER, PROBE_KEY, "a", MARK]), words=marked, answer=st.booleans()),
+    max_size=6,
 )
 questions = st.builds(
     Question,

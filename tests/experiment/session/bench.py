@@ -93,6 +93,7 @@ class Bench:
     microphone: Microphone | None = None
     computing: Executor | None = None
     keeps_voices: bool = False
+    last: bool = False
 
     def materials(self, protocol: Protocol) -> dict[str, Basis]:
         silent = {m.id: given([0.0], material=m.id).basis for m in protocol.materials}
@@ -125,6 +126,7 @@ class Bench:
             rig_file=rig_file,
             dataset=dataset,
             keeps_voices=self.keeps_voices,
+            last=self.last,
         )
 
 

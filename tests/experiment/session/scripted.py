@@ -168,6 +168,12 @@ class ScriptedConsole:
         """What the participant was asked to say, as which take, and why again."""
         self.goes_with_microphone = True
         self.proposed: list[str] = []
+        self.nobody_there: deque[bool] = deque()
+        """Whether somebody had to be waited for at each arming; at those that follow, nobody."""
+        self.waited = 0
+        """How often a device was told to be silent."""
+        self.chosen_before_ns = 0
+        """How long before `ask` returned the key was pressed."""
         self.rested: list[str] = []
         """Why the foot was asked to rest, each time."""
 
@@ -214,11 +220,19 @@ class ScriptedConsole:
     def place(self, *, trial: int, material: str) -> None:
         self.placed.append((trial, material))
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
         self.armed.append((trial, attempt))
+        return self.nobody_there.popleft() if self.nobody_there else False
 
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> None:
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
         self.rearmed.append((trial, attempt, reason))
+        return self.nobody_there.popleft() if self.nobody_there else False
+
+    def waiting(self) -> None:
+        self.waited += 1
+
+    def chosen_ago_ns(self) -> int:
+        return self.chosen_before_ns
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         keys = answers | others

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,8 +18,10 @@ from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
 from experiment.records.entries import Answer, Correction, Footer, Ignored, Note, Redo
 from experiment.records.footstep import FootStep
-from tests.experiment.session.bench import bench, entries, header
+from experiment.session.remarks import Attendance, Remarks
+from tests.experiment.session.bench import Bench, bench, entries, header
 from tests.experiment.session.scripted import ScriptedConsole
+from tests.experiment.session.test_exposure import Machine, real_time
 
 
 def run(protocol: Protocol, folder: Path, *keys: str | Remark, remarks: tuple[Remark, ...] = ()) -> ScriptedConsole:
@@ -32,7 +34,7 @@ def run(protocol: Protocol, folder: Path, *keys: str | Remark, remarks: tuple[Re
 
 
 def test_a_note_belongs_to_the_trial_at_which_it_was_made(protocol: Protocol, tmp_path: Path) -> None:
-    run(protocol, tmp_path, "c", Noted("A door slammed."), "p", "t", remarks=(Noted("Felt every one."),))
+    run(protocol, tmp_path, "c", Noted("A door slammed.", 2), "p", "t", remarks=(Noted("Felt every one."),))
     found = [e for e in entries(tmp_path, "real") if isinstance(e, Note)]
     assert found == [Note(trial=2, text="A door slammed."), Note(trial=None, text="Felt every one.")]
 
@@ -193,26 +195,107 @@ def test_a_trial_that_is_repeated_at_the_end_reopens_the_session(protocol: Proto
 class Attentive(ScriptedConsole):
     """Asks something of the session whenever a trial is armed."""
 
-    def __init__(self, clock: ManualClock, keys: str, ask: Callable[[Attended, int, int], None]) -> None:
+    def __init__(
+        self, clock: ManualClock, keys: Iterable[str | Remark], ask: Callable[[Attended, int, int], None]
+    ) -> None:
         super().__init__(clock, keys)
         self._asks = ask
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
-        super().arm(trial=trial, attempt=attempt, trials=trials)
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
+        waited = super().arm(trial=trial, attempt=attempt, trials=trials)
         session = self.attended[-1]
         assert session is not None
         self._asks(session, trial, attempt)
+        return waited
 
 
 def test_a_pause_while_a_trial_is_armed_lets_nothing_be_felt(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("cpt")
-    one.console = Attentive(one.clock, "", lambda session, *_: session.pause())
+    one.console = Attentive(one.clock, "", lambda session, *_: session.pause("by the experimenter"))
     footer = one.run(protocol, header("virtual"), tmp_path)
     assert (footer.reason, footer.detail) == ("paused", "by the experimenter")
     assert not [e for e in entries(tmp_path, "virtual") if isinstance(e, FootStep)]
     assert one.console.attended[-1] is None
     again = bench("cpt")
     assert again.run(protocol, header("virtual"), tmp_path).reason == "complete"
+
+
+def test_a_trial_that_is_repeated_for_two_reasons_is_repeated_once_and_nothing_pauses(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    one = bench("cptc", lost=(30, 0, 0, 0))
+    seen: list[int] = []
+
+    def ask(session: Attended, trial: int, _: int) -> None:
+        if not seen:
+            # While the foot falls: nothing looks before it has landed.
+            at_its_contact(one, session, trial)
+        seen.append(trial)
+
+    one.console = Attentive(one.clock, "ptc", ask)
+    assert one.run(protocol, header("virtual"), tmp_path).reason == "complete"
+    (redo,) = [e for e in entries(tmp_path, "virtual") if isinstance(e, Redo)]
+    assert redo.trial == 1
+    assert redo.reason.startswith("lost frames: too much of the foot's movement is missing")
+    assert redo.reason.endswith("; a door slammed")
+    assert seen == [1, 2, 3, 1]
+
+
+def at_its_contact(one: Bench, session: Attended, trial: int) -> None:
+    """Have the trial repeated at the moment at which its stimulus sounds."""
+    landed = one.actuator.landed
+
+    def repeat(contact_ns: int) -> None:
+        one.actuator.landed = landed  # type: ignore[method-assign]
+        assert session.remark(Repeated(trial, "a door slammed"))[0]
+        landed(contact_ns)
+
+    one.actuator.landed = repeat  # type: ignore[method-assign]
+
+
+def test_what_is_noted_at_the_end_of_a_visit_is_of_no_trial(protocol: Protocol, tmp_path: Path) -> None:
+    """The questions at a visit's end come before the debriefing, and after the last trial."""
+    one = bench("cpt")
+    told: list[int | None] = []
+
+    def write(*, text: str) -> str:
+        told.append(remarks_of(one).trial)
+        return ""
+
+    one.console.write = write  # type: ignore[method-assign]
+    one.last = True
+    one.run(protocol, header("real"), tmp_path)
+    assert told == [None, None]
+
+
+def remarks_of(one: Bench) -> Remarks:
+    attended = one.console.attended[-1]
+    assert isinstance(attended, Attendance)
+    return attended._remarks
+
+
+def test_the_desk_is_told_which_answers_were_corrected(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    told: list[Standing] = []
+    keys: list[str | Remark] = ["c", Corrected(1, "t", "misheard"), "p", "t"]
+    one.console = Attentive(one.clock, keys, lambda session, *_: told.append(session.standing()))
+    one.run(protocol, header("virtual"), tmp_path)
+    recent = [(answer.trial, answer.words, answer.corrected) for answer in told[-1].recent]
+    assert recent == [(1, "typing paper", True), (2, "polypropylene", False)]
+
+
+def test_response_time_ends_when_the_key_was_pressed_and_not_when_it_was_on_record(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    seconds = {}
+    for ago_ns in (0, 400_000_000):
+        one = real_time("cp", Machine())
+        one.console.chosen_before_ns = ago_ns
+        one.run(protocol, header("real"), tmp_path / str(ago_ns))
+        found = [e for e in entries(tmp_path / str(ago_ns), "real") if isinstance(e, Answer)]
+        seconds[ago_ns] = [e.confirmed_s - e.response_time_s for e in found]
+    assert seconds[0] == pytest.approx([0.0] * 2)
+    assert seconds[400_000_000] == pytest.approx([0.4] * 2)
 
 
 def test_what_is_asked_for_after_a_sessions_end_is_refused(protocol: Protocol, tmp_path: Path) -> None:

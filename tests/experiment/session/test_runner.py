@@ -147,9 +147,9 @@ class SlowConsole(ScriptedConsole):
         super().confirmed(trial=trial, answer=answer)
         self._clock.sleep_ns(3_000_000)
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> None:
-        super().arm(trial=trial, attempt=attempt, trials=trials)
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
         self._clock.sleep_ns(2_000_000)
+        return super().arm(trial=trial, attempt=attempt, trials=trials)
 
 
 @pytest.mark.parametrize("task", ["real", "virtual"])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,15 +14,16 @@ import pytest
 from experiment import storage
 from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import Samples
+from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.guarded import GuardedTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Armed, Footer, Phase, TrackerOpened
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
-from tests.experiment.session.bench import ORDER, bench, entries, header, in_pieces
-from tests.experiment.session.scripted import ScriptedTracker, rest_samples, step_samples
+from experiment.session.runner import SLICE_S
+from tests.experiment.session.bench import ORDER, Bench, bench, entries, header, in_pieces
+from tests.experiment.session.scripted import ScriptedConsole, ScriptedTracker, rest_samples, step_samples
 
 
 def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol, tmp_path: Path) -> None:
@@ -119,7 +122,9 @@ def test_a_stopped_tracker_ends_the_session_with_a_footer_and_loses_nothing(prot
     stopped = TrackerStopped("tracker at scripted: no frame for 200 ms")
     steps: list[Samples | PalpateError] = [step_samples(0, 150.0), stopped]
     footer = bench("c", steps).run(protocol, header("real"), tmp_path)
-    assert footer == Footer(reason="paused", detail="tracker at scripted: not back within 300 s", answered=1)
+    assert footer == Footer(
+        reason="paused", detail="waited for 300 s: tracker at scripted: not back within 5 s", answered=1
+    )
     assert entries(tmp_path, "real")[-1] == footer
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
@@ -207,7 +212,9 @@ def test_a_tracker_that_goes_between_two_steps_and_stays_away_pauses(protocol: P
     one = bench("c")
     one.tracker.drains.extend([None, TrackerStopped("tracker at scripted: the port has gone")])
     footer = one.run(protocol, header("real"), tmp_path)
-    assert footer == Footer(reason="paused", detail="tracker at scripted: not back within 300 s", answered=1)
+    assert footer == Footer(
+        reason="paused", detail="waited for 300 s: tracker at scripted: not back within 5 s", answered=1
+    )
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert second.console.armed == [(2, 1), (3, 1)]
@@ -289,3 +296,94 @@ def test_one_false_reading_sets_nothing_off(protocol: Protocol, tmp_path: Path) 
     assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
     assert [speed for _, speed in one.rendered] == pytest.approx([100.0] * 3)
+
+
+class Watched(ScriptedConsole):
+    """Looks at the session's gauges, from another thread, whenever a trial is armed, as a desk does at any moment."""
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
+        session = self.attended[-1]
+        assert session is not None
+        with ThreadPoolExecutor(1) as desk:
+            self.lamps = desk.submit(session.gauges).result(10).lamps
+        return super().arm(trial=trial, attempt=attempt, trials=trials)
+
+
+class ForOneThread(ScriptedTracker):
+    """A driver that one thread alone may ask for its counts."""
+
+    _counts = LinkCounts()
+
+    @property
+    def counts(self) -> LinkCounts:
+        if threading.current_thread() is not threading.main_thread():
+            raise TrackerError("tracker: its counts were read by another thread")
+        return self._counts
+
+    @counts.setter
+    def counts(self, counts: LinkCounts) -> None:
+        self._counts = counts
+
+
+def test_a_desk_that_looks_asks_no_driver_for_anything(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    one.console = console = Watched(one.clock, "cpt")
+    one.tracker = ForOneThread(
+        [step_samples(2_000_000 * n, 150.0) for n in (1, 2, 3)], lost=(0, 15, 0), clock=one.clock
+    )
+    assert one.run(protocol, header("real"), tmp_path).reason == "complete"
+    (lamp,) = [lamp for lamp in console.lamps if lamp.name == "tracker"]
+    # Before the third trial: two steps of 0.4 s at 1 kHz, and 15 / 815 = 0.0184.
+    assert (lamp.good, lamp.words) == (False, "15 frames lost or damaged (1.84%)")
+
+
+@pytest.mark.parametrize(("nobody", "drained"), [([], 3), ([True], 4), ([False, True], 4)])
+def test_what_the_foot_did_while_nobody_was_at_the_console_is_no_trial(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nobody: list[bool], drained: int
+) -> None:
+    one = bench("cpt")
+    one.console.nobody_there.extend(nobody)
+    drains = []
+    monkeypatch.setattr(one.tracker, "drain", lambda: drains.append(len(one.console.armed)))
+    assert one.run(protocol, header("real"), tmp_path).reason == "complete"
+    assert len(drains) == drained
+    # What is read after the experimenter came is of the trial.
+    assert not nobody or drains.count(len(nobody)) == 2
+
+
+def test_a_step_that_broke_off_is_watched_on_unless_nobody_was_there(protocol: Protocol, tmp_path: Path) -> None:
+    good = [step_samples(2_000_000 * n, 170.0) for n in (1, 2, 3)]
+    for place, nobody in enumerate((False, True)):
+        one = bench("cpt", [*in_pieces(risen(step_samples(0, 170.0))), *good])
+        one.console.nobody_there.extend([False, nobody])
+        drains: list[tuple[int, int]] = []
+
+        def drain(one: Bench = one, drains: list[tuple[int, int]] = drains) -> None:
+            drains.append((len(one.console.armed), len(one.console.rearmed)))
+
+        one.tracker.drain = drain  # type: ignore[method-assign]
+        assert one.run(protocol, header("virtual"), tmp_path / str(place)).reason == "complete"
+        # Before the second trial is armed, in any case.
+        assert drains.count((1, 1)) == 1 + nobody
+
+
+def test_a_pause_is_met_while_the_tracker_is_away(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("c")
+    stays_away = one.tracker.reconnect
+
+    def reconnect(timeout_s: float) -> None:
+        session = one.console.attended[-1]
+        assert session is not None
+        assert one.console.waited == 1
+        session.pause("by the experimenter")
+        stays_away(timeout_s)
+
+    one.tracker.reconnect = reconnect  # type: ignore[method-assign]
+    one.tracker.drains.extend([None, TrackerStopped("tracker at scripted: the port has gone")])
+    begun_ns = one.clock.now_ns()
+    footer = one.run(protocol, header("real"), tmp_path)
+    assert footer == Footer(reason="paused", detail="by the experimenter", answered=1)
+    (lost,) = [e for e in entries(tmp_path, "real") if isinstance(e, Phase) and e.state == "waiting"]
+    assert lost.detail == "tracker at scripted: the port has gone"
+    # Twice 100 s of familiarisation, and one answer.
+    assert one.clock.now_ns() - begun_ns <= (200 + 1 + SLICE_S) * 1e9

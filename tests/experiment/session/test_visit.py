@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections import deque
+from contextlib import nullcontext
 
 import pytest
 
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, PauseAsked, RosterError, TrackerError
 from experiment.records.entries import Footer
-from experiment.session.visit import told, visit_steps, walk
+from experiment.session.visit import asked, told, visit_steps, walk
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
 COMPLETE, PAUSED = Footer(reason="complete", answered=3), Footer(reason="paused", detail="by hand", answered=1)
+INTERRUPTED_BY_SIGNAL = Footer(reason="paused", detail="interrupted at the keyboard", answered=1)
+"""As the runner ends by Ctrl-C, SIGTERM or SIGHUP; over a link no key of the keyboard is one."""
 
 
 class Asked(ScriptedConsole):
@@ -50,6 +53,7 @@ class Sessions:
         ([True], [PAUSED, COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
         ([False], [PAUSED], ["a"], PAUSED),
         ([True, False], [COMPLETE, PAUSED, PAUSED], ["a", "b", "b"], PAUSED),
+        ([], [INTERRUPTED_BY_SIGNAL], ["a"], INTERRUPTED_BY_SIGNAL),
         ([True], [PauseAsked("in the break"), COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
         ([True], [TrackerError("tracker: gone"), COMPLETE, COMPLETE], ["a", "a", "b"], COMPLETE),
     ],
@@ -68,6 +72,21 @@ def test_a_device_that_failed_is_told_and_raised_if_nobody_wants_to_go_on() -> N
     with pytest.raises(TrackerError):
         walk(console=console, tasks=("a",), run=Sessions(TrackerError("tracker: gone")).run)
     assert console.whys == ["Tracker: gone."]
+
+
+@pytest.mark.parametrize(("says", "asks"), [([True], 2), ([True, True, False], 3)])
+def test_a_pause_before_the_first_session_comes_back_to_its_question(says: list[bool], asks: int) -> None:
+    console, times = Asked(*says), []
+
+    def ask() -> None:
+        times.append(1)
+        if len(times) <= len(says) and (len(times) == 1 or not all(says)):
+            raise PauseAsked("by the experimenter")
+
+    with nullcontext() if all(says) else pytest.raises(PauseAsked):
+        asked(console, ask)
+    assert len(times) == asks
+    assert set(console.whys) == {"The visit is paused; no session is under way."}
 
 
 def test_what_no_second_try_mends_is_raised_at_once() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import stat
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from experiment.study.people import Person
 from tests.experiment.protocol.small import protocol
 
 STUDY = protocol()
+HERE = Path("participants/small")
 ANN = Person(name="Ann Übermut", contact="room 7")
 
 
@@ -23,20 +25,60 @@ def _home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_people_are_kept_and_forgotten_one_by_one() -> None:
-    assert people.known(STUDY) == {}
-    people.keep(STUDY, "02", ANN)
-    people.keep(STUDY, "01", Person(contact="room 8"))
-    assert people.known(STUDY) == {"01": Person(contact="room 8"), "02": ANN}
-    assert people.forget(STUDY, "02")
-    assert not people.forget(STUDY, "02")
-    assert people.known(STUDY) == {"01": Person(contact="room 8")}
-    assert "Übermut" not in people.place(STUDY).read_text("utf-8")
+    assert people.known(STUDY, HERE) == {}
+    people.keep(STUDY, HERE, "02", ANN)
+    people.keep(STUDY, HERE, "01", Person(contact="room 8"))
+    assert people.known(STUDY, HERE) == {"01": Person(contact="room 8"), "02": ANN}
+    assert people.forget(STUDY, HERE, "02")
+    assert not people.forget(STUDY, HERE, "02")
+    assert people.known(STUDY, HERE) == {"01": Person(contact="room 8")}
+    assert "Übermut" not in people.place(STUDY, HERE).read_text("utf-8")
 
 
 def test_only_the_owner_may_read_the_file_and_its_folder() -> None:
-    path = people.keep(STUDY, "01", ANN)
+    path = people.keep(STUDY, HERE, "01", ANN)
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert stat.S_IMODE(path.parent.stat().st_mode) == 0o700
+
+
+def test_a_pilot_and_its_study_keep_their_people_apart() -> None:
+    people.keep(STUDY, Path("participants/small-pilot"), "01", ANN)
+    assert people.known(STUDY, HERE) == {}
+    assert not people.forget(STUDY, HERE, "01")
+    assert people.known(STUDY, Path("participants/small-pilot")) == {"01": ANN}
+    # However the folder is named, it is the same one.
+    assert people.known(STUDY, Path("participants/small-pilot").resolve()) == {"01": ANN}
+
+
+def test_two_who_write_at_once_lose_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another process writes just before this one may: what it wrote is read, not what stood there before."""
+
+    class Held:
+        def __init__(self, path: Path) -> None:
+            assert path == people.place(STUDY, HERE).with_suffix(".lock")
+
+        def __enter__(self) -> None:
+            monkeypatch.undo()
+            monkeypatch.setenv("XDG_DATA_HOME", data)
+            people.keep(STUDY, HERE, "02", Person(name="Ben"))
+
+        def __exit__(self, *_: object) -> None:
+            pass
+
+    data = os.environ["XDG_DATA_HOME"]
+    monkeypatch.setattr(people, "FileLock", Held)
+    people.keep(STUDY, HERE, "01", ANN)
+    assert people.known(STUDY, HERE) == {"01": ANN, "02": Person(name="Ben")}
+
+
+def test_without_a_home_the_file_has_no_place(monkeypatch: pytest.MonkeyPatch) -> None:
+    def nowhere() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    monkeypatch.delenv("XDG_DATA_HOME")
+    monkeypatch.setattr(Path, "home", nowhere)
+    with pytest.raises(RosterError, match="allowed: HOME or XDG_DATA_HOME names a folder"):
+        people.known(STUDY, HERE)
 
 
 def test_no_dataset_takes_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -45,14 +87,14 @@ def test_no_dataset_takes_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     roster.touch()
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "dataset" / "sourcedata" / "mine"))
     with pytest.raises(RosterError, match="names stand in no dataset"):
-        people.keep(STUDY, "01", ANN)
-    assert not people.place(STUDY).exists()
+        people.keep(STUDY, HERE, "01", ANN)
+    assert not people.place(STUDY, HERE).exists()
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"study": "s", "people": {"01": {"age": 3}}}', b"\xff"])
 def test_a_file_that_cannot_be_read_is_told(content: bytes) -> None:
-    path = people.place(STUDY)
+    path = people.place(STUDY, HERE)
     path.parent.mkdir(parents=True)
     path.write_bytes(content)
     with pytest.raises(RosterError, match="cannot be read"):
-        people.known(STUDY)
+        people.known(STUDY, HERE)

@@ -49,6 +49,9 @@ class ScriptedEnd:
     def came(self, consoles: int, screens: int) -> None:
         pass
 
+    def lost(self, why: str) -> None:
+        raise AssertionError(why)
+
     def wait(self, count: int) -> list[Deed]:
         """Return what was asked for, once it is so much."""
         with self._changed:

@@ -315,7 +315,18 @@ def test_leaving_says_what_becomes_of_the_session(tmp_path: Path) -> None:
     assert at_a_desk(tmp_path, ARMED, then) == Left("left")
 
 
-@pytest.mark.parametrize(("key", "again"), [("enter", True), ("f9", False)])
+@pytest.mark.parametrize("key", ["f9", "ctrl+c", "ctrl+q"])
+def test_a_session_that_has_ended_is_left_by_the_keys_that_leave(tmp_path: Path, key: str) -> None:
+    ended = Ended(words="The session is complete: 8 answers.", exit_code=0)
+
+    async def then(there: Desk) -> None:
+        await there.show(ARMED.model_copy(update={"state": "ended", "ended": ended}))
+        await there.press(key)
+
+    assert at_a_desk(tmp_path, ARMED, then) == Left("ended", ended=ended)
+
+
+@pytest.mark.parametrize(("key", "again"), [("enter", True), ("f9", False), ("ctrl+c", False)])
 def test_a_session_that_is_gone_can_be_started_again(tmp_path: Path, key: str, again: bool) -> None:
     async def then(there: Desk) -> None:
         await there.press("f2", "x")

@@ -61,7 +61,8 @@ def test_the_time_that_is_left_is_told_in_words(left_s: float, words: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("left_s", "shown"), [(300, "5:00"), (61.2, "1:01"), (0.4, "0:00"), (-9, "0:00"), (7200, "120:00")]
+    ("left_s", "shown"),
+    [(300, "5:00"), (61.2, "1:02"), (60.0, "1:00"), (0.4, "0:01"), (0, "0:00"), (-9, "0:00"), (7200, "120:00")],
 )
 def test_a_break_is_counted_in_minutes_and_seconds(left_s: float, shown: str) -> None:
     assert picture.countdown(left_s) == shown

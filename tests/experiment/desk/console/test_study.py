@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
 
+import pytest
 from textual.pilot import Pilot
 
 from experiment.dataset.status import Person, Status
@@ -40,12 +41,12 @@ STUDY = Status(
 class Shelf:
     """What is read, and how often it was."""
 
-    found: Status | DatasetError = STUDY
+    found: Status | DatasetError | OSError = STUDY
     times: int = field(default=0)
 
     def read(self) -> Status:
         self.times += 1
-        if isinstance(self.found, DatasetError):
+        if isinstance(self.found, DatasetError | OSError):
             raise self.found
         return self.found
 
@@ -105,8 +106,9 @@ def test_a_key_shows_the_flow_of_participants() -> None:
     assert "withdrew before beginning: 1" in seen
 
 
-def test_a_study_that_cannot_be_read_is_told_and_read_again() -> None:
-    shelf = Shelf(found=DatasetError("the roster cannot be read"))
+@pytest.mark.parametrize("error", [DatasetError("the roster cannot be read"), OSError("the roster cannot be read")])
+def test_a_study_that_cannot_be_read_is_told_and_read_again(error: DatasetError | OSError) -> None:
+    shelf = Shelf(found=error)
 
     async def act() -> str:
         app = StudyPage(shelf.read, refuses="")
