@@ -21,7 +21,7 @@ from analysis.reading.dataset import MISSING, read_pooled
 from analysis.reading.study import Study
 from experiment.records.events import NO_ANSWER
 
-LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated or reconstructed", "text")
+LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated, reconstructed or imported", "text")
 PARTICIPANT = ("participant", "label of the participant as in BIDS, which no software takes for a number", "text")
 TASK = ("task", "id of the task", "text")
 PRESENTED = ("presented", "material presented", "text")
@@ -38,7 +38,7 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         PRESENTED,
         ("answered", f"material named; {NO_ANSWER}: none was named", "text"),
         ("correct", "1: the material presented was named; NA: the attempt has no answer yet", "0 or 1"),
-        ("response_time_s", "contact of the foot to the confirmed answer", "seconds"),
+        ("response_time_s", "contact of the foot to the confirmed answer; imported: as measured elsewhere", "seconds"),
         ("foot_speed_mm_s", "10 mm divided by the time from 20 to 10 mm above the panel", "mm/s"),
         ("frames_lost", "tracker frames lost or damaged between arming and contact", "whole number"),
         ("onset_error_s", "measured onset of the stimulus at the panel minus contact", "seconds"),
@@ -79,7 +79,7 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("corrAns", "the right answer: the material presented", "text"),
         ("key_resp.keys", "material named; None: none was named", "text"),
         ("key_resp.corr", "1: right", "0 or 1"),
-        ("key_resp.rt", "contact of the foot to the confirmed answer", "seconds"),
+        ("key_resp.rt", "contact of the foot to the confirmed answer; imported: as measured elsewhere", "seconds"),
         ("expName", "id of the study", "text"),
     ),
 }

@@ -37,6 +37,7 @@ OWN = {
     "RECONSTRUCTION": "recomputed",
     "PARTICIPANT": "measured",
     "PILOT": "measured",
+    "IMPORTED": "measured",
     PRINT: "recomputed",
 }
 """Heading of the numbers with which the printed ones are compared, by origin."""
@@ -52,6 +53,9 @@ ABOUT = {
     "one, or cutting off its digits, prints it.",
     "PARTICIPANT": "New answers are expected to differ from the paper's. A number is called the same when "
     "rounding the new one, or cutting off its digits, prints it.",
+    "IMPORTED": "These answers were measured elsewhere, and palpate vouches for none. New answers are expected to "
+    "differ from the paper's. A number is called the same when rounding the new one, or cutting off its "
+    "digits, prints it.",
     PRINT: "The printed numbers are compared with one another. The recomputed column shows the values that the printed "
     "means, SDs and counts allow, each of them rounded or truncated. A number that differs contradicts them; the "
     "reason is the simplest mistake that gives the printed number, and no proof of that mistake.",

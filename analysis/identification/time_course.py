@@ -151,8 +151,9 @@ def course_of(study: Study, seed: int) -> TimeCourse:
     said: dict[tuple[str, str], str] = {}
     known: dict[str, dict[str, pd.DataFrame]] = {name: {} for name in COLUMNS}
     for task, (_, trials) in tasks.items():
-        if study.origin == "RECONSTRUCTION":
-            said[task, LEARNING] = "a reconstruction has no order of trials"
+        if not study.ordered:
+            what = "a reconstruction has" if study.origin == "RECONSTRUCTION" else "counts have"
+            said[task, LEARNING] = f"{what} no order of trials"
         for name, (column, what) in COLUMNS.items():
             found = trials[np.isfinite(trials[column].to_numpy(dtype=np.float64))]
             if found.empty:

@@ -58,14 +58,16 @@ def design(study: Study) -> Design:
     """Return the design of the included trials of a study.
 
     Raises:
-        NotDefined: for a reconstruction, without a trial, and if all answers to a material or in a task are right, or
-            wrong.
+        NotDefined: for a reconstruction or counts, without a trial, and if all answers to a material or in a task are
+            right, or wrong.
     """
     if study.origin == "RECONSTRUCTION":
         raise NotDefined(
             "a reconstruction has no order of trials, no foot speed, no response time and no order of tasks, and which "
             "rows belong to one participant is arbitrary"
         )
+    if not study.ordered:
+        raise NotDefined("counts have no order of trials, no foot speed and no response time")
     table = study.attempts.loc[study.attempts["included"]]
     if table.empty:
         raise NotDefined("no trial is left")

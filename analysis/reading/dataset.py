@@ -41,7 +41,7 @@ FURTHER = {
 }
 """The name of each further column of numbers in the frame, and in the events file."""
 
-ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION")
+ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED")
 
 
 def read(root: Path) -> Study:
@@ -108,6 +108,7 @@ def read(root: Path) -> Study:
         attempts=attempts,
         exclusions=exclusions,
         unasked=unasked,
+        ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
         parts=(Part(root.resolve().name, tuple(withdrawn), tuple(task.id for task in done), protocol),),
     )
 
@@ -346,6 +347,7 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         exclusions=tuple(exclusion for study in renamed for exclusion in study.exclusions),
         unasked=tuple(one for study in renamed for one in study.unasked),
         parts=parts,
+        ordered=all(study.ordered for study in studies),
     )
 
 

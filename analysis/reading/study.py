@@ -187,6 +187,7 @@ class Study:
     `session_ids` participant and task -> id, as far as they are known. `attempts` has a row for each attempt:
     participant, task, trial, attempt, counted, presented, answered, response_time_s, foot_speed_mm_s, frames_lost,
     delivered (1, 0 or NaN), onset_error_s, redo_reason, included, and the columns of `dataset.FURTHER`.
+    `ordered` says whether the numbers of the trials are the order in which they were done.
     """
 
     id: str
@@ -202,6 +203,7 @@ class Study:
     exclusions: tuple[Exclusion, ...]
     unasked: tuple[Unasked, ...]
     parts: tuple[Part, ...]
+    ordered: bool = True
 
     def trials(self, task: str) -> pd.DataFrame:
         """Return the trials of one task that the analysis counts."""

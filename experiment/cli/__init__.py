@@ -50,7 +50,8 @@ COMMANDS = {
         "analyse": ("analysis", "Make the tables and the report of a dataset."),
         "export": ("analysis", "Write tables for R, JASP and PsychoPy users."),
         "audit": ("analysis", "Check whether printed numbers agree with one another or a dataset."),
-        "import-counts": ("analysis", "Make a dataset from printed counts."),
+        "import-counts": ("analysis", "Make a dataset from counts, printed or measured."),
+        "import-trials": ("analysis", "Make a dataset from another program's files of trials."),
         "numerics": ("analysis", "Measure error against run time of every way to compute a stimulus."),
     },
 }

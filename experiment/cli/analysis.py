@@ -1,4 +1,4 @@
-"""The commands of the analyst's desk: analyse, export, audit, power, numerics, import-counts, and status of a study."""
+"""The commands of the analyst's desk: analyse, export, audit, power, numerics, imports, and status of a study."""
 
 import re
 from functools import partial
@@ -222,16 +222,86 @@ def import_counts(
     study: Annotated[str, typer.Option("--study", help="Id of the study.")],
     out: Annotated[Path, typer.Option("--out", help="Folder of the new dataset.")],
     source: Annotated[str | None, typer.Option("--source", help="Where the counts come from.")] = None,
+    measured: Annotated[
+        bool, typer.Option("--measured", help="These are answers of your own participants, and not counts from print.")
+    ] = False,
 ) -> None:
-    """Make a dataset from printed counts.
+    """Make a dataset from counts, printed or measured.
 
-    The dataset is labelled as a reconstruction that holds no original data.
+    The dataset of printed counts is labelled as a reconstruction that holds no original data. With --measured it is
+    labelled IMPORTED: answers that a laboratory measured elsewhere, where a participant's number is the same person in
+    every task. The order of trials is not known of either. --source is then needed, and says where they were measured.
     """
     from experiment.dataset import reconstruction
 
     pairs = dict(map(reconstruction.parse_task, task))
-    text = reconstruction.study_text(study, pairs, source)
+    text = reconstruction.study_text(study, pairs, source, measured=measured)
     typer.echo(f"Dataset: {reconstruction.import_counts(pairs, out, study=text)}")
+
+
+@commands.command(
+    "import-trials",
+    epilog="Example: palpate import-trials data/*.csv --presented material --answered key_resp.keys --participant "
+    "participant --seconds key_resp.rt --map 1=felt --map 2=cork --study lab --out participants/lab",
+)
+def import_trials(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV files of trials, one or several.")],
+    presented: Annotated[str, typer.Option("--presented", help="Column of the material presented.")],
+    answered: Annotated[str, typer.Option("--answered", help="Column of the answer: a material, or a key.")],
+    participant: Annotated[str, typer.Option("--participant", help="Column that tells participants apart.")],
+    study: Annotated[str, typer.Option("--study", help="Id of the study.")],
+    out: Annotated[Path, typer.Option("--out", help="Folder of the new dataset.")],
+    task: Annotated[
+        str | None, typer.Option("--task", help="Column that tells tasks apart [default: one task].")
+    ] = None,
+    trial: Annotated[
+        str | None,
+        typer.Option("--trial", help="Column of the trial's number in a task [default: the order of the lines]."),
+    ] = None,
+    seconds: Annotated[str | None, typer.Option("--seconds", help="Column of response times in seconds.")] = None,
+    milliseconds: Annotated[str | None, typer.Option("--milliseconds", help="The same in milliseconds.")] = None,
+    answers: Annotated[
+        list[str] | None, typer.Option("--map", help="KEY=MATERIAL, what a key or code stands for as an answer.")
+    ] = None,
+    shown: Annotated[
+        list[str] | None, typer.Option("--map-presented", help="CODE=MATERIAL, the same of the material presented.")
+    ] = None,
+    where: Annotated[
+        list[str] | None, typer.Option("--where", help="COLUMN=VALUE, take only rows with this value there.")
+    ] = None,
+    material: Annotated[
+        list[str] | None,
+        typer.Option("--material", help="A material, in the order of the tables [default: those presented, by name]."),
+    ] = None,
+    source: Annotated[
+        str, typer.Option("--source", help="Where, when and with what the answers were measured.")
+    ] = "the tables of the laboratory",
+) -> None:
+    """Make a dataset from another program's files of trials.
+
+    The files are CSV, as PsychoPy, jsPsych, OpenSesame, Gorilla and spreadsheets write them. Rows without a material
+    are instructions or breaks, and are passed over; an empty answer, or None, is a trial without an answer. The dataset
+    is labelled IMPORTED: a laboratory's own answers, measured elsewhere. The files are not copied into it, for they may
+    say who took part; it holds the line of each trial and the hash of each file.
+    """
+    from experiment.dataset import imported, trial_files
+
+    if seconds is not None and milliseconds is not None:
+        raise PalpateError("got --seconds and --milliseconds; allowed: one of them; give the one that the file has")
+    layout = trial_files.Layout(
+        presented,
+        answered,
+        participant,
+        task,
+        trial,
+        seconds,
+        milliseconds,
+        answers=trial_files.pairs("--map", answers or ()),
+        materials=trial_files.pairs("--map-presented", shown or ()),
+        where=trial_files.pairs("--where", where or ()),
+    )
+    made = imported.import_trials(files, out, layout, study=study, source=source, materials=material or ())
+    typer.echo("\n".join([*made.sentences, f"Dataset: {made.root}"]))
 
 
 @commands.command(epilog="Example: palpate status participants/study --figure flow.pdf")
@@ -311,7 +381,10 @@ def _believe(*datasets: Path) -> None:
     for dataset in datasets:
         if beliefs.has_journals(dataset):
             build.check_tables(dataset)
-        elif (dataset / "dataset_description.json").exists() and beliefs.origin_of(dataset) != "RECONSTRUCTION":
+        elif (dataset / "dataset_description.json").exists() and beliefs.origin_of(dataset) not in (
+            "RECONSTRUCTION",
+            "IMPORTED",
+        ):
             tell(f"palpate: {dataset}: no journal stands behind these tables, so a changed cell would not show")
 
 

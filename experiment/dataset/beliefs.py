@@ -88,6 +88,10 @@ class _Study:
     seal: Seal | None
 
 
+ALONE = {"RECONSTRUCTION": "only counts from print", "IMPORTED": "only what was imported"}
+"""What stands behind tables that never had a journal, by their origin."""
+
+
 def has_journals(root: Path) -> bool:
     """Return whether a dataset was made from journals, even if some are gone; others hold tables alone."""
     source = root / "sourcedata"

@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 
 from experiment import storage
 from experiment.errors import DatasetError
-from experiment.records.events import EVENT_COLUMNS, FURTHER_COLUMNS, NO_ANSWER
+from experiment.records.events import EVENT_COLUMNS, FURTHER_COLUMNS, IMPORTED_COLUMNS, NO_ANSWER
 
 BIDS_VERSION = "1.10.0"
 MISSING = "n/a"
 
-Origin = Literal["PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION"]
+Origin = Literal["PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED"]
 
 LABELS: dict[Origin, str] = {
     "PARTICIPANT": "",
@@ -33,6 +33,7 @@ LABELS: dict[Origin, str] = {
     "PRACTICE": "PRACTICE - simulated participants, an experimenter who practises",
     "REHEARSAL": "REHEARSAL - simulated participants",
     "RECONSTRUCTION": "RECONSTRUCTION - consistent with the printed tables, no original data",
+    "IMPORTED": "IMPORTED - a laboratory's own answers, measured elsewhere",
 }
 """What stands at the head of every file of such a dataset; a study's own data carries no label."""
 
@@ -56,7 +57,8 @@ class DatasetText:
     """What a dataset says about itself.
 
     `study` is the study's id, `tasks` stand in the order of the tables, `origin` is what produced the rows, `authors`
-    answer for them, and `readme` is the body of README below title and label.
+    answer for them, and `readme` is the body of README below title and label. `ordered` is told, unless it is None, and
+    says whether the numbers of trials are the order in which they were done.
     """
 
     study: str
@@ -68,6 +70,7 @@ class DatasetText:
     readme: str
     software_version: str
     references: tuple[str, ...] = ()
+    ordered: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -141,6 +144,13 @@ def description(root: Path, text: DatasetText) -> Files:
     """Return `dataset_description.json` and `README`; the label of what is no data of a study leads both."""
     label = LABELS[text.origin]
     name = _labelled(text.name, text.origin)
+    facts = {
+        "Study": text.study,
+        "Origin": text.origin,
+        "Label": label,
+        "Tasks": list(text.tasks),
+        **({} if text.ordered is None else {"Ordered": text.ordered}),
+    }
     content: dict[str, object] = {
         "Name": name,
         "BIDSVersion": BIDS_VERSION,
@@ -148,7 +158,7 @@ def description(root: Path, text: DatasetText) -> Files:
         "License": text.license,
         "Authors": list(text.authors),
         "GeneratedBy": [{"Name": "palpate", "Version": text.software_version, "Description": label or "measured"}],
-        "Palpate": {"Study": text.study, "Origin": text.origin, "Label": label, "Tasks": list(text.tasks)},
+        "Palpate": facts,
     }
     if text.references:
         content["ReferencesAndLinks"] = list(text.references)
@@ -161,7 +171,7 @@ def description(root: Path, text: DatasetText) -> Files:
 def participants(root: Path, rows: Iterable[Mapping[str, object]], *, origin: Origin) -> Files:
     """Return `participants.tsv` and its sidecar; columns as in `PARTICIPANT_COLUMNS`, `origin` the same in all rows."""
     rows = ({**row, "origin": origin} for row in rows)
-    columns = {name: dict(text) for name, text in PARTICIPANT_COLUMNS.items()}
+    columns = _described(PARTICIPANT_COLUMNS, origin)
     columns["participant_id"]["Description"] = _labelled(str(columns["participant_id"]["Description"]), origin)
     return {
         root / "participants.tsv": table(tuple(PARTICIPANT_COLUMNS), rows),
@@ -190,7 +200,7 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
     attempts = list(rows)
     known = {name for row in attempts for name in row}
     texts = {**EVENT_COLUMNS, **{name: text for name, text in FURTHER_COLUMNS.items() if name in known}}
-    columns: dict[str, dict[str, object]] = {name: dict(text) for name, text in texts.items()}
+    columns = _described(texts, task.origin)
     columns["presented"]["Levels"] = dict(task.materials)
     columns["answered"]["Levels"] = {**task.materials, NO_ANSWER: "no material was named"}
     sidecar: dict[str, object] = {
@@ -206,6 +216,11 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
         **columns,
     }
     return {path: table(tuple(texts), attempts), path.with_suffix(".json"): storage.json_bytes(sidecar)}
+
+
+def _described(texts: Mapping[str, Mapping[str, object]], origin: Origin) -> dict[str, dict[str, object]]:
+    own = IMPORTED_COLUMNS if origin == "IMPORTED" else {}
+    return {name: {**text, **own.get(name, {})} for name, text in texts.items()}
 
 
 def write_physio(

@@ -1,5 +1,7 @@
 """Counts per participant, presented and answered material -> a BIDS dataset, one row a trial.
 
+Counts that a laboratory measured itself are labelled as imported, and others as a reconstruction.
+
 A published study seldom comes with its data. Where integer counts have been found that reproduce its printed tables,
 they can stand in the same form as any other dataset, so that the same analysis reads them. Such a dataset says
 throughout that it is a reconstruction: no time, no order of trials and no link between tasks is known, and none is made
@@ -21,6 +23,7 @@ from experiment import __version__, storage
 from experiment.dataset.bids import (
     LABELS,
     DatasetText,
+    Origin,
     TaskText,
     description,
     events,
@@ -30,6 +33,7 @@ from experiment.dataset.bids import (
 )
 from experiment.errors import DatasetError, ProtocolError
 from experiment.records.events import NO_ANSWER
+from experiment.settings.characters import quoted
 from experiment.settings.load import Confined, Name, Text, checked
 
 COLUMNS = ("participant", "presented", "answered", "count")
@@ -53,7 +57,8 @@ def parse_task(text: str) -> tuple[str, Path]:
 def read_counts(path: Path, materials: Sequence[str]) -> Counts:
     """Return the counts in a CSV file with the header of `COLUMNS`; answers are `materials` or `NO_ANSWER`.
 
-    Participants are whole numbers, with or without leading zeros, but each is spelt in one way throughout the file.
+    Participants are whole numbers, with or without leading zeros and `sub-` before them as `palpate export` writes it,
+    but each is spelt in one way throughout the file.
     Raises `DatasetError` if the file is anything else; the error names file and line.
     """
     lines = csv.reader(io.StringIO(_text(path), newline=""), strict=True)
@@ -87,7 +92,7 @@ def materials_of(path: Path) -> tuple[str, ...]:
         found = tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
     except csv.Error as error:
         raise DatasetError(f"{path}: line {rows.line_num}: {error}; write plain CSV") from error
-    _check(path, {"presented": found})
+    check_texts(path, {"presented": found})
     return found
 
 
@@ -98,7 +103,8 @@ class _Texts(Confined):
     source: Text = "none"
 
 
-def _check(where: Path, texts: dict[str, object]) -> None:
+def check_texts(where: Path, texts: dict[str, object]) -> None:
+    """Raise `DatasetError` if `presented` are no names, or `source` is no text, that a dataset may hold."""
     try:
         checked(where, _Texts, texts)
     except ProtocolError as error:
@@ -117,7 +123,7 @@ def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tup
         raise DatasetError(f"{where}: got {len(row)} fields; allowed: {len(COLUMNS)}, {','.join(COLUMNS)}")
     participant, presented, answered, count = row
     answers = (*materials, NO_ANSWER)
-    if not re.fullmatch(r"0{0,5}[1-9][0-9]{0,5}", participant):
+    if not re.fullmatch(r"(sub-)?0{0,5}[1-9][0-9]{0,5}", participant):
         raise DatasetError(f"{where}: participant: got {participant!r}; allowed: a whole number from 1 to 999999")
     if presented not in materials:
         raise DatasetError(f"{where}: presented: got {presented!r}; allowed: {', '.join(materials)}")
@@ -125,14 +131,34 @@ def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tup
         raise DatasetError(f"{where}: answered: got {answered!r}; allowed: {', '.join(answers)}")
     if not re.fullmatch(r"[0-9]{1,5}", count) or int(count) > MAX_COUNT:
         raise DatasetError(f"{where}: count: got {count!r}; allowed: a whole number from 0 to {MAX_COUNT}")
-    return int(participant), (presented, answered), int(count)
+    return int(participant.removeprefix("sub-")), (presented, answered), int(count)
 
 
+NO_TIME = "No time is known: onset, duration and response_time are n/a."
+ORDER = "No order is known: trial numbers follow the order of the materials presented, then of the answers."
 UNKNOWN = (
-    "No time is known: onset, duration and response_time are n/a. No order is known: trial numbers follow the "
-    "order of the materials presented, then of the answers. How the rows of one participant belong together is "
-    "arbitrary, and so is which participant of one task is which of another."
+    f"{NO_TIME} {ORDER} How the rows of one participant belong together is arbitrary, and so is which participant of "
+    "one task is which of another."
 )
+
+KNOWN = {
+    "RECONSTRUCTION": "Counts consistent with the tables of: {source}.",
+    "IMPORTED": "Counts of answers that were measured elsewhere: {source}.",
+}
+ABOUT = {
+    "RECONSTRUCTION": "These are no original data. They are integer counts per participant, presented and answered "
+    "material that agree with what is printed in: {source}. Other counts may agree as well. Nobody should draw a "
+    "conclusion from them that the printed tables do not allow.",
+    "IMPORTED": "These answers were given by participants of a laboratory that measured them elsewhere: {source}. "
+    "palpate read how often each participant gave each answer. It saw neither the sessions nor a record of them, and "
+    "vouches for no answer.",
+}
+FOUND = {
+    "RECONSTRUCTION": "Found by a search for integer counts that reproduce the printed means, standard deviations and "
+    "tests of: {source}.",
+    "IMPORTED": "Counted by the laboratory that measured the answers: {source}.",
+}
+"""What a task, a dataset and its source say of counts, by their origin."""
 
 
 @dataclass(frozen=True)
@@ -140,8 +166,9 @@ class StudyText:
     """What is known of a published study: enough to describe its dataset.
 
     `id` is that of the study's protocol, `source` says where the numbers are printed, `materials` maps ids to
-    descriptions in the order of the tables, `tasks` maps ids to (title, instructions), `authors` made the
-    reconstruction, and `notes` say what a reader must know about these counts.
+    descriptions in the order of the tables, `tasks` maps ids to (title, instructions), `authors` answer for the
+    counts, and `notes` say what a reader must know about them. The `origin` is `IMPORTED` where a laboratory measured
+    them.
     """
 
     id: str
@@ -152,6 +179,7 @@ class StudyText:
     license: str
     authors: tuple[str, ...]
     notes: str
+    origin: Origin = "RECONSTRUCTION"
 
 
 OKAMOTO2012 = StudyText(
@@ -189,27 +217,52 @@ STUDIES = {OKAMOTO2012.id: OKAMOTO2012}
 """Published studies whose texts are held here, by id."""
 
 
-def study_text(study: str, counts: Mapping[str, Path], source: str | None = None) -> StudyText:
+def check_study_id(study: str) -> None:
+    """Raise `DatasetError` for a text that is no id of a study."""
+    if not re.fullmatch(r"[a-z][a-z0-9]*", study):
+        raise DatasetError(f"study: got {quoted(study)}; allowed: lower-case letters and digits; choose another id")
+
+
+def study_text(
+    study: str, counts: Mapping[str, Path], source: str | None = None, *, measured: bool = False
+) -> StudyText:
     """Return the texts of a study: those held here, or for another study the little that its counts files tell.
 
     `counts` maps task ids to counts files; `source` says where they come from, which a study outside `STUDIES` needs.
+    Counts that a laboratory `measured` have no text of a paper but the order of its materials and its tasks' titles.
     Raises `DatasetError` if the id or a file is bad, or the study has neither texts here nor a source.
     """
     if source is not None:
-        _check(Path("--source"), {"source": source})
-    if study in STUDIES:
-        return STUDIES[study] if source is None else replace(STUDIES[study], source=source)
-    if not re.fullmatch(r"[a-z][a-z0-9]*", study):
-        raise DatasetError(f"study: got {study!r}; allowed: lower-case letters and digits; choose another id")
+        check_texts(Path("--source"), {"source": source})
+    known = STUDIES.get(study)
+    if known is not None and not measured:
+        return known if source is None else replace(known, source=source)
+    check_study_id(study)
     if source is None:
         raise DatasetError(f"no texts are held for study {study}; say with --source where its counts come from")
     materials = {material: material for path in counts.values() for material in materials_of(path)}
+    tasks = {task: (task, "As in the source.") for task in counts}
+    if measured:
+        if known is not None and set(materials) <= set(known.materials):
+            materials = dict(known.materials)
+        return StudyText(
+            id=study,
+            name=f"Answers of {study}",
+            source=source,
+            materials=materials,
+            tasks={task: (known.tasks[task][0], said) if known and task in known.tasks else (task, said)
+                   for task, (_, said) in tasks.items()},
+            license="n/a: ask the laboratory",
+            authors=(f"Whoever measured {study}",),
+            notes="A participant's number is the same person in every task.",
+            origin="IMPORTED",
+        )  # fmt: skip
     return StudyText(
         id=study,
         name=f"Counts of {study}",
         source=source,
         materials=materials,
-        tasks={task: (task, "As in the source.") for task in counts},
+        tasks=tasks,
         license="n/a",
         authors=(f"Whoever made the counts of {study}",),
         notes="Names and order of materials are those of the counts files.",
@@ -242,21 +295,21 @@ def import_counts(
     with new_dataset(out) as root:
         people = ({"participant_id": f"sub-{labels[n]}"} for n in numbers)
         files = description(root, _description(study, tables, software_version))
-        files |= participants(root, people, origin="RECONSTRUCTION")
+        files |= participants(root, people, origin=study.origin)
         for task, table in tables.items():
             text = _task_text(study, task)
             for number in sorted(table):
-                files |= events(root, labels[number], text, _trials(table[number], study.materials))
+                files |= events(root, labels[number], text, _trials(table[number], study))
             files[root / "sourcedata" / counts[task].name] = storage.read_bytes(counts[task])
         files[root / "sourcedata" / "README"] = _source(study, counts).encode()
         write_files(files)
     return out
 
 
-def _trials(cells: Mapping[tuple[str, str], int], materials: Mapping[str, str]) -> Iterator[dict[str, object]]:
+def _trials(cells: Mapping[tuple[str, str], int], study: StudyText) -> Iterator[dict[str, object]]:
     trial = 0
-    for presented in materials:
-        for answered in (*materials, NO_ANSWER):
+    for presented in study.materials:
+        for answered in (*study.materials, NO_ANSWER):
             for _ in range(cells.get((presented, answered), 0)):
                 trial += 1
                 yield {
@@ -265,7 +318,7 @@ def _trials(cells: Mapping[tuple[str, str], int], materials: Mapping[str, str]) 
                     "counted": True,
                     "presented": presented,
                     "answered": answered,
-                    "origin": "RECONSTRUCTION",
+                    "origin": study.origin,
                 }
 
 
@@ -274,29 +327,32 @@ def _task_text(study: StudyText, task: str) -> TaskText:
     return TaskText(
         id=task,
         title=title,
-        description=f"Counts consistent with the tables of: {study.source}. {UNKNOWN}",
+        description=f"{KNOWN[study.origin].format(source=study.source)} {_unknown(study)}",
         instructions=instructions,
         materials=study.materials,
         stimulus_presentation={"SoftwareName": "not that of palpate; see the source"},
-        origin="RECONSTRUCTION",
+        origin=study.origin,
     )
+
+
+def _unknown(study: StudyText) -> str:
+    return UNKNOWN if study.origin == "RECONSTRUCTION" else f"{NO_TIME} {ORDER}"
 
 
 def _description(study: StudyText, tables: Mapping[str, Counts], software_version: str) -> DatasetText:
     paragraphs = (
-        f"These are no original data. They are integer counts per participant, presented and answered material that "
-        f"agree with what is printed in: {study.source}. Other counts may agree as well. Nobody should draw a "
-        f"conclusion from them that the printed tables do not allow.",
+        ABOUT[study.origin].format(source=study.source),
         *(f"Task {task}: {_summary(table)}." for task, table in tables.items()),
         study.notes,
-        UNKNOWN,
+        _unknown(study),
         f"A trial for which no answer is known stands with the answer {NO_ANSWER}. The counts themselves are under "
         f"sourcedata/. BIDS asks for a column `onset` in seconds; n/a there says that it is not known.",
     )
     return DatasetText(
         study=study.id,
         name=study.name,
-        origin="RECONSTRUCTION",
+        origin=study.origin,
+        ordered=False if study.origin == "IMPORTED" else None,
         license=study.license,
         authors=study.authors,
         tasks=tuple(tables),
@@ -317,8 +373,5 @@ def _summary(table: Counts) -> str:
 
 def _source(study: StudyText, counts: Mapping[str, Path]) -> str:
     copies = "\n".join(f"{path.name}: counts of task {task}, unchanged" for task, path in counts.items())
-    text = (
-        f"Columns: {', '.join(COLUMNS)}. Found by a search for integer counts that reproduce the printed means, "
-        f"standard deviations and tests of: {study.source}."
-    )
-    return f"{LABELS['RECONSTRUCTION']}\n\n{copies}\n\n{textwrap.fill(text, 100)}\n"
+    text = f"Columns: {', '.join(COLUMNS)}. {FOUND[study.origin].format(source=study.source)}"
+    return f"{LABELS[study.origin]}\n\n{copies}\n\n{textwrap.fill(text, 100)}\n"

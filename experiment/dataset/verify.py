@@ -164,13 +164,11 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
 
 def _alone(root: Path) -> Iterator[Finding]:
     """Tell what stands behind tables without journals."""
-    if (origin := beliefs.origin_of(root)) != "RECONSTRUCTION":
+    if (origin := beliefs.origin_of(root)) not in beliefs.ALONE:
         text = f"holds no journal, and the tables say {origin}; restore it from a backup"
         yield Finding("refused", "sourcedata", text)
         return
-    yield Finding(
-        "note", "RECONSTRUCTION", "no journal is behind these tables, only counts from print: no change shows"
-    )
+    yield Finding("note", origin, f"no journal is behind these tables, {beliefs.ALONE[origin]}: no change shows")
 
 
 def _told(root: Path, path: Path, check: Callable[[], str]) -> Finding:

@@ -46,6 +46,13 @@ EVENT_COLUMNS: dict[str, dict[str, object]] = {
 }
 """Columns of `_events.tsv` in their order, as the sidecar describes them."""
 
+IMPORTED_COLUMNS: dict[str, dict[str, object]] = {
+    "response_time": {"Description": "As the source measured it. n/a where it says nothing."},
+    "trial": {"Description": "Place of the trial in the order that the description of the task tells, from 1."},
+    "origin": {"Description": "What produced this row.", "Levels": {"IMPORTED": "a participant, measured elsewhere"}},
+}
+"""What is said otherwise of columns of answers that were measured elsewhere."""
+
 FURTHER_COLUMNS: dict[str, dict[str, object]] = {
     "corrected_from": {
         "Description": "Answer that was confirmed first, where the experimenter corrected it. n/a where it stands."

@@ -181,6 +181,7 @@ COMMANDS = (
     *("check", "power", "plan", "rehearse", "seal", "doctor", "calibrate", "record", "validate", "spectrum"),
     *("enrol", "consent", "schedule", "run", "journal", "withdraw", "build", "analyse", "export", "audit"),
     *("anchor", "verify", "import-counts", "numerics", "devices", "new", "screen", "status", "tap", "x", ""),
+    "import-trials",
 )
 OPTIONS = (
     *("--participant", "--seed", "--dataset", "--out", "--json", "--rig", "--task", "--recordings", "--studies"),

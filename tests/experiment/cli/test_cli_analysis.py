@@ -53,6 +53,43 @@ def test_the_desk_stands_in_one_module() -> None:
         "power",
         "numerics",
         "import_counts",
+        "import_trials",
         "status",
     ]
     assert {call.__module__ for call in callbacks if call} == {"experiment.cli.analysis"}
+
+
+def test_trials_of_another_program_are_imported_analysed_and_exported(palpate: Palpate, tmp_path: Path) -> None:
+    file = tmp_path / "trials.csv"
+    rows = [f"{who},{shown},{key},0.5" for who in range(1, 4) for shown in ("felt", "cork") for key in ("1", "2", "")]
+    file.write_text("\n".join(["who,shown,key,rt", *rows]) + "\n")
+    columns = ("--presented", "shown", "--answered", "key", "--participant", "who", "--seconds", "rt")
+    keys = ("--map", "1=felt", "--map", "2=cork")
+    code, out, err = palpate("import-trials", file, *columns, *keys, "--study", "lab", "--out", tmp_path / "lab")
+    assert (code, err) == (0, "")
+    assert "Trials: 18, of them 6 without an answer" in out
+    assert out.endswith(f"Dataset: {tmp_path / 'lab'}\n")
+    code, out, err = palpate("analyse", tmp_path / "lab", "--no-figures")
+    assert (code, err) == (0, "")
+    assert out.startswith("IMPORTED - a laboratory's own answers, measured elsewhere")
+    assert palpate("export", tmp_path / "lab", "--out", tmp_path / "tables")[0] == 0
+    assert "IMPORTED" in (tmp_path / "tables" / "trials.csv").read_text()
+    code, out, _ = palpate("verify", tmp_path / "lab")
+    assert (code, "only what was imported" in out) == (0, True)
+    bad = palpate("import-trials", file, *columns, "--study", "lab", "--out", tmp_path / "other")
+    assert (bad[0], bad[1]) == (2, "")
+    assert f"{file}: line 2, column key: got '1'; allowed: cork, felt, (none)" in bad[2]
+
+
+def test_measured_counts_say_imported_and_have_no_models_of_single_trials(palpate: Palpate, tmp_path: Path) -> None:
+    counts = tmp_path / "counts.csv"
+    counts.write_text(
+        "participant,presented,answered,count\n1,felt,felt,3\n1,cork,felt,2\n2,cork,cork,4\n2,felt,cork,1\n"
+    )
+    made = ("import-counts", "--task", f"one={counts}", "--study", "lab", "--source", "our sessions", "--measured")
+    assert palpate(*made, "--out", tmp_path / "lab")[0] == 0
+    code, out, _ = palpate("analyse", tmp_path / "lab", "--no-figures", "--json")
+    document = json.loads(out)
+    assert (code, document["origin"]) == (0, "IMPORTED")
+    assert "counts have no order of trials" in json.dumps(document["trials"])
+    assert "counts have no order of trials" in json.dumps(document["course"])

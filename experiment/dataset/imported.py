@@ -1,0 +1,245 @@
+"""Single trials that a laboratory measured with other software -> a BIDS dataset, labelled as imported.
+
+The answers are real and are analysed as such: participants are linked across tasks, and trials have an order. But no
+journal of palpate stands behind them, and everything made of them says so. The files themselves are not copied, for
+they may hold names, addresses and birthdays: the dataset keeps what was read, with the line of each trial and the
+SHA-256 of each file, so that whoever has the files can follow every answer back.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import re
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from experiment import __version__, storage
+from experiment.dataset.bids import LABELS, DatasetText, TaskText, description, events, new_dataset, participants
+from experiment.dataset.bids import write_files as write
+from experiment.dataset.reconstruction import STUDIES, check_study_id, check_texts
+from experiment.dataset.trial_files import Layout, Row, Trials, read_trials
+from experiment.errors import DatasetError
+from experiment.records.events import NO_ANSWER
+
+TASK = "identification"
+"""Id of the task where no column tells tasks apart."""
+
+KEPT = ("participant", "task", "trial", "file", "line", "presented", "answered", "response_time_s")
+"""Columns of the table of what was read, under sourcedata."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """A dataset that was made, and what whoever made it should hold against what they know, in sentences."""
+
+    root: Path
+    sentences: tuple[str, ...]
+
+
+def import_trials(
+    paths: Sequence[Path],
+    out: Path,
+    layout: Layout,
+    *,
+    study: str,
+    source: str,
+    materials: Sequence[str] = (),
+    software_version: str = __version__,
+) -> Imported:
+    """Build the dataset `out` from files of single trials.
+
+    `study` is its id, `source` says where and with what the answers were measured, and `materials` are as in
+    `read_trials`; for a published study that is known here they are by default the paper's.
+
+    Raises:
+        DatasetError: what `read_trials` raises; also for a text that no dataset may hold, a file that is given twice,
+            participants or tasks that cannot be told apart, and an `out` that would be overwritten.
+    """
+    check_study_id(study)
+    check_texts(Path("--source"), {"source": source})
+    if not materials and study in STUDIES:
+        materials = tuple(STUDIES[study].materials)
+    hashes = _hashes(paths)
+    trials = read_trials(paths, layout, materials)
+    check_texts(paths[0], {"presented": trials.materials})
+    tasks = _tasks(paths, layout, trials.rows)
+    check_texts(paths[0], {"presented": tuple(tasks)} if layout.task else {})
+    labels, kept = _labels(paths, layout, trials.rows)
+    sessions = _sessions(trials.rows, layout)
+    said = _sentences(trials, labels, layout, kept=kept)
+    with new_dataset(out) as root:
+        text = _description(study, source, tuple(tasks.values()), said, software_version)
+        files = description(root, text)
+        people = sorted(set(labels.values()), key=int)
+        files |= participants(root, ({"participant_id": f"sub-{label}"} for label in people), origin="IMPORTED")
+        for (participant, task), rows in sessions.items():
+            one = _task_text(tasks[task], task or "Identification", source, trials.materials, layout)
+            files |= events(root, labels[participant], one, map(_event, range(1, len(rows) + 1), rows))
+        held = root / "sourcedata"
+        files[held / f"{study}_trials.csv"] = _kept(sessions, labels, tasks)
+        files[held / "README"] = _sources(hashes, source).encode()
+        write(files)
+    return Imported(out, said)
+
+
+def _hashes(paths: Sequence[Path]) -> tuple[str, ...]:
+    found: dict[str, Path] = {}
+    for path in paths:
+        try:
+            sha256 = hashlib.sha256(storage.read_bytes(path)).hexdigest()
+        except OSError as error:
+            raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of trials in UTF-8") from error
+        if (other := found.setdefault(sha256, path)) is not path:
+            raise DatasetError(f"{path}: holds the same as {other}; give each file once")
+    return tuple(found)
+
+
+def _tasks(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> dict[str, str]:
+    """Return the id of each task by its name in the files, in the order of the files."""
+    if layout.task is None:
+        return {"": TASK}
+    found: dict[str, str] = {}
+    for row in rows:
+        if row.task in found:
+            continue
+        bare = re.sub(r"[^a-z0-9]", "", row.task.lower())
+        label = bare if re.match(r"[a-z]", bare) else f"task{bare}"
+        if label in found.values() or len(label) > 32 or not bare:
+            raise DatasetError(
+                f"{paths[row.file - 1]}: line {row.line}, column {layout.task}: got the task {row.task!r}, whose id "
+                f"would be {label!r}; allowed: up to 32 letters and digits that no other task has; rename it"
+            )
+        found[row.task] = label
+    return found
+
+
+def _labels(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> tuple[dict[str, str], bool]:
+    """Return the label of each participant by the cell, and whether labels keep the numbers of the cells.
+
+    They do where all cells are one prefix and a number, such as P01; others, which may be names, are counted.
+    """
+    cells = list(dict.fromkeys(row.participant for row in rows))
+    matches = [re.fullmatch(r"(.*?)0*([0-9]{1,6})(?:\.0)?", cell) for cell in cells]
+    prefixes = {match[1] for match in matches if match}
+    kept = all(matches) and len(prefixes) == 1 and not re.search(r"[0-9]", min(prefixes))
+    numbers = [int(match[2]) if match else 0 for match in matches] if kept else list(range(1, len(cells) + 1))
+    if len(set(numbers)) < len(numbers):
+        row = next(row for row in rows if numbers.count(numbers[cells.index(row.participant)]) > 1)
+        raise DatasetError(
+            f"{paths[row.file - 1]}: line {row.line}, column {layout.participant}: got {row.participant!r}, and the "
+            "same number in another spelling; allowed: one spelling; keep one"
+        )
+    width = max(2, len(str(max(numbers))))
+    return {cell: f"{number:0{width}d}" for cell, number in zip(cells, numbers, strict=True)}, kept
+
+
+def _sessions(rows: Sequence[Row], layout: Layout) -> dict[tuple[str, str], list[Row]]:
+    """Return the trials of each participant and task, in their order."""
+    found: dict[tuple[str, str], list[Row]] = {}
+    for row in rows:
+        found.setdefault((row.participant, row.task), []).append(row)
+    if layout.trial is not None:
+        return {key: sorted(held, key=lambda row: row.trial or 0) for key, held in found.items()}
+    return found
+
+
+def _event(trial: int, row: Row) -> dict[str, object]:
+    return {
+        "trial": trial,
+        "attempt": 1,
+        "counted": True,
+        "presented": row.presented,
+        "answered": row.answered,
+        "response_time": row.response_time_s,
+        "origin": "IMPORTED",
+    }
+
+
+def _order(layout: Layout) -> str:
+    if layout.trial is not None:
+        return f"Trials are numbered from 1 in the order of the column {layout.trial}."
+    return (
+        "Trials are numbered from 1 in the order of the files and their lines, which is taken for that of the session."
+    )
+
+
+def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: bool) -> tuple[str, ...]:
+    silent = sum(row.answered == NO_ANSWER for row in trials.rows)
+    said = [
+        f"Participants: {len(labels)}. Trials: {len(trials.rows)}, of them {silent} without an answer. Materials: "
+        f"{', '.join(trials.materials)}.",
+        f"Rows that are no trials, and were passed over: {trials.passed_over}.",
+        _order(layout),
+    ]
+    if not kept:
+        said.append("Participants are numbered in the order of the files, because their labels there are no numbers.")
+    files: dict[tuple[str, str], set[int]] = {}
+    for row in trials.rows:
+        files.setdefault((row.participant, row.task), set()).add(row.file)
+    if several := [labels[who] for (who, _), held in files.items() if len(held) > 1]:
+        told = ", ".join(sorted(set(several)))
+        said.append(f"In several files stand trials of one task of: {told}. If a run was begun anew, leave one out.")
+    return tuple(said)
+
+
+def _task_text(task: str, title: str, source: str, materials: Sequence[str], layout: Layout) -> TaskText:
+    return TaskText(
+        id=task,
+        title=title,
+        description=f"Measured elsewhere: {source}. {_order(layout)}",
+        instructions="As in the source.",
+        materials={material: material for material in materials},
+        stimulus_presentation={"SoftwareName": "not palpate; see the source"},
+        origin="IMPORTED",
+    )
+
+
+def _description(
+    study: str, source: str, tasks: tuple[str, ...], said: Sequence[str], software_version: str
+) -> DatasetText:
+    paragraphs = (
+        f"These answers were given by participants of a laboratory that measured them elsewhere: {source}. palpate "
+        "read them from tables. It saw neither the sessions nor a record of them, and vouches for no answer.",
+        *said,
+        "The tables themselves are not here, for they may say who took part. sourcedata/ holds what was read of them: "
+        "the line of each trial, and the SHA-256 of each file.",
+        f"A trial without an answer stands with the answer {NO_ANSWER}. BIDS asks for a column `onset` in seconds; n/a "
+        "there says that it is not known.",
+    )
+    return DatasetText(
+        study=study,
+        name=f"Answers of {study}",
+        origin="IMPORTED",
+        license="n/a: ask the laboratory",
+        authors=(f"Whoever measured {study}",),
+        tasks=tasks,
+        references=(source,),
+        software_version=software_version,
+        readme="\n\n".join(textwrap.fill(paragraph, 100) for paragraph in paragraphs),
+    )
+
+
+def _kept(sessions: dict[tuple[str, str], list[Row]], labels: dict[str, str], tasks: dict[str, str]) -> bytes:
+    file = io.StringIO()
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(KEPT)
+    for (participant, task), rows in sessions.items():
+        for row in rows:
+            time_s = "" if row.response_time_s is None else repr(row.response_time_s)
+            number = "" if row.trial is None else row.trial
+            place = (labels[participant], tasks[task], number, row.file, row.line)
+            writer.writerow((*place, row.presented, row.answered, time_s))
+    return file.getvalue().encode()
+
+
+def _sources(hashes: Sequence[str], source: str) -> str:
+    text = (
+        f"Columns: {', '.join(KEPT)}. Each row is a trial as it was read; file and line say where. The trial is the "
+        f"number in the file. The files are those of: {source}."
+    )
+    files = "\n".join(f"file {number}: SHA-256 {sha256}" for number, sha256 in enumerate(hashes, start=1))
+    return f"{LABELS['IMPORTED']}\n\n{textwrap.fill(text, 100)}\n\n{files}\n"

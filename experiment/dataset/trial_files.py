@@ -1,0 +1,277 @@
+"""Single trials from the CSV files that other software writes: PsychoPy, jsPsych, OpenSesame, Gorilla, a lab's own.
+
+Such a file has a header and a row for each screen, of which only some are trials: rows whose column of materials is
+empty are instructions, breaks or ends of a file, and are passed over and counted. Which column holds what, and which
+keys stand for which material, is the user's to say; whatever a cell may not be is refused with its line and column.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from experiment import storage
+from experiment.errors import DatasetError
+from experiment.records.events import NO_ANSWER
+from experiment.settings.characters import quoted, skeleton
+
+ABSENT = ("", "None", "null", "NA")
+"""Cells in which nothing stands: empty, and as PsychoPy and OpenSesame, jsPsych, and R write it."""
+
+DELIMITERS = (",", ";", "\t")
+"""What may stand between cells; spreadsheets of some countries write semicolons."""
+
+MOST_MATERIALS = 64
+"""More different cells than this are no materials: the column is another one."""
+
+TOLD = 12
+"""The most columns or values that an error lists."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Which column holds what.
+
+    `answers` and `materials` give what a cell of the columns `answered` and `presented` stands for, where it is no
+    material itself; `where` gives the cell that a row must have in a column to be a trial. Of `time_s` and `time_ms`,
+    one at most names the column of response times.
+    """
+
+    presented: str
+    answered: str
+    participant: str
+    task: str | None = None
+    trial: str | None = None
+    time_s: str | None = None
+    time_ms: str | None = None
+    answers: Mapping[str, str] = field(default_factory=dict)
+    materials: Mapping[str, str] = field(default_factory=dict)
+    where: Mapping[str, str] = field(default_factory=dict)
+
+    def columns(self) -> tuple[str, ...]:
+        """Return every column that must be there, once."""
+        named = (self.presented, self.answered, self.participant, self.task, self.trial, self.time_s, self.time_ms)
+        return tuple(dict.fromkeys([*(one for one in named if one is not None), *self.where]))
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trial as its file has it: `file` is the place of the file among those given, and `line` where it begins."""
+
+    file: int
+    line: int
+    participant: str
+    task: str
+    trial: int | None
+    presented: str
+    answered: str
+    response_time_s: float | None
+
+
+@dataclass(frozen=True)
+class Trials:
+    """The trials of one file or several, the materials in the order of the tables, and how many rows were no trials."""
+
+    rows: tuple[Row, ...]
+    materials: tuple[str, ...]
+    passed_over: int
+
+
+def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
+    """Return left -> right of the texts of an option, such as `f=felt`. Raises `DatasetError` for any other text."""
+    found: dict[str, str] = {}
+    for text in texts:
+        left, equals, right = (part.strip() for part in text.rpartition("="))
+        if not (equals and right) or left in found:
+            again = " a second time" if left in found else ""
+            raise DatasetError(f"{option}: got {quoted(text)}{again}; allowed: LEFT=RIGHT, each LEFT once; correct it")
+        found[left] = right
+    return found
+
+
+def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] = ()) -> Trials:
+    """Return the trials in these files.
+
+    `materials` are those that may be presented and answered, in order; by default those that are presented, in
+    alphabetical order. Trials stand in the order of the files and their lines.
+
+    Raises:
+        DatasetError: for a file that cannot be read, a column that is missing or there twice, a cell that is not
+            allowed, a trial number that a participant has twice in a task, and without a trial or with less than two
+            materials. It names the file, the line and the column.
+    """
+    rows: list[Row] = []
+    passed_over = 0
+    for number, path in enumerate(paths, start=1):
+        found = list(_rows(path, number, layout, materials))
+        kept = [row for row in found if row is not None]
+        rows += kept
+        passed_over += len(found) - len(kept)
+    if not rows:
+        raise DatasetError(
+            f"{', '.join(map(str, paths))}: got no trial: {layout.presented} is empty in every row that is taken; name "
+            "another column with --presented, or take other rows with --where"
+        )
+    known = tuple(materials) or tuple(sorted({row.presented for row in rows}))
+    _check_materials(paths[0], layout, known)
+    for row in rows:
+        if row.answered not in (*known, NO_ANSWER):
+            raise _refused(
+                paths[row.file - 1], row.line, layout.answered, row.answered, _listed((*known, NO_ANSWER)),
+                f"give --map {row.answered}=MATERIAL, or --material for what was never presented",
+            )  # fmt: skip
+    _refuse_twice(paths, layout, rows)
+    return Trials(tuple(rows), known, passed_over)
+
+
+def _rows(path: Path, number: int, layout: Layout, materials: Sequence[str]) -> Iterator[Row | None]:
+    """Yield each row below the header as a trial, or None where it is none; blank lines do not count."""
+    text = _text(path)
+    lines = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=_delimiter(text, layout))
+    try:
+        header = [name.strip() for name in next(lines, [])]
+        _check_header(path, layout, header)
+        places = {name: header.index(name) for name in layout.columns()}
+        line = lines.line_num + 1
+        for cells in lines:
+            if any(cell.strip() for cell in cells):
+                yield _row(path, number, line, layout, materials, _Cells(places, cells, len(header)))
+            line = lines.line_num + 1
+    except csv.Error as error:
+        raise DatasetError(f"{path}: line {lines.line_num}: {error}; write plain CSV") from error
+
+
+@dataclass(frozen=True)
+class _Cells:
+    """The cells of a row under the header's `width` columns; a row that is too short ends in empty cells."""
+
+    places: Mapping[str, int]
+    cells: Sequence[str]
+    width: int
+
+    def of(self, column: str) -> str:
+        place = self.places[column]
+        return self.cells[place].strip() if place < len(self.cells) else ""
+
+    @property
+    def fits(self) -> bool:
+        return len(self.cells) == self.width or (
+            len(self.cells) > self.width and not any(cell.strip() for cell in self.cells[self.width :])
+        )
+
+
+def _row(path: Path, file: int, line: int, layout: Layout, materials: Sequence[str], cells: _Cells) -> Row | None:
+    if any(cells.of(column) != value for column, value in layout.where.items()):
+        return None
+    shown = cells.of(layout.presented)
+    if shown in ABSENT and shown not in layout.materials and shown not in materials:
+        return None
+    if not cells.fits:
+        raise DatasetError(
+            f"{path}: line {line}: got {len(cells.cells)} cells under {cells.width} columns; allowed: as many; mend "
+            "the line, or export the file again"
+        )
+    presented = layout.materials.get(shown, shown)
+    allowed = tuple(materials) or tuple(layout.materials.values())
+    if allowed and presented not in allowed:
+        raise _refused(
+            path, line, layout.presented, shown, _listed(dict.fromkeys((*layout.materials, *allowed))),
+            f"give --map-presented {shown}=MATERIAL",
+        )  # fmt: skip
+    participant = cells.of(layout.participant)
+    if participant in ABSENT:
+        raise _refused(path, line, layout.participant, participant, "who took part", "fill it in")
+    task = "" if layout.task is None else cells.of(layout.task)
+    if layout.task is not None and task in ABSENT:
+        raise _refused(path, line, layout.task, task, "which task this was", "fill it in")
+    said = cells.of(layout.answered)
+    answered = layout.answers.get(said, NO_ANSWER if said in ABSENT and said not in materials else said)
+    trial = None if layout.trial is None else _whole(path, line, layout.trial, cells.of(layout.trial))
+    return Row(file, line, participant, task, trial, presented, answered, _time_s(path, line, layout, cells))
+
+
+def _whole(path: Path, line: int, column: str, cell: str) -> int:
+    # Tables that were merged in pandas or a spreadsheet have whole numbers with a point.
+    if not (match := re.fullmatch(r"([0-9]{1,7})(\.0+)?", cell)):
+        raise _refused(path, line, column, cell, "a whole number from 0", "mend it, or leave --trial away")
+    return int(match[1])
+
+
+def _time_s(path: Path, line: int, layout: Layout, cells: _Cells) -> float | None:
+    column = layout.time_s or layout.time_ms
+    if column is None or (cell := cells.of(column)) in ABSENT:
+        return None
+    value = float(cell) if re.fullmatch(r"[0-9]{1,12}(\.[0-9]*)?([eE][-+]?[0-9]{1,3})?", cell) else math.nan
+    if not math.isfinite(value):
+        raise _refused(path, line, column, cell, "a number from 0, or nothing", "mend it")
+    return value if layout.time_s else value / 1000
+
+
+def _refused(path: Path, line: int, column: str, cell: str, allowed: str, remedy: str) -> DatasetError:
+    return DatasetError(f"{path}: line {line}, column {column}: got {quoted(cell)}; allowed: {allowed}; {remedy}")
+
+
+def _listed(values: Sequence[str] | Mapping[str, None]) -> str:
+    named = [value if value.isprintable() and value else quoted(value) for value in values]
+    more = f" and {len(named) - TOLD} more" if len(named) > TOLD else ""
+    return ", ".join(named[:TOLD]) + more
+
+
+def _text(path: Path) -> str:
+    try:
+        return storage.read_text(path).removeprefix("\ufeff")
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of trials in UTF-8") from error
+
+
+def _delimiter(text: str, layout: Layout) -> str:
+    """Return what stands between the cells: the first under which the header names most of the columns."""
+    first = text.partition("\n")[0]
+    columns = set(layout.columns())
+    found = {one: columns & {cell.strip().strip('"') for cell in first.split(one)} for one in DELIMITERS}
+    return max(DELIMITERS, key=lambda one: len(found[one]))
+
+
+def _check_header(path: Path, layout: Layout, header: Sequence[str]) -> None:
+    for column in layout.columns():
+        if (times := header.count(column)) != 1:
+            got = "no such column" if not times else f"{times} such columns"
+            there = _listed(dict.fromkeys(name for name in header if name))
+            raise DatasetError(
+                f"{path}: line 1, column {column}: got {got}; allowed: one of {there or 'a header'}; name it as the "
+                "header does"
+            )
+
+
+def _check_materials(path: Path, layout: Layout, materials: Sequence[str]) -> None:
+    if not 2 <= len(materials) <= MOST_MATERIALS:
+        raise DatasetError(
+            f"{path}: column {layout.presented}: got {len(materials)} different materials ({_listed(materials)}); "
+            f"allowed: 2 to {MOST_MATERIALS}; name another column with --presented"
+        )
+    alike: dict[str, str] = {}
+    for material in materials:
+        if (other := alike.setdefault(skeleton(material), material)) != material:
+            raise DatasetError(
+                f"{path}: column {layout.presented}: got {quoted(other)} and {quoted(material)}, which look the same; "
+                f"allowed: one spelling; give --map-presented '{material}={other}'"
+            )
+
+
+def _refuse_twice(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> None:
+    first: dict[tuple[str, str, int], Row] = {}
+    for row in rows:
+        if (
+            row.trial is not None
+            and (known := first.setdefault((row.participant, row.task, row.trial), row)) is not row
+        ):
+            raise DatasetError(
+                f"{paths[row.file - 1]}: line {row.line}, column {layout.trial}: got trial {row.trial} of participant "
+                f"{quoted(row.participant)} again, after {paths[known.file - 1]}, line {known.line}; allowed: each "
+                "once in a task; take one row a trial with --where, name the task with --task, or leave --trial away"
+            )
