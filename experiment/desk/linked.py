@@ -36,7 +36,17 @@ from experiment.desk.messages import (
     View,
     Write,
 )
-from experiment.desk.port import BY_EXPERIMENTER, DEBRIEFING, RESTS, Attended, Corrected, Noted, Remark, Repeated
+from experiment.desk.port import (
+    BY_EXPERIMENTER,
+    DEBRIEFING,
+    RESTS,
+    Attended,
+    Corrected,
+    Noted,
+    Remark,
+    Repeated,
+    laid_out,
+)
 from experiment.desk.prompts import NOTHING, Theirs
 from experiment.errors import PalpateError, PauseAsked
 from experiment.settings import characters
@@ -300,7 +310,8 @@ class LinkedConsole:
         text = RESTS.partition(" Then press")[0]
         self._put("rest", f"{why} {text}".strip(), (Choice(key=ENTER, words="the foot rests on the bare panel"),))
 
-    def place(self, *, trial: int, material: str) -> None:
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
+        material = laid_out(presented)
         self._now(trial=trial, lay_out=material)
         self._put("place", f"Trial {trial}. Lay out {material}.", (Choice(key=ENTER, words="it is laid out"),))
 

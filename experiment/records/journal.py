@@ -42,6 +42,7 @@ from experiment.records.entries import (
     Withdrawal,
 )
 from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
+from experiment.records.tapping import PairLaidOut
 
 AnyEntry = Annotated[
     Header
@@ -54,6 +55,7 @@ AnyEntry = Annotated[
     | Armed
     | FootStep
     | BrokenOff
+    | PairLaidOut
     | Answer
     | Correction
     | Note

@@ -98,7 +98,7 @@ def dead_ms(folder: Path, name: str) -> list[float]:
             waited.append((time.perf_counter_ns() - answered_ns) / 1e6)
         arm(self, trial=trial, attempt=attempt, trials=trials)
 
-    SimulatedParticipant.ask, SimulatedParticipant.arm = asked, armed  # type: ignore[method-assign]
+    SimulatedParticipant.ask, SimulatedParticipant.arm = asked, armed  # type: ignore[method-assign, assignment]
     try:
         study.rehearse(
             protocol_file=shipped("okamoto2012.toml"),

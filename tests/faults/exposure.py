@@ -272,7 +272,7 @@ class Dawdler:
         self._machine.go(2.0)
         return self._presses.pop() if self._presses else ""
 
-    def place(self, *, trial: int, material: str) -> None:
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
         self._machine.go(self._dice.choice([1.0, 30.0, 900.0]))
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> None:

@@ -138,7 +138,7 @@ QUESTIONS: dict[str, Callable[[LinkedConsole], object]] = {
     "familiarise": lambda one: one.familiarise(instruction="Feel.", min_s=0, max_s=60),
     "level": lambda one: one.level(level_db_a=50, limit_db_a=80, criterion="Nothing.", keys={"+": "louder"}),
     "rest": lambda one: one.rest(why=""),
-    "place": lambda one: one.place(trial=1, material="copy paper"),
+    "place": lambda one: one.place(trial=1, presented=("copy paper",)),
     "answer": lambda one: one.ask(trial=1, answers=ANSWERS, others=OTHERS),
     "confirm": lambda one: one.confirm(key="c", meaning="copy paper"),
     "debrief": lambda one: one.debrief(),

@@ -273,7 +273,7 @@ def _virtual(
 
 def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
     """Return whether what lies outside the tactile band may be left out, and why."""
-    tactile, fastest = protocol.footstep.tactile, scenes.fastest_mm_s(protocol)
+    tactile, fastest = protocol.footsteps.tactile, scenes.fastest_mm_s(protocol)
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     if fastest == float("inf"):
         return "all: the protocol counts trials at any speed, so nothing is known to stay below the floor"
@@ -288,7 +288,7 @@ def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol) -> Omission:
     """Return what leaving out the bins beyond the tactile band of one material saves and costs."""
     from experiment.synthesis import crinkle, waveforms
 
-    tactile, fastest = protocol.footstep.tactile, scenes.fastest_mm_s(protocol)
+    tactile, fastest = protocol.footsteps.tactile, scenes.fastest_mm_s(protocol)
     whole = waveforms.prepare(spectra, material=held.material, output_rate_hz=held.output_rate_hz)
     errors = [_relative_error(held.at(v).waveform_m_s2, whole.at(v).waveform_m_s2) for v in SPEEDS_MM_S]
     saves = taken([_summed_ms(whole) - _summed_ms(held) for _ in range(TURNS)])
